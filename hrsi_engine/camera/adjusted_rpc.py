@@ -1,9 +1,9 @@
-"""An RPC that the Ames Stereo Pipeline has moved and turned as a whole.
+"""An RPC with the rigid-body adjustment (rotation and translation) of the Ames Stereo Pipeline.
 
-A geocentric point P of a ray becomes ``R (P - C) + C + T`` (VisionWorkbench, ``AdjustedCameraModel``). For the camera's
-centre C, which an RPC has not, ASP takes the point 100 km up the ray of pixel (0, 0), along its chord between two
-heights around HEIGHT_OFF (``RPCModel::point_and_dir``). Versions that went up by 10 km turn about another point: 1e-5
-are 0.9 m there.
+A geocentric point P of a ray becomes ``R (P - C) + C + T`` (VisionWorkbench, ``AdjustedCameraModel``). Since an RPC has
+no camera centre C, ASP uses the point 100 km up the ray of pixel (0, 0), along its chord between two heights around
+HEIGHT_OFF (``RPCModel::point_and_dir``). Versions that used 10 km rotate about another point: a rotation of 1e-5
+then differs by 0.9 m.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from .linescan import SampledCamera
 from .rpc import RPC
 
 CENTRE_UP_M = 100_000.0
-CHORD_SHARE, CHORD_M = 0.9, (0.1, 50.0)  # half of the chord's height: of HEIGHT_SCALE, and its limits
+CHORD_SHARE, CHORD_M = 0.9, (0.1, 50.0)  # half height of the chord relative to HEIGHT_SCALE, and its limits in m
 
 
 @dataclass(frozen=True, eq=False)
 class AdjustedRpc(SampledCamera):
     """An RPC with R ``rotation (3, 3)`` and T ``translation (3,)`` (m).
 
-    size : samples and lines; the RPC's pixel is ``scale`` times that of the image, plus ``offset (2,)``
+    size : samples and lines; a pixel position in the RPC is ``scale`` times that in the image, plus ``offset (2,)``
     """
 
     rpc: RPC
@@ -34,7 +34,7 @@ class AdjustedRpc(SampledCamera):
     heights_m: tuple[float, float]
 
     def localize(self, image: np.ndarray, height_m: float) -> np.ndarray:
-        """Return lon, lat, height ``(n, 3)`` on the moved rays of samples, lines; they had ``height_m`` before."""
+        """Return lon, lat, height ``(n, 3)`` of image points at ``height_m`` of the RPC, moved by the adjustment."""
         half = float(np.clip(CHORD_SHARE * abs(self.rpc.height_scale), *CHORD_M))
         chord = self.rpc.localize(np.zeros((2, 2)), self.rpc.height_off + np.array([half, -half])).ground
         up, down = to_ecef(chord)

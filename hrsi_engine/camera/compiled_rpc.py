@@ -1,8 +1,8 @@
-"""Evaluation of one RPC of many at one point, for compiled loops, and such loops over many points (needs numba).
+"""Compiled evaluation of one of many RPCs at one point, and compiled loops over many points (needs numba).
 
-The same tables and rules as in `RPC` (`rpc_terms`, `ellipsoid`): the terms by `FACTORS`, the tables of coefficients
-`RPC.polynomials` and `RPC.derivatives`, the quotient rule `slope_of_ratio`. Arrays are passed whole, with indices: a
-view costs more here than the arithmetic on it.
+Tables and formulas are those of `RPC` (`rpc_terms`, `ellipsoid`): the terms by `FACTORS`, the coefficient tables
+`RPC.polynomials` and `RPC.derivatives`, the quotient rule `slope_of_ratio`. Arrays are passed complete, with indices,
+since creating a view takes longer than the arithmetic on it.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ register(*ellipsoid.ELLIPSOID_FORMULAS, slope_of_ratio, solve_pair)
 
 
 def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
-    """Return what `project_point` needs of some RPCs.
+    """Return the arrays that `project_point` needs for a sequence of RPCs.
 
     constants : (k, 10) ground offsets and inverse scales (3 + 3), image offsets and scales (2 + 2)
     polynomials : (k, 20, 4) coefficients of sample and line numerator, sample and line denominator
-    derivatives : (k, 10, 12) those of their derivatives by L, by P and by H
+    derivatives : (k, 10, 12) coefficients of the derivatives of these polynomials by L, by P and by H
     """
     constants = [
         [r.long_off, r.lat_off, r.height_off, 1.0 / r.long_scale, 1.0 / r.lat_scale, 1.0 / r.height_scale,
@@ -42,9 +42,9 @@ def project_point(
 ) -> None:  # fmt: skip
     """Write sample, line to ``computed[a]`` and their derivatives by metres east, north, up to ``by_ground[a]``.
 
-    rpcs : `rpc_tables`; i : which of them
-    lon, lat, height : degrees, metres; east, north : metres per degree there
-    terms : (20,) scratch
+    rpcs : `rpc_tables`; i : index of the RPC
+    lon, lat, height : degrees, metres; east, north : metres per degree at this point
+    terms : (20,) temporary array
     computed, by_ground : (n, 2) px, (n, 2, 3) px per m
     """
     constants, polynomials, derivatives = rpcs
@@ -55,7 +55,7 @@ def project_point(
     terms[3] = (height - constants[i, 2]) * sz
     for k in range(4, 20):
         terms[k] = terms[FACTORS[k, 0]] * terms[FACTORS[k, 1]]
-    # One number a polynomial: numba keeps twelve sums in registers, and not an array of them.
+    # Separate scalars: numba keeps twelve sums in registers, but not an array
     s, t, ds, dt = 0.0, 0.0, 0.0, 0.0
     for k in range(20):
         term = terms[k]
@@ -96,7 +96,7 @@ def project_point(
 def project_points(
     rpcs: Arrays, which: np.ndarray, ground: np.ndarray, computed: np.ndarray, by_ground: np.ndarray
 ) -> None:
-    """Write what `project_point` gives for ground points ``(n, 3)`` of the RPCs ``which (n,)``."""
+    """Write the results of `project_point` for ground points ``(n, 3)`` with the RPCs ``which (n,)``."""
     terms = np.empty(20)
     for a in range(len(which)):
         lon, lat, height = ground[a, 0], ground[a, 1], ground[a, 2]
@@ -105,7 +105,7 @@ def project_points(
 
 
 def normalise_tables(rpcs: Arrays) -> Arrays:
-    """Return `rpc_tables` by which `project_point` takes and gives normalised coordinates, one metre a degree."""
+    """Return `rpc_tables` with which `project_point` takes and returns normalised coordinates, without units."""
     constants, polynomials, derivatives = rpcs
     return np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0], (len(constants), 1)), polynomials, derivatives
 
@@ -115,13 +115,13 @@ def invert_points(
     normalised: Arrays, which: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray,
     closure_px: float, steps: int, place: np.ndarray, least_px: np.ndarray,
 ) -> None:  # fmt: skip
-    """Find where RPCs see image points at given heights, by Newton's iteration from the middle of their domains.
+    """Compute the ground positions of image points at given heights, by Newton's iteration from the domain centre.
 
-    It ends at ``closure_px``, where a step brings nothing, or after a number of ``steps``.
+    It ends at ``closure_px``, or if a step does not reduce the error, or after a number of ``steps``.
 
-    normalised : `normalise_tables`; which : (n,) of them
-    target, height : (n, 2), (n,) normalised sample, line and height; scale_px : (n, 2) pixels that normalise to 1
-    place, least_px : (n, 2) normalised lon, lat, and (n,) what they are off in the image; both are written
+    normalised : `normalise_tables`; which : (n,) index of the RPC of each point
+    target, height : (n, 2), (n,) normalised sample, line and height; scale_px : (n, 2) image scales in pixels
+    place, least_px : (n, 2) normalised lon, lat, and (n,) their errors in the image; both are written
     """
     terms, computed, slopes = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
     for a in range(len(which)):

@@ -1,11 +1,11 @@
-"""Exact cameras of pushbroom sensors: one line of detectors, the orbit and the attitude by time.
+"""Physical models of pushbroom sensors: a line of detectors, with orbit and attitude as functions of time.
 
-The ray of pixel (sample, line) starts at the position at the line's time and goes along the detector's look direction,
-turned by the attitude. Where the attitude is the body's own, two effects lie between it and the ray on the ground:
-the aberration of light, which tilts what is seen towards the velocity by v/c (some 15 m on the ground), and refraction,
-which puts the ground point nearer to the nadir by ``N H tan(z) / cos(z)^2`` for a refractivity N that falls
+The ray of pixel (sample, line) starts at the sensor position at the time of the line, in the look direction of the
+detector rotated by the attitude. If the attitude is that of the spacecraft, two corrections are needed: the aberration
+of light, which tilts the apparent direction towards the velocity by v/c (about 15 m on the ground), and refraction,
+which moves the ground point towards the nadir by ``N H tan(z) / cos(z)^2`` for a refractivity N that decreases
 exponentially with the scale height H (1 m at 25 degrees). With both, WorldView-1's ephemeris and attitude agree with
-the vendor's RPC within 0.1 px. References: NGA.SIG.0003, "Light-time and aberration"; Noerdlinger 1999, "Atmospheric
+the vendor's RPC to 0.1 px. References: NGA.SIG.0003, "Light-time and aberration"; Noerdlinger 1999, "Atmospheric
 refraction effects in Earth remote sensing".
 """
 
@@ -26,7 +26,7 @@ SPEED_OF_LIGHT = 299_792_458.0
 
 @thresholds
 class LINESCAN:
-    """The atmosphere between ground and camera, and how closely rays are followed to the ground."""
+    """Refraction of the atmosphere, intersection of rays with a height, and nodes for fitting an RPC."""
 
     refractivity: float = threshold(2.77e-4, "", "n - 1 at sea level", "standard atmosphere, 0.6 um")
     scale_height_m: float = threshold(8000.0, "m", "in which air thins by e", "standard atmosphere")
@@ -36,17 +36,17 @@ class LINESCAN:
 
 
 class SampledCamera:
-    """A camera that an RPC is fitted to: of known ``size``, and of heights where its source tells them."""
+    """Base class of cameras to which an RPC is fitted, with the image ``size``, and scene heights if they are known."""
 
     size: tuple[int, int]
     heights_m: tuple[float, float] | None
 
     def localize(self, image: np.ndarray, height_m: float) -> np.ndarray:
-        """Return lon, lat, height ``(n, 3)`` on the rays of samples and lines ``(n, 2)``, about at a height."""
+        """Return lon, lat, height ``(n, 3)`` on the rays of samples and lines ``(n, 2)``, near a height."""
         raise NotImplementedError
 
     def sample_correspondences(self, low_m: float, high_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return ground points ``(n, 3)`` and their pixels ``(n, 2)`` on a grid over the image and between heights."""
+        """Return ground points ``(n, 3)`` and their pixels ``(n, 2)`` on a grid over the image and the height range."""
         axes = [np.linspace(0.0, count - 1.0, LINESCAN.nodes) for count in self.size]
         image = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
         heights = np.linspace(low_m, high_m, LINESCAN.layers).tolist()
@@ -57,14 +57,14 @@ class SampledCamera:
 class LinescanCamera(SampledCamera):
     """A pushbroom camera; times in seconds of any epoch, vectors geocentric.
 
-    source : what it was read from
+    source : name of the file or camera
     size : samples and lines
-    line_times (k, 2) : lines, from the centre of the first one, and their times; linear between and beyond
+    line_times (k, 2) : lines, from the centre of the first one, and their times; extrapolated linearly
     position, velocity : m and m/s ``(n, 3)`` at times ``(n,)``
     attitude : rotation ``(n, 3, 3)`` from the camera's frame at times ``(n,)``
     look : directions ``(n, 3)`` in the camera's frame of samples ``(n,)``
-    through_air : whether the aberration of light and refraction are to be added
-    heights_m : lowest and highest ellipsoidal height of the scene, where the source tells them
+    through_air : whether aberration of light and refraction are to be applied
+    heights_m : lowest and highest ellipsoidal height of the scene, None if unknown
     """
 
     source: str
@@ -85,7 +85,7 @@ class LinescanCamera(SampledCamera):
         time += rate * (np.minimum(image[:, 1] - lines[0], 0.0) + np.maximum(image[:, 1] - lines[-1], 0.0))
         start, velocity = self.position(time), self.velocity(time)
         ray = np.einsum("nij,nj->ni", self.attitude(time), self.look(image[:, 0]))
-        # towards the Earth: CSM's look vectors point the other way
+        # towards the Earth: look vectors of CSM have the opposite direction
         ray *= (-np.sign((ray * start).sum(axis=1)) / np.linalg.norm(ray, axis=1))[:, None]
         if self.through_air:
             ray -= velocity / SPEED_OF_LIGHT
@@ -107,7 +107,7 @@ class LinescanCamera(SampledCamera):
         return ground
 
     def compare_rpc(self, rpc: RPC, low_m: float, high_m: float) -> dict[str, float]:
-        """Return how far an RPC lies from this camera (px), between heights: means, RMS and the largest."""
+        """Return the differences of an RPC from this camera (px), between two heights: means, RMS and the largest."""
         ground, image = self.sample_correspondences(low_m, high_m)
         off = rpc.project(ground) - image
         distance = np.hypot(*off.T)

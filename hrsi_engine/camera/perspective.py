@@ -1,10 +1,10 @@
-"""Perspective cameras that stand for an RPC over a small piece of ground, for programs that know no RPC.
+"""Perspective cameras that replace an RPC over a small area, for programs that do not support RPCs.
 
-A camera with projection centre far away: ``x w = p1 . X + p14``, ``y w = p2 . X + p24``, ``w = 1 + q e . X``, where e
-is the unit vector of the line of sight and ``1 / q`` the distance of the projection centre. Given e, it is linear in
-the nine other numbers. Splitting P into calibration and rotation gives two focal lengths, the principal point, and a
-skew of the pixel axes (Earth rotation while a pushbroom sensor scans). Programs whose cameras have none get images
-that are sheared by it: ``x' = x - shear (y - cy)``. Idea: Zhang, Snavely and Sun 2019, "Leveraging vision
+The projection centre is far away: ``x w = p1 . X + p14``, ``y w = p2 . X + p24``, ``w = 1 + q e . X``, where e is the
+unit vector of the viewing direction and ``1 / q`` the distance of the projection centre. With e known, this is linear
+in the other nine unknowns. The decomposition of P into calibration and rotation has two focal lengths, the principal
+point, and a skew of the pixel axes (Earth rotation during pushbroom scanning). Programs whose cameras have no skew get
+images that are sheared accordingly: ``x' = x - shear (y - cy)``. Idea: Zhang, Snavely and Sun 2019, "Leveraging vision
 reconstruction pipelines for satellite imagery".
 """
 
@@ -20,7 +20,7 @@ from ..foundation.thresholds import threshold, thresholds
 
 @thresholds
 class PERSPECTIVE:
-    """What a perspective camera in orbit may be."""
+    """Limits of the distance of a perspective camera in orbit."""
 
     distance_m: tuple[float, ...] = threshold(
         (2e5, 2e7), "m", "of the projection centre; pushbroom images have none along the track", "lowest orbit; affine"
@@ -29,9 +29,9 @@ class PERSPECTIVE:
 
 @dataclass(frozen=True, eq=False)
 class PerspectiveCamera:
-    """``x = K (R X + t)``, pixels from the centre of the first one, after the image is sheared.
+    """``x = K (R X + t)`` in pixels from the centre of the first pixel, for the sheared image.
 
-    rotation (3, 3), translation (3,) : from the ground's frame (m) to the camera's: right, down, forward
+    rotation (3, 3), translation (3,) : from the ground frame (m) to the camera frame: right, down, forward
     focal (2,), principal (2,) : px
     shear, left : ``x' = x - shear (y - principal[1]) - left`` in the sheared image
     """
@@ -44,26 +44,26 @@ class PerspectiveCamera:
     left: float = 0.0
 
     def project(self, local: np.ndarray) -> np.ndarray:
-        """Return the sheared image's sample, line ``(n, 2)`` of ground points ``(n, 3)``."""
+        """Return sample, line ``(n, 2)`` in the sheared image of ground points ``(n, 3)``."""
         seen = local @ self.rotation.T + self.translation
         return np.asarray(seen[:, :2] / seen[:, 2:] * self.focal + self.principal)
 
     def shear_points(self, xy: np.ndarray) -> np.ndarray:
-        """Return points ``(n, 2)`` of the image as they lie in the sheared image."""
+        """Return the positions ``(n, 2)`` in the sheared image of points ``(n, 2)`` of the image."""
         return np.column_stack([xy[:, 0] - self.shear * (xy[:, 1] - self.principal[1]) - self.left, xy[:, 1]])
 
     def begin_at(self, left: float) -> PerspectiveCamera:
-        """Return the camera of the sheared image from column ``left`` on."""
+        """Return the camera of the part of the sheared image from column ``left`` on."""
         return replace(self, left=self.left + left, principal=self.principal - [left, 0.0])
 
 
 def fit_perspective_camera(local: np.ndarray, xy: np.ndarray, sight: np.ndarray) -> PerspectiveCamera:
-    """Return the camera that maps ground points to pixels best.
+    """Return the camera that fits the correspondences of ground points and pixels best (least squares).
 
-    local : (n, 3) ground points over the whole volume of interest, m; xy : (n, 2) their pixels
+    local : (n, 3) ground points distributed over the volume of interest, m; xy : (n, 2) their pixels
     sight : (3,) unit vector from the camera to the ground
 
-    Raises `InputError` where the image is mirrored, which no camera with these parameters is.
+    Raises `InputError` if the image is mirrored, since no camera with these parameters has a mirrored image.
     """
     extent = np.abs(local).max()
     scaled, depth = np.column_stack([local / extent, np.ones(len(local))]), local @ sight / extent
@@ -75,7 +75,7 @@ def fit_perspective_camera(local: np.ndarray, xy: np.ndarray, sight: np.ndarray)
     nearest, farthest = PERSPECTIVE.distance_m
     inverse = float(np.clip(found[8] / extent, 1.0 / farthest, 1.0 / nearest))
     found = np.linalg.lstsq(design[:, :8], xy.T.ravel() - design[:, 8] * inverse * extent, rcond=None)[0]
-    rows = found.reshape(2, 4) / [extent, extent, extent, 1.0] / inverse  # now the third row is (sight, 1 / inverse)
+    rows = found.reshape(2, 4) / [extent, extent, extent, 1.0] / inverse  # the third row is (sight, 1 / inverse)
     principal = rows[:, :3] @ sight
     across, down = rows[:, :3] - principal[:, None] * sight
     focal_y = np.linalg.norm(down)

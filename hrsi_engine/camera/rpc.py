@@ -1,6 +1,6 @@
-"""The rational polynomial camera (RPC00B): image = ratio of cubic polynomials of the ground.
+"""The rational polynomial camera (RPC00B): image coordinates are ratios of cubic polynomials of ground coordinates.
 
-With normalised coordinates L = (lon - LONG_OFF) / LONG_SCALE, P (lat) and H (height) likewise::
+With normalised coordinates L = (lon - LONG_OFF) / LONG_SCALE, and P (lat) and H (height) in the same way::
 
     line   = LINE_OFF + LINE_SCALE * Num_L(L, P, H) / Den_L(L, P, H)
     sample = SAMP_OFF + SAMP_SCALE * Num_S(L, P, H) / Den_S(L, P, H)
@@ -8,8 +8,8 @@ With normalised coordinates L = (lon - LONG_OFF) / LONG_SCALE, P (lat) and H (he
 (thesis eq. 5.1; term order of STDI-0002, appendix E, RPC00B). Image coordinates are ``(sample, line)`` with
 (0, 0) the centre of the first pixel, ground coordinates ``(lon, lat, height)`` in degrees and ellipsoidal metres.
 
-Points go through fixed buffers part by part (`rpc_terms`): memory beyond in- and output is constant. Crops may carry
-normalised image coordinates far outside [-1, 1]: nothing here is clamped.
+Points are evaluated in parts with buffers of constant size (`rpc_terms`). Crops can have normalised image coordinates
+far outside [-1, 1]: no coordinates are clamped.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class RPC:
     line_off, samp_off : float
         Image position (px, 0 is the centre of the first pixel) that normalises to 0.
     lat_off, long_off, height_off : float
-        Ground position (degrees, ellipsoidal metres) that normalises to 0.
+        Ground position (degrees, ellipsoidal metres) with normalised coordinates 0.
     line_scale, samp_scale : float
         Pixels that normalise to 1.
     lat_scale, long_scale, height_scale : float
@@ -63,7 +63,7 @@ class RPC:
     line_num, line_den, samp_num, samp_den : (20,) ndarray
         Coefficients of the numerators and denominators.
     err_bias, err_rand : float, optional
-        The vendor's accuracy terms in metres; None where not given.
+        The vendor's accuracy terms in metres; None if not given.
     """
 
     line_off: float
@@ -84,7 +84,7 @@ class RPC:
     err_rand: float | None = None
 
     def __post_init__(self) -> None:
-        # by the dictionary: tens of thousands of RPCs are made for a large block
+        # through __dict__, for speed: a large block has tens of thousands of RPCs
         for name, value in self.__dict__.items():
             if name.endswith(("_num", "_den")):
                 array = np.array(value, dtype=np.float64)
@@ -112,8 +112,8 @@ class RPC:
     def from_rasterio(cls, source: Any) -> RPC:
         """Return the RPC of a rasterio dataset, or of its ``rpcs``.
 
-        The numbers are the same: rasterio's RPCs, too, count pixels from the centre of the first one (its transformers
-        count from the corner).
+        The numbers are equal: rasterio's RPCs also count pixels from the centre of the first pixel (but its
+        transformers count from the corner).
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class RPC:
         Returns
         -------
         RPC
-            With an ``err_bias`` and ``err_rand`` below 0, which mean that they are not known, as None.
+            ``err_bias`` and ``err_rand`` below 0, which mean unknown, are None.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class RPC:
         Returns
         -------
         rasterio.rpc.RPC
-            With the same numbers.
+            The RPC with the same numbers.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class RPC:
 
     @property
     def height_range(self) -> tuple[float, float]:
-        """Lowest and highest ellipsoidal height (m) that the RPC was made for."""
+        """Lowest and highest ellipsoidal height (m) of the RPC's normalised range."""
         return self.height_off - abs(self.height_scale), self.height_off + abs(self.height_scale)
 
     def shift(self, sample: float, line: float) -> RPC:
@@ -207,7 +207,7 @@ class RPC:
         return replace(self, samp_off=self.samp_off + sample, line_off=self.line_off + line)
 
     def resample(self, step: tuple[float, float], first: tuple[float, float]) -> RPC:
-        """Return the RPC of an image with other pixels, whose point x lies at ``first + step * x`` of this one; exact.
+        """Return the RPC of a resampled image whose pixel x is at ``first + step * x`` in this one; exact.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class RPC:
         Returns
         -------
         RPC
-            With new OFF and SCALE; the sign of a negative step goes into the numerator, as SCALE has to be positive.
+            RPC with new OFF and SCALE; the sign of a negative step is in the numerator, since SCALE has to be positive.
         """
         return replace(
             self, samp_off=(self.samp_off - first[0]) / step[0], line_off=(self.line_off - first[1]) / step[1],
@@ -254,7 +254,7 @@ class RPC:
         Returns
         -------
         (3, n) ndarray
-            Without unit; the numerators and denominators are polynomials of these.
+            Without unit; the numerators and denominators are polynomials of these coordinates.
         """
         ground = _check_points(ground, 3, "ground")
         normalised = np.empty((3, len(ground)))
@@ -263,7 +263,7 @@ class RPC:
         return normalised
 
     def denominators(self, ground: np.ndarray) -> np.ndarray:
-        """Return the sample and line denominators ``(2, n)`` at ground points ``(n, 3)``; an RPC breaks near a zero.
+        """Return the sample and line denominators ``(2, n)`` at ground points ``(n, 3)``; near 0 an RPC is unusable.
 
         Parameters
         ----------
@@ -273,7 +273,7 @@ class RPC:
         Returns
         -------
         (2, n) ndarray
-            The denominators of sample and of line; they are 1 near the middle of the domain.
+            The denominators of sample and of line; they are close to 1 in the centre of the domain.
         """
         return np.asarray(self.polynomials[2:] @ monomials(self.normalise(ground)))
 
@@ -348,7 +348,7 @@ class RPC:
         return image, jacobian / metres_per_degree(ground)[:, None, :]
 
     def px_per_m(self, ground: np.ndarray) -> np.ndarray:
-        """Return how many pixels a metre on the ground is, the geometric mean of all directions.
+        """Return the number of pixels per metre on the ground, as geometric mean of two perpendicular directions.
 
         Parameters
         ----------
@@ -358,7 +358,7 @@ class RPC:
         Returns
         -------
         (n,) ndarray
-            Pixels per metre; the inverse is the side of a square as large as a pixel on the ground.
+            Pixels per metre; the inverse is the side of a square with the ground area of a pixel.
         """
         _, by_ground = self.project_with_metric_jacobian(ground)
         return np.asarray(np.sqrt(np.abs(np.linalg.det(by_ground[:, :, :2]))))
@@ -370,7 +370,7 @@ class RPC:
         return Solver(self.polynomials, self._image_scale)
 
     def localize(self, image: np.ndarray, height_m: np.ndarray | float) -> Localization:
-        """Return the ground points where the rays of image points reach given heights.
+        """Return the ground points of image points at given heights.
 
         Newton iteration, per point, until the image point is reproduced to 1e-9 px (or to the limit of rounding, at
         most 1e-8 px). Points whose iteration fails are NaN and not ``converged``.
@@ -391,7 +391,7 @@ class RPC:
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
         converged = np.empty(len(image), dtype=bool)
-        solver = self._solver  # made here: each thread would make its own
+        solver = self._solver  # created once, before the threads start
 
         def localize_part(part: slice, work: Workspace) -> None:
             target = np.empty((2, part.stop - part.start))
@@ -416,11 +416,11 @@ class RPC:
     def rays(
         self, image: np.ndarray, frame: LocalFrame, heights: tuple[float, float] | None = None
     ) -> tuple[Rays, np.ndarray]:
-        """Return the pseudo light rays of image points in a local frame, and where they exist.
+        """Return the pseudo light rays of image points in a local frame, and a mask of those that exist.
 
-        Each ray goes through the image point's ground positions at two heights (default: the ends of the RPC's
-        height range); ``origin`` is the upper one and ``direction`` points down, scaled to one metre of descent
-        in the frame's up axis. Thesis section 4.3, step 1.
+        Each ray passes through the ground positions of the image point at two heights (default: the ends of the RPC's
+        height range); ``origin`` is the upper one, and ``direction`` points down, scaled to one metre of descent
+        along the up axis of the frame. Thesis section 4.3, step 1.
 
         Parameters
         ----------
@@ -434,7 +434,7 @@ class RPC:
         Returns
         -------
         tuple of Rays and (n,) ndarray
-            The rays, and which of them could be made.
+            The rays, and a mask of those that exist.
         """
         low, high = heights or self.height_range
         upper, lower = self.localize(image, high), self.localize(image, low)
@@ -450,7 +450,7 @@ def _check_points(points: np.ndarray, columns: int, name: str) -> np.ndarray:
     return array
 
 
-#: Field of `RPC` -> its name in rasterio's.
+#: Field of `RPC` -> its name in rasterio.
 RASTERIO_NAMES = {
     field.name: f"{field.name}_coeff" if field.name.endswith(("_num", "_den")) else field.name for field in fields(RPC)
 }

@@ -8,10 +8,10 @@ denominator::
 
 Iterating with the weights ``1 / D`` minimises the image residuals themselves (Tao and Hu 2001, PE&RS 67(12)
 "A comprehensive study of the rational function model", iterative weighted least squares). Numerator and denominator
-are nearly collinear wherever the camera is nearly affine; a ridge so small that it costs less than 1e-6 px keeps the
-denominator near 1 and every coefficient bounded, and prefers low terms where the points leave a choice. The
-observation equations are reduced to their triangular factor part by part (normal equations would square the condition
-number), so that the memory needed does not grow with them.
+are nearly collinear for a nearly affine camera; a ridge so small that its effect is below 1e-6 px keeps the denominator
+near 1 and every coefficient bounded, and prefers lower terms if the points do not determine them. The observation
+equations are reduced to their triangular factor part by part (normal equations would square the condition number),
+so that the memory does not grow with their number.
 """
 
 from collections.abc import Callable, Iterator
@@ -41,12 +41,12 @@ class FIT:
     flat_m: float = threshold(1.0, "m", "range of heights below which the RPC gets no terms in height")
 
 
-#: Smallest half extents that normalise: degrees (about 1 m), degrees, metres, pixels, pixels.
+#: Smallest scales of the normalisation: degrees (about 1 m), degrees, metres, pixels, pixels.
 SMALLEST_SCALE = np.array([1e-5, 1e-5, FIT.flat_m, 1.0, 1.0])
-#: Terms that so many points can carry: (points needed, terms of the numerator, terms of the denominator).
+#: Terms that a number of points can determine: (points needed, terms of the numerator, terms of the denominator).
 TERMS_BY_POINTS = ((45, 20, 20), (24, 20, 1), (12, 10, 1), (5, 4, 1))
-#: Damping of the numerator's terms against that of the denominator's, by degree. Where points lie on few levels of
-#: height, powers of H cannot be told apart there (on three levels H**3 equals H); the lowest one must win.
+#: Damping of the numerator's terms relative to that of the denominator's, by degree. With points at few different
+#: heights the powers of H are not separable (with three heights H**3 equals H); the lowest one must be preferred.
 NUMERATOR_DAMPING = np.array([0.0, 0.0, 1.0, 10.0])[POWERS.sum(axis=1)]
 HEIGHT_TERMS = np.array([3, 5, 6, 9, 10, 13, 16, 17, 18, 19])  # those with a power of H
 
@@ -55,9 +55,9 @@ Correct = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class RpcFit:
-    """A fitted RPC and its largest and RMS distance (px, length of the image difference) from what it was to fit.
+    """A fitted RPC, with the largest and RMS length (px) of its image differences.
 
-    `fit_rpc` states the distances at the given points, `refit_rpc` on an independent grid.
+    `fit_rpc` computes the differences at the given points, `refit_rpc` on an independent grid.
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ class RpcFit:
     max_px, rms_px : float
         Largest and RMS length of the image differences.
     warnings : tuple of str
-        What a user should know.
+        Restrictions of the fit, for the user.
     ridge : float
-        The damping of the denominators that was applied.
+        Damping of the denominators that was used.
     """
 
     rpc: RPC
@@ -82,10 +82,10 @@ def fit_rpc(
     ground: np.ndarray, image: np.ndarray, *, weights: np.ndarray | None = None, ridge: float = FIT.ridges[0],
     common_denominator: bool = False,
 ) -> RpcFit:  # fmt: skip
-    """Return the RPC that maps ground points to image points best.
+    """Return the RPC that maps ground points to image points with the smallest residuals (least squares).
 
-    With few points (fewer than 45) only the lower terms are estimated, with flat points none in height; the result's
-    ``warnings`` say so.
+    With few points (fewer than 45) only the lower terms are estimated, with points at one height no terms in height;
+    the ``warnings`` of the result state this.
 
     Parameters
     ----------
@@ -94,24 +94,24 @@ def fit_rpc(
     image : (n, 2) ndarray
         Sample, line in pixels.
     weights : (n,) ndarray, optional
-        Of the squared residuals, relative; by default all equal.
+        Relative weights of the squared residuals; by default all equal.
     ridge : float
-        Damping of the denominators, as a variance ratio to the normalised image residuals. The default damps nothing
-        that the points determine; 1e-6 and more is for noisy measurements.
+        Damping of the denominators, as a variance ratio to the normalised image residuals. The default does not damp
+        terms that the points determine; 1e-6 and more is for noisy measurements.
     common_denominator : bool
-        One denominator for sample and line; affine corrections then fold in exactly.
+        One denominator for sample and line; affine corrections can then be included exactly.
 
     Returns
     -------
     RpcFit
-        The camera, and how well it fits the points.
+        The RPC with its differences at the points.
 
     Raises
     ------
     SolveError
-        Fewer than 5 points, or points on a line or at one place.
+        Fewer than 5 points, or collinear or coincident points.
     ValueError
-        Arrays of other shapes, or with values that are not finite.
+        Arrays of other shapes, or values that are not finite.
     """
     ground, image = np.asarray(ground, dtype=np.float64), np.asarray(image, dtype=np.float64)
     if ground.ndim != 2 or ground.shape[1] != 3 or image.shape != (len(ground), 2):
@@ -131,7 +131,7 @@ def fit_rpc(
     terms = monomials((lonlat_difference / scale[:3]).T).T
     target = (image - off[3:]) / scale[3:]
     root_weights = np.ones(len(ground)) if weights is None else np.sqrt(weights / np.mean(weights))
-    # The terms to estimate in numerator and denominator
+    # Terms that are estimated in numerator and denominator
     count = len(ground)
     warnings: list[str] = []
     _, numerators, denominators = next(row for row in TERMS_BY_POINTS if count >= row[0])
@@ -165,15 +165,15 @@ def refit_rpc(
 ) -> RpcFit:
     """Return the RPC of ``rpc`` followed by a correction of its image coordinates.
 
-    A virtual control grid over the image and the height range is taken to the ground with ``rpc``, its image
-    coordinates are corrected, and an RPC is fitted. The differences stated are those on another, staggered grid.
+    A virtual control grid over the image and the height range is transformed to the ground by ``rpc``, its image
+    coordinates are corrected, and an RPC is fitted. The differences are computed on another, staggered grid.
 
     correct : function of image points (n, 2) and their ground points (n, 3), returns corrected image points (n, 2)
-    domain_px : first and last sample, first and last line where the RPC must hold. OFF and SCALE of ``rpc`` are no
-        substitute: a crop often carries those of the full scene
-    heights : lowest and highest ellipsoidal height (m) where the RPC must hold
+    domain_px : first and last sample, first and last line of the domain of the RPC. OFF and SCALE of ``rpc`` are no
+    substitute: for a crop they are often those of the full scene
+    heights : lowest and highest ellipsoidal height (m) of the domain
 
-    Raises `SolveError` where ``rpc`` has no ground positions in the domain.
+    Raises `SolveError` if ``rpc`` has no ground positions in the domain.
     """
     nodes = _make_virtual_points(rpc, correct, domain_px, heights, FIT.grid)
     staggered = _make_virtual_points(rpc, correct, domain_px, heights, FIT.check_grid)
@@ -186,14 +186,14 @@ def refit_rpc(
 
 
 def extrapolation_warnings(wanted: tuple[float, float], known: tuple[float, float]) -> tuple[str, ...]:
-    """Return a warning where an RPC is to hold at heights (m) that it is not made from.
+    """Return a warning if an RPC is to be used at heights (m) outside those from which it is computed.
 
     Parameters
     ----------
     wanted : tuple of float
-        Lowest and highest ellipsoidal height in metres that the RPC is to hold at.
+        Lowest and highest ellipsoidal height in metres at which the RPC is to be used.
     known : tuple of float
-        Lowest and highest height of what it is made from.
+        Lowest and highest height of the data from which it is computed.
 
     Returns
     -------
@@ -212,29 +212,29 @@ def extrapolation_warnings(wanted: tuple[float, float], known: tuple[float, floa
 def best_fit(
     points: tuple[np.ndarray, np.ndarray], check: tuple[np.ndarray, np.ndarray], common_denominator: bool = False
 ) -> RpcFit:
-    """Fit an RPC to ``points`` (ground, image), damped as much as other points ``check`` show to be best.
+    """Fit an RPC to ``points`` (ground, image) with the damping that is best at other points ``check``.
 
-    Without damping denominators follow noise, or what no RPC can follow, and go wild between the points. The
-    differences stated are those at the check points.
+    Without damping, denominators can fit noise or distortions that no RPC can represent, and have large errors between
+    the points. The differences of the result are those at the check points.
 
     Parameters
     ----------
     points : tuple of (n, 3) ndarray and (n, 2) ndarray
         Ground (lon, lat, height) and image (sample, line in px) to fit.
     check : tuple of (m, 3) ndarray and (m, 2) ndarray
-        Other points, which judge the damping.
+        Other points, by which the damping is chosen.
     common_denominator : bool
         One denominator for sample and line; affine corrections then fold in exactly.
 
     Returns
     -------
     RpcFit
-        The camera that is best at the check points.
+        The camera with the most damping of those that are best at the check points, within `FIT.alike`.
 
     Raises
     ------
     SolveError
-        Fewer than 5 points, or points on a line or at one place.
+        Fewer than 5 points, or collinear or coincident points.
     """
     fits = []
     for ridge in FIT.ridges:
@@ -248,7 +248,7 @@ def best_fit(
 
 
 def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
-    """Return ``rpc`` followed by an affine transformation of its image coordinates where an RPC is exactly that.
+    """Return ``rpc`` followed by an affine transformation of its image coordinates, if that is exactly an RPC.
 
     ``matrix (2, 3)``: ``sample' = m00 + m01 sample + m02 line``, ``line' = m10 + m11 sample + m12 line``. It is exact
     for shifts, for a scale of one coordinate by itself, and with cross terms where both coordinates have the same
@@ -272,7 +272,7 @@ _Part = tuple[float, float, np.ndarray, np.ndarray]  # OFF, SCALE, numerator, de
 
 
 def _fold_row(row: np.ndarray, parts: tuple[_Part, _Part]) -> _Part | None:
-    """Return the polynomials of ``row[0] + row[1] * sample + row[2] * line``, None where no RPC is exactly that."""
+    """Return the polynomials of ``row[0] + row[1] * sample + row[2] * line``, None if it is not exactly a ratio."""
     involved = [(factor, part) for factor, part in zip(row[1:], parts, strict=True) if factor != 0.0]
     if not involved:
         raise ValueError("an affine transformation that maps all image points to one line has no RPC")
@@ -280,7 +280,7 @@ def _fold_row(row: np.ndarray, parts: tuple[_Part, _Part]) -> _Part | None:
     _, scale, _, denominator = involved[0][1]
     if len(involved) == 1:
         factor, (_, _, numerator, _) = involved[0]
-        # The sign goes to the numerator: some readers take a SCALE below zero for damage.
+        # The sign is moved to the numerator, since some readers reject a negative SCALE
         return off, abs(factor) * scale, numerator if factor > 0.0 else -numerator, denominator
     if not np.array_equal(denominator, involved[1][1][3]):
         return None
@@ -292,7 +292,7 @@ def _fold_row(row: np.ndarray, parts: tuple[_Part, _Part]) -> _Part | None:
 
 
 def make_image_grid(domain_px: tuple[float, float, float, float], shape: tuple[int, int]) -> np.ndarray:
-    """Return image points ``(n, 2)`` of a regular grid that includes the domain's edges."""
+    """Return image points ``(n, 2)`` of a regular grid that includes the edges of the domain."""
     first_sample, last_sample, first_line, last_line = domain_px
     samples, lines = np.meshgrid(
         np.linspace(first_sample, last_sample, shape[0]), np.linspace(first_line, last_line, shape[1])
@@ -338,7 +338,7 @@ def _compute_differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tup
 
 @dataclass(frozen=True)
 class _System:
-    """The linear model: terms ``(n, 20)``, normalised image ``(n, 2)``, roots of the weights ``(n,)``, terms in use."""
+    """Terms ``(n, 20)``, normalised image ``(n, 2)``, roots of the weights ``(n,)``, and indices of estimated terms."""
 
     terms: np.ndarray
     target: np.ndarray
@@ -348,7 +348,7 @@ class _System:
     ridge: float
 
     def unpack(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return full numerator and denominator ``(20,)`` of the estimated coefficients."""
+        """Return full numerator and denominator ``(20,)`` with the estimated coefficients."""
         numerator, denominator = np.zeros(20), np.zeros(20)
         numerator[self.numerator], denominator[0], denominator[self.denominator] = a, 1.0, b
         return numerator, denominator
@@ -357,11 +357,11 @@ class _System:
 def _iterate_least_squares(
     system: _System, axes: list[int], scale_px: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return numerator and denominator of each image axis; the axes given together share the denominator."""
+    """Return numerator and denominator of each image axis; the given axes share one denominator."""
     divisor, rms_before = np.ones(len(system.terms)), np.inf
     polynomials: list[tuple[np.ndarray, np.ndarray]] = []
     for _ in range(FIT.most_iterations):
-        # Solve the observation equations together with the ridge
+        # Solve the observation equations with the damping
         unknowns = len(system.numerator) * len(axes) + len(system.denominator)
         factor = np.zeros((0, unknowns + 1))
         for equations in _make_equations(system, axes, divisor):
@@ -376,7 +376,7 @@ def _iterate_least_squares(
         b = solution[count * len(axes) :]
         candidate = [system.unpack(solution[i * count : (i + 1) * count], b) for i in range(len(axes))]
         divisor = system.terms @ candidate[0][1]
-        if divisor.min() <= 0.0:  # a pole among the points: keep what came before, the caller sees the residuals
+        if divisor.min() <= 0.0:  # a pole among the points: return the previous iteration
             return polynomials or [system.unpack(a[system.numerator], 0.0 * b) for a, _ in candidate]
         polynomials = candidate
         computed = (system.terms @ np.array([a for a, _ in polynomials]).T) / divisor[:, None]

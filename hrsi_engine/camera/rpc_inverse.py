@@ -1,10 +1,10 @@
-"""Solving an RPC for the ground position at a given height, in normalised coordinates.
+"""Inverse of an RPC: the ground position of an image point at a given height, in normalised coordinates.
 
-An RPC has no closed inverse. Once per RPC a cubic polynomial is fitted that gives normalised lon and lat of
-(sample, line, height) over the RPC's ground domain; it is off by about a thousandth of a pixel, and its own
-derivatives stand for the inverse Jacobian in Newton's method. Two evaluations of the RPC close most points to
-1e-9 px. Points for which that fails (outside the domain, wild denominators) go through Newton's iteration with the
-analytic Jacobian.
+An RPC has no closed inverse. Once per RPC a cubic polynomial for normalised lon and lat as a function of (sample, line,
+height) is fitted over the RPC's ground domain; its error is about a thousandth of a pixel, and its derivatives replace
+the inverse Jacobian in Newton's method. After two evaluations of the RPC most points have an error below 1e-9 px.
+Points that do not converge (outside the domain, near zeros of the denominator) are computed by Newton's iteration with
+the analytic Jacobian.
 """
 
 from typing import NamedTuple
@@ -25,11 +25,11 @@ from .rpc_terms import (
 
 
 class Inverse(NamedTuple):
-    """Cubic polynomials of the image and height, whose terms have (sample, line, height) in the place of L, P, H.
+    """Inverse polynomials: cubic RPC terms with (sample, line, height) instead of (L, P, H).
 
-    ``off (2, 1)``, ``scale (2, 1)`` take normalised sample and line to [-1, 1] over the RPC's ground domain;
-    ``lonlat (2, 20)`` gives normalised lon and lat; ``slopes (4, 10)`` their derivatives by normalised sample, then
-    by line.
+    ``off (2, 1)``, ``scale (2, 1)`` normalise sample and line (normalised by the RPC) to [-1, 1] over its ground
+    domain; ``lonlat (2, 20)`` are the coefficients of normalised lon and lat; ``slopes (4, 10)`` those of their
+    derivatives by normalised sample, then by line.
     """
 
     off: np.ndarray
@@ -39,10 +39,10 @@ class Inverse(NamedTuple):
 
 
 def fit_inverse(polynomials: np.ndarray) -> Inverse:
-    """Fit the inverse on Chebyshev nodes of the cube [-1, 1]**3 where the denominators keep their sign.
+    """Fit the inverse at Chebyshev nodes of the cube [-1, 1]**3, those where the denominators do not change sign.
 
-    ``polynomials (4, 20)`` as in `Workspace.ratios`. Where too little of the cube can be used the inverse is NaN,
-    and its users fall back.
+    ``polynomials (4, 20)`` as in `Workspace.ratios`. If too few nodes are usable the inverse is NaN, and `Solver`
+    uses Newton's iteration.
     """
     axis = np.cos(np.pi * (np.arange(EVALUATION.nodes) + 0.5) / EVALUATION.nodes)
     ground = np.stack(np.meshgrid(axis, axis, axis, indexing="ij")).reshape(3, -1)
@@ -56,17 +56,17 @@ def fit_inverse(polynomials: np.ndarray) -> Inverse:
         nothing = np.full((2, 1), np.nan)
         return Inverse(nothing, nothing, np.full((2, 20), np.nan), np.full((4, QUADRATIC_TERMS), np.nan))
     terms = monomials(np.vstack([(ratios - off) / scale, ground[2:]])[:, usable])
-    # By normal equations, a tenth of the time of a decomposition: on these nodes they are well conditioned
+    # Normal equations take a tenth of the time of a decomposition, and are well conditioned at these nodes
     try:
         lonlat = np.linalg.solve(terms @ terms.T, terms @ ground[:2, usable].T).T
-    except np.linalg.LinAlgError:  # too few of the nodes can be used
+    except np.linalg.LinAlgError:  # too few usable nodes
         lonlat = np.linalg.lstsq(terms.T, ground[:2, usable].T, rcond=None)[0].T
     slopes = np.concatenate([lonlat @ DERIVATIVES[axis] / scale[axis] for axis in (0, 1)])
     return Inverse(off, scale, lonlat, slopes)
 
 
 class Solver:
-    """Finds normalised lon and lat ``(2, n)`` of normalised image points and heights, for one RPC."""
+    """Computes normalised lon and lat ``(2, n)`` of normalised image points and heights, for one RPC."""
 
     def __init__(self, polynomials: np.ndarray, image_scale: np.ndarray) -> None:
         self._polynomials, self._scale_px = polynomials, np.abs(image_scale)[:, None]
@@ -83,8 +83,8 @@ class Solver:
             self._affine = np.column_stack([-inverse @ ratios, inverse, -inverse @ slopes[2]])
 
     def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
-        """Return normalised lon, lat ``(2, n)`` and whether each point's ray was found; at most `CHUNK` points."""
-        # Newton's iteration with the inverse polynomial's derivatives
+        """Return normalised lon, lat ``(2, n)`` and whether each converged; at most `EVALUATION.chunk` points."""
+        # Newton's iteration with the derivatives of the inverse polynomial
         lonlat, slopes = self._predict(target, height, work)
         terms = work.terms(height.size)
         terms[1:3], terms[3] = lonlat, height
@@ -99,9 +99,9 @@ class Solver:
             terms[1:3] += slopes[2:] * miss[1]
         lonlat = terms[1:3].copy()
         far = np.flatnonzero(~(error <= EVALUATION.closure_px))
-        error[far] = np.inf  # the iteration starts where the chord's ended, and measures again
+        error[far] = np.inf  # the next iteration starts at these positions, and computes their errors again
         self._iterate_by_newton(lonlat, error, far, target, height, limit=np.inf, iterations=EVALUATION.most_iterations)
-        # a far start or a wild denominator: short steps from the middle of the RPC's domain
+        # far from the solution, or near a zero of the denominator: short steps from the centre of the RPC's domain
         failed = np.flatnonzero(~(error <= EVALUATION.accepted_px))
         lonlat[:, failed], error[failed] = 0.0, np.inf
         self._iterate_by_newton(
@@ -130,8 +130,8 @@ class Solver:
     ) -> None:  # fmt: skip
         """Improve ``lonlat`` and ``error`` in place at ``places`` by Newton's iteration with the analytic Jacobian.
 
-        Every point keeps its best position: iterations beyond the limit of rounding cannot worsen it. Points that
-        have reached the closure leave the iteration. ``limit`` is the longest step in normalised coordinates.
+        Every point keeps its best position, so that further iterations cannot increase its error. Points leave the
+        iteration when they have converged. ``limit`` is the longest step in normalised coordinates.
         """
         current = lonlat[:, places]
         for _ in range(iterations):

@@ -1,9 +1,9 @@
-"""Many RPCs at once: a few points on each of thousands of images, without a call for each image.
+"""Many RPCs together: a few points on each of thousands of images, without a call for each image.
 
-A call of `RPC` costs as much as the arithmetic of a thousand points, and its first `RPC.localize` a fit besides. Here
-each point says which RPC is meant. NumPy gathers its coefficients beside it; tens of thousands of points are worth the
-compiled loops of `compiled_rpc`. The order of terms is that of `rpc_terms`. `RPC` is the faster one from some hundred
-points on an image.
+A call of `RPC` takes as long as the arithmetic of a thousand points, and its first `RPC.localize` also needs a fit.
+Here each point has the index of its RPC. NumPy gathers the coefficients for each point; for tens of thousands of points
+the compiled loops of `compiled_rpc` are used. The order of terms is that of `rpc_terms`. From a few hundred points per
+image on, `RPC` is faster.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from .rpc_terms import DERIVATIVES, EVALUATION, QUADRATIC_TERMS, chunks, monomia
 
 
 class RPCStack:
-    """RPCs by number, one or more; ``which (n,)`` is the number of each point's."""
+    """A sequence of RPCs; ``which (n,)`` are the indices of the points' RPCs."""
 
     def __init__(self, rpcs: Sequence[RPC]) -> None:
         self._rpcs = rpcs
@@ -54,19 +54,19 @@ class RPCStack:
         return image, jacobian / metres_per_degree(ground)[:, None, :]
 
     def px_per_m(self, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Return how many pixels a metre is at ground points ``(n, 3)``, see `RPC.px_per_m`."""
+        """Return the number of pixels per metre at ground points ``(n, 3)``, see `RPC.px_per_m`."""
         _, by_ground = self.project_with_metric_jacobian(which, ground)
         return np.asarray(np.sqrt(np.abs(np.linalg.det(by_ground[:, :, :2]))))
 
     def middles(self) -> np.ndarray:
-        """Return the middle ``(rpcs, 3)`` lon, lat, height of what each RPC was made for."""
+        """Return the centres ``(rpcs, 3)`` lon, lat, height of the domains of the RPCs."""
         return self._ground_off.copy()
 
     def localize(self, which: np.ndarray, image: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
-        """Return the ground points ``(n, 3)`` of image points ``(n, 2)`` at heights; NaN where there is none.
+        """Return the ground points ``(n, 3)`` of image points ``(n, 2)`` at heights; NaN if there is none.
 
-        Newton's iteration from the middle of each RPC's domain; what does not converge in that domain at once is left
-        to `RPC.localize`, whose limits these are.
+        Newton's iteration from the centre of each RPC's domain; points that do not converge inside the domain are
+        computed by `RPC.localize`, with the same limits.
         """
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
@@ -93,7 +93,7 @@ class RPCStack:
     def _solve(
         self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return normalised lon, lat ``(n, 2)`` of normalised image points and heights, and what is left in px."""
+        """Return normalised lon, lat ``(n, 2)`` of normalised image points and heights, and the errors in px."""
         normalised = np.zeros((len(own), 3))
         normalised[:, 2] = height
         best, least = normalised[:, :2].copy(), np.full(len(own), np.inf)
@@ -103,7 +103,7 @@ class RPCStack:
             error = np.abs(miss * scale_px).max(axis=1)
             better = error < least
             best[better], least[better] = normalised[better, :2], error[better]
-            if not (better & (least > EVALUATION.closure_px)).any():  # at the goal, or at the limit of rounding
+            if not (better & (least > EVALUATION.closure_px)).any():  # converged, or limited by rounding
                 break
             a, b, c, d = slopes[:, 0, 0], slopes[:, 0, 1], slopes[:, 1, 0], slopes[:, 1, 1]
             normalised[:, :2] += np.column_stack(solve_pair(a, b, c, d, *miss.T))
@@ -111,7 +111,7 @@ class RPCStack:
 
     @cached_property
     def _tables(self) -> Arrays:
-        from .compiled_rpc import rpc_tables  # needs numba, and takes a second
+        from .compiled_rpc import rpc_tables  # needs numba, and its import takes a second
 
         return rpc_tables(self._rpcs)
 
@@ -122,7 +122,7 @@ class RPCStack:
         return normalise_tables(self._tables)
 
     def _project_by_loops(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the same as `project_with_metric_jacobian`, each point by itself."""
+        """Return the results of `project_with_metric_jacobian` by compiled loops."""
         from .compiled_rpc import project_points
 
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
@@ -132,7 +132,7 @@ class RPCStack:
     def _solve_by_loops(
         self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the same as `_solve`, each point by itself."""
+        """Return the results of `_solve` by compiled loops."""
         from .compiled_rpc import invert_points
 
         place, least = np.empty((len(own), 2)), np.empty(len(own))
@@ -149,7 +149,7 @@ class RPCStack:
         return np.asarray(difference / self._ground_scale[own])
 
     def _compute_ratios(self, own: np.ndarray, normalised: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return normalised sample and line and their denominators, ``(n, 2)`` both, and the terms ``(n, 20)``."""
+        """Return normalised sample and line, their denominators, each ``(n, 2)``, and the terms ``(n, 20)``."""
         terms = np.ascontiguousarray(monomials(np.ascontiguousarray(normalised.T)).T)
         values = np.einsum("npt,nt->np", self._polynomials[own], terms)
         return values[:, :2] / values[:, 2:], values[:, 2:], terms
@@ -158,7 +158,7 @@ class RPCStack:
         """Return normalised sample and line ``(n, 2)`` and their derivatives by the first axes ``(n, 2, axes)``."""
         ratios, denominators, terms = self._compute_ratios(own, normalised)
         slopes = np.empty((len(own), 2, axes))
-        # d/dx of coefficients times terms is coefficients times the terms' derivatives, sums of lower terms
+        # The derivative of a polynomial: its coefficients times the derivatives of the terms, which are lower terms
         for axis in range(axes):
             lowered = terms[:, :QUADRATIC_TERMS] @ DERIVATIVES[axis].T
             values = np.einsum("npt,nt->np", self._polynomials[own], lowered)

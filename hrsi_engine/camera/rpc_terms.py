@@ -1,13 +1,13 @@
 """The 20 terms of an RPC and the evaluation of its four polynomials, in normalised coordinates and without copies.
 
-All that is special to RPCs is in three tables, and every evaluation uses them, compiled ones (`compiled_rpc`) too:
-`POWERS` says what the terms are, `FACTORS` how each follows from earlier ones, `DERIVATIVES` turns the coefficients of
-a cubic into those of its three derivatives on the ten quadratic terms. An evaluation is then: the terms, two products
-of a table of coefficients with them, and the quotient rule (`slope_of_ratio`).
+Everything specific to RPCs is in three tables, used by all evaluations including the compiled ones (`compiled_rpc`):
+`POWERS` defines the terms, `FACTORS` how each is the product of earlier ones, `DERIVATIVES` converts the coefficients
+of a cubic to those of its three derivatives in the ten quadratic terms. An evaluation consists of the terms, two
+products of coefficients with them, and the quotient rule (`slope_of_ratio`).
 
-A few thousand points at a time go through buffers that stay in the processor's cache: the monomials are written into
-``(20, n)`` rows and multiplied with the coefficients of all polynomials at once. Memory does not grow with the
-number of points.
+A few thousand points at a time use buffers that fit into the processor's cache: the monomials are written to ``(20,
+n)`` rows and multiplied with the coefficients of all polynomials together. Memory does not depend on the number of
+points.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _ROUNDING = "last place of a longitude: 3e-9 px"
 
 @thresholds
 class EVALUATION:
-    """How points are divided for the evaluation of RPCs, and when an image point is localized."""
+    """Batches and iterations of the evaluation and inversion of RPCs."""
 
     chunk: int = threshold(12288, "points", "in the buffers: fewer cost calls, more leave the cache", _SPEED)
     product_limit: int = threshold(2**18, "multiplications", "of a product; above, OpenBLAS starts threads", _SPEED)
@@ -53,7 +53,7 @@ POWERS = np.array(
         (1, 1, 1), (3, 0, 0), (1, 2, 0), (1, 0, 2), (2, 1, 0), (0, 3, 0), (0, 1, 2), (2, 0, 1), (0, 2, 1), (0, 0, 3),
     ]
 )  # fmt: skip
-QUADRATIC_TERMS = 10  # the first ten terms have degree 2 at most: all that derivatives need
+QUADRATIC_TERMS = 10  # the first ten terms have degree 2 or less, sufficient for derivatives
 
 
 def chunks(count: int, size: int = EVALUATION.chunk) -> Iterator[slice]:
@@ -63,10 +63,10 @@ def chunks(count: int, size: int = EVALUATION.chunk) -> Iterator[slice]:
 
 
 def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
-    """Call ``work(part, workspace)`` for slices of ``count`` points as large as the buffers, without warnings.
+    """Call ``work(part, workspace)`` for slices of ``count`` points of the size of the buffers, without warnings.
 
-    Many points are divided among threads, which take the parts in turn: NumPy lets them compute at the same time. Few
-    points belong to callers that have threads of their own.
+    Many points are distributed to threads, since NumPy releases the GIL. A small number is computed in the calling
+    thread, since the callers may use threads themselves.
     """
     many = count >= EVALUATION.threaded_chunks * EVALUATION.chunk
     threads = min(EVALUATION.most_threads, thread_count()) if many else 1
@@ -97,7 +97,7 @@ def _work_through(parts: Iterator[slice], count: int, work: Callable[[slice, Wor
 
 
 def _find_factors() -> np.ndarray:
-    """Return ``(20, 2)``: the two earlier terms whose product each term from the fifth on is; the first four are 0."""
+    """Return ``(20, 2)``: the indices of the two earlier terms whose product is each term; 0 for the first four."""
     index = {tuple(powers): term for term, powers in enumerate(POWERS.tolist())}
     factors = np.zeros((20, 2), dtype=np.int64)
     for term, powers in enumerate(POWERS.tolist()[4:], start=4):
@@ -112,7 +112,7 @@ _PRODUCTS = [(term, *FACTORS[term].tolist()) for term in range(4, 20)]
 
 
 def fill_monomials(terms: np.ndarray) -> None:
-    """Complete the rows of ``terms (20, n)`` from rows 1 to 3, the normalised lon, lat and height."""
+    """Fill the rows of ``terms (20, n)`` from rows 1 to 3, the normalised lon, lat and height."""
     terms[0] = 1.0
     for term, earlier, axis in _PRODUCTS:
         np.multiply(terms[earlier], terms[axis], out=terms[term])
@@ -127,7 +127,7 @@ def monomials(normalised: np.ndarray) -> np.ndarray:
 
 
 def _make_derivative_matrices() -> np.ndarray:
-    """Return ``(3, 20, 10)``: derivative of a coefficient vector by each axis, on the ten quadratic terms."""
+    """Return ``(3, 20, 10)``: matrices from coefficients to those of the derivative by each axis (quadratic terms)."""
     index = {tuple(powers): term for term, powers in enumerate(POWERS[:QUADRATIC_TERMS])}
     matrices = np.zeros((3, 20, QUADRATIC_TERMS))
     for term, powers in enumerate(POWERS):
@@ -143,7 +143,7 @@ DERIVATIVES = _make_derivative_matrices()
 
 
 def multiply(coefficients: np.ndarray, terms: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Return ``coefficients (p, t) @ terms (t, n)`` in ``out``, in pieces that one thread multiplies."""
+    """Return ``coefficients (p, t) @ terms (t, n)`` in ``out``, in parts small enough for one thread of BLAS."""
     for part in chunks(terms.shape[1], EVALUATION.product_limit // coefficients.size):
         np.matmul(coefficients, terms[:, part], out=out[:, part])
     return out
@@ -161,7 +161,7 @@ class Workspace:
         return self._terms[:, :count]
 
     def ratios(self, polynomials: np.ndarray, terms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return normalised image coordinates ``(2, n)`` and denominators ``(2, n)``; rows 1-3 of ``terms`` are set.
+        """Return normalised image coordinates ``(2, n)`` and denominators ``(2, n)`` from rows 1 to 3 of ``terms``.
 
         ``polynomials (4, 20)``: sample and line numerator, sample and line denominator. Both results are views of the
         workspace.

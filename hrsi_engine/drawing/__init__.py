@@ -1,1 +1,1 @@
-"""Pictures as SVG and PNG text: maps, plots, image chips; they know no path and no GDAL."""
+"""Drawings as SVG and PNG text: maps, plots, image chips; without access to files and without GDAL."""

@@ -1,6 +1,6 @@
-"""The figures of a block's report: its map, its images, chips of points, distributions, before and after.
+"""The figures of a block's report: map, image cards, chips of points, histograms, surfaces.
 
-A card of an image has its picture, residuals on it, and their systematic part.
+The card of an image shows its picture, the residuals of its points, and the mean residuals of its parts.
 """
 
 import html
@@ -22,7 +22,7 @@ CARD_WIDTH, CARD_MARGIN, CARD_KEY = 360.0, 14.0, 24.0
 
 @thresholds
 class CARD:
-    """From where on the mean residual of a cell is drawn as systematic."""
+    """Limits for drawing the mean residual of a cell as systematic."""
 
     fewest_residuals: int = threshold(3, "residuals", "fewest residuals of a cell with a mean")
     mean_sigmas: float = threshold(2.0, "sigma", "standard errors of a significant mean", "normal distribution: 5 %")
@@ -30,16 +30,16 @@ class CARD:
 
 @dataclass(frozen=True, eq=False)
 class ImageCard:
-    """What is drawn of an image.
+    """Contents of the card of an image.
 
     image : its id; extent : (2, 2) first and last sample and line
-    xy, residual_px : (n, 2) measurements that are drawn one by one; groups : (n,) gcp, check, tie or outlier
-    points : (n,) numbers of their points on the page; -1 without
-    total : measurements there are, of which these are drawn
-    means, mean_sigmas : (rows, columns, 2) mean residual of each part of the image, and its standard error; NaN with
-    too few
-    picture : the page's element with the image's picture; empty without
-    picture_size : pixels of the picture that the whole image takes, across and down
+    xy, residual_px : (n, 2) measurements that are drawn singly; groups : (n,) gcp, check, tie or outlier
+    points : (n,) numbers of their points on the page; -1 without a number
+    total : number of all measurements, of which those in xy are a selection
+    means, mean_sigmas : (rows, columns, 2) mean residual of each part of the image, and its standard error; NaN
+    with too few residuals
+    picture : name of the SVG element with the picture of the image; empty without a picture
+    picture_size : width and height of the complete image in pixels of the picture
     """
 
     image: str
@@ -56,9 +56,9 @@ class ImageCard:
 
 
 def draw_image_card(card: ImageCard, typical_px: float) -> str:
-    """Return an image's residuals over its picture; what is shown of them the page's style chooses.
+    """Return an image's residuals over its picture as SVG; the style sheet of the page selects what is visible.
 
-    card : what to draw; typical_px : residual that sets the scale of the arrows, one for all images of a page
+    card : its contents; typical_px : residual that sets the scale of the arrows, one for all images of a page
     """
     size = np.maximum(card.extent[1] - card.extent[0] + 1.0, 1.0)
     scale = (CARD_WIDTH - 2.0 * CARD_MARGIN) / float(max(size))
@@ -91,7 +91,7 @@ def draw_image_card(card: ImageCard, typical_px: float) -> str:
 
 
 def _draw_mean_residuals(card: ImageCard, width: float, height: float, per_px: float) -> Iterable[str]:
-    """Draw the mean residual of each part, faint where it is no more than chance."""
+    """Yield the mean residual of each part as an arrow, marked by a class if it is not significant."""
     rows, columns = card.means.shape[:2]
     sure = (np.abs(card.means) > CARD.mean_sigmas * card.mean_sigmas).any(axis=2)
     for row, column in np.argwhere(np.isfinite(card.means).all(axis=2)).tolist():
@@ -113,7 +113,7 @@ def _draw_residuals(card: ImageCard, place: np.ndarray, per_px: float) -> Iterab
 
 def _cut_arrow(dx: float, dy: float) -> tuple[float, float]:
     length = float(np.hypot(dx, dy))
-    share = min(1.0, 80.0 / length) if length else 1.0  # units of the longest arrow
+    share = min(1.0, 80.0 / length) if length else 1.0  # length of the longest arrow in drawing units
     return dx * share, dy * share
 
 
@@ -122,11 +122,11 @@ def _cut_arrow(dx: float, dy: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class PointChip:
-    """The surroundings of a point on an image, and its residual there.
+    """The surroundings of a point in an image, and its residual there.
 
-    id, image, role : of the point, of the image, gcp or check; point : its number on the page, -1 without
+    id, image, role : id of the point, id of the image, gcp or check; point : its number on the page, or -1
     residual_px : (2,) observed - computed; outlier : whether it is an outlier
-    chip : pixels, measured and computed position, outline
+    chip : pixels, measured and computed position, fitted curve
     """
 
     id: str
@@ -140,9 +140,9 @@ class PointChip:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A small picture of an image that map and cards share: the page's element ``name``, and its ``data:`` URI.
+    """A small picture of an image, used by map and cards: ``name`` of its SVG element, and its ``data:`` URI.
 
-    Its ``size`` is in its own pixels; the whole image takes ``covers`` of them, as the last of an edge may be missing.
+    ``size`` is in pixels of the picture; the complete image has ``covers`` of them, since the last ones may be partial.
     """
 
     name: str
@@ -154,10 +154,10 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class SurfacePicture:
-    """A surface that images were matched with: pictures as ``data:`` URI, width and height in px.
+    """Result of matching images with a surface: pictures as ``data:`` URI, width and height in px.
 
-    scores : scatter by displacement, up to ``search_m`` along each axis, north up
-    residuals : of tie points above the surface, before and after, from ``-limit_m`` to ``limit_m``
+    scores : scatter as a function of the displacement, up to ``search_m`` along each axis, north up
+    residuals : tie point heights above the surface, before and after, from ``-limit_m`` to ``limit_m``
     """
 
     images: tuple[str, ...]
@@ -171,9 +171,9 @@ class SurfacePicture:
 class ReportFigures:
     """Contents of the figures of a block's report.
 
-    points : columns of the points on the map, in its order, for the page's script
-    pictures : of some images; cards : images with their residuals
-    surfaces : what surfaces say of parts of the block
+    points : columns of the points of the map, in its order, for the script of the page
+    pictures : pictures of some images; cards : images with their residuals
+    surfaces : results of surface matching, by parts of the block
     chips : known points and outliers on images with pixels; normalised : (n,) normalised residuals by axis
     """
 
@@ -187,7 +187,7 @@ class ReportFigures:
 
 
 def draw_figures(figures: ReportFigures) -> dict[str, Any]:
-    """Return the drawings for the page's template; arrows have one scale for all images."""
+    """Return the drawings for the template of the page; the arrows have the same scale on all images."""
     residuals = [card.residual_px for card in figures.cards if len(card.residual_px)]
     typical = compute_typical_length(np.vstack(residuals)) if residuals else 0.0
     block = draw_map(figures.map, "block-map") if figures.map is not None else MapDrawing()

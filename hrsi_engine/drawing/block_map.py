@@ -1,7 +1,7 @@
-"""A map of the block as SVG: pictures, footprints, tie points, known points with their residuals, and the scales.
+"""Map of the block as SVG: pictures, footprints, tie points, known points with their residuals, and scales.
 
-The page's script (``map_controls.js`` of `io.pages`) pans and zooms it. Marks of points keep their size at every zoom:
-each is drawn at (0, 0) of a group of its own, which is moved to the point's position.
+The page's script (``map_controls.js`` of `io.pages`) pans and zooms it. Point marks have the same size at every zoom:
+each is drawn at (0, 0) of its own SVG group, which is moved to the point's position.
 """
 
 import html
@@ -20,23 +20,23 @@ from ..ground.geodesy import LocalFrame, continuous_longitudes
 from .plots import choose_round_length, make_arrow_path
 
 _WIDTH, _MARGIN = 900.0, 40.0  # SVG units
-_ARROW, _LONGEST_ARROW = 45.0, 130.0  # length of the 90th percentile of the residuals; where longer ones are cut
-_MOST_LABELS = 30  # names of images; more would cover the map
-_CELL, _LARGEST_DOT = 20.0, 4.5  # side of a cell of tie points, and the radius of its dot, SVG units
-#: Marks of points: a shape for each role, so that no colour is needed to tell them apart.
+_ARROW, _LONGEST_ARROW = 45.0, 130.0  # length of the 90th percentile of the residuals; limit of all arrows
+_MOST_LABELS = 30  # names of images are drawn up to this number; more would cover the map
+_CELL, _LARGEST_DOT = 20.0, 4.5  # side of a cell of tie points, and largest radius of its dot, SVG units
+#: Marks of points: one shape for each role, so that roles can be distinguished without colour.
 POINT_MARKS = {
     "gcp": '<path class="dot" d="M0-6L5.2 3H-5.2z"/>', "check": '<path class="dot" d="M-3.8-3.8h7.6v7.6h-7.6z"/>',
     "tie": '<circle class="dot" r="2.6"/>', "held_out": '<circle class="dot" r="2.6"/>',
 }  # fmt: skip
-_GRID = 9  # positions along each axis that the graticule's polynomials are fitted to
+_GRID = 9  # nodes along each axis, to which the polynomials of the graticule are fitted
 
 
 @dataclass(frozen=True, eq=False)
 class TieField:
-    """Tie points to be drawn by cells: places and what they are coloured by.
+    """Tie points that are drawn by cells: positions, and the values by which cells are coloured.
 
     lonlat : (t, 2) lon, lat; residual_px : (t,) root mean square of a point's image residuals
-    sigma_m : (t,) standard deviation of its position; rays : (t,) images it was measured on
+    sigma_m : (t,) standard deviation of its position; rays : (t,) number of images in which it is measured
     """
 
     lonlat: np.ndarray
@@ -47,10 +47,10 @@ class TieField:
 
 @dataclass(frozen=True, eq=False)
 class GroundPicture:
-    """A picture that lies on the ground: the element ``name`` of the page, and lon, lat (4, 2) of its corners.
+    """A picture that is placed on the map: the SVG element ``name``, and lon, lat (4, 2) of its corners.
 
     ``size`` is in pixels of the picture; the corners are upper left, upper right, lower right and lower left. A
-    ``hidden`` one is shown when its image is chosen.
+    ``hidden`` picture is shown when its image is selected.
     """
 
     name: str
@@ -62,12 +62,12 @@ class GroundPicture:
 
 @dataclass(frozen=True, eq=False)
 class BlockMap:
-    """What the map of a report shows.
+    """Contents of the map of a report.
 
-    footprints : in degrees of lon and lat, by image id; lonlat : (m, 2) lon, lat of the points
-    roles : (m,) values of `Role`; residual_en_m : (m, 2) east, north; NaN without; ids : (m,) their names
-    residual_h_m : (m,) upwards; NaN without; ties : tie points drawn by cells; pictures : the background
-    arrows : what an arrow is, for its scale
+    footprints : polygons in degrees lon, lat, by image id; lonlat : (m, 2) lon, lat of the points
+    roles : (m,) values of `Role`; residual_en_m : (m, 2) east, north, NaN without residual; ids : (m,) point ids
+    residual_h_m : (m,) up, NaN without residual; ties : tie points drawn by cells; pictures : the background
+    arrows : meaning of an arrow, for the legend
     """
 
     footprints: Mapping[str, Polygon]
@@ -83,7 +83,7 @@ class BlockMap:
 
 @dataclass(frozen=True, eq=False)
 class MapDrawing:
-    """SVG of the map, and the data of its script: transformation to degrees, scales, figures of the cells."""
+    """SVG of the map, and the data for its script: transformations, scales, statistics of the cells."""
 
     svg: str = ""
     data: Mapping[str, Any] = field(default_factory=dict)
@@ -91,13 +91,13 @@ class MapDrawing:
 
 @dataclass(frozen=True)
 class _MapView:
-    """From degrees to the drawing: east and north metres about the block's middle, y downwards."""
+    """Transformation from degrees to drawing units: topocentric east and north, with y downwards."""
 
     frame: LocalFrame
     west_m: float
     north_m: float
     units_per_metre: float
-    height: float  # of the drawing, without the room for the scales
+    height: float  # height of the drawing without the legend
 
     def __call__(self, lonlat: np.ndarray) -> np.ndarray:
         flat = np.column_stack([lonlat[:, :2], np.zeros(len(lonlat))])
@@ -105,15 +105,15 @@ class _MapView:
         return _MARGIN + self.units_per_metre * (local - [self.west_m, self.north_m]) * [1.0, -1.0]
 
     def to_lonlat(self, place: np.ndarray) -> np.ndarray:
-        """Return lon, lat ``(k, 2)`` of places in the drawing."""
+        """Return lon, lat ``(k, 2)`` of positions ``(k, 2)`` in the drawing."""
         local = (place - _MARGIN) / self.units_per_metre * [1.0, -1.0] + [self.west_m, self.north_m]
         return self.frame.to_ground(np.column_stack([local, np.zeros(len(local))]))[:, :2]
 
 
 def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
-    """Return the map and what a script needs to move about in it; without places, an empty one.
+    """Return the map and the data of its script for panning and zooming; an empty drawing if there are no positions.
 
-    ``name`` is the element's id, where a script is to find it.
+    ``name`` is the id of the SVG element, for the script.
     """
     rings = {image: list_corners(polygon) for image, polygon in data.footprints.items() if not polygon.is_empty}
     here = np.flatnonzero(finite_rows(data.lonlat))
@@ -121,13 +121,13 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
     places = np.vstack([*rings.values(), data.lonlat[here], ties[finite_rows(ties)]])
     if not len(places):
         return MapDrawing()
-    # A view that shows all places (lon, lat)
+    # View that shows all positions (lon, lat)
     frame = LocalFrame(float(continuous_longitudes(places[:, 0]).mean()), float(places[:, 1].mean()))
     local = frame.from_ground(np.column_stack([places, np.zeros(len(places))]))[:, :2]
     low, high = local.min(axis=0), local.max(axis=0)
     extent = np.maximum(high - low, 1.0)
     scale = min((_WIDTH - 2.0 * _MARGIN) / extent[0], (_WIDTH - 2.0 * _MARGIN) / extent[1])
-    slack = (_WIDTH - 2.0 * _MARGIN) / scale - extent[0]  # a tall block stands in the middle
+    slack = (_WIDTH - 2.0 * _MARGIN) / scale - extent[0]  # centres a block that is higher than wide
     view = _MapView(frame, low[0] - slack / 2.0, high[1], scale, max(extent[1] * scale + 2.0 * _MARGIN, 320.0))
     # Drawing units per metre of residual; None without residuals
     residual = data.residual_en_m[finite_rows(data.residual_en_m)]
@@ -170,10 +170,10 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
 
 
 def _fit_polynomials(view: _MapView) -> tuple[list[list[float]], list[list[float]]]:
-    """Return the coefficients of 1, u, v, u², uv, v² from drawing to degrees and back.
+    """Return the coefficients of 1, u, v, u², uv, v² of the transformations from drawing to degrees and back.
 
-    u and v are hundreds of drawing units, or degrees from the frame's origin. Over a block of a thousand kilometres
-    they are good to a drawing unit, which serves a graticule and the position under the pointer.
+    u and v are hundreds of drawing units, or degrees from the frame's origin. Over a block of 1000 km they are
+    accurate to one drawing unit, which is sufficient for a graticule and the position under the pointer.
     """
     axes = np.linspace(0.0, _WIDTH, _GRID), np.linspace(0.0, view.height, _GRID)
     place = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
@@ -193,7 +193,7 @@ def _fit_quadratic(uv: np.ndarray, values: np.ndarray) -> list[list[float]]:
 
 
 def _draw_pictures(pictures: Sequence[GroundPicture], view: _MapView) -> Iterable[str]:
-    """Draw pictures where they lie: the affine map that fits their corners best."""
+    """Yield pictures, placed by the affine transformation that fits their corners best (least squares)."""
     yield '<g class="pictures">'
     for picture in pictures:
         width, height = picture.size
@@ -225,7 +225,7 @@ def _draw_image_names(rings: Mapping[str, np.ndarray], view: _MapView) -> Iterab
     if len(rings) <= _MOST_LABELS:
         placed: list[tuple[float, float]] = []
         for image, ring in rings.items():
-            x, y = view(ring)[np.argmin(view(ring).sum(axis=1))]  # upper left; moved down where it would cover another
+            x, y = view(ring)[np.argmin(view(ring).sum(axis=1))]  # upper left corner; moved down beyond other names
             while any(abs(x - other_x) < 120.0 and abs(y - other_y) < 15.0 for other_x, other_y in placed):
                 y += 2.0
             placed.append((x, y))
@@ -234,7 +234,7 @@ def _draw_image_names(rings: Mapping[str, np.ndarray], view: _MapView) -> Iterab
 
 
 def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, Any]]:
-    """Return a dot for each cell with tie points, larger for more, and figures: number, residual, sigma and rays."""
+    """Return a dot for each cell with tie points, its area by their number; and their statistics, by cell."""
     here = finite_rows(ties.lonlat)
     cell = np.floor(view(ties.lonlat[here]) / _CELL).astype(np.int64)
     columns = int(np.ceil(_WIDTH / _CELL))
@@ -281,7 +281,7 @@ def _draw_points(data: BlockMap, here: np.ndarray, view: _MapView, arrow_scale: 
 
 
 def _draw_residual(kind: str, dx: float, dy: float) -> str:
-    """Return an arrow from a point; one that would lead across the map is cut and dashed."""
+    """Return the residual of a point as an arrow; an arrow longer than `_LONGEST_ARROW` is cut and drawn dashed."""
     length = math.hypot(dx, dy)
     cut = min(1.0, _LONGEST_ARROW / length) if length else 1.0
     path = make_arrow_path(0.0, 0.0, dx * cut, dy * cut)
@@ -289,7 +289,7 @@ def _draw_residual(kind: str, dx: float, dy: float) -> str:
 
 
 def _draw_scales(view: _MapView, arrow_scale: float | None, arrows: str) -> Iterable[str]:
-    """Draw the map's scale bar, beside it an arrow of a round length, and where north is."""
+    """Yield the scale bar of the map, the scale of the residual arrows, and the north arrow."""
     distance = choose_round_length(150.0 / view.units_per_metre)
     bar = distance * view.units_per_metre
     y = view.height + 20.0

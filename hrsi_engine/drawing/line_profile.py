@@ -1,4 +1,4 @@
-"""Residuals of an image along its lines, with the waves in them, and their spectrum, as SVG."""
+"""Residuals of an image by its lines, with the fitted waves, and their amplitude spectrum, as SVG."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -10,9 +10,9 @@ _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 360.0, 150.0, 40.0, 10.0, 10.0, 
 
 
 def draw_line_profile(image: str, axis: str, entry: Mapping[str, Any], waves: Sequence[Mapping[str, Any]]) -> str:
-    """Return two plots of an axis: mean displacement by line, with the curve of the waves; amplitude by period.
+    """Return two plots of an axis: mean displacement by line with the fitted waves, and amplitude by period.
 
-    entry : of the axis in the report's ``line_profiles``; waves : those of the axis
+    entry : entry of the axis in the report's ``line_profiles``; waves : the waves found on this axis
     """
     line, shift = np.array(entry["lines"]), np.array(entry["shift_px"]) - np.median(entry["shift_px"])
     dense, curve = np.linspace(line[0], line[-1], 400), np.zeros(400)
@@ -21,7 +21,7 @@ def draw_line_profile(image: str, axis: str, entry: Mapping[str, Any], waves: Se
     reach = 1.1 * max(float(np.abs(shift).max()), float(np.abs(curve).max()), 0.1)
     ticks = {f"{value:.0f}": value for value in np.linspace(line[0], line[-1], 4)}
     profile = _draw_plot(f"{image}, {axis}: px by line", ticks, reach, -reach, (dense, curve), (line, shift))
-    # Periods have a logarithmic axis; the straight line is the significant amplitude
+    # Periods have a logarithmic axis; the horizontal line is the limit of significant amplitudes
     period, amplitude = np.log10(entry["period_lines"]), np.array(entry["amplitude_px"])
     limit = entry["significant_px"] if np.isfinite(entry["significant_px"]) else float(amplitude.max())
     rounds = [base * 10.0**power for power in range(1, 6) for base in (1, 2, 5)]
@@ -35,7 +35,7 @@ def _draw_plot(
     label: str, ticks: Mapping[str, float], top: float, bottom: float,
     curve: tuple[np.ndarray, np.ndarray], dots: tuple[np.ndarray, np.ndarray],
 ) -> str:  # fmt: skip
-    """Return a curve over its x, and dots, as SVG with axes: ``ticks`` along x, values near both ends along y."""
+    """Return a curve and dots with axes as SVG: ``ticks`` along x, values near both ends along y."""
     first, last, right, low = float(curve[0][0]), float(curve[0][-1]), _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
 
     def place(x: Any, y: Any) -> tuple[Any, Any]:
@@ -47,7 +47,7 @@ def _draw_plot(
         f'<path class="axis" d="M{_LEFT},{_TOP}V{low}H{right}"/>',
     ]
     for text, x in ticks.items():
-        across = min(place(x, bottom)[0], _WIDTH - 4.0 * len(text))  # whole inside the plot
+        across = min(place(x, bottom)[0], _WIDTH - 4.0 * len(text))  # keeps the text inside the plot
         parts.append(f'<text class="tick" x="{across:.1f}" y="{low + 15.0}" text-anchor="middle">{text}</text>')
     for y in (bottom / 1.1, top / 1.1):
         down = place(first, y)[1] + 4.0

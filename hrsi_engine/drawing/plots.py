@@ -1,4 +1,4 @@
-"""Plots as SVG: distributions of normalised residuals, bars; the arrows of drawings."""
+"""Plots as SVG: histograms of normalised residuals, bars, and the arrows of all drawings."""
 
 import html
 import math
@@ -8,13 +8,13 @@ import numpy as np
 
 HISTOGRAM_WIDTH, HISTOGRAM_HEIGHT = 360.0, 230.0
 LEFT, RIGHT, TOP, BOTTOM = 34.0, 10.0, 10.0, 26.0
-SIGMAS_SHOWN = 5.0  # sigmas shown
+SIGMAS_SHOWN = 5.0  # range of the axis, to both sides of 0
 
 
 def draw_histogram(values: np.ndarray, label: str) -> str:
-    """Return the histogram of normalised values as density, with the standard normal curve over it.
+    """Return the density histogram of normalised residuals as SVG, with the standard normal curve.
 
-    values : (n,) residuals over their standard deviations; label : text alternative
+    values : (n,) residuals divided by their standard deviations; label : text alternative
     """
     edges = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, 41)
     counts, _ = np.histogram(np.clip(values, -SIGMAS_SHOWN, SIGMAS_SHOWN), edges)
@@ -34,7 +34,7 @@ def draw_histogram(values: np.ndarray, label: str) -> str:
 
 
 def _open_plot(label: str) -> str:
-    """Return the opening of a plot with its axes."""
+    """Return the opening tag of a histogram, with its axes."""
     (x0, y0), (x1, y1) = _place_point(-SIGMAS_SHOWN, 0.0), _place_point(SIGMAS_SHOWN, 1.0)
     parts = [
         f'<svg class="plot" viewBox="0 0 {HISTOGRAM_WIDTH:.0f} {HISTOGRAM_HEIGHT:.0f}" role="img" '
@@ -48,23 +48,23 @@ def _open_plot(label: str) -> str:
 
 
 def _place_point(x: float, share: float) -> tuple[float, float]:
-    """Return the drawing place of a value in sigmas and a share of the height."""
+    """Return the drawing coordinates of a value in sigmas and a fraction of the height of the plot."""
     return (
         LEFT + (x + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN) * (HISTOGRAM_WIDTH - LEFT - RIGHT),
         HISTOGRAM_HEIGHT - BOTTOM - share * (HISTOGRAM_HEIGHT - TOP - BOTTOM),
     )
 
 
-HEAD_UNITS, HEAD_SLOPE = 7.0, 0.45  # length of a head, and half its width for a unit of its length
+HEAD_UNITS, HEAD_SLOPE = 7.0, 0.45  # length of the head, and half its width relative to its length
 
 
 def make_arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD_UNITS) -> str:
-    """Return the path (attribute ``d`` of SVG) of an arrow from x, y by dx, dy; empty for one too short to be seen.
+    """Return the path (attribute ``d`` of SVG) of an arrow from x, y by dx, dy; empty if it is too short to be seen.
 
-    ``head`` is the length of its head; that of a short arrow is shorter.
+    ``head`` is the length of its head; the head of a short arrow is shorter.
     """
     length = math.hypot(dx, dy)
-    if not length >= 0.5:  # a blot
+    if not length >= 0.5:  # would be only a dot
         return ""
     ux, uy = dx / length, dy / length
     back = min(head, 0.6 * length)
@@ -78,7 +78,7 @@ def make_arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD
 
 
 def choose_round_length(longest: float) -> float:
-    """Return the longest of 1, 2, 5 times a power of ten that is not longer than ``longest``, which is above 0."""
+    """Return the largest number 1, 2 or 5 times a power of ten that does not exceed ``longest``, which is above 0."""
     power = 10.0 ** math.floor(math.log10(longest))
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= longest * 1.000001)
 
@@ -92,9 +92,9 @@ def compute_typical_length(residual: np.ndarray) -> float:
 
 
 def draw_bars(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
-    """Return bars by case, one for each group (thesis figures 2.7 and 2.21).
+    """Return a bar chart as SVG, with one bar for each case and group (thesis figures 2.7 and 2.21).
 
-    values : heights of the bars, ``values[case][group]``; unit : of the values
+    values : lengths of the bars, ``values[case][group]``; unit : unit of the values
     """
     rows = [(case, group, value) for case, groups in values.items() for group, value in groups.items()]
     largest = max((value for _, _, value in rows if math.isfinite(value)), default=1.0) or 1.0

@@ -1,4 +1,4 @@
-"""Pixels as SVG: chips with the fitted curve and the edge points of a target."""
+"""Image chips as SVG: grey values around a target, with the fitted curve and its edge points."""
 
 import base64
 import struct
@@ -9,16 +9,16 @@ import numpy as np
 
 from ..foundation.errors import InputError
 
-CHIP_SIDE_PX = 220.0  # of a chip on the page
+CHIP_SIDE_PX = 220.0  # side of a chip on the page
 
 
 @dataclass(frozen=True, eq=False)
 class TargetChip:
-    """What a chip shows, in image coordinates.
+    """Contents of a chip, in image coordinates.
 
-    grey : (lines, samples) around the target, None without pixels; origin : (2,) sample and line of its first pixel
-    edges : (k, 2) edge points; used : (k,) True for those the fit kept; curves : polylines ``(m, 2)`` of the fit
-    position : (2,) the target, NaN where refused; computed : (2,) where the adjusted block expects it
+    grey : (lines, samples) around the target, None without pixels; origin : (2,) sample and line of the first pixel
+    edges : (k, 2) edge points; used : (k,) True for those used in the fit; curves : polylines ``(m, 2)`` of the fit
+    position : (2,) measured target, NaN if not measured; computed : (2,) position computed by the adjustment
     """
 
     grey: np.ndarray | None
@@ -70,12 +70,12 @@ def draw_target_chip(chip: TargetChip) -> str:
 
 
 def encode_grey_png(grey: np.ndarray, valid: np.ndarray | None = None) -> str:
-    """Return grey values as the base64 text of a PNG, stretched between percentiles of the valid ones."""
+    """Return grey values as a PNG in base64 text, stretched between percentiles of the valid ones."""
     return base64.b64encode(encode_png(stretch_grey(grey, valid))).decode("ascii")
 
 
 def stretch_grey(grey: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
-    """Return grey values as bytes, stretched between percentiles of the valid ones."""
+    """Return grey values as uint8, stretched linearly between the 0.5 and 99.5 % percentiles of the valid ones."""
     known = grey if valid is None or not valid.any() else grey[valid]
     low, high = np.percentile(known, (0.5, 99.5))
     stretched = np.clip((grey.astype(np.float64) - low) * (255.0 / max(float(high - low), 1e-9)), 0.0, 255.0)
@@ -86,7 +86,7 @@ def encode_png(grey: np.ndarray) -> bytes:
     """Return a grey image ``(lines, samples)``, uint8 or uint16, as a PNG file (ISO/IEC 15948), rows unfiltered."""
     lines, samples = grey.shape
     values = grey.astype(grey.dtype.newbyteorder(">")).view(np.uint8).reshape(lines, -1)
-    rows = np.hstack([np.zeros((lines, 1), dtype=np.uint8), values])  # each begins with the number of its filter
+    rows = np.hstack([np.zeros((lines, 1), dtype=np.uint8), values])  # each row begins with its filter type, 0
     parts = [
         (b"IHDR", struct.pack(">IIBBBBB", samples, lines, 8 * grey.itemsize, 0, 0, 0, 0)),
         (b"IDAT", zlib.compress(rows.tobytes())),
@@ -100,12 +100,12 @@ def encode_png(grey: np.ndarray) -> bytes:
 
 
 def decode_png(png: bytes) -> np.ndarray:
-    """Return the grey image ``(lines, samples)`` of what `encode_png` has made; raise `InputError` for all else."""
+    """Return the grey image ``(lines, samples)`` of a PNG written by `encode_png`; raise `InputError` for others."""
     try:
         samples, lines, bits, *rest = struct.unpack(">IIBBBBB", png[16:29])
         (length,) = struct.unpack(">I", png[33:37])
         width = samples * bits // 8 + 1
-        rows = zlib.decompressobj().decompress(png[41 : 41 + length], lines * width)  # and no more
+        rows = zlib.decompressobj().decompress(png[41 : 41 + length], lines * width)  # no more than needed
         values = np.frombuffer(rows, dtype=np.uint8).reshape(lines, width)
         if bits not in (8, 16) or any(rest) or values[:, 0].any():
             raise ValueError("another kind of PNG")

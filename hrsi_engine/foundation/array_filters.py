@@ -1,21 +1,21 @@
-"""Filters of images by NumPy and SciPy, for a Python without OpenCV; `pixel_filters` says what each one does."""
+"""Image filters by NumPy and SciPy, for Python installations without OpenCV; described in `pixel_filters`."""
 
 import numpy as np
 from scipy import ndimage, sparse
 
-MARGIN_PX = 3  # what cubic convolution needs beyond the last pixel
-SAMPLED_AT_A_TIME = 1 << 14  # positions: their weights stay in the processor's cache
-CUBIC = -0.75  # slope of cubic convolution at the next pixel (Keys 1981), as OpenCV has it
+MARGIN_PX = 3  # rows and columns beyond the edge that cubic convolution needs
+SAMPLED_AT_A_TIME = 1 << 14  # positions per pass, so that their weights fit into the processor's cache
+CUBIC = -0.75  # derivative of the cubic convolution kernel at distance 1 (Keys 1981), as in OpenCV
 
 
 class ArrayFilters:
-    """By NumPy and SciPy; `pixel_filters` has the same names."""
+    """Filters by NumPy and SciPy, called by the functions of the same names in `pixel_filters`."""
 
     @staticmethod
     def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
         for axis, kernel in ((1, along_row), (0, along_column)):
             if len(kernel) > 1 or kernel[0] != 1:
-                # An empty image whose columns do not all fall on the same lines of the processor's cache
+                # Padded rows: with a power of two as row length all pixels of a column compete for the same cache lines
                 spare = 24 if image.shape[1] % 256 == 0 else 0
                 result = np.empty((image.shape[0], image.shape[1] + spare), image.dtype)[:, : image.shape[1]]
                 ndimage.correlate1d(image, np.asarray(kernel, np.float64), axis, result, border)
@@ -35,7 +35,7 @@ class ArrayFilters:
 
     @staticmethod
     def erode(mask: np.ndarray, side: int, outside: bool) -> np.ndarray:
-        if mask.all():  # as most masks are
+        if mask.all():  # the most frequent case
             (rows, columns), half = mask.shape, 0 if outside else side // 2
             eroded = np.zeros_like(mask)
             eroded[half : rows - half, half : columns - half] = True
@@ -48,9 +48,9 @@ class ArrayFilters:
         rows, columns = image.shape
         around = np.pad(image, reach, constant_values=-np.inf)
         largest = image.copy()
-        along_row = around[:, reach : reach + columns].copy()  # of each pixel and so many to both sides
+        along_row = around[:, reach : reach + columns].copy()  # maximum of `width` neighbours to both sides
         width = 0
-        for away in range(reach, -1, -1):  # rows above and below: the farthest ones are the shortest chords of the disc
+        for away in range(reach, -1, -1):  # rows above and below: the chord of the disc is shortest farthest away
             chord = int(np.sqrt(radius_px**2 - away**2))
             while width < chord:
                 width += 1
@@ -93,7 +93,7 @@ class ArrayFilters:
 
 
 def _area_shares(old: int, new: int) -> sparse.csr_matrix:
-    """Return the matrix ``(new, old)`` of the shares that old pixels have in new, larger ones."""
+    """Return the matrix ``(new, old)`` of area weights for reducing a row of ``old`` pixels to ``new`` larger ones."""
     edge = np.linspace(0.0, old, new + 1)
     first = np.floor(edge[:-1]).astype(np.int64)
     pixel = first[:, None] + np.arange(int(np.ceil(old / new)) + 1)
@@ -105,7 +105,7 @@ def _area_shares(old: int, new: int) -> sparse.csr_matrix:
 
 
 def _between_pixels(length: int, factor: int) -> sparse.csr_matrix:
-    """Return the matrix of linear interpolation from pixels to ``factor`` times as many."""
+    """Return the matrix of linear interpolation from ``length`` pixels to ``factor`` times as many."""
     position = np.clip((np.arange(length * factor) + 0.5) / factor - 0.5, 0.0, length - 1.0)
     first = np.minimum(position.astype(np.int64), max(length - 2, 0))
     second = np.minimum(first + 1, length - 1)
@@ -125,7 +125,7 @@ def _interpolate_part(
     if order == 0:
         return flat.take(base)
     of_column, of_row = (_kernel_weights(at - whole, order) for at, whole in ((x, column), (y, row)))
-    first = 0 if order == 1 else -1  # of the neighbours, from the pixel at or before the position
+    first = 0 if order == 1 else -1  # offset of the first neighbour from the pixel at or before the position
     base += first * (width + 1)
     total = np.zeros(len(x), np.float32)
     for j, down in enumerate(of_row):
@@ -137,7 +137,7 @@ def _interpolate_part(
 
 
 def _kernel_weights(t: np.ndarray, order: int) -> list[np.ndarray]:
-    """Return the weights of two pixels (linear) or four (cubic convolution) at the fraction t of a pixel."""
+    """Return the weights of two pixels (linear) or four (cubic convolution) for the fractional position t."""
     t = t.astype(np.float32)
     if order == 1:
         return [1.0 - t, t]

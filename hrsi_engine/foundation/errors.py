@@ -6,13 +6,13 @@ IDS_NAMED = 8  # most ids in a message
 
 
 def list_ids(ids: Iterable[object], most: int = IDS_NAMED) -> str:
-    """Return ids for a message, a long list shortened."""
+    """Join ids to a text for a message: the first ``most`` of them and, if there are more, their total number."""
     listed = [str(item) for item in ids]
     return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")
 
 
 class HrsiError(Exception):
-    """Base of every error that HRSI raises on purpose; ``exit_code`` is the command line's."""
+    """Base class of all errors that HRSI raises on purpose; ``exit_code`` is the exit code of the command line."""
 
     exit_code = 1
 
@@ -28,10 +28,10 @@ class SolveError(HrsiError):
 
 
 class OutputError(HrsiError):
-    """A result could not be written, or did not read back as it was written."""
+    """A result could not be written, or the file read back differs from what was written."""
 
 
 class Cancelled(HrsiError):
-    """The caller's progress callback answered False."""
+    """The caller's progress callback returned False."""
 
     exit_code = 130

@@ -1,11 +1,11 @@
-"""How a program ends when it is asked to (SIGINT, SIGTERM): one line, the exit code of that signal, no traceback.
+"""How a program ends on SIGINT or SIGTERM: one line, the exit code of the signal, no traceback.
 
-Two ways, one after the other. While modules are loaded nothing is open, and an exception could come out of any half
-loaded library as another one, or as a traceback: the program ends at once (`quit_on_signals`). While it works, the
-signal is an exception that cleans up on its way (`signals_as_exceptions`). Where Python or GDAL swallow that exception,
-as in callbacks, it is raised again; where a library's code does not come back to Python, a thread ends the program
-without cleaning up, which the next run does, as after SIGKILL. Programs only, in their main thread: what is called from
-elsewhere keeps its ways. While several files change together, signals wait, in any program (`holding_signals`).
+There are two modes. While modules are loaded no file is open, and a half-loaded library could turn an exception into
+another one or print a traceback: the program ends at once (`quit_on_signals`). During the work, the signal raises an
+exception, so that files are cleaned up (`signals_as_exceptions`). If Python or GDAL swallow the exception, as in
+callbacks, it is raised again. If library code does not return to Python, a thread ends the program without cleaning
+up; the next run cleans up, as after SIGKILL. This is only for programs of HRSI, in their main thread; other callers
+keep their handlers. While several files are replaced together, signals are deferred in any program (`holding_signals`).
 """
 
 import os
@@ -25,7 +25,7 @@ _ENDINGS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminat
 
 @thresholds
 class PATIENCE:
-    """How signals that end a program are repeated and held together."""
+    """Times for repeating and merging signals that end a program."""
 
     again_s: float = threshold(0.05, "s", "time until an exception that was swallowed is raised again")
     same_signal_s: float = threshold(2.0, "s", "time in which further signals count as the same one")
@@ -33,28 +33,28 @@ class PATIENCE:
 
 
 class TerminationRequest(KeyboardInterrupt):
-    """The process was asked to end (SIGTERM): it cleans up as it does when the user interrupts it."""
+    """Exception raised on SIGTERM; the program cleans up as after an interruption by the user."""
 
 
 class _State:
-    """Which signal has come, and when its exception was raised; None while it is still to be raised."""
+    """The signal received, and the time its exception was raised; None while it is still to be raised."""
 
-    arrived = threading.Event()  # in Python: a handler has run
+    arrived = threading.Event()  # set when a Python handler has run
     number: int | None = None
     raised_at: float | None = None
 
 
 def quit_on_signals() -> None:
-    """End the process at once on these signals; for a program that starts or has done its work."""
+    """End the process at once on SIGINT and SIGTERM; for a program that is starting or has finished its work."""
     if threading.current_thread() is threading.main_thread():
         for number in _ENDINGS:
-            if signal.getsignal(number) is not signal.SIG_IGN:  # a job in the background of a shell ignores SIGINT
+            if signal.getsignal(number) is not signal.SIG_IGN:  # shells start background jobs with SIGINT ignored
                 signal.signal(number, _quit)
 
 
 @contextmanager
 def quitting_on_signals() -> Iterator[None]:
-    """End at once while this lasts, where `signals_as_exceptions` is in force: for loading modules."""
+    """End the process at once inside this context, if `signals_as_exceptions` is active: for loading modules."""
     is_main = threading.current_thread() is threading.main_thread()
     ours = [number for number in _ENDINGS if is_main and signal.getsignal(number) is _raise]
     for number in ours:
@@ -68,7 +68,7 @@ def quitting_on_signals() -> Iterator[None]:
 
 @contextmanager
 def signals_as_exceptions() -> Iterator[None]:
-    """Raise KeyboardInterrupt or `TerminationRequest` in the main thread on these signals; as before when this ends."""
+    """Raise KeyboardInterrupt or `TerminationRequest` in the main thread on signals; finally restore the handlers."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -93,21 +93,21 @@ def signals_as_exceptions() -> Iterator[None]:
     finally:
         try:
             as_before()
-        except KeyboardInterrupt:  # the signal comes now: it is raised once, so that this goes through
+        except KeyboardInterrupt:  # the signal arrives during the restoration: it is raised only once, so repeat
             as_before()
             raise
 
 
 @contextmanager
 def _ending_blocked_work() -> Iterator[None]:
-    """End the process where its main thread stays in a library's code after a signal."""
+    """End the process if its main thread remains in library code for `PATIENCE.blocked_s` after a signal."""
     receiver, sender = socket.socketpair()
     sender.setblocking(False)
     before = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
 
     def watch() -> None:
         with receiver:
-            while number := receiver.recv(1):  # nothing when the sender is closed
+            while number := receiver.recv(1):  # empty when the sender is closed
                 if number[0] in _ENDINGS and not _State.arrived.wait(PATIENCE.blocked_s):
                     _quit(number[0], None)
 
@@ -121,7 +121,7 @@ def _ending_blocked_work() -> Iterator[None]:
 
 @contextmanager
 def holding_signals() -> Iterator[None]:
-    """Let signals wait until this ends: an exception between two steps would tear apart what belongs together."""
+    """Defer signals until this context ends: an exception between two steps could leave files that do not match."""
     if threading.current_thread() is not threading.main_thread():  # signals reach the main thread only
         yield
         return
@@ -132,7 +132,7 @@ def holding_signals() -> Iterator[None]:
         _State.arrived.set()
 
     before = {number: signal.getsignal(number) for number in _ENDINGS}
-    before = {number: handler for number, handler in before.items() if handler is not None}  # None: not Python's
+    before = {number: handler for number, handler in before.items() if handler is not None}  # None: not set by Python
     for number in before:
         signal.signal(number, hold)
     try:
@@ -145,7 +145,7 @@ def holding_signals() -> Iterator[None]:
 
 
 def ending() -> tuple[int, str] | None:
-    """Return exit code and line of the signal that has come since work began; None where none has."""
+    """Return the exit code and the message for the signal received during the work; None if there was none."""
     if _State.number is None:
         return None
     code, word = _ENDINGS[signal.Signals(_State.number)]
@@ -161,12 +161,12 @@ def _raise(number: int, _frame: FrameType | None) -> None:
     if _State.raised_at is None:
         _State.number, _State.raised_at = number, time.monotonic()
         raise TerminationRequest if number == signal.SIGTERM else KeyboardInterrupt
-    if time.monotonic() > _State.raised_at + PATIENCE.same_signal_s:  # what cleans up takes too long for the user
+    if time.monotonic() > _State.raised_at + PATIENCE.same_signal_s:  # the user does not wait for the clean-up
         _quit(number, _frame)
 
 
 def _raise_again() -> None:
-    """Raise the exception of the signal again, soon, in the main thread, from where it was lost."""
+    """Raise the lost exception of the signal again in the main thread, after `PATIENCE.again_s`."""
     _State.raised_at = None
     again = threading.Timer(PATIENCE.again_s, signal.raise_signal, [_State.number])
     again.daemon = True

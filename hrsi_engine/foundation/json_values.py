@@ -1,4 +1,4 @@
-"""JSON as HRSI writes it: values become JSON text here only, so that no NaN, which is no JSON, gets into any."""
+"""Conversion of values to JSON text, in this module only, so that no NaN (which JSON does not have) is ever written."""
 
 import json
 import math
@@ -14,11 +14,11 @@ _READY = frozenset({str, int, bool, type(None)})
 
 def json_ready(value: Any) -> Any:
     """Return a value made of dicts, lists, texts, numbers, bools and None only; NaN and infinities become None."""
-    if type(value) in _READY:  # most of a report
+    if type(value) in _READY:  # the most frequent case in a report
         return value
-    if type(value) is float:  # and most of the rest
+    if type(value) is float:  # the second most frequent case
         return value if math.isfinite(value) else None
-    if type(value) is list and set(map(type, value)) == {float} and math.isfinite(sum(value)):  # an RPC's, a matrix's
+    if type(value) is list and set(map(type, value)) == {float} and math.isfinite(sum(value)):  # an RPC, a matrix
         return value.copy()
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
@@ -36,7 +36,7 @@ def json_ready(value: Any) -> Any:
 
 
 def json_text(value: Any, indent: int | None = None, sort_keys: bool = False) -> str:
-    """Return any value as JSON text, as `json_ready` makes it ready."""
+    """Return any value as JSON text, converted by `json_ready`."""
     return _encoder(indent=indent, sort_keys=sort_keys).encode(json_ready(value))
 
 
@@ -45,15 +45,15 @@ _of_lines = _encoder(ensure_ascii=False)
 
 
 def json_lines(value: Mapping[str, Any]) -> str:
-    """Return a mapping as JSON text with a line for each of its values, and for each item of those that hold items.
+    """Return a mapping as JSON text with one line for each value, and one for each item of values that are containers.
 
-    So every image of a report has its line. Deeper indentation would be Python's slow way of making JSON.
+    Each image of a report is thus one line. Deeper indentation would make Python use its slow, uncompiled encoder.
     """
     return "{\n" + ",\n".join(f" {_dump(str(key))}: {_in_lines(item)}" for key, item in value.items()) + "\n}"
 
 
 def _in_lines(value: Any) -> str:
-    """Return a value with its items, where it has any, on lines of their own."""
+    """Return a value as JSON text; a mapping or sequence that is not empty has one line for each item."""
     value = value if isinstance(value, (Mapping, list, tuple)) else json_ready(value)
     if isinstance(value, Mapping) and value:
         return "{\n" + ",\n".join(f"  {_dump(str(key))}: {_dump(item)}" for key, item in value.items()) + "\n }"
@@ -63,8 +63,8 @@ def _in_lines(value: Any) -> str:
 
 
 def _dump(value: Any) -> str:
-    """Return a value on one line; most are fit for JSON as they are, and are made ready only where they are not."""
+    """Return a value as JSON on one line; `json_ready` converts it only if encoding fails, which is rare."""
     try:
         return _of_lines.encode(value)
-    except (TypeError, ValueError):  # a key that is no text, or a number that is not finite
+    except (TypeError, ValueError):  # a key that is not a string, or a number that is not finite
         return _of_lines.encode(json_ready(value))

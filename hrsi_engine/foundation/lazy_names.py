@@ -1,7 +1,7 @@
-"""Faces of packages: the public names of a room, each imported when it is first asked for.
+"""Lazy import of the public names of a package: each module is imported when one of its names is first used (PEP 562).
 
-So a room can show what it offers without loading it: ``import hrsi.hrsi_engine.io`` opens no GDAL, and the command line
-prints its help without the numerics (PEP 562).
+``import hrsi.hrsi_engine.io`` therefore does not load GDAL, and the command line prints its help without loading NumPy
+and SciPy.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,10 +12,10 @@ from typing import Any
 def lazy_names(
     package: str, modules: Mapping[str, str]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return what a package needs to show names of its modules: its ``__getattr__``, ``__dir__`` and ``__all__``.
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package that imports public names from its modules.
 
     package : its ``__name__``
-    modules : the names that each module gives, separated by blanks: ``{"errors": "HrsiError InputError"}``
+    modules : the names that each module defines, separated by blanks: ``{"errors": "HrsiError InputError"}``
     """
     where = {name: module for module, names in modules.items() for name in names.split()}
 

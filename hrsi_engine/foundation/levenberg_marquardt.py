@@ -1,19 +1,19 @@
-"""Levenberg-Marquardt descent: the one damping rule of every least-squares loop, single images and blocks alike.
+"""Levenberg-Marquardt descent with one damping rule for all least-squares loops, of single images and of blocks.
 
-Minimised is a cost, half a weighted sum of squares, whose normal equations ``(N + damping diag N) step = g`` the caller
-solves. Three rules (Marquardt 1963; Nielsen 1999, IMM-REP-1999-05; Chamberlain, Powell, Lemarechal and Pedersen 1982,
-"the watchdog technique", Math. Programming Study 16):
+The cost, half a weighted sum of squares, is minimised. The caller solves its normal equations ``(N + damping diag N)
+step = g``. Three rules (Marquardt 1963; Nielsen 1999, IMM-REP-1999-05; Chamberlain, Powell, Lemarechal and Pedersen
+1982, "the watchdog technique", Math. Programming Study 16):
 
-1. Damping starts at 0, so that an easy problem is Gauss-Newton's and converges quadratically. A step that does not help
-   raises it, faster each time; one that does lowers it by what the gain ratio says of the curvature. It is never
-   dropped to 0 where it was needed, but for the last test (3).
-2. A step that raises the cost may still be a good one: along a curved valley it leaves the floor by the square of its
-   length, and the next step comes back to it, far ahead. So a step is refused only when further ones from its end do
-   not bring the cost down, in great leaps, to below where it began.
-3. `converged` means at the minimum: twice the decrease that the undamped step promises is g' N^-1 g, the square of the
-   distance to the minimum in standard deviations: no linear function of the unknowns is farther from its value there
-   by more of its own sigmas. The descent ends where the distance is `DESCENT.done_sigma`; where the steps are used up,
-   `DESCENT.near_sigma` will do.
+1. Damping starts at 0, so that an easy problem is solved by Gauss-Newton with quadratic convergence. A step that does
+   not lower the cost raises the damping, by a larger factor each time; one that does lowers it, depending on the gain
+   ratio. Once needed, the damping is never reset to 0, except for the last test (3).
+2. A step that raises the cost can still be useful: along a curved valley it leaves the floor by the square of its
+   length, and the next step returns to it, far ahead. Therefore a step is refused only if the steps that follow do not
+   reduce the cost quickly to below the cost before it.
+3. `converged` means at the minimum: twice the decrease that the undamped step predicts is g' N^-1 g, the squared
+   distance to the minimum in standard deviations: no linear function of the unknowns differs from its value there by
+   more multiples of its own sigma. The descent ends at a distance of `DESCENT.done_sigma`; after the last permitted
+   step, `DESCENT.near_sigma` is sufficient.
 """
 
 from collections.abc import Callable
@@ -42,25 +42,25 @@ class DESCENT:
     rounding_share: float = threshold(1e-9, "", "relative change of the cost that is no rise", "rounding of sums")
 
 
-CONVERGED = "converged"  # the status of a minimum
+CONVERGED = "converged"  # status of a descent that ended at a minimum
 
 
 class Place(Protocol):
-    """Where a descent stands."""
+    """Current point of a descent: the unknowns with their cost."""
 
     @property
     def cost(self) -> float:
-        """Half the weighted sum of squares there, infinite or NaN where there is none."""
+        """Half the weighted sum of squares at this point, infinite or NaN if it cannot be computed."""
 
 
 T = TypeVar("T", bound=Place)
 
 
 class Step(NamedTuple, Generic[T]):
-    """A step: where it leads, the decrease of the cost that it promises, and the damping's part in that.
+    """A step: the place it leads to, the predicted decrease of the cost, and the share of the damping in it.
 
-    With s the step, ``promised = (g' s + damping s' D s) / 2`` is what the undamped normal equations say of it, and
-    ``braked = damping s' D s / 2``.
+    With the step s and D = diag N, the undamped normal equations predict ``promised = (g' s + damping s' D s) / 2``,
+    and ``braked = damping s' D s / 2``.
     """
 
     ahead: T
@@ -70,10 +70,10 @@ class Step(NamedTuple, Generic[T]):
 
 @dataclass(frozen=True, eq=False)
 class Descent(Generic[T]):
-    """Where a descent ended.
+    """Result of a descent.
 
     at : the best place; converged : whether it is a minimum; status : the same in words, with the reason
-    steps : that were computed
+    steps : number of computed steps
     """
 
     at: T
@@ -86,21 +86,21 @@ def descend(
     start: T, step: Callable[[T, float], Step[T]], variance: Callable[[T], float], most: int,
     weighed: Callable[[T], T] | None = None, tolerance: float = 0.0,
 ) -> Descent[T]:  # fmt: skip
-    """Return the minimum next to a place.
+    """Return the local minimum that is reached from a place.
 
-    start : where to begin; its cost must be finite
+    start : first place; its cost must be finite
     step : returns the step from a place with a damping; variance : the variance of unit weight at a place, sigma0²
-    most : steps to compute
-    weighed : gives an accepted place other weights (robust ones); costs are compared with the same weights only. The
-    first step, before which residuals judge nothing, is then no reason to stop
-    tolerance : a promised decrease of this share of the cost is none either
+    most : largest number of steps
+    weighed : returns an accepted place with new (robust) weights; only costs with equal weights are compared. With
+    it, the descent does not end at the first step, before any weights were derived from residuals
+    tolerance : the descent also ends if the predicted decrease is below this share of the cost
     """
     best = at = start
-    del start  # a place may be large, and where a descent began is not needed again
+    del start  # frees its memory, which can be large
     damping, needed, growth, astray = 0.0, DESCENT.first_damping, DESCENT.raised, 0
     promised = np.inf
     for number in range(1, most + 1):
-        if number == most:  # how far the minimum is only an undamped step tells
+        if number == most:  # only an undamped step shows the distance to the minimum
             at, damping = best, 0.0
         taken = step(at, damping)
         if at is best:
@@ -119,7 +119,7 @@ def descend(
             best = at = weighed(taken.ahead) if weighed else taken.ahead
             astray, growth = 0, DESCENT.raised
             if damping:
-                # a damped step promises little everywhere, so where it is little the next one is not damped
+                # a damped step always predicts little, therefore the next step is undamped if this one predicts little
                 needed = max(_lower_damping(damping, came, braked / max(promised, 1e-300)), DESCENT.least_damping)
                 damping = 0.0 if done else needed
         elif astray < DESCENT.look_ahead and taken.ahead.cost < (DESCENT.great_leap * at.cost if astray else np.inf):
@@ -135,11 +135,11 @@ def descend(
 
 
 def _lower_damping(damping: float, came: float, share: float) -> float:
-    """Return the damping after a step that helped.
+    """Return the damping after a step that lowered the cost.
 
-    ``came`` is the decrease over that of the damped equations, (g' s) / 2, and ``share`` the damping's part in what was
-    promised. Where the damping did not matter it goes; where it did, 2 - came is the curvature of the cost along the
-    step over that of the damped equations (1: they are just right, as where residuals are large).
+    ``came`` is the decrease relative to that of the damped equations, (g' s) / 2, and ``share`` the share of the
+    damping in the predicted decrease. If it is small, the damping is reduced by the full factor. Otherwise 2 - came is
+    the curvature of the cost along the step relative to the damped equations (1: they fit, as with large residuals).
     """
     if share < DESCENT.unimportant_share:
         return DESCENT.lowered * damping
@@ -147,5 +147,5 @@ def _lower_damping(damping: float, came: float, share: float) -> float:
 
 
 def _distance_text(promised: float, variance: float) -> str:
-    """Say how far away the minimum seems to be."""
+    """Return a text with the estimated distance to the minimum, in sigmas."""
     return f"{np.sqrt(2.0 * max(promised, 0.0) / variance):.2g} sigma from the minimum"

@@ -1,15 +1,15 @@
-"""Filters of images by OpenCV, some times as fast as `array_filters`; `pixel_filters` says what each one does."""
+"""Image filters by OpenCV, several times faster than `array_filters`; described in `pixel_filters`."""
 
 import cv2
 import numpy as np
 
 _BORDERS = {"reflect": cv2.BORDER_REFLECT, "mirror": cv2.BORDER_REFLECT_101, "constant": cv2.BORDER_CONSTANT}
 _ORDERS = {0: cv2.INTER_NEAREST, 1: cv2.INTER_LINEAR, 3: cv2.INTER_CUBIC}
-LONGEST_MAP = 1 << 14  # OpenCV's maps have less than 32768 columns and lines
+LONGEST_MAP = 1 << 14  # longest side of the coordinate maps of cv2.remap, which must be below 32768
 
 
 class OpenCVFilters:
-    """By OpenCV; `pixel_filters` has the same names."""
+    """Filters by OpenCV, called by the functions of the same names in `pixel_filters`."""
 
     @staticmethod
     def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:

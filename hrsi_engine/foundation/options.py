@@ -1,11 +1,11 @@
-"""An option is a field of a typed dataclass: what a person has to know of it stands with it, once.
+"""An option is a field of a typed dataclass that contains its complete description for users.
 
-`option` makes the field, `options` the dataclass. That is what functions take; its fields declare the options of the
-command line, of the QGIS dialogs and of the documentation (`processing_algorithms.interface.declare` reads them), so
-that all have the same default. A field without `option` is for callers in Python only. `nested` makes options part of
-others.
+`option` makes the field, `options` the dataclass. Functions take the dataclass as argument; its fields declare the
+options of the command line, of the QGIS dialogs and of the documentation (`processing_algorithms.interface.declare`
+reads them), so that all have the same default. A field without `option` is for callers in Python only. `nest_options`
+includes options in others.
 
-Texts name other options as arguments in backticks, ```sigma_dem_m```: each face writes them in its own manner.
+Texts name other options as arguments in backticks, ```sigma_dem_m```: each interface converts them to its own form.
 """
 
 import inspect
@@ -21,17 +21,17 @@ Described = TypeVar("Described")
 
 @dataclass(frozen=True)
 class Option:
-    """What stands with a field.
+    """Description of an option, stored with its field.
 
     help : one sentence without a closing full stop
-    name : of the option, where it is not the field's own with ``-`` for ``_``: ``sigma-dem`` of ``sigma_dem_m``
-    unit : of a number
-    choices : the words that it takes
-    minimum, maximum : of a number
+    name : name of the option, if it is not the field's own with ``-`` for ``_``: ``sigma-dem`` of ``sigma_dem_m``
+    unit : unit of a number
+    choices : the permitted words
+    minimum, maximum : limits of a number
     advanced : whether only few users need it
-    metavar : what stands for its value: ``auto|none|FILE``
-    kind : what kind of value it is, where the field's type does not tell (kinds of files)
-    piped : where it is not given, standard input is read
+    metavar : placeholder of the value in the help: ``auto|none|FILE``
+    kind : kind of value, if it does not follow from the field's type (kinds of files)
+    piped : standard input is read if the option is not given
     """
 
     help: str
@@ -52,43 +52,43 @@ def option(default: Any = MISSING, help: str = "", **described: Any) -> Any:
 
 
 def nest_options(options: type) -> Any:
-    """Return a dataclass field that holds other options, at their defaults; each is an option of the whole."""
+    """Return a dataclass field that contains other options with their defaults; each is an option of the outer one."""
     required = [part.name for part in fields(options) if part.default is MISSING and part.default_factory is MISSING]
     factory: Any = MISSING if required else options
     return field(default_factory=factory, metadata={_NESTED: options})
 
 
 def option_of(part: Field[Any]) -> Option | None:
-    """Return the description of an option's dataclass field; None where the field is no option."""
+    """Return the description of an option's dataclass field; None if the field is not an option."""
     return part.metadata.get(_OPTION)
 
 
 def inner_options_of(part: Field[Any]) -> type | None:
-    """Return the dataclass of options that a field holds; None where it holds none."""
+    """Return the dataclass of options that a field contains; None if it contains none."""
     return part.metadata.get(_NESTED)
 
 
 def threads_option() -> Any:
-    """Return the field of the number of threads, which many options have."""
+    """Return the option field for the number of threads, which many dataclasses share."""
     return option(0, "Number of threads; 0 takes all cores", minimum=0, advanced=True, metavar="N")
 
 
 @dataclass_transform(frozen_default=True)
 def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> Any:
-    """Make a frozen dataclass of options, described by what stands with its fields; a decorator.
+    """Make a frozen dataclass of options, described by its fields; a decorator.
 
-    `dataclasses.dataclass` compiles six methods for a class, which for all that is declared takes as long as the rest
-    of the command line's start; here it compiles the first, and the others are shared. The section Parameters of the
-    docstring is made from the fields; fields for callers in Python only have their entries in the class's own.
+    `dataclasses.dataclass` compiles six methods for each class, which for all declared classes takes as long as the
+    rest of the command line's start; here it compiles only ``__init__``, and the others are shared. The fields also
+    fill the section Parameters of the docstring; fields for callers in Python only keep their own entries there.
 
-    ``kw_only`` is whether all fields are named in a call; needed where one is required.
+    ``kw_only`` is whether fields are keyword arguments; needed if an option without default follows one with a default.
     """
     if cls is None:
         return partial(options, kw_only=kw_only)
     made = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
     for method in (_OptionsBase.__repr__, _OptionsBase.__eq__, _OptionsBase.__hash__, _OptionsBase.__setattr__):
         setattr(made, method.__name__, method)
-    # The docstring with the section Parameters that the fields tell
+    # Add the section Parameters to the docstring, from the descriptions of the fields
     doc = inspect.cleandoc(made.__doc__ or "")
     heading = "Parameters\n----------\n"
     opening, _, rest = doc.partition(heading)
@@ -111,7 +111,7 @@ def _values_of(own: Any) -> dict[str, Any]:
 
 
 class _OptionsBase:
-    """Methods of all dataclasses of options."""
+    """Methods that all dataclasses of options share."""
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in _values_of(self).items())})"
@@ -135,10 +135,10 @@ def _describe_field(part: Field[Any], text: str) -> str:
 
 
 class InMemory(str):
-    """The name of something in memory, for messages and reports; what it stands for is an attribute of the subclass.
+    """The name of an object in memory, for messages and reports; the object itself is an attribute of the subclass.
 
-    So an option that names a file also takes the thing itself, and everything between the caller and the reader
-    passes it on as it passes the name of a file.
+    An option that names a file can thus also take an object in memory, and all code between the caller and the reader
+    passes it on like the name of a file.
     """
 
     __slots__ = ()

@@ -1,9 +1,9 @@
-"""Filters and resampling of images: the one door to OpenCV, which does them where it is there; else NumPy and SciPy.
+"""Filters and resampling of images: computed by OpenCV if it can be imported, otherwise by NumPy and SciPy.
 
-A stock QGIS on Windows has no OpenCV. Both ways give the same to rounding, except for `interpolate`, where OpenCV has
-32 steps of a pixel. ``HRSI_OPENCV=0`` turns OpenCV off. Images are ``(lines, samples)`` float32, masks bool; borders
-have SciPy's names: ``mirror`` repeats the pixels inside around the last one, ``reflect`` around its edge, and beyond
-``constant`` all is 0.
+No other module uses OpenCV's filters, since QGIS on Windows has no OpenCV. The results are equal except for rounding
+and for `interpolate`, where OpenCV has steps of 1/32 pixel. ``HRSI_OPENCV=0`` turns OpenCV off. Images are ``(lines,
+samples)`` float32, masks bool; borders have SciPy's names: ``mirror`` reflects about the centre of the last pixel,
+``reflect`` about its outer edge, and ``constant`` is 0 outside.
 """
 
 import os
@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-#: Weights across and along a slope that favour no direction (Scharr 2000); slopes come out 32 times too large.
+#: Smoothing and derivative kernel of an isotropic gradient (Scharr 2000); it is 32 times the gradient.
 SCHARR = np.array([3.0, 10.0, 3.0]), np.array([-1.0, 0.0, 1.0])
 
 
 def should_use_opencv() -> bool:
-    """Tell whether to use OpenCV: it can be imported, and HRSI_OPENCV is not 0."""
+    """Return True if OpenCV can be imported and HRSI_OPENCV is not 0."""
     if os.environ.get("HRSI_OPENCV") == "0":
         return False
     try:
@@ -31,7 +31,7 @@ def should_use_opencv() -> bool:
 
 @cache
 def _choose_filters() -> Any:
-    """Return who does the work; OpenCV is loaded when a first image is filtered."""
+    """Return the class that implements the filters; OpenCV is imported when the first image is filtered."""
     if should_use_opencv():
         return import_module(".opencv_filters", __package__).OpenCVFilters
     return import_module(".array_filters", __package__).ArrayFilters
@@ -41,26 +41,26 @@ def filter_separable(
     image: np.ndarray, along_row: Sequence[float] | np.ndarray, along_column: Sequence[float] | np.ndarray,
     border: str = "mirror",
 ) -> np.ndarray:  # fmt: skip
-    """Return the correlation with a kernel that is the product of two, both odd and symmetric or antisymmetric.
+    """Return the correlation with a separable kernel; both factors have odd length and are (anti)symmetric.
 
-    float32 or float64, as the image; the kernels' middles are at the pixel.
+    The type, float32 or float64, is that of the image; the kernel is centred at the pixel.
     """
     kernels = (np.asarray(kernel, image.dtype) for kernel in (along_row, along_column))
     return np.asarray(_choose_filters().filter_separable(image, *kernels, border))
 
 
 def blur(image: np.ndarray, sigma_px: float, border: str = "mirror") -> np.ndarray:
-    """Return the image smoothed by a Gaussian, cut off at four standard deviations."""
+    """Return the image smoothed by a Gaussian that is truncated at four standard deviations."""
     return np.asarray(_choose_filters().blur(image, float(sigma_px), border))
 
 
 def slopes(image: np.ndarray, smooth: np.ndarray, slope: np.ndarray, border: str = "mirror") -> tuple[np.ndarray, ...]:
-    """Return the grey value gradients along rows and columns, from one kernel along the direction and one across it."""
+    """Return the gradients along rows and columns: ``slope`` is the derivative kernel, ``smooth`` the one across it."""
     return filter_separable(image, slope, smooth, border), filter_separable(image, smooth, slope, border)
 
 
 def box_mean(image: np.ndarray, side: int) -> np.ndarray:
-    """Return the mean over an odd square around each pixel, mirrored at the border; float32 or float64."""
+    """Return the mean of a square window of odd ``side`` around each pixel, mirrored at the border; float32 or 64."""
     return np.asarray(_choose_filters().box_mean(image, side))
 
 
@@ -70,45 +70,45 @@ def compute_smaller_eigenvalue(xx: np.ndarray, yy: np.ndarray, xy: np.ndarray) -
 
 
 def erode(mask: np.ndarray, side: int, outside: bool = True) -> np.ndarray:
-    """Return the morphological erosion of a mask by an odd square; ``outside`` is the value beyond the image's edge."""
+    """Return the morphological erosion of a mask by a square of odd side; ``outside`` is the value beyond the image."""
     return np.asarray(_choose_filters().erode(mask, side, outside))
 
 
 def dilate(mask: np.ndarray, side: int) -> np.ndarray:
-    """Return the morphological dilation of a mask by an odd square."""
+    """Return the morphological dilation of a mask by a square of odd side."""
     return ~erode(~mask, side)
 
 
 def apply_opening(mask: np.ndarray, side: int) -> np.ndarray:
-    """Return the morphological opening of a mask by an odd square."""
+    """Return the morphological opening of a mask by a square of odd side."""
     return dilate(erode(mask, side), side)
 
 
 def largest_within(image: np.ndarray, radius_px: float) -> np.ndarray:
-    """Return the largest value within a radius of each pixel."""
+    """Return the maximum within a circle of this radius around each pixel."""
     return np.asarray(_choose_filters().largest_within(image, radius_px))
 
 
 def reduce_by_area(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return an image of fewer pixels, ``size`` (samples, lines): means weighted by the area they share."""
+    """Return an image reduced to ``size`` (samples, lines): means of the old pixels, weighted by overlapping area."""
     return np.asarray(_choose_filters().reduce_by_area(image, size))
 
 
 def reduce_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return a mask of fewer pixels, ``size`` (samples, lines): those at their upper left corners."""
+    """Return a mask reduced to ``size`` (samples, lines): the old pixels at the upper left corners of the new ones."""
     return np.asarray(_choose_filters().reduce_mask(mask, size))
 
 
 def enlarge(image: np.ndarray, factor: int) -> np.ndarray:
-    """Return an image of ``factor`` times as many pixels along each axis, linear between the pixels' middles."""
+    """Return an image with ``factor`` times as many pixels along each axis, interpolated linearly."""
     return np.asarray(_choose_filters().enlarge(image, factor))
 
 
 def interpolate(
     image: np.ndarray, x: np.ndarray, y: np.ndarray, order: int, outside: float | None = None
 ) -> np.ndarray:
-    """Return an image at columns ``x`` and rows ``y`` (float32, of one shape), which may lie beyond it.
+    """Return the grey values of an image at columns ``x`` and rows ``y`` (float32, equal shape), which may be outside.
 
-    order : 0 the nearest pixel, 1 linear, 3 cubic convolution; outside : value there, None for that of the last pixel
+    order : 0 nearest, 1 linear, 3 cubic convolution; outside : value outside the image, None for the nearest pixel
     """
     return np.asarray(_choose_filters().interpolate(image, x, y, order, outside))

@@ -1,7 +1,7 @@
-"""What a careful operator would have to look into: a reason has a stable code, a level, and says what to do.
+"""Reasons of the verdict: findings to be checked by the operator, each with a stable code, a level and advice.
 
-Checks before an adjustment and after it return reasons; `results.verdict` makes one verdict of them. A code is a word
-that scripts may rely on, and a section of the documentation.
+The checks before and after an adjustment return reasons; `results.verdict` combines them to one verdict. A code is a
+word that scripts can rely on, and the title of a section of the documentation.
 """
 
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ class Level(IntEnum):
     """Severity of a reason; the verdict has the worst level of its reasons."""
 
     OK = 0
-    DOUBTFUL = 1  #: written, but look first
+    DOUBTFUL = 1  #: results are written, but should be checked first
     UNUSABLE = 2  #: no refined RPC is written unless the user forces it
 
     @property
     def label(self) -> str:
-        """The word of reports: ``ok``, ``doubtful``, ``unusable``."""
+        """The level in reports: ``ok``, ``doubtful``, ``unusable``."""
         return self.name.lower()
 
 
@@ -36,7 +36,7 @@ class Reason:
     advice : str
         One sentence: what to do.
     images, points : tuple of str
-        The ids concerned, all of them; who prints them shortens the list.
+        All ids concerned; the printing function shortens the list.
     """
 
     code: str

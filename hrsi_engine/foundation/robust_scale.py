@@ -1,4 +1,4 @@
-"""A standard deviation that blunders do not touch."""
+"""Robust estimate of a standard deviation, insensitive to gross errors."""
 
 from typing import Any
 
@@ -9,21 +9,21 @@ from .thresholds import threshold, thresholds
 
 @thresholds
 class ROBUST:
-    """Which deviations from a middle, or from a robust fit, are outliers."""
+    """Outlier limit for deviations from a median or from a robust fit."""
 
     outlier: float = threshold(
         3.5, "sigma", "robust standard deviations beyond which a deviation is an outlier", "Iglewicz and Hoaglin 1993"
     )
 
 
-MAD_TO_SIGMA = 1.4826  #: of a normal distribution: standard deviation over median absolute deviation
+MAD_TO_SIGMA = 1.4826  #: standard deviation over median absolute deviation, for a normal distribution
 
 
 def robust_sigma(deviations: np.ndarray, axis: int | None = None) -> Any:
-    """Return the standard deviation of normal ``deviations`` from their middle, by their median absolute value.
+    """Return the standard deviation of normally distributed deviations, estimated from their median absolute value.
 
-    deviations : (...) deviations from a middle, in any unit
-    axis : along which the median is taken; by default over all
+    deviations : (...) deviations from a median or a fit, in any unit
+    axis : the axis of the median; by default over all values
     Result: 1.4826 times the median absolute deviation, in the same unit.
     """
     return MAD_TO_SIGMA * np.median(np.abs(deviations), axis=axis)

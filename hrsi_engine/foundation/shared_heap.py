@@ -1,4 +1,4 @@
-"""One heap for all threads of a process, and what is free in it back to the system."""
+"""Settings of glibc's allocator: one heap for all threads, and return of free memory to the system."""
 
 import ctypes
 from contextlib import suppress
@@ -7,19 +7,19 @@ MOST_HEAPS = -8  # M_ARENA_MAX of glibc's malloc.h
 
 
 def share_one_heap() -> None:
-    """Let threads take memory from the heap that is there, where the C library is glibc.
+    """Let all threads of the process allocate from one heap, if the C library is glibc.
 
-    It gives each thread a heap of its own otherwise, and what one has freed is not there for the others. This holds for
-    all that is in the process and for threads that begin later: it is for a process of ours, at its start.
+    By default each thread has its own heap, and memory freed in one is not available to the others. The setting is
+    valid for the complete process and its later threads; therefore only HRSI's own programs call it, at their start.
     """
-    with suppress(AttributeError, OSError, TypeError):  # other libraries; on Windows there is none of no name
+    with suppress(AttributeError, OSError, TypeError):  # no glibc; on Windows CDLL(None) raises
         ctypes.CDLL(None).mallopt(MOST_HEAPS, 1)
 
 
 def return_free_memory() -> None:
-    """Return the free memory of the heap to the system (glibc only); takes some milliseconds a gigabyte.
+    """Return the free memory of the heap to the system (glibc only); takes a few milliseconds per gigabyte.
 
-    It keeps what lies below anything in use otherwise, which the larger arrays of the next part do not fit into.
+    Otherwise glibc keeps free memory below blocks in use, in gaps too small for the larger arrays of the next step.
     """
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)

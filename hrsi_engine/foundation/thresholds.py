@@ -1,6 +1,6 @@
-"""Thresholds by topic: frozen dataclasses whose fields say unit, meaning and origin.
+"""Thresholds by topic: frozen dataclasses whose fields have a unit, a meaning and an origin.
 
-Each topic is declared once, in the module that decides, under the name by which it is used (``LINKS.closure_px``)::
+Each topic is declared once, in the module that uses it, as a constant (``LINKS.closure_px``)::
 
     @thresholds
     class LINKS:
@@ -8,8 +8,8 @@ Each topic is declared once, in the module that decides, under the name by which
         closure_px: float = threshold(3.0, "px", "largest median closure of a sound triangle of images", MANY_DATES)
         fewest_closures: int = threshold(8, "triangles", "closures that a link needs to be judged", JUDGEMENT)
 
-``docs/thresholds.md`` lists all of them (`scripts/list_thresholds.py`). Numbers that are mathematics (a quantile, the
-coefficients of a formula) are no thresholds and stay where the formula stands.
+``docs/thresholds.md`` lists all of them (`scripts/list_thresholds.py`). Numbers of mathematical origin (a quantile, the
+coefficients of a formula) are not thresholds and are written where they are used.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from typing import Any, TypeVar, dataclass_transform
 Value = TypeVar("Value")
 Topic = TypeVar("Topic")
 
-#: Origin of a value that was chosen by an engineer's judgement and never tuned on data.
+#: Origin of a value that was chosen by engineering judgement and never tuned on data.
 JUDGEMENT = "judgement"
 
 
@@ -32,11 +32,11 @@ def threshold(value: Value, unit: str, meaning: str, origin: str = JUDGEMENT) ->
     return field(default=value, metadata={"unit": unit, "meaning": meaning, "origin": origin})
 
 
-@dataclass_transform(frozen_default=True)  # to type checkers each `threshold` is a plain default
+@dataclass_transform(frozen_default=True)  # type checkers treat each `threshold` as a plain default
 def thresholds(topic: type[Topic]) -> type[Topic]:
-    """Make a topic a frozen dataclass, with a docstring and `threshold` for each field; return its only instance.
+    """Make a class of `threshold` fields with a docstring a frozen dataclass, and return its only instance.
 
-    To type checkers it stays the class, whose fields are attributes. Of a class not in capitals no instance is made.
+    Type checkers see the class, with the fields as attributes. If its name is not in capitals, the class is returned.
     """
     made: Any = dataclass(frozen=True)(topic)
     if not topic.__doc__ or topic.__doc__.startswith(f"{topic.__name__}("):

@@ -1,6 +1,6 @@
-"""The version, written once (``metadata.txt`` repeats it for QGIS and a test compares them), and the date of results.
+"""The version, defined here only (``metadata.txt`` repeats it for QGIS, and a test compares them), and the run date.
 
-Results bear the date of the run, or one that is stated so that the same input gives the same bytes.
+Results contain the date of the run; SOURCE_DATE_EPOCH replaces it, so that equal input gives equal bytes.
 """
 
 import os
@@ -13,7 +13,7 @@ EPOCH = "SOURCE_DATE_EPOCH"  #: environment variable: seconds since 1970 (reprod
 
 
 def run_date() -> str:
-    """Return the date of now in UTC, to the second, by ISO 8601: ``2026-03-01T12:00:00Z``."""
+    """Return the current date and time in UTC (or that of SOURCE_DATE_EPOCH), in ISO 8601: ``2026-03-01T12:00:00Z``."""
     text = os.environ.get(EPOCH, "").strip()
     epoch = int(text) if text.isdecimal() else None
     now = datetime.now(UTC) if epoch is None else datetime.fromtimestamp(epoch, UTC)

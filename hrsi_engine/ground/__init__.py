@@ -1,1 +1,1 @@
-"""Positions on the Earth: the ellipsoid, local frames, projections, and what heights refer to."""
+"""Positions on the Earth: the ellipsoid, local frames, map projections, height datums."""

@@ -1,13 +1,13 @@
-"""Every conversion to and from WGS84: PROJ's best operation at each point, its accuracy, and what a better one lacks.
+"""Conversion to and from WGS84 by PROJ's best operation at each point, with accuracies and missing grids.
 
-Two CRS are joined by many coordinate operations, each for an area of use and with a stated accuracy. `CrsOperations`
-takes at each point the one that ``cs2cs`` and GDAL take (`proj_operations`); a point that its grid does not cover goes
-to the next one. Each group of points goes through one plain pipeline, and the operation of each point is known. Two
-things differ. A ballpark operation, which takes one datum for the other, serves only where PROJ knows no real one; and
-the way from WGS84 is the inverse of the way to it at every point.
+Two CRS are connected by many coordinate operations, each with an area of use and a stated accuracy. `CrsOperations`
+uses at each point the same one as ``cs2cs`` and GDAL (`proj_operations`); if its grid does not cover the point, the
+next one. Each group of points is converted by one pipeline, and the operation of each point is recorded. There are two
+differences: a ballpark operation, which treats two datums as equal, is used only if PROJ has no other one; and
+the conversion from WGS84 is the inverse of the conversion to it at every point.
 
-**Epochs.** An operation between a plate-fixed datum and WGS84 that changes nothing states 1 to 4 m for the motion of
-the plate. With an epoch, that motion is removed (`plate_motion`).
+**Epochs.** An operation between a plate-fixed datum and WGS84 that does not change positions states an accuracy of 1 to
+4 m because of the plate motion. With an epoch, that motion is removed (`plate_motion`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,15 +34,15 @@ from .proj_operations import (
     without_heights,
 )
 
-_KEPT = 128  # CRS whose operations stay in memory
+_KEPT = 128  # number of CRS whose operations are cached
 
 
 class CrsOperations:
-    """The operations between one CRS and WGS84; `operations_of` keeps those that were used last.
+    """The operations between one CRS and WGS84; use `operations_of`, which caches them.
 
     crs : horizontal, three-dimensional, geocentric or compound
-    epoch : year in which positions on a plate-fixed datum are wanted on WGS84
-    Raises `InputError`: PROJ knows no way to WGS84, or there is no geoid grid for the heights.
+    epoch : year for which positions on a plate-fixed datum are converted to WGS84
+    Raises `InputError`: PROJ has no operation to WGS84, or there is no geoid grid for the heights.
     """
 
     def __init__(self, crs: pyproj.CRS, epoch: float | None = None) -> None:
@@ -66,7 +66,7 @@ class CrsOperations:
 
     @cached_property
     def operations(self) -> tuple[CrsOperation, ...]:
-        """The operations that can be used here, in PROJ's order; behind them those with a substitute for the geoid."""
+        """The available operations in PROJ's order, followed by those with a substitute for the geoid."""
         own = tuple(self._at_epoch(number, one.operation) for number, one in enumerate(self._candidates))
         if self.substitute is None:
             return own
@@ -75,18 +75,18 @@ class CrsOperations:
     # ---- conversion ----------------------------------------------------------------------------------------------
 
     def to_wgs84(self, xyz: np.ndarray) -> np.ndarray:
-        """Return lon, lat, ellipsoidal height of points; heights of a CRS without its own stay as they are.
+        """Return lon, lat, ellipsoidal height of points; heights are not changed if the CRS has no vertical datum.
 
         xyz : (n, 3) in the CRS, x (east) first
-        Result: (n, 3) degrees and metres; not finite where no operation covers a point.
+        Result: (n, 3) degrees and metres; not finite for points without an operation.
         """
         return self.convert(xyz)[0]
 
     def convert(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return `to_wgs84` of points, and which of the `operations` converted each.
+        """Return `to_wgs84` of points, and the index of the operation that converted each.
 
         xyz : (n, 3) in the CRS, x (east) first
-        Result: (n, 3) and (n,) lon, lat, height; and numbers of `operations`, -1 where none covers a point.
+        Result: (n, 3) and (n,) lon, lat, height; and indices into `operations`, -1 for points without one.
         """
         ground, number = self._convert_static(np.asarray(xyz, dtype=np.float64))
         if self._motion is not None:
@@ -95,18 +95,18 @@ class CrsOperations:
         return ground, number
 
     def height_offsets(self, xy: np.ndarray) -> np.ndarray:
-        """Return the ellipsoidal heights of the CRS's height 0.
+        """Return the ellipsoidal heights of height 0 of the CRS.
 
         xy : (n, 2) in the CRS, x (east) first
-        Result: (n,) metres; not finite where no grid covers a point, 0 for a CRS without heights.
+        Result: (n,) metres; not finite for points outside all grids, 0 for a CRS without heights.
         """
         return self.to_wgs84(np.column_stack([xy, np.zeros(len(xy))]))[:, 2]
 
     def from_wgs84(self, lonlat: np.ndarray) -> np.ndarray:
-        """Return x, y in the horizontal CRS of positions: the inverse of `to_wgs84`.
+        """Return x, y of positions in the horizontal CRS: the inverse of `to_wgs84`.
 
         lonlat : (n, 2) or (n, 3) degrees; a height is not used
-        Result: (n, 2) in the CRS, x (east) first; not finite where a position is nowhere in it.
+        Result: (n, 2) in the CRS, x (east) first; not finite for positions outside the CRS.
         """
         if self.horizontal is not self:
             return self.horizontal.from_wgs84(lonlat)
@@ -114,7 +114,7 @@ class CrsOperations:
         still = lonlat if self._motion is None else self._motion.move_back(lonlat)
         if len(self._candidates) == 1:
             return self._pass_back(0, still if self.is_plate_fixed(0) else lonlat)
-        # Begin with the operation that the areas of use in degrees suggest; the one that leads back decides
+        # Start with the operation by areas of use in degrees, then iterate until each is the one chosen at its result
         xy, number = np.full((len(lonlat), 2), np.inf), np.full(len(lonlat), -1)
         areas = [split_at_180(one.operation.bounds) for one in self._candidates]
         chosen = self._choose(lonlat, areas, {})
@@ -130,10 +130,10 @@ class CrsOperations:
         return xy
 
     def _convert_static(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return `convert` without the motion of plates."""
+        """Return `convert` without plate motions."""
         areas, tried = [one.rectangles for one in self._candidates], dict[int, np.ndarray]()
         chosen = self._choose(xyz, areas, {}) if self._candidates else np.full(len(xyz), -1)
-        if len(xyz) and not chosen.strides[0] and chosen[0] >= 0:  # one for all
+        if len(xyz) and not chosen.strides[0] and chosen[0] >= 0:  # one operation for all points
             first = int(chosen[0])
             ground, number = self._pass(first, xyz), np.full(len(xyz), first, dtype=np.int16)
             tried[first] = np.broadcast_to(True, len(xyz))
@@ -143,7 +143,7 @@ class CrsOperations:
                 rows = np.flatnonzero(chosen == one)
                 ground[rows], number[rows] = self._pass(one, xyz[rows]), one
                 tried[one] = chosen == one
-        # What a grid does not cover goes to the next operation
+        # Points outside the grid of their operation are converted by the next one
         waiting = np.zeros(0, dtype=np.int64)
         if len(self._candidates) > 1 and not np.isfinite(ground).all():
             waiting = np.flatnonzero(~np.isfinite(ground).all(axis=1))
@@ -167,9 +167,9 @@ class CrsOperations:
         return ground, number
 
     def _pass(self, one: int, xyz: np.ndarray) -> np.ndarray:
-        """Return lon, lat, height of points ``(n, 3)`` by one of the candidates."""
+        """Return lon, lat, height of points ``(n, 3)`` converted by one of the candidates."""
         pipeline = self._candidates[one].pipeline
-        if self.vertical_name:  # positions as of the CRS without heights: so rasters and points lie alike
+        if self.vertical_name:  # positions as in the CRS without heights, so that rasters and points agree
             heights = pipeline.transform(xyz[:, 0], xyz[:, 1], xyz[:, 2])[2]
             ground = self.horizontal._convert_static(xyz)[0]
             ground[:, 2] = heights
@@ -179,10 +179,10 @@ class CrsOperations:
         return np.column_stack([*pipeline.transform(xyz[:, 0], xyz[:, 1]), xyz[:, 2]])
 
     def _pass_back(self, one: int, lonlat: np.ndarray) -> np.ndarray:
-        """Return x, y ``(n, 2)`` of positions ``(n, 2)`` by one of the candidates, backwards.
+        """Return x, y ``(n, 2)`` of positions ``(n, 2)`` by the inverse of one of the candidates.
 
-        PROJ's way back begins at height 0 on the other ellipsoid, and misses by up to a centimetre: what the way there
-        makes of that corrects it.
+        The inverse of PROJ starts at height 0 on the other ellipsoid, and has errors of up to a centimetre; they are
+        found by converting the result forward again, and corrected.
         """
         operation, pipeline, _ = self._candidates[one]
         zero, back = np.zeros(len(lonlat)), TransformDirection.INVERSE
@@ -197,7 +197,7 @@ class CrsOperations:
     def _choose(
         self, xy: np.ndarray, areas: Sequence[Sequence[Rectangle]], without: Mapping[int, np.ndarray]
     ) -> np.ndarray:
-        """Return the number of the candidate for each point, as `choose_operations`; longitudes in any turn."""
+        """Return the index of the candidate for each point, by `choose_operations`; longitudes may exceed ±180."""
         if self.crs.is_geographic and len(xy) and (np.abs(xy[:, 0]) > 180.0).any():
             xy = np.column_stack([(xy[:, 0] + 180.0) % 360.0 - 180.0, xy[:, 1]])
         return choose_operations(xy, [one.operation for one in self._candidates], areas, without)
@@ -205,10 +205,10 @@ class CrsOperations:
     # ---- the motion of plates ------------------------------------------------------------------------------------
 
     def motion_in(self, epoch: float) -> PlateMotion | None:
-        """Return the motion of the CRS's plate up to a year; None where the CRS is fixed to none that PROJ knows.
+        """Return the transformation of the CRS's plate motion in a year; None if PROJ has none for its datum.
 
         epoch : year
-        Result: to WGS84.
+        Result: the transformation to WGS84.
         """
         geodetic = self.crs.geodetic_crs
         if geodetic is None or geodetic.is_geocentric:
@@ -216,10 +216,10 @@ class CrsOperations:
         return find_plate_motion(geodetic.to_wkt(), epoch, self.has_heights)
 
     def is_plate_fixed(self, number: int) -> bool:
-        """Tell whether one of `operations` takes a datum that moves with its plate for WGS84.
+        """Return whether one of `operations` treats a plate-fixed datum as equal to WGS84.
 
-        number : which of them
-        Result: true where it states an accuracy, and changes nothing.
+        number : index in `operations`
+        Result: true if it states an accuracy above 0 but does not change positions.
         """
         if number >= len(self._candidates):
             return self.horizontal.is_plate_fixed(number - len(self._candidates))
@@ -229,11 +229,11 @@ class CrsOperations:
 
     @cached_property
     def _motion(self) -> PlateMotion | None:
-        """What moves the CRS's plate to the epoch that is wanted."""
+        """The transformation of the CRS's plate motion at `epoch`; None without an epoch."""
         return None if self.epoch is None else self.motion_in(self.epoch)
 
     def _at_epoch(self, number: int, operation: CrsOperation) -> CrsOperation:
-        """Return an operation followed by the motion of the plate, where that takes place."""
+        """Return an operation combined with the plate motion, if that is applied after it."""
         motion = self._motion
         if motion is None or not self.is_plate_fixed(number):
             return operation
@@ -243,14 +243,14 @@ class CrsOperations:
             sigma_m=(each, float(np.hypot(operation.sigma_m[1], each if motion.is_3d else 0.0))),
         )  # fmt: skip
 
-    # ---- what was done -------------------------------------------------------------------------------------------
+    # ---- record of the operations used ---------------------------------------------------------------------------
 
     def uses(self, source: str, ground: np.ndarray, number: np.ndarray) -> tuple[OperationUse, ...]:
-        """Return what converted points of a source, and what a better operation lacks there.
+        """Return the operations that converted the points of a source, with better ones whose grids are missing.
 
-        source : the file and layer; ground : (n, 2) or (n, 3) as converted: lon, lat
-        number : (n,) as `convert` returns it
-        Result: one an operation, the most used first.
+        source : the file and layer; ground : (n, 2) or (n, 3) converted points: lon, lat
+        number : (n,) indices from `convert`
+        Result: one use for each operation, that with the most points first.
         """
         found = []
         for one in np.unique(number[number >= 0]).tolist():
@@ -266,9 +266,9 @@ class CrsOperations:
         return tuple(sorted(found, key=lambda use: -use.points))
 
     def uses_at(self, source: str, lonlat: np.ndarray) -> tuple[OperationUse, ...]:
-        """Return `uses` at positions on WGS84: nodes over a raster, or the place of an image.
+        """Return `uses` at positions on WGS84: nodes of a raster, or the place of an image.
 
-        source : what lies there; lonlat : (n, 2) or (n, 3) degrees
+        source : name of the raster or image; lonlat : (n, 2) or (n, 3) degrees
         Result: as `uses`.
         """
         lonlat, xy = np.asarray(lonlat, dtype=np.float64), self.from_wgs84(lonlat)
@@ -277,14 +277,14 @@ class CrsOperations:
         return self.uses(source, lonlat[known], number)
 
     def _missing_at(self, ground: np.ndarray) -> CrsOperation | None:
-        """Return the most accurate operation that lacks its grid and covers some of the points."""
+        """Return the most accurate operation with a missing grid that covers some of the points."""
         here = [one for one in self.unavailable if not one.is_ballpark and one.covers(ground).any()]
         return min(here, key=lambda one: np.inf if one.accuracy_m is None else one.accuracy_m, default=None)
 
     def _better_than(self, number: int, ground: np.ndarray) -> tuple[CrsOperation | None, float]:
-        """Return the best operation whose grid is missing at some of the points, and the accuracy (m) lost by that.
+        """Return the best operation with a missing grid for some of the points, and the accuracy (m) lost by that.
 
-        NaN where the accuracy of what is used is not known. What a substitute for the geoid costs is told apart.
+        The loss is NaN if the accuracy of the operation used is unknown, and excludes that of a substitute geoid.
         """
         if number >= len(self._candidates):
             return self.horizontal._better_than(number - len(self._candidates), ground)
@@ -297,11 +297,11 @@ class CrsOperations:
 
 @lru_cache(maxsize=_KEPT)
 def operations_of(crs: str, epoch: float | None = None) -> CrsOperations:
-    """Return the operations between a CRS and WGS84, for all threads.
+    """Return the operations between a CRS and WGS84, cached for all threads.
 
     crs : anything PROJ reads: ``EPSG:28355``, WKT, ``EPSG:25832+5783``
-    epoch : year in which positions on a plate-fixed datum are wanted on WGS84
+    epoch : year for which positions on a plate-fixed datum are converted to WGS84
 
-    Raises `InputError` where the CRS is not known, there is no way to WGS84, or no geoid grid for the heights.
+    Raises `InputError` if the CRS is unknown, or there is no operation to WGS84, or no geoid grid for the heights.
     """
     return CrsOperations(parse_crs(crs), epoch)

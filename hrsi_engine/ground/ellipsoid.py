@@ -1,8 +1,7 @@
 """The formulas of the WGS84 ellipsoid, each written once for numbers and for arrays.
 
-Every function takes plain numbers or arrays of one shape, and gives the like: NumPy's callers hand it columns of many
-points (`geodesy`), compiled loops call it point by point (numba compiles the same source). Angles are degrees, lengths
-metres.
+Every function takes numbers or arrays of one shape and returns the same kind: `geodesy` calls them with columns of many
+points, compiled loops point by point (numba compiles the same source). Angles are in degrees, lengths in metres.
 
 With a the semi-major axis, e² the squared eccentricity and w² = 1 - e² sin² lat the radii of curvature are
 N = a / w (prime vertical) and M = N (1 - e²) / w² (meridian). Source: Torge and Müller, Geodesy, 4th ed., section 4.1;
@@ -18,7 +17,7 @@ FLATTENING = 1.0 / 298.257223563
 SEMI_MINOR_M = SEMI_MAJOR_M * (1.0 - FLATTENING)
 ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
 SECOND_ECCENTRICITY_SQUARED = ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED)
-BOWRING_STEPS = 4  # below a micrometre from the sea floor to the orbits
+BOWRING_STEPS = 4  # error below a micrometre from the sea floor to satellite orbits
 
 Number = TypeVar("Number", float, np.ndarray)
 Couple = tuple[Number, Number]
@@ -78,5 +77,5 @@ def axes(lon_deg: Number, lat_deg: Number) -> tuple[Triple[Number], Triple[Numbe
     return east, north, up
 
 
-#: What compiled loops call.
+#: The functions that compiled loops call.
 ELLIPSOID_FORMULAS = (wrap_once, curvature_radii, metres_of_a_degree, geocentric, geodetic, axes)

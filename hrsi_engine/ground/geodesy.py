@@ -1,14 +1,14 @@
 """Coordinates on and above the WGS84 ellipsoid.
 
 Ground coordinates are arrays ``(n, 3)`` of ``(lon, lat, height)``: degrees, degrees, ellipsoidal metres.
-Three metric views of them are used:
+They are converted to three metric systems:
 
 * ECEF, the geocentric axes (EPSG:4978);
 * a `LocalFrame`: topocentric east, north, up about one origin, for rays and pseudo sensors;
-* local metric steps: a metre east, north or up *at each point* expressed in degrees and metres
-  (`metres_per_degree`). The adjustment's unknowns are such steps, so that survey sigmas apply directly.
+* local metric steps: one metre east, north or up *at each point* in degrees and metres (`metres_per_degree`). The
+  unknowns of the adjustment are such steps, so that standard deviations of surveys apply directly.
 
-Other CRS and height datums are brought to these by `crs_operations` and `geoids`.
+Other CRS and height datums are converted by `crs_operations` and `geoids`.
 """
 
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ import numpy as np
 
 from . import ellipsoid
 
-#: EPSG codes of WGS84: longitude and latitude, … and ellipsoidal height.
+#: EPSG codes of WGS84: geographic 2D, geographic 3D.
 WGS84, WGS84_3D = 4326, 4979
 
-ONE_PLACE_DEG = 90.0  # longitudes that lie nearer together across the 180 degree meridian are those of one place
+ONE_PLACE_DEG = 90.0  # longitudes closer together than this across the 180 degree meridian belong to one place
 
 
 def metres_per_degree(ground: np.ndarray) -> np.ndarray:
-    """Return ``(n, 3)``: metres per unit of lon, lat and height at each ground point.
+    """Return ``(n, 3)``: metres per degree of lon and lat, and 1 for the height, at each ground point.
 
-    Multiplying a small difference of ground coordinates by it gives east, north, up in metres.
+    Small differences of ground coordinates times these factors are east, north, up in metres.
     """
     factors = np.ones_like(ground)
     factors[:, 0], factors[:, 1] = ellipsoid.metres_of_a_degree(ground[:, 1], ground[:, 2])
@@ -40,10 +40,10 @@ def wrap_degrees(difference_deg: np.ndarray) -> np.ndarray:
 
 
 def continuous_longitudes(lon_deg: np.ndarray) -> np.ndarray:
-    """Return the longitudes ``(n,)`` of one place without the jump at 180 degrees; NaN stays.
+    """Return the longitudes ``(n,)`` of one place without the jump at 180 degrees; NaN is kept.
 
-    They are in [-180, 180); where that tears a place of less than `ONE_PLACE_DEG` apart, those in the west go on beyond
-    180.
+    They are in [-180, 180). If a place of less than `ONE_PLACE_DEG` crosses 180 degrees, the longitudes of its western
+    hemisphere continue beyond 180.
     """
     wrapped = wrap_degrees(np.asarray(lon_deg, dtype=np.float64))
     known = wrapped[np.isfinite(wrapped)]
@@ -54,9 +54,9 @@ def continuous_longitudes(lon_deg: np.ndarray) -> np.ndarray:
 
 
 def are_continuous(lon_deg: np.ndarray) -> bool:
-    """Return whether longitudes ``(n,)``, or their ends, are as `continuous_longitudes` makes them; NaN counts not.
+    """Return whether longitudes ``(n,)``, or their extremes, need no change by `continuous_longitudes`; NaN is ignored.
 
-    All are in [-180, 180) then, and lie less than three quarters of a turn apart.
+    True if all are in [-180, 180) and their range is at most three quarters of a turn.
     """
     west, east = np.fmin.reduce(lon_deg), np.fmax.reduce(lon_deg)
     return bool(west >= -180.0 and east < 180.0 and east - west <= 360.0 - ONE_PLACE_DEG)
@@ -65,15 +65,15 @@ def are_continuous(lon_deg: np.ndarray) -> bool:
 def longitudes_near(lon_deg: np.ndarray, middle_deg: float, half_width_deg: float) -> np.ndarray:
     """Return longitudes ``(n,)`` within half a turn of an area's middle, NaN for those on the other side of the Earth.
 
-    There the turn begins and ends: what crosses the cut would seem to lie a whole turn wide. NaN begins halfway between
-    the area's end and the cut.
+    At the cut opposite the middle, a line across it would seem to be a full turn long. Longitudes closer to the cut
+    than to the end of the area are therefore NaN.
     """
     away = wrap_degrees(lon_deg - middle_deg)
     return np.where(np.abs(away) <= 0.5 * (180.0 + half_width_deg), middle_deg + away, np.nan)
 
 
 def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return ``ground - reference`` as east, north, up metres, ``(n, 3)``.
+    """Return ``ground - reference`` in metres east, north, up, ``(n, 3)``.
 
     ground, reference : (n, 3) lon, lat in degrees, height in metres
     Result: (n, 3) east, north, up in metres.
@@ -84,7 +84,7 @@ def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray
 
 
 def distances_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the straight distances between points, the same wherever they lie: at a pole, on both sides of 180°.
+    """Return the straight (chord) distances between points in metres, valid at the poles and across 180 degrees.
 
     ground, reference : (n, 3) lon, lat in degrees, height in metres
     """
@@ -92,7 +92,7 @@ def distances_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def move_ground(ground: np.ndarray, step_m: np.ndarray) -> np.ndarray:
-    """Return ground points moved by small east, north, up steps in metres."""
+    """Return ground points moved by small steps in metres east, north, up."""
     return ground + step_m / metres_per_degree(ground)
 
 
@@ -106,7 +106,7 @@ def to_ecef(ground: np.ndarray) -> np.ndarray:
 
 
 def from_ecef(xyz: np.ndarray) -> np.ndarray:
-    """Return lon, lat, height of geocentric points; Bowring's formula, iterated to below a micrometre.
+    """Return lon, lat, height of geocentric points; Bowring's formula, iterated to less than a micrometre.
 
     xyz : (n, 3) geocentric x, y, z in metres
     Result: (n, 3) lon, lat in degrees, ellipsoidal height in metres.
@@ -121,9 +121,9 @@ def east_north_up(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """Topocentric frame: metres east, north and up of an origin.
+    """Topocentric frame: east, north and up in metres from an origin.
 
-    lon_deg, lat_deg : the origin; height_m : its ellipsoidal height
+    lon_deg, lat_deg : position of the origin; height_m : its ellipsoidal height
     """
 
     lon_deg: float

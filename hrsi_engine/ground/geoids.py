@@ -1,12 +1,12 @@
-"""Heights of the geoid from PROJ's grids, and the model that stands in for one that is not installed.
+"""Geoid undulations from PROJ's grids, substitutes for missing models, and detection of wrong height datums.
 
-The heights of EGM96 and EGM2008 are defined by their models: what refers to them is converted without an error. Where
-the grid that a height datum needs is missing, the nearest model stands in. Its difference from the one that is meant is
-the same for all points of a scene, for the most part: an error that they share.
+EGM96 and EGM2008 are defined by their models, so that heights above them are converted without an error. If the grid of
+a height datum is missing, the finest installed model replaces it. The difference between the two is nearly equal for
+all points of a scene: a common error.
 
-Heights above a geoid taken for heights above the ellipsoid are wrong by the geoid's undulation N, up to 100 m. Where
-both GCPs and a DEM are given, their median difference tells: about +N, and the DEM's heights are above the geoid
-although they count as ellipsoidal; about -N, and the GCPs' are (or the other was converted though it need not be).
+If heights above a geoid are used as ellipsoidal heights, they are wrong by the geoid's undulation N, up to 100 m. If
+both GCPs and a DEM are given, their median difference shows it: about +N if the DEM's heights are above the geoid but
+used as ellipsoidal; about -N if the GCPs' are (or if the other source was converted without need).
 """
 
 import os
@@ -24,7 +24,7 @@ from ..foundation.thresholds import threshold, thresholds
 
 @thresholds
 class GEOID:
-    """What a geoid grid may hold, what a substitute costs, when surveyed heights and a DEM have other datums."""
+    """Limits of undulations, accuracy of a substitute, test of the difference of surveyed heights and a DEM."""
 
     largest_undulation_m: float = threshold(
         200.0, "m", "a grid with more is no geoid: the geoid lies within 110 m of the ellipsoid, a local datum off it"
@@ -39,7 +39,7 @@ class GEOID:
     undulation_share: float = threshold(0.25, "", "share of the undulation within which a difference looks like it")
 
 
-#: Geoid models by the name used on the command line, the finest first: PROJ's file name, then older names of it.
+#: Geoid models by their name on the command line, the finest first: PROJ's file name, then an older name of it.
 GEOID_GRIDS = {"egm2008": ("us_nga_egm08_25.tif", "egm08_25.gtx"), "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx")}
 
 
@@ -47,8 +47,8 @@ GEOID_GRIDS = {"egm2008": ("us_nga_egm08_25.tif", "egm08_25.gtx"), "egm96": ("us
 class Geoid:
     """A geoid grid that PROJ can read.
 
-    name : ``egm96``, ``egm2008`` or the path of a grid; file : what PROJ opens
-    stands_for : the height datum that is meant, where this is not it
+    name : ``egm96``, ``egm2008`` or the path of a grid; file : the file that PROJ opens
+    stands_for : the height datum that this one replaces; empty if it is the required one
     """
 
     name: str
@@ -60,7 +60,7 @@ class Geoid:
 
         ground : (n, 3) or (n, 2) lon, lat in degrees; a height is not used
 
-        Raises `InputError` where the grid does not cover a point, or holds what is no undulation.
+        Raises `InputError` if the grid does not cover a point, or contains impossible undulations.
         """
         undulation = np.full(len(ground), np.nan)
         if self._pipeline is not None:
@@ -83,11 +83,11 @@ class Geoid:
 
 
 def find_geoid(datum: str) -> Geoid:
-    """Return the grid of a geoid model or file; for a model that is not installed the nearest that is (``stands_for``).
+    """Return the grid of a geoid model or file; if the model is not installed, the substitute (``stands_for``).
 
     datum : ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``)
 
-    Raises `InputError` where it is neither a model nor a grid, or no grid of a model is installed.
+    Raises `InputError` if it is neither a model nor a grid, or no grid of a model is installed.
     """
     names = GEOID_GRIDS.get(datum.lower())
     if names is None:
@@ -108,7 +108,7 @@ def find_geoid(datum: str) -> Geoid:
 
 
 def find_substitute(datum: str) -> Geoid | None:
-    """Return the finest geoid model that is installed as what stands in for a height datum; None without any."""
+    """Return the finest installed geoid model as the substitute for a height datum; None if there is none."""
     return next((Geoid(name, file, datum) for name, file in _find_installed_models()), None)
 
 
@@ -117,7 +117,7 @@ def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
 
     ground : (n, 3) or (n, 2) lon, lat in degrees; a height is not used
     datum : ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``). A model that is not
-    installed is replaced by the nearest one that is (`find_geoid`).
+    installed is replaced by the finest one that is (`find_geoid`).
     Result: (n,) metres.
     Raises `InputError`: there is no grid, or it does not cover a point.
     """
@@ -125,7 +125,7 @@ def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
 
 
 def how_to_get_grids(files: str = "us_nga_egm08_25.tif", is_geoid: bool = True) -> str:
-    """Return where grids come from, for messages: ``files`` as projsync names them, separated by commas."""
+    """Return how to obtain grids, for messages: ``files`` are projsync's names, separated by commas."""
     commands = " and ".join(f"projsync --file {file.strip()}" for file in files.split(","))
     other = ", or name the file of a geoid grid as the height datum" if is_geoid else ""
     folder = pyproj.datadir.get_data_dir().split(os.pathsep)[0]
@@ -136,7 +136,7 @@ def how_to_get_grids(files: str = "us_nga_egm08_25.tif", is_geoid: bool = True) 
 
 
 def _find_installed_models() -> Iterator[tuple[str, str]]:
-    """Yield names and files of the models that are installed, finest first."""
+    """Yield name and file of each installed model, finest first."""
     for name, files in GEOID_GRIDS.items():
         for file in files:
             if _open_grid(file) is not None:
@@ -144,7 +144,7 @@ def _find_installed_models() -> Iterator[tuple[str, str]]:
 
 
 def _open_grid(file: str) -> pyproj.Transformer | None:
-    """Return the pipeline that adds the heights of a grid, None where PROJ cannot open it."""
+    """Return the pipeline that adds the undulations of a grid; None if PROJ cannot open it."""
     try:
         return pyproj.Transformer.from_pipeline(
             f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
@@ -157,10 +157,10 @@ def _open_grid(file: str) -> pyproj.Transformer | None:
 
 @dataclass(frozen=True)
 class HeightDifference:
-    """Surveyed heights less the DEM's at the same places: median, robust spread, number; and the geoid's median N.
+    """Surveyed heights minus those of a DEM at the same places, with the undulation of the geoid there.
 
     median_m : median of the differences; spread_m : their robust standard deviation; points : their number
-    undulation_m : median of the geoid's N; NaN where no geoid grid is at hand
+    undulation_m : median of the geoid's N; NaN if no geoid grid is available
     """
 
     median_m: float
@@ -170,14 +170,14 @@ class HeightDifference:
 
     @property
     def significant(self) -> bool:
-        """Whether the two disagree by more than a DEM's usual errors."""
+        """Whether the median difference exceeds the usual errors of a DEM and its own standard deviation."""
         of_median_m = 1.2533 * self.spread_m / np.sqrt(self.points)
         limit = max(GEOID.smallest_difference_m, GEOID.significant_sigmas * of_median_m)
         return self.points >= GEOID.fewest_points and abs(self.median_m) > limit
 
     @property
     def sign_of_geoid(self) -> int:
-        """1 where the difference is about N, -1 where it is about -N, 0 otherwise."""
+        """1 if the difference is about N, -1 if it is about -N, 0 otherwise."""
         least_m = GEOID.smallest_difference_m
         tolerance = max(GEOID.undulation_share * abs(self.undulation_m), least_m, 2.0 * self.spread_m)
         if not self.significant or not abs(self.undulation_m) > least_m:
@@ -186,11 +186,11 @@ class HeightDifference:
 
 
 def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: np.ndarray) -> HeightDifference | None:
-    """Return how surveyed heights ``(n,)`` and a DEM's at the same places differ; NaN heights do not count.
+    """Return the difference of surveyed heights ``(n,)`` and those of a DEM at the same places; NaN is ignored.
 
-    surveyed_m : (n,) surveyed heights; dem_m : (n,) the DEM's
-    undulation_m : (n,) the geoid's heights there, NaN where not known
-    Result: none without any pair of heights.
+    surveyed_m : (n,) surveyed heights; dem_m : (n,) heights of the DEM
+    undulation_m : (n,) undulations of the geoid there, NaN if unknown
+    Result: None without any pair of heights.
     """
     known = np.isfinite(surveyed_m) & np.isfinite(dem_m)
     if not known.any():

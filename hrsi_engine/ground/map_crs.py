@@ -1,8 +1,8 @@
-"""The map that a place is drawn on: its UTM zone, beyond the zones the polar stereographic projection (UPS).
+"""The map projection of a place: its UTM zone, or polar stereographic (UPS) beyond the UTM latitudes.
 
-The zones are those of the UTM grid as it is used, with its exceptions: 32V reaches west to 3 degrees east off
-south-west Norway, and Svalbard has the zones 31X, 33X, 35X and 37X alone. North of 84 and south of 80 degrees, where
-the grid ends, UPS follows. Source: DMA TM 8358.2, The Universal Grids, sections 2-2 and 3-2.
+The UTM grid is used with its exceptions: 32V extends to 3 degrees east off south-west Norway, and Svalbard has only the
+zones 31X, 33X, 35X and 37X. UPS is used north of 84 and south of 80 degrees, where the UTM grid ends. Source: DMA TM
+8358.2, The Universal Grids, sections 2-2 and 3-2.
 """
 
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ import numpy as np
 from .crs_operations import operations_of
 from .geodesy import continuous_longitudes, wrap_degrees
 
-UTM_LATITUDES = (-80.0, 84.0)  # between which the zones are in use
+UTM_LATITUDES = (-80.0, 84.0)  # limits of the UTM grid
 #: UPS south and north with easting first: EPSG codes.
 UPS_SOUTH, UPS_NORTH = 5042, 5041
-#: South, north, west, east of the areas with another zone than the meridian says, and that zone.
+#: South, north, west, east of the areas whose zone differs from that of the meridian, and their zone.
 ZONE_EXCEPTIONS = (
     (56.0, 64.0, 3.0, 12.0, 32),
     (72.0, 84.0, 0.0, 9.0, 31),
@@ -26,7 +26,7 @@ ZONE_EXCEPTIONS = (
 
 
 def utm_zone(lon_deg: float, lat_deg: float) -> int:
-    """Return the number of the UTM zone of a position, 1 to 60; beyond the grid that of its meridian."""
+    """Return the number of the UTM zone of a position, 1 to 60; outside the UTM grid by its longitude."""
     lon = float(wrap_degrees(np.array(lon_deg)))
     for south, north, west, east, zone in ZONE_EXCEPTIONS:
         if south <= lat_deg < north and west <= lon < east:
@@ -35,7 +35,7 @@ def utm_zone(lon_deg: float, lat_deg: float) -> int:
 
 
 def map_epsg(lon_deg: float, lat_deg: float) -> int:
-    """Return the EPSG code of the CRS in which a place is mapped.
+    """Return the EPSG code of the projected CRS for maps of a place.
 
     lon_deg, lat_deg : the position
     Result: WGS84 / UTM: 32601 to 32660 in the north, 32701 to 32760 in the south; at 84 degrees north and beyond, and
@@ -50,12 +50,12 @@ def map_epsg(lon_deg: float, lat_deg: float) -> int:
 
 
 def map_epsg_of(ground: np.ndarray) -> int:
-    """Return the EPSG code (`map_epsg`) of the middle of ground points ``(n, 2)`` or ``(n, 3)``; NaN counts not."""
+    """Return the EPSG code (`map_epsg`) for the middle of ground points ``(n, 2)`` or ``(n, 3)``; NaN is ignored."""
     return map_epsg(*middle_position(ground)[:2])
 
 
 def middle_position(ground: np.ndarray) -> tuple[float, ...]:
-    """Return the median of each coordinate of ground points ``(n, 2)`` or ``(n, 3)``, on both sides of 180 too."""
+    """Return the median of each coordinate of ground points ``(n, 2)`` or ``(n, 3)``, also across 180 degrees."""
     others: Sequence[float] = np.nanmedian(ground[:, 1:], axis=0).tolist()
     return float(np.nanmedian(continuous_longitudes(ground[:, 0]))), *others
 
@@ -64,6 +64,6 @@ def project_to_map(ground: np.ndarray, epsg: int) -> np.ndarray:
     """Return ``(n, 2)`` easting, northing of lon, lat, height points in a projected WGS84 CRS.
 
     ground : (n, 3) lon, lat in degrees; the height is not used; epsg : code of the projected CRS
-    Result: (n, 2) easting, northing in the CRS's unit.
+    Result: (n, 2) easting, northing in the unit of the CRS.
     """
     return operations_of(f"EPSG:{epsg}").from_wgs84(ground)

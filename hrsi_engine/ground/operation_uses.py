@@ -1,4 +1,4 @@
-"""What PROJ's database states of a coordinate operation, which points went through it, and what a user should know."""
+"""Coordinate operations with their stated accuracy, the points that they converted, and warnings about them."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ from .geoids import GEOID, Geoid, how_to_get_grids
 
 @thresholds
 class OPERATIONS:
-    """Which losses of accuracy by a missing grid are told."""
+    """Limit for warnings about accuracy lost because of a missing grid."""
 
     least_loss_m: float = threshold(
         0.1,
@@ -23,19 +23,19 @@ class OPERATIONS:
 
 
 WORLD = (-180.0, -90.0, 180.0, 90.0)  # west, south, east, north
-COORDINATES_OF_ACCURACY = 3  # a stated accuracy is the root sum of squares of so many coordinates
+COORDINATES_OF_ACCURACY = 3  # number of coordinates whose root sum of squares is the stated accuracy
 
 
 class CrsOperation(NamedTuple):
     """A coordinate operation to WGS84.
 
-    name : of its steps from datum to datum
-    code : of the same steps, ``EPSG:1133``; empty where the database has none
-    accuracy_m : as stated; None where it is not known
-    sigma_m : standard deviations that all of its points share: of each horizontal coordinate, and of the height
-    grids : files that it needs; area : its area of use; bounds : west, south, east, north of that in degrees
-    is_ballpark : whether it takes one datum for the other for want of anything better
-    is_null : whether it leaves longitudes and latitudes as they are
+    name : its steps from datum to datum
+    code : EPSG codes of the same steps, ``EPSG:1133``; empty if the database has none
+    accuracy_m : stated accuracy; None if it is unknown
+    sigma_m : standard deviations of the errors common to all its points: of each horizontal coordinate, of the height
+    grids : files that it needs; area : its area of use; bounds : west, south, east, north of the area in degrees
+    is_ballpark : whether it treats two datums as equal because PROJ has no transformation
+    is_null : whether it does not change longitudes and latitudes
     """
 
     name: str
@@ -49,7 +49,7 @@ class CrsOperation(NamedTuple):
     is_null: bool
 
     def covers(self, lonlat: np.ndarray) -> np.ndarray:
-        """Return which positions lie in the area of use.
+        """Return which positions are in the area of use.
 
         lonlat : (n, 2) or (n, 3) degrees
         Result: (n,) bool.
@@ -61,15 +61,15 @@ class CrsOperation(NamedTuple):
 
 
 class OperationUse(NamedTuple):
-    """Points of a source that went to WGS84 by one operation.
+    """Points of a source that were converted to WGS84 by one operation.
 
-    source : the file and layer; crs : name of its CRS; number : of the operation among those of the CRS
-    operation : what converted them; points : their number; of a raster, nodes over it
-    better : the best operation there whose grid is missing, None where the best one was taken
-    loss_m : accuracy lost by that; NaN where it is not known
-    geoid : the model that converted the heights where the CRS does not: one that was named, or a substitute
-    geoid_grids : files of the geoid that is meant, where they are missing
-    takes_plate_for_wgs84 : whether a datum that moves with its plate was taken for WGS84
+    source : the file and layer; crs : name of its CRS; number : index of the operation in `CrsOperations.operations`
+    operation : the operation used; points : number of points, for a raster of nodes
+    better : the best operation at these points, if its grid is missing; None if the best one was used
+    loss_m : accuracy lost by the missing grid; NaN if it is unknown
+    geoid : the geoid model for heights, if it does not follow from the CRS: one that was named, or a substitute
+    geoid_grids : files of the geoid that was replaced by a substitute
+    takes_plate_for_wgs84 : whether a plate-fixed datum was treated as equal to WGS84
     """
 
     source: str
@@ -85,18 +85,18 @@ class OperationUse(NamedTuple):
 
     @property
     def error_names(self) -> tuple[str, str]:
-        """What tells the errors of positions and of heights from those of other operations."""
+        """Names that identify the common errors of positions and of heights, equal for points with equal errors."""
         return self.operation.code or self.operation.name, self.operation.name
 
     @property
     def is_substituted(self) -> bool:
-        """Whether another geoid stands in for the one that is meant."""
+        """Whether another geoid model replaces the one that is missing."""
         return self.geoid is not None and bool(self.geoid.stands_for)
 
     def entry(self) -> dict[str, Any]:
-        """Return it as a row of the report's ``crs_operations``.
+        """Return the row of the report's ``crs_operations``.
 
-        Result: ready for JSON.
+        Result: a dict for JSON.
         """
         made, better = self.operation, self.better
         return {
@@ -113,9 +113,9 @@ class OperationUse(NamedTuple):
 
 
 def read_entry(entry: Mapping[str, Any], points: int) -> OperationUse:
-    """Return the use of an operation by so many points that `OperationUse.entry` told of.
+    """Return the use of an operation by ``points`` points from a row written by `OperationUse.entry`.
 
-    Raises `KeyError`, `TypeError` or `ValueError` for what is no such entry.
+    Raises `KeyError`, `TypeError` or `ValueError` if it is not such a row.
     """
     sigma_m = float(entry["sigma_plan_m"]), float(entry["sigma_height_m"])
     accuracy_m = None if entry["accuracy_m"] is None else float(entry["accuracy_m"])
@@ -137,7 +137,7 @@ def read_entry(entry: Mapping[str, Any], points: int) -> OperationUse:
 
 
 def with_geoid(flat: CrsOperation, geoid: Geoid) -> CrsOperation:
-    """Return an operation of positions with a geoid model for the heights, that of the CRS or a substitute."""
+    """Return an operation on positions combined with a geoid model for the heights, that of the CRS or a substitute."""
     name, accuracy_m, height_m = f"{flat.name} + {geoid.name} heights", flat.accuracy_m, 0.0
     if geoid.stands_for:
         name, height_m = f"{flat.name} + {geoid.name} for {geoid.stands_for}", GEOID.substitute_sigma_m
@@ -148,7 +148,7 @@ def with_geoid(flat: CrsOperation, geoid: Geoid) -> CrsOperation:
 
 
 def with_surface_heights(flat: CrsOperation, uses: Sequence[OperationUse]) -> CrsOperation:
-    """Return an operation of positions whose heights come from a DEM, which came to WGS84 by ``uses``."""
+    """Return an operation on positions, for heights interpolated in a DEM that was converted to WGS84 by ``uses``."""
     height_m = largest_sigma_m(uses)[1]
     if not height_m:
         return flat
@@ -160,13 +160,13 @@ def with_surface_heights(flat: CrsOperation, uses: Sequence[OperationUse]) -> Cr
 
 
 def largest_sigma_m(uses: Iterable[OperationUse]) -> tuple[float, float]:
-    """Return the largest standard deviation of a horizontal coordinate, and of the height; 0 without any use."""
+    """Return the largest standard deviations of a horizontal coordinate and of the height; 0 without operations."""
     plan, height = np.max([(0.0, 0.0), *(use.operation.sigma_m for use in uses)], axis=0).tolist()
     return plan, height
 
 
 def describe_missing_grid(use: OperationUse) -> str:
-    """Return what a better operation lacks, and the loss in metres, in one sentence; empty where nothing is lost."""
+    """Return one sentence with the missing grid of a better operation and the loss in metres; empty without a loss."""
     better = use.better
     if better is None or use.loss_m < OPERATIONS.least_loss_m:
         return ""
@@ -180,7 +180,7 @@ def describe_missing_grid(use: OperationUse) -> str:
 
 
 def describe_substitute(use: OperationUse) -> str:
-    """Return which geoid stands in for which, and its standard deviation, in one sentence; empty where none does."""
+    """Return one sentence with the geoid, its substitute and the standard deviation; empty without a substitute."""
     if use.geoid is None or not use.geoid.stands_for:
         return ""
     return (
@@ -190,14 +190,14 @@ def describe_substitute(use: OperationUse) -> str:
 
 
 def advise_grids(use: OperationUse) -> str:
-    """Return how to get the grids that are missing."""
+    """Return advice how to obtain the missing grids."""
     if use.is_substituted:
         return how_to_get_grids(", ".join(use.geoid_grids)) if use.geoid_grids else how_to_get_grids()
     return how_to_get_grids("" if use.better is None else ", ".join(use.better.grids), is_geoid=False)
 
 
 def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
-    """Return what a user should know of operations: grids and geoids that are missing, plates, ballpark operations."""
+    """Return warnings about missing grids and geoids, plate-fixed datums and ballpark operations."""
     told = []
     for use in uses:
         for text in (describe_missing_grid(use), describe_substitute(use)):
@@ -217,7 +217,7 @@ def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
 
 
 def require_strict_datums(uses: Iterable[OperationUse], strict_datum: bool) -> None:
-    """Raise `InputError` for a geoid or a grid that is missing, where ``strict_datum`` allows no replacement."""
+    """Raise `InputError` for a missing geoid or grid if ``strict_datum`` forbids replacements."""
     for use in uses if strict_datum else ():
         text = describe_substitute(use) or describe_missing_grid(use)
         if text:

@@ -1,6 +1,6 @@
-"""The motion of tectonic plates between datums that are fixed to one and WGS84 in a given year.
+"""Motion of tectonic plates: transformations between plate-fixed datums and WGS84 in a given year.
 
-ETRS89, GDA2020 or NAD83 move with their plate, WGS84 does not: they drift apart by up to 7 cm a year. PROJ has
+ETRS89, GDA2020 and NAD83 move with their plate, WGS84 does not: they diverge by up to 7 cm per year. PROJ has
 time-dependent operations to ITRF2014, with which the realisations of WGS84 since 2012 agree to 2 cm (NGA.STND.0036,
 version 1.0.0, table 2.1).
 """
@@ -16,15 +16,15 @@ import pyproj
 from pyproj.enums import TransformDirection
 from pyproj.transformer import TransformerGroup
 
-#: EPSG codes of ITRF2014 and of ETRS89: longitude and latitude.
+#: EPSG codes of ITRF2014 and of ETRS89 as geographic 2D CRS.
 ITRF2014, ETRS89 = 9000, 4258
-#: Datums (longitude and latitude) that PROJ takes to ITRF2014 by way of another one alone: ETRS89 by ETRF2000, on
-#: which the national networks stand; GDA94 by GDA2020; NAD83(CSRS) by its version 7. Of a national realisation of
-#: ETRS89, which PROJ takes for it (SWEREF99, RGF93, ETRF2000-PL), the way leads by ETRS89.
+#: Datums (geographic 2D CRS) that PROJ converts to ITRF2014 only through another one: ETRS89 through ETRF2000, the
+#: basis of the national networks; GDA94 through GDA2020; NAD83(CSRS) through its version 7. A national realisation of
+#: ETRS89, which PROJ treats as equal to it (SWEREF99, RGF93, ETRF2000-PL), is converted through ETRS89.
 BY_WAY_OF = {ETRS89: 9067, 4283: 7844, 4617: 8255}
-REALISED_M = 0.5  # stated accuracy up to which a datum is a realisation of ETRS89; one by way of WGS84 states 2 m
+REALISED_M = 0.5  # limit of the stated accuracy for a realisation of ETRS89; a path through WGS84 states 2 m
 WGS84_IN_ITRF_M = 0.02  # standard deviation of WGS84's realisations in ITRF2014 (see above)
-REALISATIONS_M = 0.1  # accuracy of one realisation of a datum taken for another: what EPSG states of ETRS89's ensemble
+REALISATIONS_M = 0.1  # assumed accuracy of treating realisations of a datum as equal (EPSG: ETRS89)
 
 
 _ITRS = re.compile(
@@ -35,9 +35,9 @@ _ITRS = re.compile(
 
 @dataclass(frozen=True)
 class PlateMotion:
-    """Steps from a plate-fixed geodetic CRS to ITRF2014 in one year; heights take part where ``is_3d``.
+    """Steps from a plate-fixed geodetic CRS to ITRF2014 in one year; heights are changed only if ``is_3d``.
 
-    name : of the operations; accuracy_m : as stated, with that of WGS84
+    epoch : the year; name : name of the operations; accuracy_m : stated accuracy, including that of WGS84
     """
 
     steps: tuple[pyproj.Transformer, ...]
@@ -47,11 +47,11 @@ class PlateMotion:
     accuracy_m: float
 
     def move_back(self, lonlat: np.ndarray) -> np.ndarray:
-        """Return lon, lat ``(n, 2)`` on the plate's datum of positions on WGS84."""
+        """Return lon, lat ``(n, 2)`` on the plate-fixed datum for positions on WGS84."""
         return self.move(np.column_stack([lonlat[:, :2], np.zeros(len(lonlat))]), TransformDirection.INVERSE)[:, :2]
 
     def move(self, ground: np.ndarray, direction: TransformDirection = TransformDirection.FORWARD) -> np.ndarray:
-        """Return lon, lat, height ``(n, 3)`` on WGS84 of positions on the plate's datum, or the inverse."""
+        """Return lon, lat, height ``(n, 3)`` on WGS84 for positions on the plate-fixed datum, or the inverse."""
         lon, lat, height = ground.T
         year = np.full(len(ground), self.epoch)
         for step in self.steps if direction is TransformDirection.FORWARD else self.steps[::-1]:
@@ -61,16 +61,16 @@ class PlateMotion:
 
 
 def is_realisation_of_itrs(crs: pyproj.CRS) -> bool:
-    """Tell whether a CRS stands on a realisation of the ITRS or of WGS84, which follow no plate."""
+    """Return whether the datum of a CRS is a realisation of the ITRS or of WGS84, which are not fixed to a plate."""
     geodetic = crs.geodetic_crs
     return geodetic is not None and geodetic.datum is not None and _ITRS.match(geodetic.datum.name) is not None
 
 
 @lru_cache(maxsize=64)
 def find_plate_motion(geodetic_wkt: str, epoch: float, is_3d: bool) -> PlateMotion | None:
-    """Return the motion of a geodetic CRS's plate to ITRF2014 in a year; heights take part where ``is_3d``.
+    """Return the transformation of a plate-fixed geodetic CRS to ITRF2014 in a year; heights change only if ``is_3d``.
 
-    None where PROJ has no time-dependent operation.
+    None if PROJ has no time-dependent operation.
     """
     geodetic = pyproj.CRS.from_wkt(geodetic_wkt)
     if is_realisation_of_itrs(geodetic):
@@ -94,7 +94,7 @@ def find_plate_motion(geodetic_wkt: str, epoch: float, is_3d: bool) -> PlateMoti
         for part in step.operations or ()
         if " to " in part.name and not part.name.startswith(("Conversion", "Ballpark"))
     ]
-    # As stated, or of one realisation of a datum taken for another
+    # As stated, or that of treating two realisations of a datum as equal
     stated_m = [float(step.accuracy) if step.accuracy >= 0.0 else REALISATIONS_M for step in steps]
     accuracy = float(np.hypot(WGS84_IN_ITRF_M, sum(stated_m)))
     pipelines = tuple(pyproj.Transformer.from_pipeline(step.definition) for step in steps)
@@ -102,12 +102,12 @@ def find_plate_motion(geodetic_wkt: str, epoch: float, is_3d: bool) -> PlateMoti
 
 
 def _best(source: pyproj.CRS, target: pyproj.CRS) -> pyproj.Transformer | None:
-    """Return PROJ's first operation that is no ballpark; of realisations of one datum, which are taken as one, any."""
+    """Return PROJ's first operation that is not ballpark; any operation if none is and ``source`` is in `BY_WAY_OF`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             group = TransformerGroup(source, target, always_xy=True)
-    except pyproj.exceptions.ProjError:  # an operation's file cannot be opened
+    except pyproj.exceptions.ProjError:  # the file of an operation cannot be opened
         return None
     real = [one for one in group.transformers if "ballpark" not in one.description.lower()]
     alike = _code_of(source) in BY_WAY_OF
@@ -115,6 +115,6 @@ def _best(source: pyproj.CRS, target: pyproj.CRS) -> pyproj.Transformer | None:
 
 
 def _code_of(crs: pyproj.CRS) -> int:
-    """Return the EPSG code of a geodetic CRS's longitude and latitude, 0 without one."""
+    """Return the EPSG code of the geographic 2D CRS of a geodetic CRS, 0 without a code."""
     code = crs.to_epsg() or 0
     return {4937: 4258, 4939: 4283, 4955: 4617}.get(code, code)

@@ -1,19 +1,19 @@
-"""What PROJ knows of a CRS: its parts, and the operations between it and WGS84 with their accuracy.
+"""PROJ's coordinate operations between a CRS and WGS84: their accuracies, areas of use and choice by point.
 
 **Stated accuracies.** EPSG's figure is the root sum of squares over the three geocentric coordinates: ED50 to WGS 84
-(1) has 10 m, and its publication (DMA TR 8350.2, appendix B) gives X, Y and Z standard deviations of 3, 8 and 5 m;
-PSAD56 to WGS 84 (1) has 42 m of 17, 27 and 27 m; NAD27 to WGS 84 (4) has 10 m of 5, 5 and 6 m. So the standard
-deviation of each coordinate is the figure over sqrt(3). Of an operation on heights alone it is the figure itself. The
-error of an operation is the same at all points of a scene.
+(1) has 10 m, and its publication (DMA TR 8350.2, appendix B) gives standard deviations of X, Y and Z of 3, 8 and 5 m;
+PSAD56 to WGS 84 (1) has 42 m from 17, 27 and 27 m; NAD27 to WGS 84 (4) has 10 m from 5, 5 and 6 m. The standard
+deviation of each coordinate is therefore the figure over sqrt(3), and for an operation on heights alone the figure
+itself. The error of an operation is common to all points of a scene.
 
-**The ITRS.** PROJ has no operation between WGS84 and most realisations of the International Terrestrial Reference
-System (ITRF2014, IGS14), and lists a ballpark one. WGS84 is such a realisation itself: what they differ by is stated as
+**The ITRS.** Between WGS84 and most realisations of the International Terrestrial Reference System (ITRF2014, IGS14)
+PROJ has only a ballpark operation. WGS84 is such a realisation itself: the difference between them is stated as
 `REALISATIONS_M`.
 
 **PROJ's choice.** ``cs2cs`` and GDAL choose point by point (``proj_create_crs_to_crs``,
-``pj_get_suggested_operation``): of the operations whose area of use, as a rectangle in the source CRS, holds the point
-they take the one of best accuracy, where two are equal that of the smaller area, and an operation for land before one
-for the sea. Here that is done for all points of an array at once.
+``pj_get_suggested_operation``): of the operations whose area of use, as a rectangle in the source CRS, contains the
+point, they use the one with the best accuracy; of two equal ones that with the smaller area; and an operation for land
+before one for the sea. This module does it for all points of an array at once.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from .geodesy import WGS84, WGS84_3D
 from .operation_uses import COORDINATES_OF_ACCURACY, WORLD, CrsOperation
 from .plate_motion import REALISATIONS_M, is_realisation_of_itrs
 
-#: What a step of a pipeline is called that changes longitudes and latitudes from datum to datum.
+#: Pipeline steps that change longitudes and latitudes from datum to datum.
 _DATUM_STEP = re.compile(
     r"proj=(helmert|molobadekas|molodensky|[a-z]*gridshift|defmodel|deformation|affine|horner|tinshift)|\bpm="
 )
-_GEOID_MODEL = re.compile(r"EGM ?\d+", re.IGNORECASE)  # heights are defined by the model, so it has no error
+_GEOID_MODEL = re.compile(r"EGM ?\d+", re.IGNORECASE)  # heights defined by the model have no conversion error
 _AUTHORITY = re.compile(r"(?:INVERSE|DERIVED_FROM)\((\w+)\)")
 
 
 class Candidate(NamedTuple):
-    """An operation that can be used here: its pipeline, and its area of use as rectangles in the source CRS."""
+    """An available operation: its pipeline, and its area of use as rectangles in the source CRS."""
 
     operation: CrsOperation
     pipeline: pyproj.Transformer
@@ -49,18 +49,18 @@ class Candidate(NamedTuple):
 
 
 def list_operations(crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> tuple[list[Candidate], tuple[CrsOperation, ...]]:
-    """Return the operations of a CRS in PROJ's order: those that can be used here, and those that lack a grid.
+    """Return the operations of a CRS in PROJ's order: the available ones, and those whose grid is missing.
 
     ``flat`` are the operations of the horizontal part of a compound CRS.
     """
     target = WGS84_3D if has_heights(crs) else WGS84
     missing: list[Any] = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: told where it matters
+        warnings.simplefilter("ignore", UserWarning)  # missing grids are reported later
         try:
             group = TransformerGroup(crs, target, always_xy=True)
             found, missing = group.transformers, group.unavailable_operations
-        except pyproj.exceptions.ProjError:  # PROJ cannot make one of the operations that it lists
+        except pyproj.exceptions.ProjError:  # PROJ cannot create one of the operations that it lists
             found = _look_up_only_one(crs, target)
     stated = [_describe(one, crs, flat) for one in found]
     pipelines = [pyproj.Transformer.from_pipeline(one.definition) for one in found]
@@ -70,7 +70,7 @@ def list_operations(crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> tuple[list
 
 
 def _look_up_only_one(crs: pyproj.CRS, target: int) -> list[pyproj.Transformer]:
-    """Return the operation that PROJ itself takes, in a list; none where that depends on the point."""
+    """Return PROJ's own choice of operation in a list; an empty list if it depends on the point."""
     try:
         found = pyproj.Transformer.from_crs(crs, target, always_xy=True)
     except pyproj.exceptions.ProjError:
@@ -79,8 +79,8 @@ def _look_up_only_one(crs: pyproj.CRS, target: int) -> list[pyproj.Transformer]:
 
 
 def _describe(operation: Any, crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> CrsOperation:
-    """Return what PROJ states of a transformer or of a coordinate operation."""
-    steps = operation.operations or ((operation,) if hasattr(operation, "type_name") else ())  # of one step: itself
+    """Return the description of a transformer or a coordinate operation of PROJ."""
+    steps = operation.operations or ((operation,) if hasattr(operation, "type_name") else ())  # one step: no list
     moving = [step for step in steps if step.type_name != "Conversion"]
     ids = [known for step in moving if (known := step.to_json_dict().get("id"))]
     codes = [_AUTHORITY.sub(r"\1", known["authority"]) + f":{known['code']}" for known in ids]
@@ -102,10 +102,10 @@ def _describe(operation: Any, crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> 
 def _estimate_sigmas(
     stated: float | None, is_null: bool, title: str, crs: pyproj.CRS, flat: Sequence[CrsOperation]
 ) -> tuple[float, float]:
-    """Return the standard deviations of a horizontal coordinate and of the height that an operation states.
+    """Return the standard deviations of a horizontal coordinate and of the height from an operation's stated accuracy.
 
-    Of a compound CRS the positions have the largest accuracy of an operation of its horizontal part that the sum holds,
-    the heights the rest. A null operation is off in plan, by the motion of a plate.
+    For a compound CRS, the positions get the largest accuracy figure of an operation of its horizontal part that does
+    not exceed the total, the heights the remainder. A null operation has an error in plan only, the plate motion.
     """
     each = (stated or 0.0) / COORDINATES_OF_ACCURACY**0.5
     if not name_vertical_crs(crs):
@@ -119,7 +119,7 @@ def _estimate_sigmas(
 
 
 def parse_crs(crs: str) -> pyproj.CRS:
-    """Return the CRS of a text; raises `InputError` for one that PROJ does not know."""
+    """Return the CRS of a text; raises `InputError` if PROJ does not know it."""
     try:
         return pyproj.CRS.from_user_input(crs)
     except (pyproj.exceptions.CRSError, UnicodeError) as error:
@@ -127,17 +127,17 @@ def parse_crs(crs: str) -> pyproj.CRS:
 
 
 def has_heights(crs: pyproj.CRS) -> bool:
-    """Tell whether a CRS says what its heights refer to (compound or three-dimensional)."""
+    """Return whether a CRS defines the reference of its heights (compound or three-dimensional)."""
     return len(crs.sub_crs_list) > 1 or len(crs.axis_info) == 3
 
 
 def name_vertical_crs(crs: pyproj.CRS) -> str:
-    """Return the name of the vertical CRS of a compound one; empty for others."""
+    """Return the name of the vertical CRS of a compound CRS; empty for others."""
     return str(crs.sub_crs_list[1].name) if len(crs.sub_crs_list) > 1 else ""
 
 
 def without_heights(crs: pyproj.CRS) -> pyproj.CRS:
-    """Return a CRS without its heights, so that they pass unchanged; itself where it has none, or is geocentric."""
+    """Return a CRS without heights, so that they are not converted; itself if it has none or is geocentric."""
     if crs.sub_crs_list:
         return without_heights(crs.sub_crs_list[0])
     if len(crs.axis_info) == 2 or crs.is_geocentric:
@@ -150,7 +150,7 @@ def without_heights(crs: pyproj.CRS) -> pyproj.CRS:
     return pyproj.CRS.from_json_dict(flat)
 
 
-EDGE_NODES = 21  # along each side of an area of use, to find its rectangle in the source CRS, as PROJ does
+EDGE_NODES = 21  # nodes along each side of an area of use, for its rectangle in the source CRS, as in PROJ
 OFFSHORE = "- offshore"
 Rectangle = tuple[float, float, float, float]  # low x, low y, high x, high y
 
@@ -159,18 +159,18 @@ def choose_operations(
     xy: np.ndarray, operations: Sequence[CrsOperation], areas: Sequence[Sequence[Rectangle]],
     without: Mapping[int, np.ndarray],
 ) -> np.ndarray:  # fmt: skip
-    """Return the number of the operation for each point ``(n,)`` by PROJ's rule, -1 where none is left.
+    """Return the index of the operation for each point ``(n,)`` by PROJ's rule, -1 if none is available.
 
-    ``xy (n, 2 or 3)`` and the ``areas`` where each of the ``operations`` can be used are in the same coordinates;
-    ``without`` are masks ``(n,)`` of the points for which an operation is out. Where one is chosen for all points, the
-    stride is 0.
+    ``xy (n, 2 or 3)`` and the ``areas`` of use of the ``operations`` have the same coordinates; ``without`` are masks
+    ``(n,)`` of points for which an operation is excluded. If all points have the same operation, the stride of the
+    result is 0.
     """
     if len(areas) == 1 and not without:
         return np.broadcast_to(0, len(xy))
     if not len(xy):
         return np.zeros(0, dtype=np.int64)
     x, y = xy[:, 0], xy[:, 1]
-    # Where each area holds all points or none, what is chosen for one holds for all
+    # If each area contains all points or none, the choice for one point is valid for all
     low_x, low_y, high_x, high_y = np.fmin.reduce(x), np.fmin.reduce(y), np.fmax.reduce(x), np.fmax.reduce(y)
     met = [
         (one, r)
@@ -204,15 +204,15 @@ def choose_operations(
 
 
 def split_at_180(bounds: Rectangle) -> tuple[Rectangle, ...]:
-    """Return an area (west, south, east, north) as one rectangle in degrees, two where it lies across 180 degrees."""
+    """Return an area (west, south, east, north) as one rectangle in degrees, or two if it crosses 180 degrees."""
     west, south, east, north = bounds
     return (bounds,) if west <= east else ((west, south, 180.0, north), (-180.0, south, east, north))
 
 
 def find_rectangles(flat: pyproj.CRS, areas: Sequence[Rectangle]) -> list[tuple[Rectangle, ...]]:
-    """Return areas of use (west, south, east, north) as rectangles in a CRS; none where it cannot show an area.
+    """Return areas of use (west, south, east, north) as rectangles in a CRS; empty if the CRS cannot represent an area.
 
-    As PROJ does it: by `EDGE_NODES` nodes along each side, on the CRS's ellipsoid, without a datum.
+    As in PROJ: from `EDGE_NODES` nodes along each side, on the CRS's ellipsoid, without a datum transformation.
     """
     everywhere = (-np.inf, -np.inf, np.inf, np.inf)
     if flat.is_geocentric or flat.ellipsoid is None:

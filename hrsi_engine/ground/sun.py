@@ -1,7 +1,7 @@
-"""Where the sun stands: above a place at a time, or by its declination and hour angle.
+"""Direction to the sun: at a place and time, or from its declination and hour angle.
 
-Declination and right ascension follow from the low-precision formulas of the Astronomical Almanac (page C5: 0.01 degree
-from 1950 to 2050); refraction, below 0.1 degree where the sun is 10 degrees high, is left out.
+Declination and right ascension follow the low-precision formulas of the Astronomical Almanac (page C5: 0.01 degree from
+1950 to 2050). Refraction, below 0.1 degree at an elevation of 10 degrees or more, is neglected.
 """
 
 from datetime import UTC, datetime
@@ -13,21 +13,21 @@ _EPOCH = datetime(2000, 1, 1, 12, tzinfo=UTC)
 
 
 class SunAngles(NamedTuple):
-    """Direction towards the sun in degrees: azimuth clockwise from north, elevation above the horizon."""
+    """Direction to the sun in degrees: azimuth clockwise from north, elevation above the horizon."""
 
     azimuth_deg: float
     elevation_deg: float
 
     @property
     def direction(self) -> np.ndarray:
-        """Unit vector ``(3,)`` east, north, up towards the sun."""
+        """Unit vector ``(3,)`` east, north, up to the sun."""
         azimuth, elevation = np.radians(self)
         plan = np.cos(elevation)
         return np.array([plan * np.sin(azimuth), plan * np.cos(azimuth), np.sin(elevation)])
 
 
 def sun_at_hour_angle(declination_rad: float, hour_angle_rad: float, lat_deg: float) -> SunAngles:
-    """Return where the sun stands above a latitude; its hour angle counts from the south, westwards."""
+    """Return the direction to the sun at a latitude; the hour angle is counted westwards from the meridian."""
     lat, hour, declination = np.radians(lat_deg), hour_angle_rad, declination_rad
     up = np.sin(lat) * np.sin(declination) + np.cos(lat) * np.cos(declination) * np.cos(hour)
     east = -np.cos(declination) * np.sin(hour)
@@ -36,7 +36,7 @@ def sun_at_hour_angle(declination_rad: float, hour_angle_rad: float, lat_deg: fl
 
 
 def sun_at_time(time: datetime, lon_deg: float, lat_deg: float) -> SunAngles:
-    """Return where the sun stands above a place, to some hundredths of a degree; the time has its zone."""
+    """Return the direction to the sun at a place and time (with its zone), accurate to a few hundredths of a degree."""
     days = (time - _EPOCH).total_seconds() / 86400.0
     mean_longitude = np.radians(280.460 + 0.9856474 * days)
     anomaly = np.radians(357.528 + 0.9856003 * days)

@@ -1,9 +1,9 @@
-"""Orthoimages: the grid they share, where each of their pixels lies in the image, and how well they fit one another.
+"""Orthoimages: their common map grid, the image position of each pixel, and misregistration between orthoimages.
 
 Layers, each importing only those above it::
 
-    grid            pixels of a map, aligned so that all orthoimages register pixel to pixel; what an image shows
-    point_surface   terrain from the adjusted tie points, where there is no DEM
-    mapping         image positions of the grid's pixels, exact or within a stated error
-    misregistration shifts between two orthoimages, window by window, and the one that most share
+        grid            map pixels, aligned so that all orthoimages register pixel to pixel; footprint of an image
+        point_surface   terrain surface interpolated from adjusted tie points, if there is no DEM
+        mapping         image positions of the grid's pixels, exact or within a given error
+        misregistration shifts between two orthoimages, by windows, and the common shift
 """

@@ -1,7 +1,7 @@
-"""The map grid of a block's orthoimages, and the part of the map that an image shows.
+"""The map grid of a block's orthoimages, and the footprint of an image in it.
 
-All pixels of all orthoimages with the same CRS and resolution lie on one lattice: the edges of pixels are whole
-multiples of the resolution from the CRS's origin. So any two of them register pixel to pixel, whatever their extents.
+The pixels of all orthoimages with the same CRS and resolution are in one lattice: pixel edges are integer multiples of
+the resolution from the CRS's origin. Therefore any two of them register pixel to pixel, whatever their extents.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ..ground.geodesy import continuous_longitudes
 from ..ground.map_crs import map_epsg_of
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 
-#: Leading digits of a resolution that maps like.
+#: Leading digits of the resolutions that are chosen automatically.
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
 
 
 @thresholds
 class ORTHO:
-    """The pixels of orthoimages: how their grid is rounded, how far it reaches, how densely it is mapped exactly."""
+    """Pixels of orthoimages: rounding and extent of their grid, and nodes at which it is mapped exactly."""
 
     coarser: float = threshold(1.05, "", "rounded resolution over the image's ground sample distance, at most")
     whole_px: float = threshold(1e-6, "px", "within which an edge lies on the lattice")
@@ -52,7 +52,7 @@ class GridWindow(NamedTuple):
     rows: int
 
     def parts(self, columns: int, rows: int) -> Iterator[GridWindow]:
-        """Yield windows of so many columns and rows, or what is left, that cover this one, row by row."""
+        """Yield windows of the given size, smaller at the right and lower edge, that cover this one, row by row."""
         for row in range(0, self.rows, rows):
             for column in range(0, self.columns, columns):
                 size = min(columns, self.columns - column), min(rows, self.rows - row)
@@ -70,7 +70,7 @@ def round_resolution(gsd: float) -> float:
 
 @dataclass(frozen=True)
 class MapGrid:
-    """Pixels of a map, and their place on the lattice that all grids of a CRS and resolution share.
+    """Pixels of a map, with their position in the lattice that all grids of a CRS and resolution share.
 
     The upper left corner of the first pixel is at ``(left * resolution, top * resolution)``; rows run south.
 
@@ -88,12 +88,12 @@ class MapGrid:
 
     @classmethod
     def from_bounds(cls, crs: str, resolution: float, bounds: Sequence[float]) -> MapGrid:
-        """Return the smallest grid that holds an area.
+        """Return the smallest grid that contains an area.
 
         crs : the CRS as WKT; resolution : side of a pixel in the CRS's units
         bounds : west, south, east, north in the CRS's units
         Result: the grid.
-        Raises `InputError`: the bounds hold not one pixel.
+        Raises `InputError`: the bounds contain no pixel.
         """
         west, south, east, north = (value / resolution for value in bounds)
         left, top = math.floor(west + ORTHO.whole_px), math.ceil(north - ORTHO.whole_px)
@@ -124,18 +124,18 @@ class MapGrid:
         return operations_of(self.crs).to_wgs84(np.column_stack([x, y, np.zeros(len(x))]))[:, :2]
 
     def chunks(self, columns: int, rows: int | None = None) -> Iterator[GridWindow]:
-        """Yield windows of so many columns and rows (the same number) that cover the grid, row by row.
+        """Yield windows of the given size that cover the grid, row by row.
 
-        columns : of a window; rows : of a window; by default as many
-        Result: windows that cover the grid, row by row; those at its edges are smaller.
+        columns : columns of a window; rows : rows of a window, by default equal to the columns
+        Result: windows that cover the grid, row by row; those at its right and lower edge are smaller.
         """
         return GridWindow(0, 0, self.columns, self.rows).parts(columns, columns if rows is None else rows)
 
     def common(self, other: MapGrid) -> MapGrid | None:
-        """Return the part that two grids on the same lattice share, None where they do not meet.
+        """Return the intersection of two grids in the same lattice, None if they do not overlap.
 
-        other : on the same lattice
-        Result: none where they do not meet.
+        other : a grid in the same lattice
+        Result: None if they do not overlap.
         """
         left, top = max(self.left, other.left), min(self.top, other.top)
         right = min(self.left + self.columns, other.left + other.columns)
@@ -146,27 +146,27 @@ class MapGrid:
 
 
 def find_terrain_points(image: Image, surface: HeightSurface) -> np.ndarray:
-    """Return ground points ``(n, 3)`` of an image, those of a coarse grid that meet the terrain."""
+    """Return the ground points ``(n, 3)`` of a coarse grid of image points, those that intersect the terrain."""
     ground, status = intersect_surface(image.rpc, image.grid_px(ORTHO.grid_points, ORTHO.grid_points), surface)
     return ground[status == Status.FOUND]
 
 
 def compute_ground_sample_m(image: Image, ground: np.ndarray) -> float:
-    """Return the geometric mean of an image's ground sample distances at the middle one of ground points."""
+    """Return the side of a square with the ground area of an image pixel (m), at the middle one of ground points."""
     middle = ground[len(ground) // 2][None]
     return float(1.0 / image.rpc.px_per_m(middle)[0])
 
 
 def choose_map_crs(ground: np.ndarray) -> str:
-    """Return the WKT of the map of the middle of ground points."""
+    """Return the WKT of the UTM or UPS projection at the middle of ground points."""
     return str(pyproj.CRS.from_epsg(map_epsg_of(ground)).to_wkt())
 
 
 def compute_footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution: float) -> tuple[float, ...]:
-    """Return west, south, east, north in a CRS of all that an image shows of the terrain.
+    """Return west, south, east, north of an image's footprint on the terrain, in a CRS.
 
-    The outline is followed to the terrain; where that is not known, it is taken at the heights nearby. Raises
-    `InputError` where the terrain is not known anywhere in the image.
+    The outline is intersected with the terrain; where the DEM has nodata, the lowest and highest heights of the image
+    are used. Raises `InputError` if the DEM has no height in the image at all.
     """
     outline = image.outline_px(ORTHO.outline_points)
     ground, status = intersect_surface(image.rpc, outline, surface)
@@ -187,7 +187,7 @@ def compute_footprint_bounds(image: Image, surface: HeightSurface, crs: str, res
 
 
 def compute_covered_share(image: Image, surface: HeightSurface) -> float:
-    """Return the share of an image whose ground has a height in the surface, 0 to 1."""
+    """Return the share of an image whose ground has a height in the surface, 0 to 1, by the RPC's mean height."""
     grid = image.grid_px(ORTHO.grid_points, ORTHO.grid_points)
     height = sum(image.rpc.height_range) / 2.0
     ground = image.rpc.localize(grid, height).ground

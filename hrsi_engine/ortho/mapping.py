@@ -1,11 +1,11 @@
-"""Where the pixels of an orthoimage lie in the raw image: ground position, terrain height, RPC.
+"""Image positions of the pixels of an orthoimage: from the map to the ground, its height, and through the RPC.
 
-A chunk of the map grid is mapped at nodes every ``step`` pixels, and bilinearly between them. What changes smoothly
-(map projection, place in the DEM, the RPC's dependence on the height as a parabola) is evaluated on a lattice
-(`ORTHO.lattice_px`) and interpolated; heights are taken at each node. The step is the largest power of two at which
-the middles of all cells, where interpolation is worst, and random pixels of the chunk are right to the error asked
-for, compared with map projection, terrain and RPC at these pixels; where the terrain is rough that is every pixel. At
-an error of 0 every pixel goes through all three by itself.
+A chunk of the map grid is mapped at nodes every ``step`` pixels, and interpolated bilinearly between them. Smooth
+functions (map projection, coordinates in the DEM, the RPC as a parabola of the height) are evaluated on a lattice
+(`ORTHO.lattice_px`) and interpolated; heights are interpolated in the DEM at each node. The step is the largest power
+of two at which the centres of all cells, where interpolation is worst, and random pixels of the chunk agree within the
+given error with the exact computation at these pixels; in rough terrain it is one pixel. With an error of 0 every pixel
+is computed exactly.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .grid import ORTHO, GridWindow, MapGrid
 
 
 class ChunkMapping(NamedTuple):
-    """Image positions of a chunk.
+    """Image positions of the pixels of a chunk.
 
     positions : (2, rows, columns) sample, line of nodes every ``step`` pixels from the centre of the chunk's first
-        pixel, one node beyond the last pixel; NaN where the terrain is not known
+        pixel, one node beyond the last pixel; NaN where the terrain has nodata
     errors_px : (k,) distances between interpolated and exact positions at random pixels
-    unknown : pixels within the image without terrain height
+    unknown : number of pixels inside the image without terrain height
     """
 
     positions: np.ndarray
@@ -39,9 +39,9 @@ class ChunkMapping(NamedTuple):
 
 
 class _Cells:
-    """Cells of a grid surface under a chunk: heights between them are ``a + x b + y (c + x d)``.
+    """Cells of a grid surface under a chunk: the height inside a cell is ``a + x b + y (c + x d)``.
 
-    Heights are in half ranges from the middle of the chunk's heights, as the RPC's parabolas want them.
+    Heights are relative to the middle of the chunk's heights, in units of half their range, as the parabolas need.
     """
 
     def __init__(self, cells: np.ndarray, middle_m: float, half_m: float) -> None:
@@ -53,7 +53,7 @@ class _Cells:
         ]
 
     def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return heights at columns and rows from the first cell; both arrays are used up."""
+        """Return heights at columns and rows from the first cell; both arguments are overwritten."""
         column, cell = x.astype(np.intp), y.astype(np.intp)
         x -= column
         y -= cell
@@ -77,9 +77,9 @@ def _count_nodes(window: GridWindow, step: int) -> tuple[int, int]:
 def _read_cells_below(
     surface: HeightSurface, grid: np.ndarray
 ) -> tuple[np.ndarray | None, np.ndarray, tuple[float, float]]:
-    """Return cells below grid coordinates, place of the first one and range of heights.
+    """Return the cells under grid coordinates, the grid position of the first one, and the range of heights.
 
-    There are no cells, and the place is that of the coordinates, beside a grid and where there are too many.
+    The cells are None and the position is (0, 0) outside the area of a `GridSurface` and if there are too many cells.
     """
     low, high = grid.min(axis=0) - 1.0, grid.max(axis=0) + 1.0
     few = np.prod(high - low) <= ORTHO.most_cells
@@ -92,11 +92,11 @@ def _read_cells_below(
 
 
 class _Chunk:
-    """What changes smoothly within a chunk, every `ORTHO.lattice_px` pixels, and the terrain under it.
+    """The smooth functions of a chunk, sampled every `ORTHO.lattice_px` pixels, and the terrain under it.
 
-    ``lattice (k, rows, columns)`` are the surface's grid coordinates and, for sample and line, the coefficients of
-    a + b t + c t² with the height t in half ranges from the middle of the chunk's heights: a, a, b, b and, where the
-    parabola is no straight line, c, c.
+    ``lattice (k, rows, columns)`` contains the surface's grid coordinates and, for sample and line, the coefficients of
+    a + b t + c t², where t is the height relative to the middle of the chunk's heights in units of half their range: a,
+    a, b, b and, if the curvature is not negligible, c, c.
     """
 
     def __init__(self, mapping: OrthoMapping, window: GridWindow) -> None:
@@ -118,7 +118,7 @@ class _Chunk:
         self.lattice = np.concatenate([(grid - origin).T, *terms]).reshape(-1, rows, columns)
 
     def cells_per_pixel(self) -> float:
-        """Return how many cells of the surface a step of one pixel passes at most."""
+        """Return the largest number of cells of the surface per step of one pixel."""
         return max(float(np.abs(np.diff(self.lattice[:2], axis=axis)).max()) for axis in (1, 2)) / ORTHO.lattice_px
 
     def nodes(self, step: int) -> np.ndarray:
@@ -130,17 +130,17 @@ class _Chunk:
         return positions
 
     def _node_rows(self, step: int, offset: float = 0.0) -> Iterator[tuple[slice, np.ndarray]]:
-        """Yield some rows of nodes after the other, with their positions ``(2, rows, columns)``."""
+        """Yield the positions ``(2, rows, columns)`` of successive batches of node rows, and their rows."""
         columns, rows = _count_nodes(self.window, step)
         shares = (np.arange(0, ORTHO.lattice_px, step) + offset) / ORTHO.lattice_px
-        # Values ``(k, rows, n)`` at some shares of the way from each column of ``(k, rows, m)`` to the next one
+        # Interpolate along the rows of the lattice: ``(k, rows, m)`` to ``(k, rows, n)``
         result = np.diff(self.lattice, axis=2)[..., None] * shares
         result += self.lattice[:, :, :-1, None]
         across = result.reshape(*self.lattice.shape[:2], -1)[:, :, :columns]
-        lines = max(1, ORTHO.batch // (columns * len(shares)))  # of the lattice
+        lines = max(1, ORTHO.batch // (columns * len(shares)))  # number of lattice rows in a batch
         for top in range(0, -(-rows // len(shares)), lines):
             part = slice(top * len(shares), min((top + lines) * len(shares), rows))
-            # … and from each row to the next
+            # Interpolate along its columns
             rows_here = across[:, top : top + lines + 1]
             down = np.diff(rows_here, axis=1)[:, :, None] * shares[:, None]
             down += rows_here[:, :-1, None]
@@ -162,26 +162,26 @@ class _Chunk:
         return (self._surface.heights(np.column_stack([column, row])) - self.middle_m) / self.half_m
 
     def middles_keep(self, error_px: float, nodes: np.ndarray, step: int) -> bool:
-        """Tell whether interpolation in the middles of all cells between nodes keeps an error."""
+        """Return whether interpolation at the centres of all cells between nodes is accurate to ``error_px``."""
         for rows, middles in self._node_rows(step, offset=step / 2.0):
             upper = nodes[:, rows.start : rows.stop + 1]
             error = middles[:, : upper.shape[1] - 1, :-1]
             across = upper[:, :, :-1] + upper[:, :, 1:]
             error -= 0.25 * (across[:, :-1] + across[:, 1:])
             error *= error
-            if not np.all(error[0] + error[1] <= error_px**2):  # not so, either, where it is not known
+            if not np.all(error[0] + error[1] <= error_px**2):  # also False for NaN, without a height
                 return False
         return True
 
 
 @dataclass(frozen=True, eq=False)
 class OrthoMapping:
-    """The mapping of a whole orthoimage; chunks may be asked for by several threads.
+    """The mapping of a complete orthoimage; safe for use by several threads.
 
-    rpc : the image's camera; size : samples and lines of the image; surface : the terrain
-    grid : the orthoimage's pixels
-    error_px : what interpolation between nodes may be off; 0 computes every pixel
-    jitter : displacement of the image's lines that its RPC does not have; None without any
+    rpc : RPC of the image; size : samples and lines of the image; surface : the terrain
+    grid : pixels of the orthoimage
+    error_px : largest error of interpolation between nodes; with 0 every pixel is computed exactly
+    jitter : displacement of the image's lines that its RPC does not model; None without jitter
     """
 
     rpc: RPC
@@ -195,7 +195,7 @@ class OrthoMapping:
         """Return the image positions of the grid's pixels.
 
         pixels : (n, 2) column, row
-        Result: (n, 2) sample, line in pixels; NaN where the terrain is not known.
+        Result: (n, 2) sample, line in pixels; NaN where the terrain has nodata.
         """
         lonlat = self.grid.lonlat(pixels)
         positions = self.rpc.project(np.column_stack([lonlat, surface_heights(self.surface, lonlat)]))
@@ -205,7 +205,7 @@ class OrthoMapping:
         """Return the mapping of a window of the grid.
 
         window : the window
-        Result: none where the image shows nothing of it.
+        Result: None if no pixel of the window is inside the image.
         """
         if self.error_px == 0.0:  # every pixel
             column, row = np.arange(window.columns + 1.0), np.arange(window.rows + 1.0)
@@ -218,11 +218,11 @@ class OrthoMapping:
         chunk = _Chunk(self, window)
         if not chunk.known:
             return self._make_empty_mapping(window, np.zeros((2, 2), dtype=bool))
-        # Pixels of a window, the same ones every time
+        # Random pixels of the window, equal in every run
         rng = np.random.default_rng([window.column, window.row])
         checks = rng.integers(0, [window.columns, window.rows], (ORTHO.checked_pixels, 2)).astype(np.float64)
         truth = self.exact(checks + (window.column, window.row))
-        # The largest step that does not pass over whole cells of the surface
+        # The largest step that is not longer than a cell of the surface
         cells_per_pixel = chunk.cells_per_pixel()
         step = ORTHO.lattice_px
         while step > 1 and step * cells_per_pixel > 1.0:
@@ -241,18 +241,18 @@ class OrthoMapping:
         return ChunkMapping(nodes, step, errors, 0 if known.all() else self._count_unknown(window, known))
 
     def _make_empty_mapping(self, window: GridWindow, known: np.ndarray) -> ChunkMapping | None:
-        """Return the mapping of a chunk of which the image shows nothing but what has no terrain height."""
+        """Return the mapping of a chunk whose pixels inside the image have no height; None if it has no such pixels."""
         count = self._count_unknown(window, known)
         return ChunkMapping(np.full((2, 2, 2), np.nan), ORTHO.lattice_px, np.empty(0), count) if count else None
 
     def _touches_image(self, nodes: np.ndarray, margin: float) -> bool:
-        """Tell whether the nodes' bounding box meets the image."""
+        """Return whether the bounding box of the nodes intersects the image."""
         flat = nodes.reshape(2, -1)
         low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
         return bool((high + margin > -0.5).all() and (low - margin < np.array(self.size) - 0.5).all())
 
     def _count_unknown(self, window: GridWindow, known: np.ndarray) -> int:
-        """Return about how many pixels without height lie in the image, at the RPC's mean height."""
+        """Return the approximate number of pixels without height inside the image, at the RPC's mean height."""
         side = np.linspace(0.0, 1.0, ORTHO.unknown_grid)
         column, row = side * (window.columns - 1), side * (window.rows - 1)
         pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
@@ -266,9 +266,9 @@ class OrthoMapping:
         return round(share * window.columns * window.rows)
 
     def source_pixels_per_pixel(self) -> float:
-        """Return how many pixels of the image, along each axis, one pixel of the map covers in the map's middle.
+        """Return the number of image pixels, along each axis, per pixel of the map at its centre.
 
-        Result: without unit; above 1 the orthoimage is coarser than the image.
+        Result: without unit; above 1 the orthoimage has a lower resolution than the image.
         """
         middle = np.array([[self.grid.columns / 2.0, self.grid.rows / 2.0]]) + np.array([[0, 0], [1, 0], [0, 1]])
         lonlat = self.grid.lonlat(middle)
@@ -279,10 +279,10 @@ class OrthoMapping:
 
 
 def _interpolate_nodes(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return nodes interpolated at column, row ``(n, 2)`` in steps."""
+    """Return the values of nodes, interpolated bilinearly at column, row ``(n, 2)`` in steps."""
     j, i = at.astype(int).T
     u, v = (at - at.astype(int)).T
     upper = nodes[:, i, j] * (1.0 - u) + nodes[:, i, j + 1] * u
     lower = nodes[:, i + 1, j] * (1.0 - u) + nodes[:, i + 1, j + 1] * u
-    on_node = (u == 0.0) & (v == 0.0)  # a neighbour without height does not matter there
+    on_node = (u == 0.0) & (v == 0.0)  # exactly at a node, neighbours without height are not used
     return np.where(on_node, nodes[:, i, j], upper * (1.0 - v) + lower * v).T

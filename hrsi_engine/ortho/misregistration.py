@@ -1,20 +1,20 @@
 """Shifts between two orthoimages on the same grid, window by window.
 
-A window T of the first orthoimage is sought in the second, S, at whole pixels by normalised cross-correlation, and
-then by least squares with the observation equations (Gruen 1985; shifts only, for neither rotation nor scale is left)
+A window T of the first orthoimage is searched in the second, S, at whole pixels by normalised cross-correlation, and
+then by least squares with the observation equations (Gruen 1985; shifts only, since both are in one map projection)
 
     T(x) = g S(x + d) + o
 
-for the shift d, gain g and offset o; slopes are the mean of those of both windows (Benhimane and Malis 2004), which
-halves the bias that noise causes. S is interpolated by cubic B-splines, so that shifts do not lock to whole or half
-pixels. Both windows are smoothed slightly before.
+for the shift d, gain g and offset o. The gradients are the mean of those of both windows (Benhimane and Malis 2004),
+which halves the bias due to noise. S is interpolated by cubic B-splines, so that shifts are not biased towards whole or
+half pixels. Both windows are smoothed slightly first.
 
 The shift is the position in the second minus that in the first, in pixels to the right and down.
 
-**Common shift.** Where the shift of most of the ground may be larger than windows are searched, probes spread over the
-common area are compared at half resolution by the directions of their gradients. The correlation surfaces of all probes
-are added before the peak is sought: what they share adds up, while chance likeness of single probes (rows of houses,
-fields, water) does not.
+**Common shift.** If the common shift of the two orthoimages may exceed the search range of windows, probes distributed
+over the common area are compared at half resolution by their gradient directions. The correlation surfaces of all
+probes are summed before the peak is searched: the common shift adds up, but accidental similarities of single probes
+(rows of houses, fields, water) do not.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ from .options import MisregistrationOptions
 
 @thresholds
 class SHIFT:
-    """The shift between two orthoimages: of a window, and the one that all have in common."""
+    """Measurement of the shift between two orthoimages: by windows, and the common shift."""
 
     most_iterations: int = threshold(20, "iterations", "of least squares")
     closure_px: float = threshold(1e-3, "px", "step that ends them")
@@ -58,14 +58,14 @@ Read = Callable[[int, int, int, int], tuple[np.ndarray, np.ndarray]]  #: `block.
 
 
 class WindowOutcome(IntEnum):
-    """What became of a window."""
+    """Result of matching a window."""
 
     MATCHED = 0
-    NODATA = 1  #: not all of the window is valid in both
+    NODATA = 1  #: not all pixels of the window are valid in both images
     FLAT = 2  #: no texture
     UNLIKE = 3  #: correlation below the limit
-    FAR = 4  #: the best place is at the edge of the search
-    UNSTEADY = 5  #: least squares went astray or is not accurate
+    FAR = 4  #: the correlation maximum is at the edge of the search area
+    UNSTEADY = 5  #: least squares did not converge or are not accurate enough
 
     @property
     def label(self) -> str:
@@ -75,8 +75,8 @@ class WindowOutcome(IntEnum):
 class WindowShifts(NamedTuple):
     """Shifts of windows between two orthoimages.
 
-    centre : (n, 2) column, row of the windows' centres; shift_px : (n, 2) NaN where not matched
-    correlation : (n,) of the two windows; sigma_px : (n,) standard deviation of a shift
+    centre : (n, 2) column, row of the windows' centres; shift_px : (n, 2) NaN if not matched
+    correlation : (n,) normalised cross-correlation at whole pixels; sigma_px : (n,) standard deviation of a shift
     outcome : (n,) values of `WindowOutcome`
     """
 
@@ -102,9 +102,9 @@ class Shift(NamedTuple):
 
 
 def window_centres(columns: int, rows: int, options: MisregistrationOptions) -> np.ndarray:
-    """Return centres of windows spread evenly over an area.
+    """Return the centres of windows that are distributed evenly over an area.
 
-    columns, rows : size of the area in pixels; options : how large and how many windows are
+    columns, rows : size of the area in pixels; options : size and number of the windows
     Result: (n, 2) column, row.
     """
     reach = options.window_px // 2 + options.search_px + SHIFT.border_px
@@ -123,9 +123,9 @@ def measure_shifts(
 ) -> WindowShifts:  # fmt: skip
     """Match windows of two orthoimages.
 
-    first, second : they read a part of the common area; centres : (n, 2) column, row of the windows' centres
-    options : how windows are matched; tell : is told the share that is done; threads : that work side by side
-    Result: A shift for each window.
+    first, second : functions that read a part of the common area; centres : (n, 2) column, row of the window centres
+    options : how windows are matched; tell : receives the completed fraction; threads : number of threads
+    Result: one shift for each window.
     """
     found = []
     with open_calls(threads=threads) as calls:
@@ -150,7 +150,7 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     both = template[0], np.where(area[1], area[0], np.mean(area[0]))
     grey, place = (blur(np.asarray(pixels, dtype=np.float32), SHIFT.smoothing_px) for pixels in both)
     core = grey[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px]
-    if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # 1e30 squared
+    if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # handles 1e30
         return _make_failure(WindowOutcome.FLAT)
     score = correlate_template(core, place[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px])
     row, column = divmod(int(np.argmax(score)), score.shape[1])
@@ -162,7 +162,7 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     side = grey.shape[0]
     if not area[1][row : row + side, column : column + side].all():
         return _make_failure(WindowOutcome.NODATA, best)
-    # Least squares from the best whole pixel on; both windows have a border
+    # Least squares from the best whole pixel; both windows have a border for interpolation
     near = place[row : row + side, column : column + side]
     T, T_x, T_y = _interpolate_window(_filter_spline(grey), np.zeros(2))
     coefficients = _filter_spline(near)
@@ -185,9 +185,8 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
         if np.hypot(*step[:2]) < SHIFT.closure_px:
             break
     variance = float(weight @ misfit**2 / weight.sum())
-    # The cofactors of the unknowns ``(4, 4)`` for noise that was white before the smoothing.
-    # Its correlation after that is a Gaussian of sqrt(2) times the width; neighbours do not count as observations of
-    # their own.
+    # Cofactor matrix ``(4, 4)`` of the unknowns for noise that was white before the smoothing: afterwards its
+    # correlation is a Gaussian of sqrt(2) times the width, so that neighbouring pixels are not independent observations
     weighted = A * weight
     side = round(np.sqrt(weighted.shape[1]))
     spread = np.stack([blur(row.reshape(side, side), np.sqrt(2.0) * SHIFT.smoothing_px) for row in weighted])
@@ -209,7 +208,7 @@ def _filter_spline(grey: np.ndarray) -> np.ndarray:
 
 
 def _weigh_spline(t: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the four weights of the cubic B-spline at the fraction t of a cell, and of its derivative."""
+    """Return the four weights of the cubic B-spline at the fraction t of a cell, and those of its derivative."""
     s = 1.0 - t
     values = [s**3 / 6, 2 / 3 - t**2 * (2 - t) / 2, 2 / 3 - s**2 * (2 - s) / 2, t**3 / 6]
     slopes = [-(s**2) / 2, t * (3 * t - 4) / 2, s * (4 - 3 * s) / 2, t**2 / 2]
@@ -217,7 +216,7 @@ def _weigh_spline(t: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _interpolate_window(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the window inside the border, shifted by at most `SHIFT.reach_px`, and its slopes by x and y."""
+    """Return the window inside the border, shifted by at most `SHIFT.reach_px`, and its derivatives by x and y."""
     whole = np.floor(d).astype(int)
     x_values, x_slopes = _weigh_spline(float(d[0] - whole[0]))
     y_values, y_slopes = _weigh_spline(float(d[1] - whole[1]))
@@ -236,10 +235,10 @@ def _interpolate_window(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.nda
 
 
 def shift_statistics(shift_px: np.ndarray, pixel_m: float) -> dict[str, float | int | None]:
-    """Return robust figures of shifts: medians, NMADs, median and 90th percentile of the lengths.
+    """Return robust statistics of shifts: medians, NMADs, median and 90th percentile of the lengths.
 
-    shift_px : (n, 2) shifts, NaN where not matched; pixel_m : side of a pixel in metres
-    Result: figures by name; the names say the unit.
+    shift_px : (n, 2) shifts of matched windows; pixel_m : side of a pixel in metres
+    Result: values by name; the names contain the unit.
     """
     if not len(shift_px):
         return dict.fromkeys(STATISTICS) | {"windows": 0}
@@ -259,9 +258,9 @@ STATISTICS = (
 
 
 def find_common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarray:
-    """Return the common shift ``(2,)`` in whole pixels, right and down, to about 2 px; 0 where none shows.
+    """Return the common shift ``(2,)`` in whole pixels, right and down, accurate to 2 px; 0 without a significant peak.
 
-    ``first(...)`` and ``second(...)`` read the common area of columns x rows pixels; the second beyond it, too.
+    ``first(...)`` and ``second(...)`` read the common area of columns x rows pixels; ``second`` also beyond it.
     """
     side = min(SHIFT.probe_px, columns // 2, rows // 2) // SHIFT.reduction * SHIFT.reduction
     if side < 16 * SHIFT.reduction:
@@ -282,7 +281,7 @@ def find_common_shift(first: Read, second: Read, columns: int, rows: int) -> np.
 
 
 def _compute_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Return the directions of gradients of means of pixels; 0 where not all of a mean is valid."""
+    """Return the gradient directions at reduced resolution; 0 for pixels reduced from pixels that are not all valid."""
     size = (grey.shape[1] // SHIFT.reduction, grey.shape[0] // SHIFT.reduction)
     mean = reduce_by_area(np.where(valid, grey, 0).astype(np.float32), size)
     known = reduce_by_area(valid.astype(np.float32), size) > 0.999

@@ -1,11 +1,11 @@
-"""Terrain from scattered points, for places without a DEM: a surface through the adjusted tie points.
+"""Terrain surface from scattered points, for areas without a DEM: interpolated from the adjusted tie points.
 
-Heights are moving least squares (Lancaster and Salkauskas 1981): at every node a plane is fitted to the points around.
-Weights fall with the distance, as a Gaussian as wide as the points are apart there, and with the points' variances. The
-planes are fitted robustly, with weights ``1 / (1 + (v / s)²)²`` for the residual v of a point (Geman and McClure 1987),
-where s comes down to the points' usual scatter in several rounds (graduated non-convexity, Blake and Zisserman 1987).
-Beside a wall, where points lie on the roof and on the ground, a plane is therefore one of the two and not their mean; a
-triangulation would lead a ramp from one to the other, and pass through every error of a single height.
+Heights are moving least squares (Lancaster and Salkauskas 1981): at every node a plane is fitted to the nearest points.
+The weights decrease with the distance, by a Gaussian as wide as the local point spacing, and with the variance of the
+heights. The planes are fitted robustly, with weights ``1 / (1 + (v / s)²)²`` for the residual v of a point (Geman and
+McClure 1987), where s decreases to the usual scatter of the points in several rounds (graduated non-convexity, Blake
+and Zisserman 1987). At a wall, with points on the roof and on the ground, a plane is therefore one of the two and not
+their mean. A triangulation would be a ramp between them, and contain the error of every single height.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from ..surface.grid_surface import GridSurface
 
 @thresholds
 class POINT_SURFACE:
-    """A surface through scattered points, and which of them it leaves out."""
+    """Interpolation of a surface from scattered points, and rejection of blunders."""
 
     neighbours: int = threshold(12, "points", "with whose median height a point is compared")
     blunder: float = threshold(6.0, "sigma", "robust; farther from that median, a point is suspect")
@@ -41,16 +41,16 @@ class POINT_SURFACE:
 
 
 def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = None) -> tuple[GridSurface, int]:
-    """Return a surface through points, and how many were left out.
+    """Return a surface through points, and the number of points that were rejected.
 
-    The surface has cells of a fifth of the points' mean spacing; outside the points' convex hull it takes the height of
-    the nearest point. Left out are points far from the median height of their neighbours and from nearly all of them (a
-    wrong match of a tie point across the epipolar direction is found by the adjustment, one along it is not).
+    The surface has cells of a fifth of the mean point spacing; outside the convex hull of the points it has the height
+    of the nearest one. Points are rejected if their height differs from the median of their neighbours and from nearly
+    all of them (the adjustment detects wrong matches across the epipolar direction, but not those along it).
 
     ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
-    sigma_height_m : (n,) standard deviations of the heights, NaN where not known: points that are less certain than
-    their neighbours count less
-    Result: the surface, and how many points it leaves out.
+    sigma_height_m : (n,) standard deviations of the heights, NaN if unknown: points that are less accurate than
+    their neighbours have lower weights
+    Result: the surface, and the number of points that it does not use.
     Raises `InputError`: there are fewer than three points.
     """
     known = np.isfinite(ground).all(axis=1)
@@ -61,13 +61,13 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
     frame = LocalFrame(*np.median(ground, axis=0).tolist())
     xy = frame.from_ground(np.column_stack([ground[:, :2], np.full(len(ground), frame.height_m)]))[:, :2]
-    # The part of each height's variance ``(n,)`` that its neighbours do not share
+    # Variance of each height ``(n,)`` above the smallest one of its neighbours
     known = np.flatnonzero(np.isfinite(sigma))
     variance = np.zeros(len(xy))
     if len(known):
         _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(POINT_SURFACE.neighbours + 1, len(known)) + 1))
         variance[known] = sigma[known] ** 2 - (sigma[known][near] ** 2).min(axis=1)
-    # Points that do not stand alone: near the median of their neighbours, or at the height of some of them
+    # Points that are kept: close to the median of their neighbours, or to the heights of some of them
     height = ground[:, 2]
     count = min(POINT_SURFACE.neighbours + 1, len(xy))
     _, index = KDTree(xy).query(xy, k=count)
@@ -90,7 +90,7 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
     x, y = low[0] + cell_m * np.arange(columns), high[1] - cell_m * np.arange(rows)
-    # Fitted between the points; outside, the nearest point's height
+    # Planes inside the convex hull; outside it the height of the nearest point
     nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     heights = np.empty(len(nodes))
     try:
@@ -111,7 +111,7 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Points on a plane ``xy (n, 2)`` in m, with heights and variances of these (m, m²), ``(n,)``."""
+    """Plane coordinates ``xy (n, 2)`` of points in m, with heights (m) and their variances (m²), ``(n,)``."""
 
     xy: np.ndarray
     height: np.ndarray
@@ -123,7 +123,7 @@ class _Points:
 
     @cached_property
     def scatter_m(self) -> float:
-        """How far a point usually lies from the plane of its neighbours."""
+        """Robust standard deviation of the points from planes through their neighbours (m)."""
         near = self.tree.query(self.xy, k=np.arange(2, min(POINT_SURFACE.neighbours + 1, len(self.xy)) + 1))[1]
         A = np.concatenate([np.ones_like(self.xy[near][..., :1]), self.xy[near] - self.xy[:, None]], axis=-1)
         plane = np.linalg.pinv(A) @ self.height[near][..., None]

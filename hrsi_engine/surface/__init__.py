@@ -1,1 +1,1 @@
-"""The surface that rays meet: heights of a DEM, and where a ray intersects it."""
+"""The terrain surface: heights of a DEM, intersection of rays with it, and matching of points with it."""

@@ -1,9 +1,9 @@
-"""Height surfaces, and where the rays of an image first meet them.
+"""Height surfaces, and the first intersection of image rays with them.
 
 A surface has grid coordinates ``(column, row)`` in units of its cells, (0, 0) the centre of the first cell, and
 ellipsoidal heights that are interpolated bilinearly between cell centres. `intersect_surface` follows each ray from
-above the highest terrain downwards in steps of at most half a cell, so that the first hit counts (a mountain hides the
-valley behind it), and closes in on it with the RPC itself.
+above the highest terrain downwards in steps of at most half a cell, so that the first intersection is found (a mountain
+occludes the valley behind it), and refines it iteratively with the RPC itself.
 """
 
 from enum import IntEnum
@@ -17,24 +17,24 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 
 class HeightSurface(Protocol):
-    """Ellipsoidal heights over an area."""
+    """Surface with ellipsoidal heights."""
 
     def grid_coordinates(self, lonlat: np.ndarray) -> np.ndarray:
         """Return column and row of positions.
 
         lonlat : (n, 2) lon, lat in degrees
-        Result: (n, 2) in cells; (0, 0) is the centre of the first.
+        Result: (n, 2) in cells; (0, 0) is the centre of the first cell.
         """
 
     def heights(self, grid: np.ndarray) -> np.ndarray:
-        """Return ellipsoidal heights ``(n,)`` at grid coordinates; NaN outside and where there is no data.
+        """Return ellipsoidal heights ``(n,)`` at grid coordinates; NaN outside and for nodata.
 
         grid : (n, 2) column, row
         Result: (n,) metres.
         """
 
     def covers(self, grid: np.ndarray) -> np.ndarray:
-        """Tell for each grid position ``(n, 2)`` whether it lies in the surface's area.
+        """Return for each grid position ``(n, 2)`` whether it is inside the area of the surface.
 
         grid : (n, 2) column, row
         Result: (n,) booleans.
@@ -44,29 +44,29 @@ class HeightSurface(Protocol):
         """Return the lowest and highest height in a box of grid coordinates.
 
         low, high : (2,) column, row of two corners
-        Result: metres; NaN where there is no height.
+        Result: metres; NaN if there is no height.
         """
 
 
 def surface_heights(surface: HeightSurface, lonlat: np.ndarray) -> np.ndarray:
-    """Return ellipsoidal heights ``(n,)`` at lon, lat points ``(n, 2)``; NaN outside and where there is no data.
+    """Return ellipsoidal heights ``(n,)`` at lon, lat points ``(n, 2)``; NaN outside and for nodata.
 
     surface : the terrain; lonlat : (n, 2) lon, lat in degrees
-    Result: (n,) metres; NaN outside and where there is no data.
+    Result: (n,) metres; NaN outside and for nodata.
     """
     return surface.heights(surface.grid_coordinates(lonlat))
 
 
 def dem_sigma_m(cell_size_m: float) -> float:
-    """Return a standard deviation of a DEM's heights from the size of its cells, where nobody says more.
+    """Return the assumed standard deviation of a DEM's heights from the size of its cells, used if it is not stated.
 
-    0.4 m for 1 m (laser scanning), 3 m for 30 m (TanDEM-X, Copernicus), 9 m for 90 m (SRTM): what their makers state.
+    Agrees with the producers' figures: 0.4 m for 1 m (laser), 3 m for 30 m (TanDEM-X, GLO-30), 9 m for 90 m (SRTM).
     """
     return 0.3 + 0.1 * min(cell_size_m, 100.0)
 
 
 def cell_size_m(surface: HeightSurface, ground: np.ndarray) -> float:
-    """Return the side in metres of a surface's cells (mean of both) at a ground point ``(3,)``."""
+    """Return the mean side in metres of a surface's cells at a ground point ``(3,)``: the root of the cell area."""
     step_deg = 1e-4
     lonlat = ground[:2] + step_deg * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     cells = np.diff(surface.grid_coordinates(lonlat)[[0, 1, 0, 2]], axis=0)[[0, 2]]
@@ -76,7 +76,7 @@ def cell_size_m(surface: HeightSurface, ground: np.ndarray) -> float:
 
 @thresholds
 class RAY_TRACING:
-    """How rays are followed down to a surface."""
+    """Steps and accuracy of following rays down to a surface."""
 
     batch: int = threshold(16384, "rays", "followed at a time: memory")
     step: float = threshold(0.5, "cells", "that a ray passes from height to height")
@@ -87,11 +87,11 @@ class RAY_TRACING:
 
 
 class Status(IntEnum):
-    """What became of a ray."""
+    """Result of following a ray."""
 
     FOUND = 0
-    NODATA = 1  #: the ray meets the ground, if at all, where the surface has no heights
-    OUTSIDE = 2  #: the ray leaves the surface's area before it meets it
+    NODATA = 1  #: the ray intersects the ground, if at all, where the surface has nodata
+    OUTSIDE = 2  #: the ray leaves the area of the surface above the ground
     NO_RAY = 3  #: the RPC has no ground position for the image point
 
     @property
@@ -100,9 +100,9 @@ class Status(IntEnum):
 
 
 class SurfaceIntersection(NamedTuple):
-    """Where rays meet a surface, and what became of each.
+    """Intersections of rays with a surface, and the status of each ray.
 
-    ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres; NaN unless found
+    ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres; NaN without intersection
     status : (n,) values of `Status`
     """
 
@@ -111,14 +111,14 @@ class SurfaceIntersection(NamedTuple):
 
 
 def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceIntersection:
-    """Return where the rays of image points ``(n, 2)`` first meet a surface, coming from above.
+    """Return the first intersections of the rays of image points ``(n, 2)`` with a surface, from above.
 
-    Heights are right to 1 mm. A spike that a ray passes within less than half a cell may be missed. Where the
-    surface has no heights along a ray the ground may hide there: such a ray is found only when it comes out of the
-    gap above the ground; else its status is ``NODATA``.
+    Heights are accurate to 1 mm. A peak may be missed if the part of the ray inside it is shorter than half a cell.
+    Nodata cells along a ray may contain the intersection: the ray is followed further only if it is above the ground
+    behind them; else its status is ``NODATA``.
 
     rpc : the camera; image : (n, 2) sample, line in pixels; surface : the terrain
-    Result: ground points and a status for each ray.
+    Result: ground points and status of each ray.
     """
     image = np.asarray(image, dtype=np.float64)
     ground = np.full((len(image), 3), np.nan)
@@ -150,7 +150,7 @@ def _intersect_part(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Surf
 class _RayEnds(NamedTuple):
     """Grid coordinates ``(n, 2)`` of rays at the upper and lower of two heights.
 
-    ``exists`` tells which rays have both, ``converged`` which have both on the ground, if not in the grid's reach.
+    ``exists``: both have grid coordinates; ``converged``: the RPC was inverted at both, inside the grid or not.
     """
 
     upper: np.ndarray
@@ -161,9 +161,9 @@ class _RayEnds(NamedTuple):
 
 
 def _find_ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
-    """Return the rays between heights just above and below all terrain that they pass.
+    """Return the end points of rays at heights just above and below all terrain along them.
 
-    The terrain passed depends on these heights: they start at the RPC's height range and follow the terrain.
+    The terrain along the rays depends on these heights: iterated, starting from the RPC's height range.
     """
     low, high = rpc.height_range
     for _ in range(RAY_TRACING.bound_rounds):
@@ -195,7 +195,7 @@ def _localize_between(rpc: RPC, image: np.ndarray, surface: HeightSurface, low: 
 def _march_down(
     upper: np.ndarray, lower: np.ndarray, heights: tuple[float, float], surface: HeightSurface
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Go down straight rays; return each one's status and the heights ``(n, 2)`` above and below its first hit."""
+    """Follow straight rays down; return their status and the heights ``(n, 2)`` just before and after the first hit."""
     low, high = heights
     longest = float(np.abs(upper - lower).max())
     steps = max(1, int(np.ceil(longest / RAY_TRACING.step)))
@@ -224,10 +224,10 @@ def _march_down(
 def _close_in_on_surface(
     rpc: RPC, image: np.ndarray, surface: HeightSurface, bracket: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ground points where rays meet the surface within height brackets, and where they could be found.
+    """Return the ground points where rays intersect the surface within height brackets, and a mask of those found.
 
-    Regula falsi in the Illinois variant (Dowell and Jarratt 1971), with bisection every fourth time: the surface is
-    continuous but has edges.
+    Regula falsi in the Illinois variant (Dowell and Jarratt 1971), with a bisection in every fourth iteration, since
+    the surface is continuous but not smooth.
     """
 
     def find_height_above(rows: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -238,11 +238,11 @@ def _close_in_on_surface(
     upper, lower = bracket.T.copy()
     (_, f_upper), (ground, f_lower) = find_height_above(every, upper), find_height_above(every, lower)
     valid = np.isfinite(f_upper) & np.isfinite(f_lower)
-    # The real ray is bent by millimetres against the straight one: where that flips a sign, the end is the hit.
+    # The real ray differs by millimetres from the straight one: where this changes a sign, the end is the intersection.
     going = every[valid & (f_upper > 0.0) & (f_lower < 0.0)]
     at_top = every[valid & (f_upper <= 0.0)]
     ground[at_top] = find_height_above(at_top, upper[at_top])[0]
-    below_before = np.full(len(image), -1)  # which end moved last: 1 the lower, 0 the upper
+    below_before = np.full(len(image), -1)  # end that was moved last: 1 the lower, 0 the upper
     for iteration in range(RAY_TRACING.most_iterations):
         if not going.size:
             break
@@ -250,7 +250,7 @@ def _close_in_on_surface(
         middle = 0.5 * (a + b) if iteration % 4 == 3 else (a * fb - b * fa) / (fb - fa)
         ground[going], f = find_height_above(going, middle)
         below = f < 0.0
-        damping = np.where(below == below_before[going], 0.5, 1.0)  # for the end that stays a second time
+        damping = np.where(below == below_before[going], 0.5, 1.0)  # weight of the end that remains for a second time
         upper[going], f_upper[going] = np.where(below, a, middle), np.where(below, damping * fa, f)
         lower[going], f_lower[going] = np.where(below, middle, b), np.where(below, f, damping * fb)
         below_before[going] = below

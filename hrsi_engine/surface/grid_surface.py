@@ -1,4 +1,4 @@
-"""Surfaces of constant height and of rasters, whose cells are read tile by tile."""
+"""Surfaces of constant height, and of rasters whose cells are read tile by tile."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..ground.operation_uses import OperationUse
 
 @thresholds
 class SURFACE:
-    """What of a surface is kept in memory."""
+    """Tiles of a surface that are kept in memory."""
 
     tile: int = threshold(256, "cells", "side of a part that is kept in memory")
     tiles: int = threshold(128, "tiles", "kept in memory: 68 MB")
@@ -24,7 +24,7 @@ class SURFACE:
 
 @dataclass(frozen=True)
 class ConstantHeight:
-    """A surface of one height everywhere.
+    """A horizontal surface.
 
     height_m : the ellipsoidal height
     """
@@ -55,11 +55,11 @@ ToGrid = Callable[[np.ndarray], np.ndarray]
 
 
 class GridSurface:
-    """A regular grid of heights, read tile by tile: of a DEM of a continent only the part in use is in memory.
+    """A regular grid of heights, read tile by tile, so that only the part in use of a large DEM is in memory.
 
     shape : rows and columns
-    read : ``read(row, column, rows, columns)`` returns that window's ellipsoidal heights, NaN where there are none
-    to_grid : column, row ``(n, 2)`` of lon, lat points ``(n, 2)``; operations : how it came to WGS84
+    read : ``read(row, column, rows, columns)`` returns the ellipsoidal heights of this window, NaN for nodata
+    to_grid : returns column, row ``(n, 2)`` of lon, lat points ``(n, 2)``; operations : its conversions to WGS84
     """
 
     def __init__(
@@ -79,9 +79,9 @@ class GridSurface:
     ) -> GridSurface:
         """Return the surface of an array in memory whose rows and columns follow parallels and meridians.
 
-        heights_m : (rows, columns) ellipsoidal heights, NaN where there are none
-        origin_deg : lon, lat of the first cell's centre
-        cell_deg : the step to the next column and row; the latter below zero where the first row is the northernmost
+        heights_m : (rows, columns) ellipsoidal heights, NaN for nodata
+        origin_deg : lon, lat of the centre of the first cell
+        cell_deg : step to the next column and to the next row; the latter is negative if the first row is northernmost
         Result: the surface.
         """
         cells = np.asarray(heights_m, dtype=np.float64)
@@ -102,14 +102,14 @@ class GridSurface:
         return self._to_grid(lonlat)
 
     def covers(self, grid: np.ndarray) -> np.ndarray:
-        """As `HeightSurface.covers`: half a cell around the outermost centres belongs to the area."""
+        """As `HeightSurface.covers`: the area extends half a cell beyond the outermost cell centres."""
         last = np.array([self.shape[1] - 0.5, self.shape[0] - 0.5])
         return np.asarray(((grid >= -0.5) & (grid <= last)).all(axis=1))
 
     def heights(self, grid: np.ndarray) -> np.ndarray:
-        """As `HeightSurface.heights`: bilinearly interpolated; NaN where one of the four cells has no data.
+        """As `HeightSurface.heights`: bilinear interpolation; NaN if one of the four cells has nodata.
 
-        In the outer half of a border cell its height is taken as it is.
+        In the outer half of a border cell the height is constant.
         """
         result = np.full(len(grid), np.nan)
         inside = np.flatnonzero(self.covers(grid))
@@ -129,7 +129,7 @@ class GridSurface:
         return result
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
-        """As `HeightSurface.bounds`: of all tiles that touch the box."""
+        """As `HeightSurface.bounds`: of all tiles that intersect the box, so that the range can be too wide."""
         (column0, row0), (column1, row1) = self._find_tile(low), self._find_tile(high)
         ranges = [self._find_range((i, j)) for i in range(row0, row1 + 1) for j in range(column0, column1 + 1)]
         lowest, highest = np.array(ranges).T
@@ -138,12 +138,12 @@ class GridSurface:
         return float(np.nanmin(lowest)), float(np.nanmax(highest))
 
     def window(self, low: np.ndarray, high: np.ndarray) -> tuple[int, int, np.ndarray]:
-        """Return first row, first column and the cells around a box of grid coordinates, NaN where there are none.
+        """Return the first row, the first column and the cells of the window around a box of grid coordinates.
 
-        The box is cut to the surface; at least 2 x 2 cells come back.
+        The box is clipped to the surface; the window has at least 2 x 2 cells.
 
         low, high : (2,) column, row of two corners
-        Result: int, int and (rows, columns) first row, first column, and ellipsoidal heights in metres.
+        Result: int, int and (rows, columns) first row, first column, and ellipsoidal heights in metres, NaN for nodata.
         """
         last = np.array(self.shape[::-1]) - 2
         column0, row0 = np.clip(np.floor(low), 0, last).astype(int).tolist()
@@ -170,7 +170,7 @@ class GridSurface:
         return self._ranges[place]
 
     def _read_tile(self, place: tuple[int, int]) -> np.ndarray:
-        """Return a tile with the first row and column of its neighbours, from the cache or read now."""
+        """Return a tile with the first row and column of its neighbours, from the cache or by reading it."""
         with self._lock:
             tile = self._tiles.pop(place, None)
             if tile is None:

@@ -1,19 +1,19 @@
-"""Least-squares matching of points with a height surface: the displacement in three dimensions that lays them on it.
+"""Least-squares matching of points with a height surface: the displacement in three dimensions of best fit.
 
 With the surface S, its gradient g and a displacement d = (e, n, u) of points at (E, N, H) the misclosures are::
 
     l = S(E + e, N + n) - H - u  =  (-g_e, -g_n, 1) · (change of d)
 
-so slopes of different aspect turn height differences into plan (least-squares 3D surface matching, Gruen and Akca 2005;
-point-to-plane ICP, Chen and Medioni 1992; of DEMs, Nuth and Kääb 2011). That is linear within the relief's wavelength
-only. So a grid of displacements in plan is searched before, with the robust scale of the misclosures as the score and
-their robust middle as the height; the best few local minima are refined, and those that remain apart are compared: a
-relief that repeats itself, or has none, does not decide. Where many points lie in a cell of the surface, their heights
-are smoothed before as its cells smooth the ground.
+so slopes of different aspect convert height differences to plan (least-squares 3D surface matching, Gruen and Akca
+2005; point-to-plane ICP, Chen and Medioni 1992; of DEMs, Nuth and Kääb 2011). This is linear only within the wavelength
+of the relief. Therefore a grid of displacements in plan is searched first: the score is the robust scale of the
+misclosures, the height their robust centre. The best local minima are refined, and those that remain separate are
+compared: a periodic relief, or none, does not decide. If there are many points in a cell of the surface, their heights
+are smoothed first, as its cells smooth the ground.
 
-Neighbouring misclosures err alike: buildings, trees, the noise of a radar DEM. The covariance is therefore that of
+Neighbouring misclosures are correlated: buildings, trees, the noise of a radar DEM. The covariance is therefore that of
 estimating equations summed over *cells* of the ground (sandwich of clustered observations, Liang and Zeger 1986), for
-cells of growing size, of which the largest covariance holds. The number of independent cells follows from it.
+cells of increasing size; the largest covariance is used. The number of independent cells follows from it.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m, move_ground
 from .dem import HeightSurface, cell_size_m
 
-#: Points displaced by some 100 m: their grid coordinates are linear over that.
+#: Displacements for the derivative of grid coordinates, which are linear over about 100 m.
 _STEP_M = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
 
 
 @thresholds
 class SURFACE_MATCHING:
-    """How points are matched with a surface."""
+    """Search, refinement and covariance of matching points with a surface."""
 
     fewest_points: int = threshold(30, "points", "with a height of the surface; fewer are not matched")
     coarse_points: int = threshold(700, "points", "that the search for displacements looks at")
@@ -67,14 +67,14 @@ class SURFACE_MATCHING:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMatch:
-    """What lays points on a surface.
+    """Displacement that fits points to a surface.
 
-    displacement_m : (3,) east, north, up, of the points
-    covariance_m2 : (3, 3) by the misclosures of independent cells
-    scatter_m : robust standard deviation of the misclosures; before_m : … undisplaced, but for their middle
+    displacement_m : (3,) east, north, up, to be added to the points
+    covariance_m2 : (3, 3) covariance of the displacement, from the misclosures of independent cells
+    scatter_m : robust standard deviation of the misclosures; before_m : the same without displacement in plan
     points, cells : number of points with a height of the surface, and of independent cells among them
-    second_m : (3,) displacement of the next best minimum, None without; second_ratio : its scatter over the best one
-    offsets_m, scores_m : (k, 2), (k,) of the search in plan, None where there was none
+    second_m : (3,) displacement of the next best minimum, None without; second_ratio : its scatter over the best
+    offsets_m, scores_m : (k, 2), (k,) displacements in plan and scores of the search, None without a search
     """
 
     displacement_m: np.ndarray
@@ -90,11 +90,11 @@ class SurfaceMatch:
 
     @property
     def is_decided(self) -> bool:
-        """Whether no other displacement fits about as well."""
+        """Whether the scatter of the next best minimum is significantly larger."""
         return bool(np.log(self.second_ratio) > SURFACE_MATCHING.decided_sigmas / np.sqrt(max(self.cells, 1.0)))
 
     def is_apart_from(self, other: SurfaceMatch, cell_m: float) -> bool:
-        """Return whether it is another minimum: beyond a cell, and beyond what the covariances explain."""
+        """Return whether this is another minimum: farther away than a cell, and significant by the covariances."""
         away = self.displacement_m - other.displacement_m
         chi2 = away @ np.linalg.solve(self.covariance_m2 + other.covariance_m2, away)
         return bool(np.hypot(*away[:2]) > cell_m and chi2 > SURFACE_MATCHING.decided_sigmas**2)
@@ -103,18 +103,18 @@ class SurfaceMatch:
 def match_surface(
     ground: np.ndarray, surface: HeightSurface, search_m: float, kind: str = "dsm", noise_m: float = 0.0
 ) -> SurfaceMatch | None:
-    """Return the displacement that lays points on a surface; None where too few have heights in it.
+    """Return the displacement that fits points to a surface; None if too few points have heights in it.
 
     ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
     search_m : largest displacement in plan, along each axis
-    kind : ``dsm``, or ``dtm``: trees and buildings are not on it
-    noise_m : standard deviation of the surface's heights by themselves
+    kind : ``dsm``, or ``dtm``, which has no trees and buildings
+    noise_m : standard deviation of the noise of the surface's heights
     """
     return SurfaceMatcher(ground, surface, kind, None, noise_m).search(search_m) if len(ground) else None
 
 
 class SurfaceMatcher:
-    """Points, with variances ``(n,)`` of their own heights, and a surface; as of `match_surface`."""
+    """Matches points, with variances ``(n,)`` of their heights, with a surface; arguments as of `match_surface`."""
 
     def __init__(
         self, ground: np.ndarray, surface: HeightSurface, kind: str = "dsm", variance_m2: np.ndarray | None = None,
@@ -130,7 +130,7 @@ class SurfaceMatcher:
         self.own_m2 = np.zeros(len(points)) if variance_m2 is None else variance_m2[sample]
         self.height = points[:, 2]
         if in_cell > SURFACE_MATCHING.in_cell:
-            # Heights as a surface of such cells shows them
+            # Heights smoothed as the cells of the surface smooth the ground
             height = ground[:, 2]
             known = np.flatnonzero(np.isfinite(place_m).all(axis=1) & np.isfinite(height))
             usable = np.isfinite(self.place_m).all(axis=1)
@@ -149,14 +149,14 @@ class SurfaceMatcher:
             self.height = np.where(usable & (count >= SURFACE_MATCHING.fewest_near) & ~lopsided, fit, np.nan)
         at, east, north = (surface.grid_coordinates(move_ground(points, step)[:, :2]) for step in _STEP_M)
         self._at, self._per_m = at, np.stack([east - at, north - at], axis=2) / _STEP_M.max()
-        # The part of the ground that each point lies in
+        # The part of the ground that contains each point
         away = np.nan_to_num(self.place_m - np.nanmin(self.place_m, axis=0))
         of_points = float(np.sqrt(SURFACE_MATCHING.part_points * np.prod(away.max(axis=0)) / len(away)))
         side = max(SURFACE_MATCHING.part_cells * self.cell_m, of_points)
         self._part = np.unique(np.floor(away / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)[1]
 
     def search(self, search_m: float) -> SurfaceMatch | None:
-        """Return the best displacement within ``search_m`` along each axis, and the next best beside it."""
+        """Return the best displacement within ``search_m`` along each axis, together with the next best minimum."""
         offsets, scores, middles = self._search_grid(search_m)
         refined = [self.refine(np.append(offsets[k], middles[k]), search_m) for k in _find_minima(scores)]
         found = sorted((one for one in refined if one is not None), key=lambda one: one.scatter_m)
@@ -164,8 +164,8 @@ class SurfaceMatcher:
             return None
         within = [one for one in found if np.abs(one.displacement_m[:2]).max() <= search_m + self.cell_m]
         best = (within or found)[0]
-        apart_m = max(self.cell_m, search_m / SURFACE_MATCHING.coarse_steps)  # nearer ones are one minimum
-        # where none is inside, the search has not decided
+        apart_m = max(self.cell_m, search_m / SURFACE_MATCHING.coarse_steps)  # minima at smaller distances are the same
+        # if all minima are outside, the search is not decided
         apart = [one for one in within if one.is_apart_from(best, apart_m)] if within else found
         second = next(iter(apart), None)
         return replace(
@@ -175,14 +175,14 @@ class SurfaceMatcher:
         )  # fmt: skip
 
     def refine(self, start_m: np.ndarray, reach_m: float) -> SurfaceMatch | None:
-        """Return the least-squares displacement near a start ``(3,)``; None where too few points have heights.
+        """Return the least-squares displacement near a start ``(3,)``; None if too few points have heights.
 
-        ``reach_m`` is an a priori standard deviation in plan, which keeps a flat ground's equations regular.
+        ``reach_m`` is an a priori standard deviation in plan; it makes the normal equations of flat ground regular.
         """
         d, ridge, cut = start_m.copy(), np.diag([reach_m**-2, reach_m**-2, 0.0]), SURFACE_MATCHING.redescending
-        is_near = False  # first about the robust middle, then about the estimate, whose variance is smaller
+        is_near = False  # relative to the robust centre first, then to the estimate, whose variance is smaller
         for _ in range(SURFACE_MATCHING.most_iterations):
-            # Heights (9, n) at the displaced points, then a cell east, west, north, south of them, then two
+            # Heights (9, n) at the displaced points, one cell to the east, west, north and south, and two cells
             sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
             around = self._heights(d[:2] + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
             miss = around[0] - self.height - d[2]
@@ -193,7 +193,7 @@ class SurfaceMatcher:
                 return None
             q, A = miss[known], np.column_stack([-slope[known], np.ones(known.sum())])
             middle, scale = (float(one[0]) for one in shortest_half(q[None]))
-            # the scale is that of points of usual rays; others differ from it by what theirs differ
+            # the scale is that of typical points; the variances of others differ from it as their own variances do
             usual = scale**2 + 1e-6
             variance = np.maximum(usual + self.own_m2[known] - np.median(self.own_m2[known]), 0.25 * usual)
             t = (q - (0.0 if is_near else middle)) / np.sqrt(variance)
@@ -203,7 +203,7 @@ class SurfaceMatcher:
             wide_A = np.column_stack([-np.where(np.isfinite(wide[known]), wide[known], 0.0), A[:, 2]])
             B, wide_B, r = np.split(_whiten(np.column_stack([A, wide_A, q]), weight, self._part[known]), [3, 6], axis=1)
             N, r = B.T @ (weight[:, None] * B), r[:, 0]
-            # Derivative of the estimating equations by the displacement, symmetric and positive
+            # Derivative of the estimating equations with respect to the displacement, made symmetric and positive
             M = B.T @ (weight[:, None] * wide_B)
             M = 0.5 * (M + M.T)
             of_mean = np.outer(M[:2, 2], M[:2, 2]) / M[2, 2]
@@ -212,7 +212,7 @@ class SurfaceMatcher:
             M[:2, :2] = (
                 axes * np.maximum(values - noise, SURFACE_MATCHING.least_relief * np.abs(values))
             ) @ axes.T + of_mean
-            # with the noise in N steps are too short, and never too long, as they would be where M knows too little
+            # N contains the noise, so that steps are too short, but never too long, as they would be if M is too small
             step = np.linalg.solve(N + ridge, B.T @ (weight * r))
             size = float(np.hypot(*step[:2]))
             if size < SURFACE_MATCHING.settled_cells * self.cell_m and abs(step[2]) < 0.01 * scale:
@@ -220,7 +220,7 @@ class SurfaceMatcher:
                     break
                 is_near = True
             d = d + step * min(1.0, 2.0 * self.cell_m / size if size else 1.0)
-        # of the biweight: mean derivative of the influence over mean weight
+        # Biweight: mean derivative of the influence function over mean weight
         steady = float(np.sum(inner * (1.0 - 5.0 * (t / cut) ** 2)) / max(np.sum(inner**2), 1e-9))
         N = max(steady, 0.1) * M + ridge
         score = B * (weight * (r - B @ step))[:, None]
@@ -233,7 +233,7 @@ class SurfaceMatcher:
         return self.surface.heights(places.reshape(-1, 2)).reshape(places.shape[:2])
 
     def _search_grid(self, search_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return offsets ``(k, 2)`` in plan, score and displacement in height of each; NaN: unknown."""
+        """Return offsets ``(k, 2)`` in plan, with score and height displacement of each; NaN with too few heights."""
         step = max(search_m / SURFACE_MATCHING.coarse_steps, 0.25 * self.cell_m)
         axis = step * np.arange(-int(search_m / step), int(search_m / step) + 1)
         offsets = np.stack(np.meshgrid(axis, axis), axis=2).reshape(-1, 2)
@@ -249,11 +249,11 @@ class SurfaceMatcher:
 
 
 def _whiten(values: np.ndarray, weight: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Return columns ``(n, k)``, the last one misclosures, less a share of their means in parts of the ground ``(n,)``.
+    """Return columns ``(n, k)`` (last: misclosures) minus a share of their means over parts of the ground ``(n,)``.
 
-    What the misclosures of a part have in common, woods or the noise of a radar DEM over hundreds of metres, is an
-    error of the part (random effects): with its variance u and that of single points e, the generalised least squares
-    take 1 - sqrt(e / (e + n u)) of the means of its n points away (Wallace and Hussain 1969).
+    The common error of the misclosures in a part (woods, long-wave noise of a radar DEM) is a random effect. With its
+    variance u and the variance e of single points, generalised least squares subtract 1 - sqrt(e / (e + n u)) times the
+    mean of its n points (Wallace and Hussain 1969).
     """
     total = np.bincount(part, weight) + 1e-12
     means = np.stack([np.bincount(part, weight * column) / total for column in values.T], axis=1)
@@ -266,10 +266,10 @@ def _whiten(values: np.ndarray, weight: np.ndarray, part: np.ndarray) -> np.ndar
 
 
 def _weigh_facets(around: np.ndarray, scale: float) -> np.ndarray:
-    """Return weights ``(n,)`` of places by how even the surface is there: heights ``(5, n)`` at it, east, west, …
+    """Return weights ``(n,)`` of points by how smooth the surface is there: heights ``(5, n)`` at it, east, west, …
 
-    At the edge of a wall, or of cells with a wrong height, the slope of one side is not that of the other. Such slopes
-    have the largest leverage, and say the least.
+    At the edge of a wall, or of cells with a wrong height, the slopes of the two sides differ. Such slopes have the
+    largest leverage and the least information.
     """
     weight = np.ones(around.shape[1])
     for high, low in ((1, 2), (3, 4)):
@@ -280,10 +280,10 @@ def _weigh_facets(around: np.ndarray, scale: float) -> np.ndarray:
 
 
 def shortest_half(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return middle and scale ``(k,)`` of values ``(k, n)`` by the shortest interval with half of those known.
+    """Return centre and scale ``(k,)`` of values ``(k, n)`` by the shortest interval that contains half of the known.
 
-    Scaled to the standard deviation of a normal distribution; NaN where fewer than two are known. Half of the values
-    may be blunders on one side (Rousseeuw and Leroy 1987).
+    The scale is converted to the standard deviation of a normal distribution; NaN if fewer than two values are known.
+    Up to half of the values may be blunders on one side (Rousseeuw and Leroy 1987).
     """
     ordered = np.sort(values, axis=1)  # NaN last
     known = np.isfinite(ordered).sum(axis=1)
@@ -309,9 +309,9 @@ def _find_minima(scores: np.ndarray) -> np.ndarray:
 def _sum_over_cells(
     N: np.ndarray, ridge: np.ndarray, score: np.ndarray, place_m: np.ndarray, cell_m: float
 ) -> tuple[np.ndarray, float]:
-    """Return the covariance ``(3, 3)`` by estimating equations ``score (n, 3)`` summed over cells of the ground.
+    """Return the covariance ``(3, 3)`` from estimating equations ``score (n, 3)`` summed over cells of the ground.
 
-    Also the number of independent cells: of points, over the factor by which that is larger than for single points.
+    Also the number of independent cells: the number of points divided by the variance factor of the largest sums.
     """
     inverse, single = np.linalg.inv(N), score.T @ score + 1e-9 * N
     largest, meat, side, away = 1.0, single, cell_m, place_m - place_m.min(axis=0)

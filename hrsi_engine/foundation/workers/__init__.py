@@ -1,1 +1,1 @@
-"""Threads of this machine and Dask workers of others: how independent pieces of work are carried out."""
+"""Execution of independent parts of a computation by threads of this machine and Dask workers of others."""

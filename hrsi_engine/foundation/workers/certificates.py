@@ -1,14 +1,14 @@
-"""What a Dask scheduler that encrypts wants to see."""
+"""Certificates for a Dask scheduler with encrypted connections."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Certificates:
-    """PEM files for a scheduler that encrypts; what is None comes from Dask's own configuration.
+    """PEM files for a scheduler with encrypted connections; values for None are taken from Dask's own configuration.
 
-    authority : certificates of the authority that the scheduler's is signed by
-    own : the certificate that this side shows; key : its private key, where that is not in the same file
+    authority : certificates of the authority that signed the certificate of the scheduler
+    own : the certificate of this client; key : its private key, if it is not in the same file
     """
 
     authority: str | None = None
@@ -16,5 +16,5 @@ class Certificates:
     key: str | None = None
 
 
-#: As Dask is configured.
+#: No files: the configuration of Dask is used.
 CONFIGURED = Certificates()

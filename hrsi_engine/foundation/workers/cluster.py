@@ -1,4 +1,4 @@
-"""Workers of a Dask scheduler: reaching it, and telling of what goes wrong there in one line."""
+"""Connection to a Dask scheduler; failures of its workers become errors with one line."""
 
 import logging
 import os
@@ -14,17 +14,17 @@ from typing import Any
 from ..errors import InputError, SolveError
 from .certificates import Certificates
 
-CONNECT_S = 10  # that a scheduler has time to answer
-GIVE_UP_S = 30  # after which its client is left alone
+CONNECT_S = 10  # time limit of Dask for the answer of the scheduler
+GIVE_UP_S = 30  # time after which the attempt to connect is abandoned
 
 
 @contextmanager
 def open_client(address: str, certificates: Certificates) -> Iterator[Any]:
-    """Give a client of the Dask scheduler at an address; what nobody waits for any more is cancelled in the end.
+    """Yield a client of the Dask scheduler at an address; calls that are still pending at the end are cancelled.
 
-    ``certificates`` are for an address that begins with ``tls://`` or ``wss://``. Raises `InputError` where the package
-    for workers is missing or nobody answers at the address, `SolveError` where the scheduler was lost or its workers
-    died again and again.
+    ``certificates`` are for an address that begins with ``tls://`` or ``wss://``. Raises `InputError` if the package
+    ``distributed`` is missing or no scheduler answers at the address, `SolveError` if the connection was lost or the
+    workers died repeatedly.
     """
     try:
         from distributed import KilledWorker
@@ -34,7 +34,7 @@ def open_client(address: str, certificates: Certificates) -> Iterator[Any]:
             "(pip install 'hrsi[distributed]'), or leave `scheduler` out"
         ) from None
     client = _connect(address, certificates)
-    # Dask would tell with tracebacks of its own what becomes one line here
+    # Dask would log tracebacks of the errors that are reported in one line here
     loggers = {logger: logger.level for logger in map(logging.getLogger, ("distributed", "distributed.client"))}
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
@@ -56,7 +56,7 @@ def open_client(address: str, certificates: Certificates) -> Iterator[Any]:
 
 @dataclass(frozen=True, eq=False)
 class OnWorker:
-    """A call whose errors name the worker that it ran on."""
+    """A callable that adds the name of its worker to the message of an `InputError`."""
 
     call: Callable[..., Any]
 
@@ -74,7 +74,7 @@ class OnWorker:
 
 
 def _connect(address: str, certificates: Certificates) -> Any:
-    """Return a client of the scheduler at an address; raise `InputError` where it cannot be reached."""
+    """Return a client of the scheduler at an address; raise `InputError` if it cannot be reached."""
     from distributed import Client, Security
 
     for argument, file in (("scheduler_ca", certificates.authority), ("scheduler_certificate", certificates.own),
@@ -97,8 +97,8 @@ def _connect(address: str, certificates: Certificates) -> Any:
             }
             known = {name: file for name, file in given.items() if file is not None}
             security = Security(require_encryption=True, **known)
-        # A scheduler that closes a connection at the wrong moment (it does not trust the certificate) is waited for by
-        # Dask's client without end, whatever its own timeout
+        # If a scheduler closes the connection during the handshake (it does not trust the certificate), the client of
+        # Dask waits for ever and ignores its own timeout; therefore it is created in a thread that can be abandoned
         answer: Future[Any] = Future()
 
         def run() -> None:

@@ -1,11 +1,11 @@
 """Independent parts of a computation, run by threads of this machine, or by workers of a Dask scheduler.
 
-A part is a function and one object with all that it needs (plus the results of other parts), so that the same parts
-run anywhere: they travel as they are. What a part returns is a dict of arrays, which can be kept on disk: a part
-whose result is kept is not run again. Results do not depend on who ran which part when.
+A part is a function and one object with all its input (plus the results of other parts), so that it can be sent to
+another process. It returns a dict of arrays, which can be stored on disk: a part whose result is stored is not run
+again. Results do not depend on where and in which order the parts ran.
 
-Of work whose answers are too many to be held together (`open_calls`) the next calls are handed out as answers are
-taken, in their order; a call whose worker dies is made again by another one.
+`open_calls` is for work whose answers do not fit into memory together: further calls are submitted as answers are
+taken, in the order of the jobs; if a worker dies, its call is repeated by another one.
 """
 
 import hashlib
@@ -32,10 +32,10 @@ PartResult = dict[str, np.ndarray]
 class WorkPart:
     """One part of the work: ``function(job, *results of needs)``.
 
-    key : unique among the parts, and the same again for the same work: results are kept under it
-    function : does the work; it may run in another process; job : what it is given; all that it needs
-    needs : keys of the parts whose results it is given
-    keep : whether the result is worth a file; intermediate results are not; label : what progress says of it
+    key : unique among the parts, and equal for equal work in a later run: results are stored under it
+    function : does the work, possibly in another process; job : its complete input
+    needs : keys of the parts whose results are its further arguments
+    keep : whether the result is stored in a file; intermediate results are not; label : description for the progress
     """
 
     key: str
@@ -47,13 +47,13 @@ class WorkPart:
 
 
 class Keeper(Protocol):
-    """Keeps results of finished parts between runs; `hrsi_engine.io` has one that writes files."""
+    """Stores the results of finished parts between runs; `hrsi_engine.io` has an implementation with files."""
 
     def load(self, key: str) -> PartResult | None:
-        """Return what was kept under a key; None where there is nothing, or nothing whole."""
+        """Return the result stored under a key; None if there is none or it is incomplete."""
 
     def save(self, key: str, result: PartResult) -> None:
-        """Keep a result."""
+        """Store a result under a key."""
 
 
 Graph = dict[str, tuple]
@@ -65,14 +65,14 @@ def run_parts(
     parts: Sequence[WorkPart], wanted: Sequence[str], scheduler: Scheduler, keeper: Keeper | None = None,
     progress: Progress = silent,
 ) -> dict[str, PartResult]:  # fmt: skip
-    """Run parts and return the results of the wanted ones; kept ones are read, the others run with what they need.
+    """Return the results of the wanted parts; stored ones are loaded, the others are run with the parts that they need.
 
-    Parts that were finished before a cancellation are kept.
+    Parts that were finished before a cancellation remain stored.
 
-    wanted : keys of the results to return; scheduler : what runs the parts, see `open_scheduler`
-    keeper : where finished results are kept and found again
+    wanted : keys of the results to return; scheduler : the function that runs the parts, see `open_scheduler`
+    keeper : storage of finished results
 
-    Raises `Cancelled` when ``progress`` asks to stop.
+    Raises `Cancelled` if ``progress`` returns False.
     """
     by_key = {part.key: part for part in parts}
     results: dict[str, PartResult] = {}
@@ -96,26 +96,26 @@ def run_parts(
 
     if missing:
         tell(missing[0])
-        # The tasks of the missing parts and of all that they need, as Dask takes them
+        # Task graph in Dask's form: the missing parts and all parts that they need
         graph, waiting = Graph(), list(missing)
         while waiting:
             key = waiting.pop()
             if key not in graph:
                 part = by_key[key]
-                graph[key] = (partial(part.function, part.job), *part.needs)  # Dask looks for no tasks inside the job
+                graph[key] = (partial(part.function, part.job), *part.needs)  # partial: Dask does not search the job
                 waiting += part.needs
         scheduler(graph, missing, finish)
     return {key: results[key] for key in wanted}
 
 
-# ---- who runs them ---------------------------------------------------------------------------------------------------
+# ---- schedulers ------------------------------------------------------------------------------------------------------
 
 
 def open_scheduler(address: str | None = None, threads: int = 0, certificates: Certificates = CONFIGURED) -> Scheduler:
-    """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores).
+    """Return the scheduler of parts: workers of the Dask scheduler at an address, else threads (0: as many as cores).
 
-    ``certificates`` are for an address that begins with ``tls://`` or ``wss://``. Raises `InputError` where the package
-    for workers is missing, or nobody answers at the address.
+    ``certificates`` are for an address that begins with ``tls://`` or ``wss://``. Running raises `InputError` if the
+    package ``distributed`` is missing, or no scheduler answers at the address.
     """
     if address:
 
@@ -140,7 +140,7 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
             for need in set(graph[key][1:]):
                 users[need].append(key)
         missing = {key: len(set(graph[key][1:])) for key in order}
-        ready = [place[key] for key in order if not missing[key]]  # a heap, for it is in order
+        ready = [place[key] for key in order if not missing[key]]  # sorted, and therefore a heap
         asked, results = set(wanted), dict[str, PartResult]()
         working: dict[Future[PartResult], str] = {}
         with ExitStack() as ending:
@@ -173,7 +173,7 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
 
 
 def _number_tasks(graph: Graph, wanted: Sequence[str]) -> dict[str, int]:
-    """Return the tasks of the wanted ones in an order in which each stands after those it needs, with its number."""
+    """Return the position of each task in a topological order: all wanted tasks, each after the tasks that it needs."""
     place, waiting = dict[str, int](), list(reversed(wanted))
     while waiting:
         key = waiting.pop()
@@ -189,9 +189,9 @@ def _number_tasks(graph: Graph, wanted: Sequence[str]) -> dict[str, int]:
 
 
 def digest(*values: Any) -> str:
-    """Return a short text that is the same again for equal values, in any process, and differs for others.
+    """Return a short hash that is equal for equal values in any process, and different for different values.
 
-    For numbers, text, arrays, dataclasses of such, and tuples, lists and dicts of them.
+    Values are numbers, text, arrays, dataclasses of these, and tuples, lists and dicts of them.
     """
     state = hashlib.sha256()
     _feed(state, values)
@@ -226,17 +226,17 @@ Answer = TypeVar("Answer")
 
 
 class Calls:
-    """Makes calls ``function(job)`` side by side.
+    """Makes calls ``function(job)`` in parallel.
 
-    submit : hands a function and its job out; ahead : calls that are handed out before the first answer is taken
-    elsewhere : whether they are made in other processes: then function and jobs travel
+    submit : submits a function and its job; ahead : number of calls that are submitted before the first answer is taken
+    elsewhere : whether the calls run in other processes, so that functions and jobs are pickled
     """
 
     def __init__(self, submit: Callable[[Callable[..., Any], Any], Any], ahead: int, elsewhere: bool) -> None:
         self._submit, self._ahead, self.elsewhere = submit, ahead, elsewhere
 
     def answers(self, function: Callable[[Job], Answer], jobs: Iterable[Job]) -> Iterator[Answer]:
-        """Yield the answers of all jobs, in the order of the jobs, which are drawn as they are handed out."""
+        """Yield the answers in the order of the jobs, which are drawn from the iterable when they are submitted."""
         under_way: deque[Any] = deque()  # futures
         for job in jobs:
             if len(under_way) >= self._ahead:
@@ -250,13 +250,13 @@ class Calls:
 def open_calls(
     address: str | None = None, threads: int = 1, certificates: Certificates = CONFIGURED
 ) -> Iterator[Calls]:
-    """Give what makes calls: workers of the Dask scheduler at an address, else threads; given up, it makes no more.
+    """Yield an executor of calls: workers of the Dask scheduler at an address, else threads; an error cancels the rest.
 
     Raises `InputError` and `SolveError` as `cluster.open_client`.
     """
     if address:
         with open_client(address, certificates) as client:
-            # Answers are under way, too, and no worker must wait while this side writes; more workers may come
+            # Answers are also in transit, and no worker should wait while the caller writes; more workers may join
             ahead = max(16, 8 * sum(client.nthreads().values()))
             yield Calls(lambda function, job: client.submit(OnWorker(function), job, pure=False), ahead, True)
         return

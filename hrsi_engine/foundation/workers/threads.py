@@ -1,4 +1,4 @@
-"""The number of threads that work may use, and those of the libraries below while parts of it run side by side."""
+"""Number of threads of a run, and limits on the threads of BLAS and OpenCV while parts run in parallel."""
 
 import os
 import sys
@@ -17,13 +17,13 @@ _of_run = ContextVar("_of_run", default=0)
 
 
 def thread_count(asked: int = 0) -> int:
-    """Return the number of threads; 0 stands for those that the run may use (`limit_threads`), else all cores."""
+    """Return the number of threads: ``asked`` or, if it is 0, the limit of the run (`limit_threads`) or all cores."""
     return asked or _of_run.get() or os.cpu_count() or 1
 
 
 @contextmanager
 def limit_threads(count: int) -> Iterator[None]:
-    """Let a run use ``count`` threads at most, those of BLAS among them where threadpoolctl is there; 0: all cores."""
+    """Limit the threads in this context, including those of BLAS if threadpoolctl is installed; 0: all cores."""
     before = _of_run.set(count)
     try:
         with ExitStack() as limits:
@@ -35,9 +35,9 @@ def limit_threads(count: int) -> Iterator[None]:
 
 
 class _OneThreadLimit:
-    """How many runs want a library to use the thread that calls it alone; the last one gives its threads back.
+    """Limits a library to the calling thread while at least one run requests it; the last run removes the limit.
 
-    ``limit`` limits the library until the stack that it gets is closed, and tells whether there is anything to limit.
+    ``limit`` sets the limit, registers its removal in the given stack, and returns whether there is such a library.
     """
 
     def __init__(self, limit: Callable[[ExitStack], bool]) -> None:
@@ -69,9 +69,9 @@ def _limit_blas(limits: ExitStack, count: int = 1) -> bool:
 
 @lru_cache(maxsize=1)
 def _find_libraries(modules: int) -> Any:
-    """Return threadpoolctl's controller of the libraries that are loaded; looked for anew after further ``modules``.
+    """Return threadpoolctl's controller of the loaded libraries; a new search is made when ``modules`` has changed.
 
-    Going through all libraries of QGIS takes 4 ms, which a run that begins at each click shall not wait for.
+    The search through all libraries of QGIS takes 4 ms, too long for a run that starts at each click.
     """
     return import_module("threadpoolctl").ThreadpoolController()
 
@@ -85,15 +85,15 @@ def _limit_opencv(limits: ExitStack) -> bool:
     return True
 
 
-#: Context in which calls of BLAS make no threads of their own, where threadpoolctl is there. The number is that of the
-#: process, and several runs may share one, as tasks of QGIS do. Products of small matrices from two threads at once
-#: otherwise spend a tenth of the processor's time on waiting for one another, and more on more cores.
+#: Context in which BLAS uses no threads of its own, if threadpoolctl is installed. The limit is valid for the process,
+#: and several runs can be in one process, as tasks of QGIS are. Without the limit, products of small matrices from two
+#: threads spend a tenth of the processor time on waiting for each other, and more on more cores.
 _calls = _OneThreadLimit(_limit_blas)
 one_thread_calls = _calls.hold
-#: The same of OpenCV's filters and features, whose threads yield the processor to one another without end.
+#: The same for the filters and features of OpenCV, whose threads otherwise mostly wait for each other.
 one_thread_filters = _OneThreadLimit(_limit_opencv).hold
 
 
 def are_one_thread_calls() -> bool:
-    """Return whether calls of BLAS make no threads of their own at present, because of `one_thread_calls`."""
+    """Return whether BLAS is limited to the calling thread at present, by `one_thread_calls`."""
     return _calls.held
