@@ -1,8 +1,8 @@
-"""Linearisation equations of many image points, compiled, for all models whose formula is written for it (needs numba).
+"""Observation equations of many image points, linearised by compiled loops, for all models with a formula for it.
 
-A loop per family of models goes over points and their image points, with the family's formula (`correct_in_image`
-and its like), the RPC (`compiled_rpc.project_compiled`) and the ellipsoid inside. A new family is its formula, a loop
-of ten lines here, and an entry in `FAMILIES`; models without one are linearised image by image with NumPy.
+A loop per family of models iterates over points and their image points, with the family's formula (`correct_in_image`
+and similar ones), the RPC (`compiled_rpc.project_compiled`) and the ellipsoid inside. A new family needs its formula, a
+loop of ten lines here, and an entry in `FAMILIES`; other models are linearised image by image with NumPy. Needs numba.
 
 Arguments that the loops share
     points (k,), place (k + 1,) : indices of points, and the first output row of each
@@ -95,7 +95,7 @@ def _linearise_pseudo_sensors(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
     out: Arrays,
 ) -> None:  # fmt: skip
-    """Write the equations of `pseudo_sensor.PseudoSensor`; its rays stand for the RPCs."""
+    """Write the equations of `pseudo_sensor.PseudoSensor`; its rays replace the RPCs."""
     first, image, xy, rays = observed
     constants, coefficients, used = formula
     residual, by_ground, by_quantity, terms = out
@@ -119,7 +119,7 @@ def _draw_rays(
     rpcs: Arrays, constants: np.ndarray, lower: np.ndarray, middle: np.ndarray, upper: np.ndarray, xy: np.ndarray,
     rows: np.ndarray, rays: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the rays ``(n, 18)`` of the image points ``rows`` of one image from their ground at three heights."""
+    """Write the rays ``(n, 18)`` of the image points ``rows`` of one image, from their ground at three heights."""
     scratch, computed, by_ground = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
     for a in range(len(rows)):
         low = _place_ray_end(rpcs, constants, lower[a, 0], lower[a, 1], lower[a, 2], scratch, computed, by_ground)
@@ -134,7 +134,7 @@ def _place_ray_end(
     rpcs: Arrays, constants: np.ndarray, lon: float, lat: float, height: float, scratch: np.ndarray,
     computed: np.ndarray, by_ground: np.ndarray,
 ) -> Any:  # fmt: skip
-    """Return one end of a ray in the frame, with its derivatives by the image point."""
+    """Return one end of a ray in the sensor frame, with its derivatives by sample and line."""
     east, north = ellipsoid.metres_of_a_degree(lat, height)
     project_point(rpcs, 0, lon, lat, height, east, north, scratch, computed, by_ground, 0)
     position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)
@@ -142,16 +142,16 @@ def _place_ray_end(
 
 
 def _write_rays(image: Image, xy: np.ndarray, rows: np.ndarray, rays: np.ndarray) -> None:
-    """Write the rays of some image points to their rows of a table, as `compute_pseudo_rays` does."""
+    """Write the rays of the image points ``rows`` to these rows of a table, as `compute_pseudo_rays` computes them."""
     constants = compute_sensor_frame(image).constants[None]
     _draw_rays(rpc_tables([image.rpc]), constants, *localize_ray_ends(image.rpc, xy[rows]), xy, rows, rays)
 
 
 class Family(NamedTuple):
-    """How the models of a family are linearised.
+    """Compiled linearisation of a family of models.
 
-    loop : compiled loop over points; table : array of what differs between the models of the family
-    columns, rays : number of values computed once for each image point, and the function that writes them
+    loop : compiled loop over points; table : returns the array in which the models of the family differ
+    columns, rays : number of constants of each image point (its ray), and the function that computes them
     """
 
     loop: Callable[..., None]

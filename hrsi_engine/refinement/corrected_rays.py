@@ -3,13 +3,13 @@
 Each formula is written once, for one image point in compiled loops and for all points of an image with NumPy;
 `pseudo_sensor` has the derivation. With (u, v) the image position centred and scaled to [-1, 1], each of the seven
 corrections is ``a0 + aS u + aL v``. The direction ``(tan psi_x, tan psi_y, -1)`` of the ray is rotated by pitch, roll
-and yaw at the station, followed down to the height z, and all is rotated by psi_z about the middle of the image. The
-derivatives follow by the chain rule.
+and yaw at the station and extended to the height z; the point there is rotated by psi_z about the middle of the image.
+The derivatives follow by the chain rule.
 
 The observation equation in metres, ``(x, y)(image point, values, z) = ground``, is solved for the image point by two
-Newton steps: the first from the observed point, the second from its result, with the derivatives there. One step would
-do for small residuals; with large ones its derivatives by the values lack the change of the step itself, and the
-adjustment would converge beside its minimum.
+Newton steps: the first from the observed point, the second from its result, with the derivatives there. One step is
+enough for small residuals; with large ones its derivatives by the values omit the change of the step, and the
+adjustment would not converge to its minimum.
 """
 
 from typing import Any
@@ -27,14 +27,14 @@ def _rotate(angle: Number, first: Number, second: Number) -> Couple[Number]:
 
 
 def _differentiate_tangents(change: Triple[Number], x: Number, y: Number, down: Number) -> Couple[Number]:
-    """Return the change of a direction's tangents x, y for a ``change`` of the direction, ``down`` its -z."""
+    """Return the change of a direction's tangents x, y for a ``change`` of its vector, whose -z is ``down``."""
     return (change[0] + x * change[2]) / down, (change[1] + y * change[2]) / down
 
 
 def _rotate_direction(roll: Number, pitch: Number, yaw: Number, x: Number, y: Number, z: Number) -> Triple[Number]:
-    """Return a direction turned by pitch in the plane (z, y), roll in (z, x) and yaw in (x, y), in this order.
+    """Return a direction rotated by pitch in the plane (z, y), roll in (z, x) and yaw in (x, y), in this order.
 
-    With a direction's z = -1, positive roll and pitch raise its tangents in x and y.
+    For a direction with z = -1, positive roll and pitch increase its tangents in x and y.
     """
     z, y = _rotate(pitch, z, y)
     z, x = _rotate(roll, z, x)
@@ -45,7 +45,7 @@ def _rotate_direction(roll: Number, pitch: Number, yaw: Number, x: Number, y: Nu
 def _rotate_ray(
     rays: np.ndarray, row: RowIndex, ahead: Couple[Number], roll: Number, pitch: Number, yaw: Number
 ) -> Any:
-    """Return the tangents x, y of a ray's direction, turned at its station, and their derivatives.
+    """Return the tangents x, y of a ray's direction, rotated at its station, and their derivatives.
 
     rays, row, ahead : as in `intersect_frame_height`; roll, pitch, yaw : rad
 
@@ -81,8 +81,8 @@ def intersect_frame_height(
 
     constants, coefficients : of `pseudo_sensor.PseudoSensor`, for many images; i : the image
     rays : (n, 18) of `pseudo_rays.compute_pseudo_rays`; row : the image point, or all of them
-    sample, line : image point of the ray in ``row``, px; z : m
-    ahead : px in sample and line from there to the image point in question, whose ray is extrapolated linearly
+    sample, line : image point of the ray in ``row``, px; z : height in the sensor frame, m
+    ahead : px in sample and line from it to the image point whose ray is wanted and is extrapolated linearly
 
     Result: (x, y) m; the derivatives of x and those of y by the seven quantities; (xs, xl, ys, yl) by sample and line;
     (x, y) by z; and the terms (1, u, v) of the corrections. The sag of the ray is not corrected.
@@ -101,7 +101,7 @@ def intersect_frame_height(
 
     x, y, by_roll, by_pitch, by_yaw, by_sample, by_line = _rotate_ray(rays, row, ahead, roll, pitch, yaw)
 
-    # from the station down to z, then rotated about the middle of the image by psi_z
+    # extend the ray from the station to z, then rotate by psi_z about the middle of the image
     drop = rays[row, 16] + rays[row, 17] * to_line + dh - z
     flat_x = rays[row, 0] + rays[row, 4] * to_sample + rays[row, 5] * to_line + dx + drop * x
     flat_y = rays[row, 1] + rays[row, 6] * to_sample + rays[row, 7] * to_line + dy + drop * y
@@ -139,12 +139,12 @@ def linearise_by_rays(
     row: RowIndex, position: Triple[Number], axes: tuple[Triple[Number], Triple[Number], Triple[Number]],
     computed: np.ndarray, by_ground: np.ndarray, by_quantity: np.ndarray, terms: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
-    """Write the observation equations of an image point; the formula of compiled loops and NumPy alike.
+    """Write the observation equations of an image point; one formula for compiled loops and NumPy.
 
     used : (q,) the quantities that are corrected
     constants, coefficients, i, rays, row : as in `intersect_frame_height`; xy : (n, 2) observed, px
     position, axes : of the ground point: geocentric, and the unit vectors east, north, up there
-    computed, by_ground, by_quantity, terms : where the equations are written; a : in which row, or all of them
+    computed, by_ground, by_quantity, terms : arrays that receive the equations; a : row, or all rows
     """
     c = constants
     x, y, z = position[0] - c[i, 9], position[1] - c[i, 10], position[2] - c[i, 11]
@@ -159,7 +159,7 @@ def linearise_by_rays(
     determinant = xs * yl - xl * ys
     miss_x, miss_y = place_x - meeting[0], place_y - meeting[1]
     ahead = (yl * miss_x - xl * miss_y) / determinant, (xs * miss_y - ys * miss_x) / determinant
-    # at the end of the step the derivatives are those of the projection, also for large residuals
+    # the derivatives after the step are those of the projection, also for large residuals
     meeting, x_by, y_by, by_image, by_z, basis = intersect_frame_height(
         constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z, ahead
     )

@@ -2,12 +2,12 @@
 
 Observation equations of the GCPs, linearised by the model (v = observed - computed, A by values, B by ground)::
 
-    P_i = (sigma_i² I + B_i diag(s_xy², s_xy², s_h²) B_i')^-1       image noise and survey noise together
+    P_i = (sigma_i² I + B_i diag(s_xy², s_xy², s_h²) B_i')^-1       image and survey errors
     minimise  sum_i v_i' P_i v_i + sum_k (a_k / s_k)²               with the priors s_k of the parameters
 
-Unknowns are scaled to their priors, a_k = s_k w_k, and the stacked equations are solved by QR, so that nearly
-collinear parameters (position and attitude) do no harm. A parameter with prior 0 stays 0. P depends weakly on the
-values through B: it is kept during an iteration, which is repeated with the P of its solution.
+Unknowns are scaled to their priors, a_k = s_k w_k, and the stacked equations are solved by QR, so that nearly collinear
+parameters (position and attitude) stay accurate. A parameter with prior 0 stays 0. P depends weakly on the values
+through B: it is constant in an iteration, which is repeated with the P of its solution.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
 from ..foundation.thresholds import threshold, thresholds
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
-#: Data by which the iterations were tuned.
+#: Data with which the limits of the iterations were determined.
 TUNED_ON = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)"
 
 
 @thresholds
 class ESTIMATION:
-    """How the parameters of one image are iterated."""
+    """Limits of the iterations for the parameters of one image."""
 
     most_steps: int = threshold(30, "steps", "of an estimation, refused ones included")
     scaled_steps: int = threshold(4, "steps", "at most with weights by the fit, while residuals are large", TUNED_ON)
@@ -46,8 +46,8 @@ class ESTIMATION:
     weightings: int = threshold(3, "", "times that the weights are computed, at the start included")
 
 
-#: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
-#: errors up to 0.1 rad (tens of thousands of pixels).
+#: Priors for an image with GCPs only: they serve to keep the equations regular, for errors up to 0.1 rad (tens of
+#: thousands of pixels).
 CONTROL_ONLY = Priors(shift_px=1e5, drift=1.0, orientation=LOOSE_ORIENTATION)
 
 
@@ -58,15 +58,15 @@ class Control(Columns):
     Parameters
     ----------
     ids : (n,) ndarray of str
-        Their names.
+        Names of the points.
     ground : (n, 3) ndarray
         Lon, lat in degrees, ellipsoidal height in metres.
     xy : (n, 2) ndarray
         Sample, line in pixels.
     sigma_px : (n,) ndarray
-        Of the measurements.
+        Standard deviations of the measurements.
     sigma_m : (n, 2) ndarray
-        Of the survey, horizontal and height.
+        Standard deviations of the survey, horizontal and height.
     """
 
     ids: np.ndarray
@@ -83,7 +83,7 @@ class Control(Columns):
         cls, ground: np.ndarray, xy: np.ndarray, ids: np.ndarray | None = None, sigma_px: np.ndarray | float = 0.5,
         sigma_m: np.ndarray | tuple[float, float] = (0.2, 0.3),
     ) -> Control:  # fmt: skip
-        """Make columns of matching length.
+        """Return the table, with columns of equal length.
 
         Parameters
         ----------
@@ -94,9 +94,9 @@ class Control(Columns):
         ids : (n,) ndarray of str, optional
             Their names; 1, 2, … by default.
         sigma_px : (n,) ndarray or float
-            Of the measurements.
+            Standard deviations of the measurements.
         sigma_m : (n, 2) ndarray or tuple of float
-            Of the survey, horizontal and height.
+            Standard deviations of the survey, horizontal and height.
 
         Returns
         -------
@@ -118,10 +118,10 @@ class Control(Columns):
 class Estimate:
     """Estimated parameters of one image.
 
-    values : (p,); covariance : (p, p) of them, sigma0 included
+    values : (p,); covariance : (p, p) covariance matrix of the values, scaled by sigma0
     residual_px : (n, 2) observed - computed
     left_out_px : (n, 2) leave-one-out residuals (exact for linear models)
-    roots : (n, 2, 2) R with R'R = P; share : (n, 2, 2) leverage of each point on its own normalised residual
+    roots : (n, 2, 2) R with R'R = P; share : (n, 2, 2) leverage of each point
     sigma0 : a posteriori standard deviation of unit weight; 1 without redundancy
     """
 
@@ -151,7 +151,7 @@ class Estimate:
 class EquationState:
     """Weighted observation equations, linearised at ``values``.
 
-    values : (p,); roots : (n, 2, 2) R with R'R = P; matrix : (2n, p) R A by scaled parameters; right : (2n,) R v
+    values : (p,); roots : (n, 2, 2) R with R'R = P; matrix : (2n, p) R A for scaled parameters; right : (2n,) R v
     residual : (n, 2) v, px; cost : half the weighted sum of squares, priors included
     """
 
@@ -174,7 +174,7 @@ class ObservationEquations:
     sigmas: np.ndarray
 
     def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> EquationState:
-        """Return the weighted equations at ``values``; the ``roots`` of P are those of the values if not given."""
+        """Return the weighted equations at ``values``; without ``roots`` of P, these are computed at the values."""
         control = self.control
         at = self.linearise(values, control.ground)
         residual = control.xy - at.computed
@@ -222,14 +222,14 @@ class ObservationEquations:
         return np.asarray((axes * np.maximum(np.abs(bends), ESTIMATION.least_curvature)) @ axes.T)
 
 
-#: From the equations of an image to values ``(p,)``, number of steps and status; a model may bring its own as `solve`.
+#: From the equations of an image to values ``(p,)``, number of steps and status; a model can have its own as `solve`.
 Estimator = Callable[[ObservationEquations], tuple[np.ndarray, int, str]]
 
 
 def estimate(model: RefinementModel, image: Image, control: Control, priors: Priors = CONTROL_ONLY) -> Estimate:
     """Return the least-squares estimate of a model's parameters from control points.
 
-    Raises `SolveError` where the iteration leaves the domain of the RPC.
+    Raises `SolveError` if the iteration leaves the domain of the RPC.
     """
     sigmas = model.prior_sigmas(image, priors)
     equations = ObservationEquations(model, image, control, model.equations(image, control.xy), sigmas)
@@ -245,7 +245,7 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     whitened = np.einsum("nij,nj->ni", at.roots, at.residual)
     redundancy = float(2 * count - np.einsum("nii->", share))
     sigma0 = float(np.sqrt(np.sum(whitened**2) / redundancy)) if redundancy > 0.5 else 1.0
-    # I minus leverage, with eigenvalues of at least 1e-9: a point that alone determines its residual has 0
+    # I minus leverage, with eigenvalues of at least 1e-9: they are 0 for a point that alone determines a parameter
     eigenvalues, vectors = np.linalg.eigh(np.eye(2) - share)
     not_below = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, 1e-9), vectors)
     left_out = np.linalg.solve(not_below, whitened[:, :, None])
@@ -262,14 +262,14 @@ def iterate_least_squares(
     """Iterate damped least squares (Levenberg-Marquardt) over all points; return values, steps and status.
 
     Begins with ``values`` (zero by default), after ``steps`` steps taken before. While residuals are very large (0.1
-    rad are tens of thousands of pixels) the first steps scale the weights to the fit, so that the priors keep collinear
-    parameters apart. Gauss-Newton steps solve most problems; where large residuals meet a curved model they converge
-    slowly or not at all, and after `ESTIMATION.gauss_newton_steps` the full Hessian is used.
+    rad are tens of thousands of pixels) the first steps scale the weights to the fit, so that the priors separate
+    collinear parameters. Gauss-Newton steps solve most problems; with large residuals and a nonlinear model they
+    converge slowly or not at all, so that after `ESTIMATION.gauss_newton_steps` the full Hessian is used.
     """
     sigmas = equations.sigmas
     lost: list[SolveError] = []
     freedom = max(2 * len(equations.control) - int((sigmas > 0.0).sum()), 1)
-    compute_hessian = lru_cache(maxsize=1)(equations.compute_hessian)  # a refused step begins at the same place again
+    compute_hessian = lru_cache(maxsize=1)(equations.compute_hessian)  # a rejected step is repeated from the same state
 
     def by_slopes(at: EquationState, damping: float) -> Step[EquationState]:
         return try_step(at, solve_step(at.matrix, at.right, at.values, sigmas, damping), damping)
@@ -321,19 +321,19 @@ def iterate_least_squares(
 
 
 def _scale(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
-    """Return values in units of their prior standard deviations, 0 for fixed ones."""
+    """Return values in units of their prior standard deviations; 0 for fixed parameters (prior 0)."""
     return np.divide(values, sigmas, out=np.zeros_like(values), where=sigmas > 0.0)
 
 
 def _diagonal(matrix: np.ndarray) -> np.ndarray:
-    """Return the diagonal of the normal equations of scaled parameters, priors included."""
+    """Return the diagonal of the normal equations of scaled parameters, including the priors."""
     return np.asarray(np.sum(matrix**2, axis=0) + 1.0)
 
 
 def solve_step(
     matrix: np.ndarray, right: np.ndarray, values: np.ndarray, sigmas: np.ndarray, damping: float = 0.0
 ) -> np.ndarray:
-    """Return the step of the scaled parameters ``(p,)``, with their priors (values of zero) and the damping."""
+    """Return the damped step of the scaled parameters ``(p,)``, whose priors (unit weight) draw the values to zero."""
     p = len(sigmas)
     if not p:
         return np.zeros(0)

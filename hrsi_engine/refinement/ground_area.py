@@ -12,7 +12,7 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 @dataclass(frozen=True, eq=False)
 class GroundArea:
-    """Middle ``(3,)`` lon, lat, height, and half extents ``(3,)`` in degrees, degrees, metres.
+    """Ground area of an image: middle ``(3,)`` lon, lat, height; half extents ``(3,)`` in degrees, degrees, metres.
 
     Both horizontal extents are equal in metres, so that the coordinates do not depend on the orientation of the image.
     """
@@ -26,16 +26,16 @@ class GroundArea:
         return float(self.reach[1] * metres_per_degree(self.middle[None])[0, 1])
 
     def normalise(self, ground: np.ndarray) -> np.ndarray:
-        """Return lon, lat, height as ``(n, 3)`` shares of the half extents."""
+        """Return lon, lat, height relative to the middle in units of the half extents, ``(n, 3)``."""
         difference = ground - self.middle
         difference[:, 0] = wrap_degrees(difference[:, 0])
         return np.asarray(difference / self.reach)
 
 
 def compute_ground_area(image: Image) -> GroundArea:
-    """Return the area of an image at the middle of its RPC's heights.
+    """Return the ground area of an image at the reference height (offset) of its RPC.
 
-    Raises `SolveError` where the RPC has no ground position for the image.
+    Raises `SolveError` if the RPC has no ground position for the image.
     """
     corners = image.camera_centre_px + image.camera_half_size_px * [[0, 0], [-1, -1], [1, -1], [-1, 1], [1, 1]]
     ground = image.rpc.localize(corners, image.rpc.height_off).ground
@@ -49,7 +49,7 @@ def compute_ground_area(image: Image) -> GroundArea:
 
 
 def compute_px_per_m(images: Sequence[Image]) -> np.ndarray:
-    """Return the pixels per metre on the ground in the middle of each image, ``(images,)``."""
+    """Return the pixels per metre on the ground at the centre of each image, ``(images,)``."""
     stack, which = stack_of(images), np.arange(len(images))
     centres = np.array([image.camera_centre_px for image in images])
     return stack.px_per_m(which, stack.localize(which, centres, stack.middles()[:, 2]))

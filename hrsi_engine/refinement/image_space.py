@@ -1,16 +1,16 @@
 """Bias compensation in image space: a polynomial of the projected position added to it (thesis eqs. 4.2, 4.3).
 
-With (s, l) = RPC(ground), u = s - s0, v = l - l0 counted from the image's centre::
+With (s, l) = RPC(ground), u = s - s0, v = l - l0 relative to the image's centre::
 
     sample = s + sum_m a_m u^i v^j        line = l + sum_m b_m u^i v^j
 
 The correction's argument is the *projected* position, so that the corrected camera is a plain function of the ground
-and can be written as an RPC (Fraser and Hanley 2003; Grodecki and Dial 2003). The parameters are linear; all models
-of the family differ only in which monomials they have and how the coefficients are shared. With t the monomials the
-derivatives by all coefficients are I2 (x) t', and by the ground (I2 + slope of the correction) times those of the RPC.
+and can be written as an RPC (Fraser and Hanley 2003; Grodecki and Dial 2003). The parameters are linear; the models of
+the family differ in their monomials and in how coefficients are shared. With t the monomials, the derivatives by all
+coefficients are I2 (x) t', and by the ground (I2 + slope of the correction) times those of the RPC.
 
-The bands of one exposure have the coefficients of its panchromatic image: with pixels p times as large, u and v are
-counted in p times the band's pixels, and the sums are divided by p.
+The bands of one exposure have the coefficients of its panchromatic image: with pixels p times as large, u and v are p
+times those in pixels of the band, and the sums are divided by p.
 """
 
 from collections.abc import Callable
@@ -42,17 +42,17 @@ class ImagePolynomial:
 
     @property
     def least_points(self) -> int:
-        """GCPs from which the parameters follow."""
+        """Fewest GCPs that determine the parameters."""
         return (len(self.parameters) + 1) // 2
 
     @property
     def drifts(self) -> np.ndarray:
-        """Which parameters change the correction across an image, ``(p,)``."""
+        """True for parameters that change the correction across an image, ``(p,)`` bool."""
         constant = self.powers.sum(axis=1) == 0
         return np.asarray(~(self.mixing[:, constant] != 0.0).any(axis=(0, 1)))
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return the shift (px), the drift (px/px) or, for higher degrees, the drift per half image size."""
+        """Return the priors of the parameters: shift (px), drift (px/px), for higher degrees per half image size."""
         degree, pixel = self.powers.sum(axis=1), image.camera_pixel
         reach = image.camera_half_size_px.max() * pixel
         by_monomial = np.where(
@@ -71,9 +71,9 @@ class ImagePolynomial:
         self, constants: np.ndarray, which: ImageIndex, values: np.ndarray, ground: np.ndarray,
         computed: np.ndarray, by_ground: np.ndarray,
     ) -> Equations:  # fmt: skip
-        """Return the equations of points of many images from what their RPCs say, which is overwritten.
+        """Return the equations of points of many images, from positions and derivatives by their RPCs (overwritten).
 
-        ``constants`` and ``values (images, …)`` are of the images, ``which`` is the number of each point's image.
+        ``constants`` and ``values (images, …)`` are those of the images, ``which`` the index of each point's image.
         """
         terms = np.empty((len(ground), len(self.powers)))
         coefficients = self.coefficients(values)
@@ -90,11 +90,11 @@ class ImagePolynomial:
 
     @property
     def structure(self) -> Structure:
-        """How the derivatives by the parameters are composed."""
+        """Kronecker structure of the derivatives by the parameters."""
         return Structure(None, len(self.powers), self.mixing.reshape(2 * len(self.powers), len(self.parameters)))
 
     def correction(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
-        """Return the correction at projected positions, ``(n, 2)`` px."""
+        """Return the correction at projected positions ``(n, 2)``, in px."""
         return np.asarray(self._compute_terms(image, projected) @ (self.mixing @ values).T)
 
     def compute_normal(self, image: Image, projected: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -109,22 +109,22 @@ class ImagePolynomial:
         return projected + self.correction(image, values, projected)
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
-        """Change the coefficients where that is exact, else fit a new RPC."""
+        """Return the refined RPC: exact for corrections up to the first degree, otherwise fitted."""
         if not np.any(values):
             return RefitRPC(image.rpc, 0.0)
         folded = self._fold_affine(image, values)
         return refit_camera(self, image, values) if folded is None else RefitRPC(folded, 0.0)
 
     def _compute_terms(self, image: Image, projected: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the correction, px, by the coefficients of the monomials, ``(n, m)``."""
+        """Return the derivatives of the correction (px) by the coefficients of the monomials, ``(n, m)``."""
         offset = (projected - image.camera_centre_px) * image.camera_pixel
         of_axes = np.ones((2, int(self.powers.max(initial=0)) + 1, len(offset)))
-        for power in range(1, of_axes.shape[1]):  # a product each: general powers take twenty times as long
+        for power in range(1, of_axes.shape[1]):  # products: general powers take twenty times as long
             np.multiply(of_axes[:, power - 1], offset.T, out=of_axes[:, power])
         return np.asarray((of_axes[0, self.powers[:, 0]] * of_axes[1, self.powers[:, 1]]).T) / image.camera_pixel
 
     def _fold_affine(self, image: Image, values: np.ndarray) -> RPC | None:
-        """Return the exact RPC of a correction of first degree, None where there is none."""
+        """Return the exact RPC of a correction of first degree; None if there is none."""
         if self.powers.sum(axis=1).max(initial=0) > 1:
             return None
         coefficients = self.mixing @ values
@@ -139,12 +139,12 @@ def correct_in_image(
     powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: ImageIndex,
     computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
-    """Add the correction of image i to its projected points; shared by compiled loops and NumPy.
+    """Add the correction of image i to its projected points; one formula for compiled loops and NumPy.
 
-    powers : (m, 2); constants : (images, 3) centre, px, and pixels of the scene in one; coefficients : (images, 2, m)
+    powers : (m, 2); constants : (images, 3) centre (px) and `Image.camera_pixel`; coefficients : (images, 2, m)
     computed, by_ground : (n, 2) px and (n, 2, 3) px/m of the RPC; overwritten by those of the corrected camera
-    terms : (n, m) output, the derivatives by the coefficients: the monomials over the image's pixel
-    i : image, or that of each point; a : row, or all rows
+    terms : (n, m) output, the derivatives by the coefficients: the monomials divided by the pixel size
+    i : index of the image, or of each point's image; a : row, or all rows
     """
     pixel = constants[i, 2]
     u, v = (computed[a, 0] - constants[i, 0]) * pixel, (computed[a, 1] - constants[i, 1]) * pixel
@@ -174,7 +174,7 @@ def correct_in_image(
 
 
 def add_drift_parameters(model: ImagePolynomial) -> ImagePolynomial:
-    """Return the model with the missing parameters of an affine correction appended.
+    """Return the model with those parameters of an affine correction appended that it does not have.
 
     A drift of the camera that a model with few parameters cannot represent is an error common to all points of the
     image; these parameters, with a prior, represent it in the observation equations.
@@ -200,7 +200,7 @@ def _express_in_monomials(model: ImagePolynomial, powers: np.ndarray) -> np.ndar
 
 
 def _polynomial(name: str, title: str, powers: list[tuple[int, int]]) -> ImagePolynomial:
-    """Return the model with a coefficient for each monomial in sample and in line."""
+    """Return the model with one coefficient for each monomial in sample and one in line."""
     count = len(powers)
     mixing = np.zeros((2, count, 2 * count))
     mixing[0, :, :count] = np.eye(count)
@@ -211,7 +211,7 @@ def _polynomial(name: str, title: str, powers: list[tuple[int, int]]) -> ImagePo
 
 
 def _similarity(name: str, title: str) -> ImagePolynomial:
-    """Shift, scale k and rotation r: sample + k u - r v, line + r u + k v."""
+    """Return the model with shift, scale k and rotation r: sample + k u - r v, line + r u + k v."""
     mixing = np.zeros((2, 3, 4))
     mixing[0, 0, 0] = mixing[1, 0, 1] = 1.0
     mixing[0, 1, 2] = mixing[1, 2, 2] = 1.0

@@ -1,4 +1,4 @@
-"""The contract of a refinement model: how an image's correction enters the observation equations and a new RPC.
+"""The interface of a refinement model: how an image's correction enters the observation equations and a new RPC.
 
 A model has a few parameters for each image (its *values*, zero for the vendor's RPC without correction). For points of
 the image it gives the computed image position and its derivatives by the values and by the ground position::
@@ -7,8 +7,8 @@ the image it gives the computed image position and its derivatives by the values
     by_values                     (n, 2, p)   px per unit of each parameter
     by_ground                     (n, 2, 3)   px per metre east, north, up at each point
 
-The adjustment uses nothing else of a model. A new model is one entry in `model_table`, and a class where no family
-makes it; the contract tests run over every entry (numeric against analytic derivatives, zero values leave the RPC
+The adjustment uses nothing else of a model. A new model is one entry in `model_table`, and a class if no family has it;
+the tests of the interface are run for every entry (numeric against analytic derivatives, zero values leave the RPC
 unchanged, refined RPC against the model).
 """
 
@@ -24,7 +24,7 @@ from ..camera.rpc import RPC
 
 
 class Equations(NamedTuple):
-    """Linearisation observation equations of one image's points.
+    """Linearised observation equations of one image's points.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Structure:
         return 2 if self.quantities is None else self.quantities
 
     def fold(self, blocks: np.ndarray) -> np.ndarray:
-        """Return blocks ``(b, m m, q q)`` of a normal matrix of the coefficients for the parameters, ``(b, p, p)``."""
+        """Return blocks ``(b, m m, q q)`` of the coefficients' normal matrix for the parameters, ``(b, p, p)``."""
         q, m = self.size, self.terms
         by_coefficient = blocks.reshape(len(blocks), m, m, q, q).transpose(0, 3, 1, 4, 2)
         return self._mix(by_coefficient.reshape(len(blocks), q * m, q * m), self.mixing)
@@ -81,10 +81,10 @@ class Structure:
         return np.asarray(mixing.T @ blocks @ mixing)
 
 
-#: Index of formulas shared by compiled loops (one row) and NumPy (all rows).
+#: Row index of formulas shared by compiled loops (one row) and NumPy (all rows).
 RowIndex = int | slice
 ALL_ROWS = slice(None)
-#: The image of that row, or that of each row.
+#: Index of the image of that row, or of the image of each row.
 ImageIndex = int | np.ndarray
 
 
@@ -107,8 +107,8 @@ class RefitRPC(NamedTuple):
 class Orientation:
     """Standard deviations of a sensor's position and attitude.
 
-    Drifts are changes over ``reach_m`` on the ground, from the middle of an image to its edge; they are scaled to the
-    size of the image.
+    Drifts are changes over ``reach_m`` on the ground, from the middle of an image to its edge; for other sizes of
+    images they are scaled proportionally.
     """
 
     position_m: float
@@ -125,11 +125,11 @@ class Priors:
     Parameters
     ----------
     shift_px : float
-        Of the constant part.
+        Standard deviation of the constant part, px.
     drift : float
-        Of its change across the image, in px per px.
+        Standard deviation of its change across the image, in px per px.
     orientation : Orientation, optional
-        Of a pseudo sensor; by default derived from the other two.
+        Standard deviations for a pseudo sensor; by default derived from the other two.
     """
 
     shift_px: float
@@ -137,19 +137,19 @@ class Priors:
     orientation: Orientation | None = None
 
 
-#: Loose for constant errors of any satellite, tight for the drift across an image: it serves errors from 0 to 1 km and
-#: 0.1 rad (docs/accuracy_thesis.md).
+#: Loose for constant errors of any satellite, tight for the drift across an image: suitable for errors from 0 to 1 km
+#: and 0.1 rad (docs/accuracy_thesis.md).
 LOOSE_ORIENTATION = Orientation(2000.0, 0.2, 2.0, 2e-4)
 #: With GCPs the priors only keep the equations regular: far above any vendor's error. The positions of the sensors get
-#: the worst accuracy of orbits, because attitude corrects the same but for its change across the image, which ties
-#: would fit to the images' drift (Hobart with one GCP, generic-shift: height RMSE 5.7 m with 2 km, 1.7 m with 20 m).
+#: the worst accuracy of orbits, because attitude has the same effect except for its change across the image, which tie
+#: points would fit to the drift (Hobart with one GCP, generic-shift: height RMSE 5.7 m with 2 km, 1.7 m with 20 m).
 CONTROLLED = Priors(shift_px=100.0, drift=1e-3, orientation=replace(LOOSE_ORIENTATION, position_m=20.0))
-#: Smallest prior of a drift that a model follows without GCPs, px/px; where sigmas are tested its size is estimated.
+#: Smallest prior of a drift without GCPs, px/px; if sigmas are tested, its size is estimated.
 UNCONTROLLED_DRIFT = 1e-4
 
 
 def select_priors(image: Image, controlled: bool) -> Priors:
-    """Return the priors of an image; without GCPs from the accuracy of its sensor, which then determines the datum.
+    """Return the priors of an image; without GCPs from the accuracy of its sensor, as they determine the datum then.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def select_priors(image: Image, controlled: bool) -> Priors:
 
 
 def estimate_priors(image: Image) -> Priors:
-    """Return the a priori accuracy of an image's RPC, its shift and drift, from the pointing of its sensor."""
+    """Return the a priori accuracy (shift and drift) of an image's RPC, from the pointing accuracy of its sensor."""
     pointing = estimate_pointing(image)
     return Priors(pointing.sigma_m / compute_gsd_m(image), pointing.drift)
 
@@ -179,7 +179,7 @@ Linearise = Callable[[np.ndarray, np.ndarray], Equations]
 
 
 class RefinementModel(Protocol):
-    """What every entry of `MODELS` provides."""
+    """Interface of every entry of `MODELS`."""
 
     @property
     def name(self) -> str:
@@ -187,7 +187,7 @@ class RefinementModel(Protocol):
 
     @property
     def title(self) -> str:
-        """What it does, in a few words, for help and reports."""
+        """Description in a few words, for help and reports."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -199,7 +199,7 @@ class RefinementModel(Protocol):
 
     @property
     def drifts(self) -> np.ndarray:
-        """Which parameters change the correction across the image (drifts), ``(p,)`` bool."""
+        """True for parameters that change the correction across the image (drifts), ``(p,)`` bool."""
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return the a priori standard deviation of each parameter.
@@ -209,7 +209,7 @@ class RefinementModel(Protocol):
         image : Image
             The image.
         priors : Priors
-            Of the image.
+            Priors of the image.
 
         Returns
         -------
@@ -220,14 +220,12 @@ class RefinementModel(Protocol):
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the linearised equations of points that were observed on an image.
 
-        What depends on the observations only (pseudo rays, say) is computed here once.
-
         Parameters
         ----------
         image : Image
             The image.
         observed_px : (n, 2) ndarray
-            Sample, line; what depends on the observations only (pseudo rays, say) is computed here once.
+            Sample, line; quantities that depend on them only (for example pseudo rays) are computed here once.
 
         Returns
         -------
@@ -243,7 +241,7 @@ class RefinementModel(Protocol):
         image : Image
             The image.
         values : (p,) ndarray
-            Of the parameters.
+            Values of the parameters.
         ground : (n, 3) ndarray
             Lon, lat in degrees, ellipsoidal height in metres.
 
@@ -254,17 +252,17 @@ class RefinementModel(Protocol):
         """
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
-        """Return an RPC that reproduces RPC and correction together, over the image and its height range.
+        """Return an RPC that reproduces the original RPC with its correction, over the image and its height range.
 
         Parameters
         ----------
         image : Image
             The image.
         values : (p,) ndarray
-            Of the parameters.
+            Values of the parameters.
 
         Returns
         -------
         RefitRPC
-            The RPC, and its largest difference from them.
+            The RPC, and its largest difference from the corrected camera.
         """

@@ -1,7 +1,7 @@
-"""The table of refinement models: one entry a model, from which it is made and from which declarations have its name.
+"""The table of refinement models: one entry per model, from which the model is made and options take its name.
 
-Beside it stand the names of the rules that choose a model, and how to refine an image. The module imports no numerics,
-so that the command line knows the choices without loading them. The files of the families make the models
+It also has the names of the rules that choose a model, and the options for refining an image. The module imports no
+numerics, so that the command line has the choices without loading them. The modules of the families make the models
 (`image_space`, `object_coordinates`, `object_space`, `pseudo_sensor`, `laboratory.direct_methods`).
 """
 
@@ -14,11 +14,11 @@ from ..foundation.options import option, options
 
 
 class ModelEntry(NamedTuple):
-    """A model before it is made.
+    """Declaration of a model.
 
     title : what it corrects, in a few words
-    maker : which of the family's makers makes it
-    settings : what the maker takes after name and title
+    maker : name of the family's function that makes it
+    settings : further arguments of that function, after name and title
     """
 
     title: str
@@ -37,7 +37,7 @@ IMAGE_SPACE_TABLE = {
         "a polynomial of second degree in the image", "polynomial", ([(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2)],)
     ),
 }
-#: Polynomials of the ground position, added in the image: their degree.
+#: Polynomials of the ground position, added in the image; the setting is their degree.
 OBJECT_COORDINATES_TABLE = {
     "ground-linear": ModelEntry(
         "a first-order polynomial of lon, lat and height, added in the image", "polynomial", (1,)
@@ -47,7 +47,7 @@ OBJECT_COORDINATES_TABLE = {
     ),
 }
 _SHIFTS = [(axis, 0) for axis in range(3)]
-#: Corrections of the ground position: (axis, 0 for a constant or 1 + the axis it grows with), fewest GCPs.
+#: Corrections of the ground position: (axis, 0 for a constant or 1 + the axis that it is proportional to), fewest GCPs.
 OBJECT_SPACE_TABLE = {
     "object-shift": ModelEntry("a shift of the ground coordinates", "correction", (_SHIFTS, 1)),
     "object-scale-shift": ModelEntry(
@@ -75,7 +75,7 @@ PSEUDO_SENSOR_TABLE = {
     ),
 }
 _DIRECT_GRID, _PSEUDO_GRID = (10, 10, 5), (3, 3, 3)
-#: New coefficients, for single images with GCPs: nodes (samples, lines, heights) of the grid in place of the old ones.
+#: New coefficients, for single images with GCPs: nodes (samples, lines, heights) of the grid of the old ones.
 DIRECT_TABLE = {
     "direct": ModelEntry("all coefficients again from the GCPs", "loose"),
     "bils": ModelEntry("coefficients by batch least squares with their covariance", "grid", (_DIRECT_GRID,)),
@@ -106,7 +106,7 @@ Model = TypeVar("Model")
 
 
 def make_models(table: Mapping[str, ModelEntry], makers: Mapping[str, Callable[..., Model]]) -> dict[str, Model]:
-    """Return the models of a family's table, each made by the maker that its entry names."""
+    """Return the models of a family's table, each made by the function (maker) that its entry names."""
     for name, entry in table.items():
         if entry.maker not in makers:
             known = ", ".join(makers)

@@ -1,4 +1,4 @@
-"""Every refinement model by its name; the direct methods of the laboratory add theirs to this table."""
+"""All refinement models by their names; the laboratory's direct methods are added to this table there."""
 
 from .image_space import IMAGE_SPACE
 from .model import RefinementModel

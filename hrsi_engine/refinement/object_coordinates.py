@@ -22,7 +22,7 @@ from .refit import refit_camera
 
 @dataclass(frozen=True, eq=False)
 class GroundPolynomial:
-    """A polynomial of the ground coordinates; ``powers (m, 3)`` are the exponents of X, Y and Z."""
+    """A correction by a polynomial of the ground coordinates; ``powers (m, 3)`` are the exponents of X, Y and Z."""
 
     name: str
     title: str
@@ -31,16 +31,16 @@ class GroundPolynomial:
 
     @property
     def least_points(self) -> int:
-        """GCPs from which the parameters follow."""
+        """Fewest GCPs that determine the parameters."""
         return len(self.powers)
 
     @property
     def drifts(self) -> np.ndarray:
-        """Which parameters change the correction across an image, ``(p,)``."""
+        """True for parameters that change the correction across an image, ``(p,)`` bool."""
         return np.tile(self.powers.sum(axis=1) > 0, 2)
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return the shift and the drift from the middle of the image to its edge, px."""
+        """Return the prior of each parameter, px: the shift, or the drift from the middle of the image to its edge."""
         degree = np.tile(self.powers.sum(axis=1), 2)
         sigma = np.where(degree == 0, priors.shift_px, priors.drift * float(image.camera_half_size_px.max()))
         return sigma * image.camera_pixel
@@ -68,7 +68,7 @@ class GroundPolynomial:
     def constants(self, image: Image) -> np.ndarray:
         """Return an image's constants for `correct_by_ground` ``(7,)``.
 
-        Middle and half extents of its ground area, and the pixels of its scene in one of its own.
+        Middle and half extents of its ground area, and `Image.camera_pixel`.
         """
         area = compute_ground_area(image)
         return np.concatenate([area.middle, area.reach, [image.camera_pixel]])
@@ -79,7 +79,7 @@ class GroundPolynomial:
 
     @property
     def structure(self) -> Structure:
-        """How the derivatives by the parameters are composed."""
+        """Kronecker structure of the derivatives by the parameters."""
         return Structure(None, len(self.powers), np.eye(len(self.parameters)))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ class GroundPolynomial:
         return np.asarray(image.rpc.project(ground) + terms @ values.reshape(2, -1).T / image.camera_pixel)
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
-        """Fit a new RPC."""
+        """Return the refined RPC: a new one, fitted to the corrected camera."""
         return refit_camera(self, image, values)
 
 
@@ -98,13 +98,13 @@ def correct_by_ground(
     lon: Number, lat: Number, height: Number, east: Number, north: Number,
     computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
-    """Add the correction of image i to its projected points; shared by compiled loops and NumPy.
+    """Add the correction of image i to its projected points; one formula for compiled loops and NumPy.
 
     powers : (m, 3); constants : (images, 7); coefficients : (images, 2, m)
     lon, lat, height : degrees, metres; east, north : metres per degree there
     computed, by_ground : (n, 2) px and (n, 2, 3) px/m of the RPC; overwritten by those of the corrected camera
-    terms : (n, m) output, the derivatives by the coefficients: the monomials over the image's pixel
-    i : image, or that of each point; a : row, or all rows
+    terms : (n, m) output, the derivatives by the coefficients: the monomials divided by the pixel size
+    i : index of the image, or of each point's image; a : row, or all rows
     """
     pixel = constants[i, 6]
     x = ellipsoid.wrap_once(lon - constants[i, 0]) / constants[i, 3]

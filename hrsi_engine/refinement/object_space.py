@@ -4,9 +4,9 @@ In metres east, north and up about the middle of the image, scaled by half its e
 
     E' = E + c + M X         image = RPC(E')
 
-with c the shift and M full (affine), diagonal (scale-shift) or absent (shift). The thesis corrects the ground that an
-RPC gives; this is its inverse, of the same family. On an image a shift in height looks like one in position: the
-priors give it to the latter.
+with c the shift and M full (affine), diagonal (scale-shift) or absent (shift). The thesis corrects the ground positions
+computed by an RPC; this is the inverse, of the same form. In one image a shift in height has the effect of one in
+position: the priors assign it to the latter.
 """
 
 from dataclasses import dataclass
@@ -42,9 +42,9 @@ class OBJECT_SPACE_PRIORS:
 
 @dataclass(frozen=True, eq=False)
 class GroundCorrection:
-    """A correction of ground coordinates.
+    """A correction model in object space.
 
-    entries : (p, 2) coordinate that each parameter corrects, and its argument: 0 none (shift), 1 east, 2 north, 3 up
+    entries : (p, 2) corrected coordinate of each parameter, and its argument: 0 none (shift), 1 east, 2 north, 3 up
     """
 
     name: str
@@ -55,11 +55,11 @@ class GroundCorrection:
 
     @property
     def drifts(self) -> np.ndarray:
-        """Which parameters change the correction across an image, ``(p,)``."""
+        """True for parameters that change the correction across an image, ``(p,)`` bool."""
         return np.asarray(self.entries[:, 1] != 0)
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return the shift and the drift from the middle of the image to its edge, m."""
+        """Return the prior of each parameter, m: the shift, or the drift from the middle of the image to its edge."""
         metres = 1.0 / float(compute_px_per_m([image])[0])
         drift = priors.drift * float(image.camera_half_size_px.max()) * metres
         sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
@@ -101,7 +101,7 @@ class GroundCorrection:
 
     @property
     def structure(self) -> Structure:
-        """How the derivatives by the parameters are composed; a shift alone has the term 1 alone."""
+        """Kronecker structure of the derivatives by the parameters; a pure shift has only the term 1."""
         count, parameters = (4 if self.entries[:, 1].any() else 1), len(self.parameters)
         mixing = np.zeros((3, count, parameters))
         mixing[self.entries[:, 0], self.entries[:, 1], np.arange(parameters)] = 1.0
@@ -117,7 +117,7 @@ class GroundCorrection:
         return image.rpc.project(np.column_stack(ellipsoid.geodetic(*moved)))
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
-        """Fit a new RPC."""
+        """Return the refined RPC: a new one, fitted to the corrected camera."""
         return refit_camera(self, image, values)
 
 
@@ -153,7 +153,7 @@ def rotate_derivatives(
     constants: np.ndarray, coefficients: np.ndarray, i: int, there: Any, here: Any,
     by_ground: np.ndarray, by_frame: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
-    """Transform derivatives by the corrected ground to those by the frame's coordinates and by the given ground.
+    """Transform derivatives by the corrected position to those by the frame's coordinates and by the given position.
 
     constants, coefficients, i : as in `move_position`
     there, here : geocentric unit vectors east, north, up at the corrected and at the given position

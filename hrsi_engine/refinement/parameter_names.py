@@ -1,8 +1,8 @@
-"""Units and meanings of the models' parameters, told from their names (`models.MODELS`)."""
+"""Units and meanings of the models' parameters, derived from their names (`models.MODELS`)."""
 
 import re
 
-#: Of the corrected quantities: what it is, and its unit.
+#: Meaning and unit of the corrected quantities.
 QUANTITY = {
     "sample": ("correction of the sample", "px"), "line": ("correction of the line", "px"),
     "east": ("shift to the east", "m"), "north": ("shift to the north", "m"), "up": ("shift upwards", "m"),
@@ -10,7 +10,7 @@ QUANTITY = {
     "hs": ("sensor height", "m"), "psi_x": ("roll", "rad"), "psi_y": ("pitch", "rad"), "yaw": ("yaw", "rad"),
     "psi_z": ("rotation about the scene's middle", "rad"),
 }  # fmt: skip
-#: Of the arguments that a correction is proportional to.
+#: Names of the arguments that a correction is proportional to.
 ARGUMENT = {
     "s": "sample", "l": "line", "x": "longitude", "y": "latitude", "z": "height",
     "east": "east", "north": "north", "up": "up",
@@ -19,10 +19,10 @@ WHOLE = {"scale": ("scale of the image, less 1", "px/px"), "rotation": ("rotatio
 
 
 def describe_parameter(name: str) -> dict[str, str]:
-    """Return ``unit`` and ``meaning`` of a model's parameter; empty texts for a name that no model has.
+    """Return ``unit`` and ``meaning`` of a model's parameter; empty texts for names that are not parameters.
 
-    Sample and line count from the image's middle, in px where the correction itself is one of sample and line; other
-    arguments are shares of half the image's extent, so that the parameter keeps the unit of the quantity.
+    Sample and line are relative to the image's centre, in px if the correction is one of sample and line; other
+    arguments are relative to half the image's extent, so that the parameter keeps the unit of the quantity.
     """
     plain = name.removeprefix("drift_")
     meaning, unit = WHOLE.get(plain, ("", ""))

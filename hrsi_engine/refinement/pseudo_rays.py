@@ -7,7 +7,7 @@ of its line intersect::
 
     X(z) = Xs + (H - z) tan(psi_x)        Y(z) = Ys + (H - z) tan(psi_y)
 
-The thesis fixes H ("e.g. 600 km"); any value serves small corrections. Corrections of 0.1 rad must rotate the rays at
+The thesis fixes H ("e.g. 600 km"); any value suits small corrections. Corrections of 0.1 rad must rotate the rays at
 their true intersection: 100 m of its height, as an orbit curves over an image, are 10 m on the ground.
 
 The rays of an RPC are not exactly straight; the deviation at the middle of the height range (*sag*, usually far below a
@@ -32,7 +32,7 @@ from .model import ALL_ROWS, RowIndex
 
 @thresholds
 class SENSOR:
-    """Which pseudo sensors are plausible, and how exactly rays are followed."""
+    """Limits for plausible pseudo sensors, and for the accuracy of the rays' iterations."""
 
     usual_height_m: float = threshold(600e3, "m", "of the sensor, for nearly parallel rays", "thesis, section 4.3")
     least_height_m: float = threshold(1e3, "m", "lowest plausible height: an aircraft")
@@ -46,7 +46,7 @@ class SENSOR:
 
 @dataclass(frozen=True)
 class SensorFrame:
-    """The frame of an image's pseudo sensor: `LocalFrame` turned about its up axis by ``azimuth_rad``.
+    """The frame of an image's pseudo sensor: `LocalFrame` rotated about its up axis by ``azimuth_rad``.
 
     ``heights_m`` are z of the pseudo sensor at the first, middle and last line; ``centre_px`` and ``half_size_px``
     those of the image.
@@ -84,16 +84,16 @@ class SensorFrame:
 
 
 #: Columns of a table of rays ``(n, 18)``. Xs, Ys at the pseudo sensor's height, and tan psi_x, tan psi_y; the
-#: derivatives of both by sample and line (those of X first); metres in X and Y by which the RPC lies beside the
-#: straight ray at half its height; z of the upper end, and how far below it the lower end lies; z of the pseudo
-#: sensor, and its change from line to line.
+#: derivatives of both by sample and line (those of X first); deviation of the RPC from the straight ray in X and Y at
+#: half its height (sag, m); z of the upper end, and the height difference to the lower end; z of the pseudo sensor, and
+#: its change from line to line.
 STATION, TANGENT, SENSOR_HEIGHT = slice(0, 2), slice(2, 4), 16
 COLUMNS = 18
 
 
 @lru_cache(maxsize=1024)
 def compute_sensor_frame(image: Image) -> SensorFrame:
-    """Return the frame of an image: its origin below the middle of the image, on the ellipsoid."""
+    """Return the frame of an image: its origin is below the centre of the image, on the ellipsoid."""
     below = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
     if not np.isfinite(below).all():
         raise SolveError(f"{image.id}: the RPC has no ground position for the middle of the image: check that both fit")
@@ -103,7 +103,7 @@ def compute_sensor_frame(image: Image) -> SensorFrame:
     rays = compute_pseudo_rays(image.rpc, level, centre + half_size * ends)
     on_datum = rays[:, STATION] + rays[:, SENSOR_HEIGHT, None] * rays[:, TANGENT]
     east, north = on_datum[3] - on_datum[2]
-    # The sensor heights z of the three lines: where the rays of the two ends of each are nearest to each other
+    # The sensor heights z of the three lines: where the rays of both ends of a line are closest to each other
     apart = rays[1::2, STATION] - rays[::2, STATION]
     opening = rays[1::2, TANGENT] - rays[::2, TANGENT]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -126,9 +126,9 @@ def localize_ray_ends(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def compute_pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> np.ndarray:
-    """Return the rays of image points ``(n, 2)`` as a table ``(n, 18)``, whose columns are named above.
+    """Return the rays of image points ``(n, 2)`` as a table ``(n, 18)`` with the columns described above.
 
-    NaN where the RPC has no ground position for a point.
+    Rows are NaN where the RPC has no ground position for a point.
     """
     constants, rays = frame.constants[None], np.empty((len(image_px), COLUMNS))
     places = []
@@ -149,11 +149,11 @@ def compute_pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> n
 def place_in_frame(
     constants: np.ndarray, i: int, position: Triple[Number], axes: Any, by_ground: np.ndarray, a: RowIndex
 ) -> tuple[Triple[Number], Triple[Number], Triple[Number]]:
-    """Return X, Y, z of a ground point of an image point, and their derivatives by sample and by line at its height.
+    """Return X, Y, z of an image point's ground position, and their derivatives by sample and line at its height.
 
     constants : `SensorFrame.constants` of many images; i : the image
     position, axes : geocentric position, and unit vectors east, north, up there
-    by_ground : (n, 2, 3) derivatives of sample and line by metres east, north, up; a : in which row, or all of them
+    by_ground : (n, 2, 3) derivatives of sample and line by metres east, north, up; a : row, or all rows
     """
     c = constants
     x, y, z = position[0] - c[i, 9], position[1] - c[i, 10], position[2] - c[i, 11]
@@ -169,7 +169,7 @@ def place_in_frame(
 
 
 def _in_frame(constants: np.ndarray, i: int, axes: Any, east: Number, north: Number) -> Triple[Number]:
-    """Return a vector of metres east and north at a point in the frame's X, Y, z."""
+    """Return a vector, given in metres east and north at a point, in the frame's X, Y, z."""
     c = constants
     x = east * axes[0][0] + north * axes[1][0]
     y = east * axes[0][1] + north * axes[1][1]
@@ -187,7 +187,7 @@ def draw_ray(
 ) -> None:  # fmt: skip
     """Write the ray of an image point to row ``a`` (or all rows) of ``rays (n, 18)``.
 
-    ``lower`` and ``upper`` are what `place_in_frame` gives at the two ends, ``middle`` the place at the height between.
+    ``lower`` and ``upper`` are the results of `place_in_frame` at the ends, ``middle`` is the position halfway.
     """
     low, low_by_sample, low_by_line = lower
     high, high_by_sample, high_by_line = upper

@@ -2,26 +2,25 @@
 
 With the pseudo rays of `pseudo_rays` (X along the samples, z up) the corrected ray of an image point is at height z::
 
-    t = tangents of the ray's direction, turned by dpsi_x (roll), dpsi_y (pitch) and dyaw at the sensor
+    t = tangents of the ray's direction, rotated by dpsi_x (roll), dpsi_y (pitch) and dyaw at the sensor
     X = Xs + dXs + (H + dH - z) t_x              x =  X cos(dpsi_z) + Y sin(dpsi_z)
     Y = Ys + dYs + (H + dH - z) t_y              y = -X sin(dpsi_z) + Y cos(dpsi_z)
 
 and each correction is a constant or ``a0 + aS u + aL v`` with (u, v) the image position centred and scaled to [-1, 1]
 (eqs. 4.18-4.23). Two things differ from the thesis, both below a hundredth of a pixel for errors of 1 mrad and worth
-several pixels at 0.1 rad. Directions are turned as rotations do it, where the thesis adds angles to psi_x and psi_y
-separately. And yaw has its own correction: the thesis's psi_z turns the sensor's position with its direction about the
-middle of the image, while a yaw error of the sensor leaves the orbit where it is. So yaw takes the constant, and psi_z
-has drifts only.
+several pixels at 0.1 rad. Directions are transformed by rotation matrices, whereas the thesis adds angles to psi_x and
+psi_y separately. And yaw has its own correction: the thesis's psi_z rotates the sensor's position with its direction
+about the middle of the image, while a yaw error of the sensor does not move the orbit. So yaw has the constant, and
+psi_z has drifts only.
 
-Position and attitude are nearly collinear; all corrections are estimated together, held by prior standard deviations
-(the diagonal of C_A, eq. 5.46): loose for the constants, tight for the drifts. So dH, dpsi_z and dyaw need not be left
-out with few GCPs, as the thesis does below 50.
+Position and attitude are nearly collinear; all corrections are estimated together, constrained by prior standard
+deviations (the diagonal of C_A, eq. 5.46): loose for the constants, tight for the drifts. So dH, dpsi_z and dyaw can
+also be estimated with few GCPs; the thesis omits them below 50.
 
-The observation equation in metres, (x, y)(image point, values, z) = ground, is brought to pixels by Newton steps
-towards the corrected camera's projection, of which
-`corrected_rays.linearise_by_rays` takes two. `project` takes as many as are needed, with the rays of where they lead.
-Both always go image -> ray -> ground, because under a large
-attitude error the ground lies where the vendor's RPC extrapolates badly.
+The observation equation in metres, (x, y)(image point, values, z) = ground, is converted to pixels by Newton steps
+towards the corrected camera's projection. `corrected_rays.linearise_by_rays` takes two of them; `project` iterates to
+convergence, with the ray of each new position. Both compute image -> ray -> ground, because with a large attitude error
+the ground is outside the area in which the vendor's RPC is accurate.
 """
 
 from dataclasses import dataclass, replace
@@ -39,9 +38,9 @@ from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefitRPC
 from .model_table import PSEUDO_SENSOR_TABLE, make_models
 from .pseudo_rays import SENSOR, compute_pseudo_rays, compute_sensor_frame
 
-#: The corrected quantities; the first three are metres, the others radians.
+#: The corrected quantities; the first three are in metres, the others in radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
-YAW, PSI_Z = 5, 6  # numbers of two of them
+YAW, PSI_Z = 5, 6  # indices in QUANTITIES
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +48,7 @@ class PseudoSensor:
     """A variant of the generic method.
 
     terms : (p, 2) quantity of each parameter, and its term: 0 constant, 1 sample, 2 line
-    least_points : fewest GCPs; parameters that they do not determine have their priors
+    least_points : fewest GCPs; parameters that they do not determine follow from their priors
     drift_factor : factor of the drifts' prior standard deviations
     """
 
@@ -62,11 +61,11 @@ class PseudoSensor:
 
     @property
     def drifts(self) -> np.ndarray:
-        """Which parameters change the correction across the image, ``(p,)`` bool; a constant yaw does too."""
+        """True for parameters that change the correction across the image (also constant yaw), ``(p,)`` bool."""
         return np.asarray((self.terms[:, 1] != 0) | (self.terms[:, 0] == YAW))
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return metres and radians; drifts are changes from the middle of the image to its edge."""
+        """Return the priors of the parameters (m, rad); drifts are changes from the image's centre to its edge."""
         reach_m, orientation = compute_ground_area(image).reach_m, priors.orientation
         if orientation is None:  # the position and attitude errors that correspond to the priors in pixels
             metres, height = 1.0 / float(compute_px_per_m([image])[0]), compute_sensor_frame(image).heights_m[1]
@@ -79,7 +78,7 @@ class PseudoSensor:
         return table[self.terms[:, 0], self.terms[:, 1]]
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
-        """Return the observation equations; rays are computed here, once."""
+        """Return the observation equations; the rays of the observed positions are computed here, once."""
         constants = self.constants(image)[None]
         rays = compute_pseudo_rays(image.rpc, compute_sensor_frame(image), observed_px)
         structure, used = self.structure, self.used
@@ -112,19 +111,19 @@ class PseudoSensor:
 
     @cached_property
     def used(self) -> np.ndarray:
-        """The quantities that the variant corrects."""
+        """Indices of the quantities that the variant corrects."""
         return np.unique(self.terms[:, 0])
 
     @cached_property
     def structure(self) -> Structure:
-        """How the derivatives by the parameters are composed."""
+        """Kronecker structure of the derivatives by the parameters."""
         count, parameters = int(self.terms[:, 1].max()) + 1, len(self.parameters)
         mixing = np.zeros((len(self.used), count, parameters))
         mixing[np.searchsorted(self.used, self.terms[:, 0]), self.terms[:, 1], np.arange(parameters)] = 1.0
         return Structure(len(self.used), count, mixing.reshape(-1, parameters))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Return the corrected projection; NaN where the iteration finds no ray to the point."""
+        """Return the corrected projection; NaN where the iteration does not converge to a ray through the point."""
         if not np.any(values):
             return image.rpc.project(ground)
         frame = compute_sensor_frame(image)
@@ -165,7 +164,7 @@ class PseudoSensor:
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         rays = compute_pseudo_rays(image.rpc, frame, position)
         z = heights.copy()
-        # The Earth curves away under the frame: iterate the frame height of each ellipsoidal height
+        # The Earth is curved relative to the frame: iterate the frame height of each ellipsoidal height
         for _ in range(SENSOR.most_steps):
             xy, _ = self._intersect(constants, coefficients, rays, position, z)
             ground = frame.to_ground(np.column_stack([xy, z]))
@@ -178,7 +177,7 @@ class PseudoSensor:
     def _intersect(
         self, constants: np.ndarray, coefficients: np.ndarray, rays: np.ndarray, position: np.ndarray, z: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return where corrected rays pass the frame heights ``z (n,)``, ``(n, 2)`` m, and ``(n, 2, 2)`` m/px there."""
+        """Return the intersections ``(n, 2)`` m of corrected rays with heights ``z (n,)``, and ``(n, 2, 2)`` m/px."""
         here = np.zeros_like(z), np.zeros_like(z)
         hit = intersect_frame_height(
             constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, here
@@ -193,7 +192,7 @@ def _variant(
         (quantity, term)
         for quantity in map(QUANTITIES.index, quantities)
         for term in range(3 if linear else 1)
-        if (quantity, term) != (PSI_Z, 0)  # the constant of yaw does the same
+        if (quantity, term) != (PSI_Z, 0)  # the constant of yaw has the same effect
     ]
     names = tuple(f"{QUANTITIES[quantity]}_{'0sl'[term]}" for quantity, term in terms)
     return PseudoSensor(name, title, names, np.array(terms), least_points, drift_factor)

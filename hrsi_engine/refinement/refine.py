@@ -1,4 +1,4 @@
-"""Refinement of one image's RPC from ground control: check the points, choose a model, estimate, compare."""
+"""Refinement of one image's RPC from GCPs: check the points, choose a model, estimate its parameters."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from .selection import RULES, ModelChoice, SuspectGcp, find_suspects
 
 @thresholds
 class CONTROL:
-    """When GCPs of an image cannot be right, or do not determine it."""
+    """Limits for GCPs of an image that cannot be correct, or that do not determine it."""
 
     farthest_m: float = threshold(300e3, "m", "from an image: 120 km by attitude, at most", "0.1 rad from 800 km")
     same_place_m: float = threshold(0.05, "m", "GCPs nearer than this count as one")
@@ -38,7 +38,7 @@ class CONTROL:
 
 
 class HasRpc(Protocol):
-    """An RPC that was found, with its image's samples and lines where they are known."""
+    """An RPC as read from a file, with the size of its image if that is known."""
 
     @property
     def rpc(self) -> RPC:
@@ -53,8 +53,8 @@ class HasRpc(Protocol):
 class Refinement:
     """A refined image.
 
-    control : the GCPs used; left_out : GCPs that disagree with them
-    choice : selection of the model; None where the caller named it
+    control : the GCPs used; left_out : GCPs that contradict them
+    choice : selection of the model; None if the caller named it
     """
 
     image: Image
@@ -82,7 +82,7 @@ class Refinement:
         return self.refined.rpc
 
     def residuals_px(self, control: Control) -> np.ndarray:
-        """Return observed - computed ``(n, 2)`` of any points at their known positions."""
+        """Return the residuals (observed - computed) ``(n, 2)`` px of points at their known positions."""
         return np.asarray(control.xy - self.model.project(self.image, self.estimate.values, control.ground))
 
 
@@ -108,23 +108,23 @@ def refine_rpc(
     sigma_px : (n,) ndarray or float
         Standard deviations of the measurements.
     sigma_m : (n, 2) ndarray or tuple of float
-        … of the survey, horizontal and height.
+        Standard deviations of the survey, horizontal and height.
     model : str
         A name of ``models``, or ``auto`` (chosen by prediction) or ``generic`` (the thesis's rule).
     leave_out : bool
-        Whether GCPs that disagree with the others are left out; they are named in any case.
+        Whether GCPs that contradict the others are left out; they are reported in any case.
     models : mapping of str to RefinementModel
         The models by name; with `laboratory.direct_methods.DIRECT` also the thesis's direct methods.
 
     Returns
     -------
     Refinement
-        The refined RPC, how well it fits, and what was left out.
+        The refined RPC, its estimate with residuals, and the GCPs left out.
 
     Raises
     ------
     InputError
-        An unknown model, no or too few points, or points that cannot be right (they are named).
+        An unknown model, no or too few points, or points that cannot be correct (the message lists them).
     SolveError
         The points do not determine the model.
     """
@@ -134,7 +134,7 @@ def refine_rpc(
         image = Image("image", image.rpc, image.size)
     control = Control.create(ground, xy, ids, sigma_px, sigma_m)
     found = refine_image(image, control, RefineOptions(model, leave_out), models)
-    # What in the input cannot be what it claims; of a block, its own check says so for all images together
+    # Implausible inputs are added as warnings; for a block, its own check covers all images together
     points = GroundPoints.create(control.ids, control.ground, Role.GCP, control.sigma_m)
     measured = ImagePoints.create(control.ids, np.full(len(control), image.id), control.xy, control.sigma_px)
     reasons = check_block(assemble([image], [points], [measured]))
@@ -145,7 +145,7 @@ def refine_rpc(
 def refine_image(
     image: Image, control: Control, options: RefineOptions | None = None, models: Mapping[str, RefinementModel] = MODELS
 ) -> Refinement:
-    """Return an image refined from its control; see `refine_rpc`."""
+    """Return an image refined with its GCPs; see `refine_rpc`."""
     options = options or RefineOptions()
     model = options.model
     warnings = check_control(image, control)
@@ -176,10 +176,10 @@ def refine_image(
 
 
 def check_control(image: Image, control: Control) -> list[str]:
-    """Return warnings about the control of an image. Raises `InputError` that names the points.
+    """Return warnings about the GCPs of an image; raise `InputError` with their ids if they cannot be used.
 
-    An error where no result is possible (no point, no number, longitude and latitude swapped, another part of the
-    world), a warning where the points do not determine a model: on a line, at one place. Implausible inputs (heights in
+    It is an error if no result is possible (no point, missing numbers, longitude and latitude swapped, far from the
+    image), a warning if the points do not determine a model (on a line, at one place). Implausible inputs (heights in
     feet, points outside the image) are found by `plausibility`.
     """
     if not len(control):
@@ -239,16 +239,16 @@ def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
 
 
 def _has_swapped_axes(image: Image, ground: np.ndarray) -> np.ndarray:
-    """Return which points are near the image only with longitude and latitude exchanged, ``(n,)`` bool."""
+    """Return True for points that are near the image only with longitude and latitude exchanged, ``(n,)`` bool."""
     return (_compute_distance_m(image, ground) > CONTROL.farthest_m) & (
         _compute_distance_m(image, ground[:, [1, 0, 2]]) < CONTROL.farthest_m
     )
 
 
 def solve_refinement(model: RefinementModel, image: Image, control: Control) -> Estimate:
-    """Return the estimate of a model.
+    """Return the estimate of a model's parameters from GCPs.
 
-    Raises `InputError` for too few points, `SolveError` where they do not determine the model.
+    Raises `InputError` for too few points, `SolveError` if they do not determine the model.
     """
     if len(control) < model.least_points:
         raise InputError(
@@ -273,7 +273,7 @@ def solve_refinement(model: RefinementModel, image: Image, control: Control) -> 
 def edge_sigma_px(model: RefinementModel, image: Image, found: Estimate) -> float:
     """Return the largest standard deviation of the corrected position at the corners of the image.
 
-    Where sigma0 is below 1 the a priori standard deviations count: a close fit says nothing of undetermined parameters.
+    If sigma0 is below 1, the covariance is not reduced by it: a close fit is no evidence for undetermined parameters.
     """
     if not len(found.values):
         return 0.0

@@ -1,4 +1,4 @@
-"""Fit of a new RPC to a corrected camera, where no exact change of the coefficients exists."""
+"""Fit of a new RPC to a corrected camera whose correction no exact change of the coefficients represents."""
 
 import numpy as np
 
@@ -10,16 +10,16 @@ from .model import RefinementModel, RefitRPC
 
 @thresholds
 class REFIT:
-    """How the area of a refit is found."""
+    """Limits of the iteration for the area of a refit."""
 
     passes: int = threshold(6, "", "iterations for the corrected image area")
     settled_px: float = threshold(0.1, "px", "movement of the area at which they end")
 
 
 def refit_camera(model: RefinementModel, image: Image, values: np.ndarray) -> RefitRPC:
-    """Return the RPC fitted to a corrected camera over its image; without a correction that of the vendor.
+    """Return the RPC fitted to a corrected camera over its image; without a correction the vendor's RPC.
 
-    Raises `SolveError` where the vendor's RPC has no ground positions there.
+    Raises `SolveError` if the vendor's RPC has no ground positions there.
     """
     if not np.any(values):
         return RefitRPC(image.rpc, 0.0)

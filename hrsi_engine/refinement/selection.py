@@ -1,22 +1,22 @@
 """Selection of the refinement model that the GCPs support, and detection of GCPs that are blunders.
 
-**Model (rule auto).** Each candidate is judged by leave-one-out prediction: each GCP is predicted from the others. The
+**Model (rule auto).** Each candidate is tested by leave-one-out prediction: each GCP is predicted from the others. The
 simplest candidate is taken whose mean squared prediction error is not significantly larger than the smallest one, by a
 one-sided paired t-test of the points' errors at `SELECTION.significance` (in the spirit of the "one standard error"
-rule; Breiman et al. 1984, CART, section 3.4.3). A model with more parameters fits the GCPs closer but may predict
-worse, which shows without check points. A candidate is judged where each image has twice the GCPs that it needs; the
-generic method only where no other one predicts within `SELECTION.expected_error` sigmas. Where no judged model predicts
-within `SELECTION.large_error` sigmas, the generic method is taken from 3 GCPs on if it predicts better, its priors
-being those of a satellite. It must predict within these where it is judged: what nothing explains is wrong GCPs.
+rule; Breiman et al. 1984, CART, section 3.4.3). A model with more parameters fits the GCPs more closely but may predict
+worse, which this test shows without check points. A candidate is tested if each image has twice the GCPs that it needs;
+the generic method only if no other candidate predicts within `SELECTION.expected_error` sigmas. If no tested model
+predicts within `SELECTION.large_error` sigmas, the generic method, which has a satellite's priors, is taken from 3 GCPs
+on if it predicts better. Where it is tested, it must predict within that limit: otherwise the GCPs are wrong.
 
 **Rule generic** is the thesis's (section 4.3): by the number of GCPs, constants below 3, linear terms from 3, all terms
 from 50. From 4 GCPs it is an upper limit here: constants are kept where they predict as well.
 
-**Blunders.** For each model the worst GCP is removed again and again, each time tested against the others: with q the
+**Blunders.** For each model the worst GCP is removed repeatedly and tested against the remaining ones: with q the
 squared prediction error normalised by its covariance, q / 2 over the variance of unit weight without the point has
 Fisher's F distribution. All GCPs up to the last significant one count as blunders (Rosner 1983, Technometrics 25(2):
-two blunders do not mask each other). A GCP is suspect only if *every* model with enough redundancy finds it, because
-what is an outlier for a shift may be a drift.
+two blunders do not mask each other). A GCP is suspect only if it is an outlier of *every* model with enough redundancy,
+because an outlier of the shift model may be the effect of a drift.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -37,13 +37,13 @@ from .models import MODELS
 CANDIDATE_MODELS = ("shift", "shift-drift", "affine", "generic-affine")
 #: Candidates of `generic` from 4 GCPs on; from 50 the last is "generic-full".
 GENERIC_CANDIDATES = ("generic-position", "generic-shift", "generic-affine")
-#: Models that test for blunders.
+#: Models with which GCPs are tested for blunders.
 JUDGES = ("shift", "shift-drift", "conformal", "affine", "generic-affine")
 
 
 @thresholds
 class SELECTION:
-    """Which model GCPs support, and which GCPs are blunders."""
+    """Limits for the choice of a model from GCPs, and for the detection of GCPs that are blunders."""
 
     significance: float = threshold(
         0.05, "", "significance that the better prediction of a richer model must have",
@@ -65,14 +65,14 @@ class SELECTION:
 
 
 WITHOUT_CONTROL = "shift"
-DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothing else can be judged
+DISTORTED = "generic-affine"  # taken if simpler models are refuted and no other can be tested
 #: Models nested in `DRIFTING`: with the standard deviation of the drift estimated from the block
-#: (`adjustment.drift_prior`), `DRIFTING` stands for each of them and no choice is needed.
+#: (`adjustment.drift_prior`), `DRIFTING` replaces each of them and no choice is needed.
 NESTED_MODELS, DRIFTING = ("shift", "shift-drift", "affine"), "affine"
 
 
 class SuspectGcp(NamedTuple):
-    """A GCP that disagrees with the others: prediction error in px, and its test statistic over the critical value."""
+    """A GCP that contradicts the others: prediction error in px, and test statistic divided by its critical value."""
 
     id: str
     image: str
@@ -84,10 +84,10 @@ class SuspectGcp(NamedTuple):
 class ModelChoice:
     """A selected model and the reason for it.
 
-    scores : RMS leave-one-out prediction error of each candidate (px, 2D), None where it could not be judged
-    drift_unknown : the GCPs show no drift; the adjustment estimates its size from the sensor's prior on
-    delivered : RMS leave-one-out prediction error (px, 2D) by the adjustment of the block with its priors, of the model
-        delivered and of those nested in it
+    scores : RMS leave-one-out prediction error of each candidate (px, 2D), None if it could not be tested
+    drift_unknown : True if the GCPs do not determine a drift: its estimation begins at the sensor's prior
+    delivered : RMS leave-one-out prediction error (px, 2D) by the adjustment of the block with its priors, of the final
+        model and of those nested in it
     """
 
     model: str
@@ -103,7 +103,7 @@ Controls = Sequence[tuple[Image, Control]]
 
 
 def select_control(block: Block, image: int, role: Role) -> Control:
-    """Return the points of a role that were measured on an image (by index)."""
+    """Return the points of a role (GCPs, check points, …) that were measured on an image (by index)."""
     rows, points = block.measurements, block.points
     here = np.flatnonzero((points.role[rows.point] == role) & (rows.image == image))
     point = rows.point[here]
@@ -111,7 +111,7 @@ def select_control(block: Block, image: int, role: Role) -> Control:
 
 
 def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> ModelChoice:
-    """Return the model for a block; a shift where the GCPs support no other.
+    """Return the model for a block; a shift if the GCPs support no other one.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
     rule : str
         One of `RULES`.
     drift_held : bool
-        True if the adjustment estimates or knows the standard deviation of the drift and weights it so.
+        True if the adjustment constrains the drift by its estimated or given standard deviation.
 
     Returns
     -------
@@ -130,11 +130,11 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
     rows, points = block.measurements, block.points
     located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]  # in plan and height
     with_gcps = np.unique(rows.image[located]).tolist()
-    few = block.with_measurements(located)  # of millions that are ties
+    few = block.with_measurements(located)  # leaves out millions of tie points
     choice = RULES[rule]([(block.images[index], select_control(few, index, Role.GCP)) for index in with_gcps])
     if not drift_held or rule != "auto" or choice.model not in NESTED_MODELS:
         return choice
-    # Whether the block's points determine the drift of its images
+    # Do the block's points determine the drift of its images?
     rays, known = block.rays_per_point(), points.role == Role.GCP
     holds = ((rays >= 2) & (points.role == Role.TIE)) | (known & (rays >= 1))
     used, exposure = holds[rows.point], block.exposure_of_image
@@ -152,12 +152,12 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
 
 
 def can_estimate_drift(measurements: int, images: int) -> bool:
-    """Return whether the standard deviation of the drift is estimated; with more measurements it is overestimated."""
+    """Return True if the drift's standard deviation can be estimated: with more measurements it is overestimated."""
     return measurements <= SELECTION.drift_measurements * images
 
 
 def choose_by_number(controls: Controls) -> ModelChoice:
-    """Rule ``generic``: by the number of GCPs on the image with fewest, simpler where that predicts as well."""
+    """Rule ``generic``: by the number of GCPs on the image with fewest, or a simpler model that predicts as well."""
     suspects, warnings, clean = _exclude_suspects(controls)
     count = min((len(control) for _, control in clean), default=0)
     if count < SELECTION.few_gcps:
@@ -197,11 +197,11 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
     others = {name: None if name == DISTORTED else squared for name, squared in errors.items()}
     explained = model != DISTORTED or found[model].sigmas <= SELECTION.large_error
     if not explained and any(squared is not None for squared in others.values()):
-        model, reason = select_simplest(others)  # some GCPs are wrong, and shall be found
+        model, reason = select_simplest(others)  # some GCPs are wrong, and are to be detected
     refused = [f"{name} {one.refused}" for name, one in found.items() if one.refused]
     reason += "".join(f"; {said}" for said in refused)
     sigmas = found[model].sigmas
-    # Only what could not be judged for want of GCPs may be taken unjudged, not what has no minimum.
+    # Only a model with too few GCPs for a test may be taken without one, not a model without a minimum.
     unjudged = errors[DISTORTED] is None and not found[DISTORTED].refused
     if unjudged and count >= SELECTION.few_gcps and sigmas > SELECTION.large_error:
         distorted, simple = _predict_by_leave_one_out(DISTORTED, clean).squared, errors[model]
@@ -217,9 +217,9 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
 def _exclude_suspects(
     controls: Controls,
 ) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...], list[tuple[Image, Control]]]:
-    """Return suspects, warnings, and the controls without the suspects."""
+    """Return the suspects, warnings, and the GCPs of each image without the suspects."""
     suspects = [suspect for image, control in controls for suspect in find_suspects(image, control)]
-    warnings = []  # where GCPs are too few to find out whether one is wrong
+    warnings = []  # for images with too few GCPs to detect a wrong one
     for image, control in controls:
         if len(control) == 1:
             warnings.append(f"{image.id}: no other GCP controls {control.ids[0]}: an error in it cannot be detected")
@@ -251,9 +251,9 @@ RULES: dict[str, Callable[[Controls], ModelChoice]] = {"auto": choose_by_predict
 
 
 class Prediction(NamedTuple):
-    """Leave-one-out prediction of all GCPs by a model.
+    """Leave-one-out prediction errors of all GCPs by a model.
 
-    squared : (n,) squared errors in px², None where the model was not judged; refused : why it has no solution
+    squared : (n,) squared errors in px², None if the model was not tested; refused : reason why it has no solution
     sigmas : RMS error (2D) in standard deviations
     """
 
@@ -263,7 +263,7 @@ class Prediction(NamedTuple):
 
 
 def _predict_if_redundant(name: str, controls: Controls, spare: int) -> Prediction:
-    """Return the prediction by a model; none with fewer than ``spare`` GCPs more than it needs."""
+    """Return the prediction by a model; an empty one with fewer than ``spare`` GCPs more than it needs."""
     least = MODELS[name].least_points + max(spare, 1)
     if any(len(control) < least for _, control in controls):
         return Prediction(None)
@@ -271,7 +271,7 @@ def _predict_if_redundant(name: str, controls: Controls, spare: int) -> Predicti
 
 
 def _predict_by_leave_one_out(name: str, controls: Controls) -> Prediction:
-    """Return the prediction of each GCP from the others (and from the priors, where these are too few)."""
+    """Return the prediction of each GCP from the others (and from the priors, if these are too few)."""
     errors, in_sigmas = [], []
     for image, control in controls:
         try:
@@ -288,8 +288,8 @@ def _predict_by_leave_one_out(name: str, controls: Controls) -> Prediction:
 def select_simplest(errors: Mapping[str, np.ndarray | None], standard_errors: float | None = None) -> tuple[str, str]:
     """Return the simplest model that predicts as well as the best one, and the reason as text.
 
-    ``errors`` are squared errors by model, the simplest first. As well is what is not significantly worse, or within so
-    many ``standard_errors`` of the difference.
+    ``errors`` are squared errors by model, the simplest first. A model predicts as well if it is not significantly
+    worse, or within the given number of ``standard_errors`` of the difference.
     """
     judged = {name: e for name, e in errors.items() if e is not None}
     best = min(judged, key=lambda name: float(np.mean(judged[name])))
@@ -318,7 +318,7 @@ def _count_gcps(count: int) -> str:
 
 
 def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
-    """Return the GCPs of an image that every model with enough redundancy finds to be blunders, worst first."""
+    """Return the GCPs of an image that are blunders by every model with enough redundancy, the worst first."""
     verdicts: list[dict[int, tuple[float, float]]] = []  # index -> (deviation px, statistic over critical value)
     for name in JUDGES:
         left = np.arange(len(control))
@@ -342,9 +342,9 @@ def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
             if ratio > 1.0 and _normalize_errors(found)[worst] > SELECTION.least_deviation:
                 failed = len(removed)
             left = np.delete(left, worst)
-        if removed and not failed:  # this one finds nothing strange: no need to ask the others, which take longer
+        if removed and not failed:  # no blunder by this model: the others, which take longer, are not needed
             return []
-        verdicts += [dict(removed[:failed])] if removed else []  # others have too little redundancy to judge
+        verdicts += [dict(removed[:failed])] if removed else []  # models without enough redundancy are not counted
     if not verdicts:
         return []
     common = set(verdicts[0]).intersection(*verdicts[1:])

@@ -1,11 +1,11 @@
 """Corrected cameras of many images with few points on each, vectorised over images.
 
 The formulas of polynomials take one image's index or an array of them (`correct_in_image`), the RPCs are those of
-`camera.rpc_stack`. Models of other families are evaluated image by image. Both ways agree to rounding; why both stay:
-docs/decisions.md.
+`camera.rpc_stack`. Models of other families are evaluated image by image. Both ways agree to rounding errors;
+docs/decisions.md has the reason for both.
 
 Arguments that the functions share
-    images : those of a block; which (n,) : the number of each point's image
+    images : those of a block; which (n,) : index of each point's image
     values (images, p) : of the model's parameters
     ground (n, 3) : lon, lat in degrees, ellipsoidal height in metres
 """
@@ -64,7 +64,7 @@ def invert_2x2(matrices: np.ndarray) -> np.ndarray:
 
 
 def _group_by_image(which: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield each image's number and its points."""
+    """Yield the index of each image and the rows of its points."""
     order = np.argsort(which, kind="stable")
     numbers, first = np.unique(which[order], return_index=True)
     yield from zip(numbers.tolist(), np.split(order, first[1:]), strict=True) if len(which) else ()
