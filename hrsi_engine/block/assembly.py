@@ -26,11 +26,11 @@ def assemble(
     images: Sequence[Image], ground_points: Iterable[GroundPoints], image_points: Iterable[ImagePoints],
     gcp_ids: Sequence[str] | None = None, check_ids: Sequence[str] | None = None, defaults: DefaultSigmas | None = None,
 ) -> Block:  # fmt: skip
-    """Put images, ground points and measurements together.
+    """Combine images, ground points and measurements to a block.
 
-    A known point is a GCP unless its role says otherwise. With ``gcp_ids``, those are the GCPs and all other known
-    points check points; ``check_ids`` are check points in any case; with both given, all other known points are left
-    out. So are points whose role is off, unless they are named. Points that are only measured are tie points.
+    A known point is a GCP unless its role differs. With ``gcp_ids``, these are the GCPs and all other known points are
+    check points; ``check_ids`` are always check points; if both are given, all other known points are excluded. Points
+    with the role ``off`` are also excluded, unless they are named. Measured points without position are tie points.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def assemble(
     gcp_ids, check_ids : sequence of str, optional
         Ids of the GCPs and of the check points.
     defaults : DefaultSigmas, optional
-        Standard deviations of points and measurements without their own.
+        Standard deviations for points and measurements without their own.
 
     Returns
     -------
     Block
-        Consistent indices; every sigma is set.
+        The block with consistent indices; every sigma is set.
 
     Raises
     ------
@@ -62,11 +62,11 @@ def assemble(
         raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
     rows = stack_image_points([table for table in image_points if len(table)])
-    # The points without those that are off, unless they are named; these take no part, as ties neither
+    # Exclude points with the role off unless they are named; their measurements are not used as tie points either
     off = (known.role == Role.OFF) & ~np.isin(known.ids, [*(gcp_ids or ()), *(check_ids or ())])
     known, rows = (known.select(~off), rows.select(~isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
     if gcp_ids and check_ids:
-        # The points without the surveyed ones that are not chosen; these take no part, as ties neither
+        # Exclude surveyed points that are not selected; their measurements are not used as tie points either
         other = (
             ~np.isin(known.ids, [*gcp_ids, *check_ids]) & ~np.isin(known.role, UNSURVEYED) & finite_rows(known.ground)
         )
@@ -103,9 +103,9 @@ def assemble(
 
 
 def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> list[str]:
-    """Return a warning on measured ids that have no ground point, but differ from one that has by their spelling only.
+    """Return a warning about measured ids without a ground point that differ only by spelling from one that has one.
 
-    Two that are measured on the same image are two points.
+    Ids that are measured in the same image are different points.
     """
     surveyed = known.ids[finite_rows(known.ground)]
     found = []
@@ -123,7 +123,7 @@ def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints
 
 
 def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
-    """Concatenate tables; the same id twice must mean the same position."""
+    """Concatenate tables; an id that occurs twice must have the same position."""
     if not tables:
         return GroundPoints.create([], np.empty((0, 3)))
     merged = GroundPoints(
@@ -142,7 +142,7 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
 
 
 def stack_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
-    """Return tables of measurements under each other."""
+    """Return tables of measurements concatenated."""
     if not tables:
         return ImagePoints.create([], [], np.empty((0, 2)))
     if len(tables) == 1:
@@ -179,7 +179,7 @@ def _assign_roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids:
 
 
 def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults: DefaultSigmas) -> GroundPoints:
-    """Return one row for every measured id; unknown ones are tie points at NaN."""
+    """Return one row for every measured id; ids without ground point become tie points at NaN."""
     empty = np.full((len(ids), 3, 3), np.nan) if known.covariance_m2 is not None else None
     points = GroundPoints.create(
         ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=known.source, covariance_m2=empty
@@ -187,7 +187,7 @@ def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, default
     points = replace(points, operations=known.operations)
     row = np.searchsorted(ids, known.ids)
     if points.covariance_m2 is not None and known.covariance_m2 is not None:
-        # A random vector has a positive definite covariance; NaN are sigmas that the defaults will fill
+        # A covariance must be positive definite; NaN are variances that follow from default sigmas
         given = known.survey_covariance_m2()
         given = np.where(np.isnan(given), np.eye(3), given)
         open_axis = np.isinf(given.diagonal(axis1=1, axis2=2))
@@ -216,7 +216,7 @@ def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, default
 
 
 def _drop_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) -> Measurements:
-    """Drop exact repetitions of a measurement (copied rows); genuinely repeated measurements stay."""
+    """Drop exact duplicates of a measurement (copied rows); repeated measurements with other coordinates are kept."""
     if len(rows) < 2:
         return rows
     same_point = (rows.point[1:] == rows.point[:-1]) & (rows.image[1:] == rows.image[:-1])
@@ -229,21 +229,21 @@ def _drop_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) 
     return rows.select(~repeated)
 
 
-_APART = "\x01"  # between ids while all are spelt in one go; it is no blank, and no sane id holds it
-_AT_ONCE = 50_000  # ids in memory together: as texts they take a hundred times the memory of a table's
+_APART = "\x01"  # separates ids that are normalised together; it is not whitespace, and does not occur in ids
+_AT_ONCE = 50_000  # number of ids in memory together: as texts they need a hundred times the memory of the table
 _DASHES = dict.fromkeys(map(ord, "‐‑‒–—―−⁃﹘﹣－"), "-")
 _INVISIBLE = dict.fromkeys(map(ord, "\u00ad\u200b\u200c\u200d\u2060\ufeff"), None)
-#: What spellings differ in, and what stands for it here; in this order.
+#: Differences of spelling and their replacements, applied in this order.
 _SPELLINGS = (
     (r"[\s_-]+", "-"),
-    (rf"(?<![^{_APART}])-|-(?![^{_APART}])", ""),  # at the ends
+    (rf"(?<![^{_APART}])-|-(?![^{_APART}])", ""),  # at both ends
     (r"(?<=[^\W\d])-(?=\d)", ""),  # GCP-7, GCP 7: GCP7
     (r"(?<=\d)\.0+(?![\d.])", ""),  # 7.0: 7
     (r"(?<![\d.])0+(?=\d)", ""),  # 007: 7
 )
 
 
-#: All that spellings differ in is made of these.
+#: All characters that the differences of spelling consist of.
 _SLIGHT = dict.fromkeys([*map(ord, "-_.0"), *(code for code in range(0x3001) if chr(code).isspace())])
 
 
@@ -257,7 +257,7 @@ def normalise_spellings(ids: Iterable[str]) -> list[str]:
 
 
 def _join_lower_case(ids: Iterable[str]) -> str:
-    """Return ids joined to one text in lower case: a call for each of a million ids would take seconds."""
+    """Return all ids as one lower-case text, since a call for each of a million ids would take seconds."""
     text = _APART.join(str(name).replace(_APART, "") for name in ids)
     if not text.isascii():
         text = unicodedata.normalize("NFKC", text).translate(_DASHES | _INVISIBLE)
@@ -265,16 +265,16 @@ def _join_lower_case(ids: Iterable[str]) -> str:
 
 
 def _strip_separators(ids: Iterable[str]) -> list[str]:
-    """Return each id without separators, zeros and blanks: a pre-test, ten times as fast as normalised spellings."""
+    """Return the ids without separators, zeros and blanks: a pre-test, ten times as fast as `normalise_spellings`."""
     return _join_lower_case(ids).translate(_SLIGHT).split(_APART)
 
 
 def find_similar_ids(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list[str]]:
-    """Return the known ids that are similar to each of ``strangers``; without those that have none."""
+    """Return the known ids that are similar to each of ``strangers``, without those that have no similar ones."""
     by_spelling: dict[str, list[str]] = {}
     waiting = map(str, strangers)
     names = list(islice(waiting, _AT_ONCE))
-    known = list(map(str, known)) if names else []  # all ids of a large block may be known: nothing is spelt
+    known = list(map(str, known)) if names else []  # if all ids of a large block are known, nothing is normalised
     if not known:
         return {}
     for name, spelling in zip(known, normalise_spellings(known), strict=True):

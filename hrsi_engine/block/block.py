@@ -1,7 +1,7 @@
-"""The block: images with their cameras, points on the ground, and where the points were measured on the images.
+"""The block: images with their cameras, points on the ground, and their measurements in the images.
 
-Everything is columns of NumPy arrays; text ids are resolved to integer indices once, in `assembly.assemble`.
-`GroundPoints` and `ImagePoints` are what files and matchers deliver; a `Block` is what is adjusted.
+All data are columns of NumPy arrays; text ids are resolved to integer indices once, in `assembly.assemble`.
+`GroundPoints` and `ImagePoints` come from files and matchers; a `Block` is what is adjusted.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from .points import GroundPoints, ImagePoints, Measurements, Role, join_covarian
 
 
 class Raster(Protocol):
-    """Pixels of an image; the readers of `hrsi_engine.io` provide it."""
+    """Access to the pixels of an image; implemented by the readers of `hrsi_engine.io`."""
 
     @property
     def size(self) -> tuple[int, int]:
         """Number of samples and lines."""
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool).
+        """Return the grey values ``(lines, samples)`` of a window and its mask of valid pixels (bool).
 
         Parameters
         ----------
         sample, line : int
-            The window's first pixel.
+            First pixel of the window.
         samples, lines : int
-            Its size.
+            Size of the window.
 
         Returns
         -------
         tuple of (lines, samples) ndarray
-            Grey values; and True where they are valid.
+            Grey values; and True for valid ones.
         """
 
 
 class ArrayRaster:
-    """Pixels in memory: ``grey (lines, samples)``, and which of them are ``valid``, by default all."""
+    """Pixels in memory: ``grey (lines, samples)``, and the mask ``valid``, by default all True."""
 
     def __init__(self, grey: np.ndarray, valid: np.ndarray | None = None) -> None:
         self.grey = grey
@@ -60,14 +60,14 @@ class ArrayRaster:
 
 @dataclass(frozen=True)
 class Tile:
-    """Position of an image in the scene of which it is a tile or a band: all of a scene are one exposure, one camera.
+    """Position of an image in its scene, as a tile or a band; all images of a scene are one exposure with one camera.
 
-    An image point ``xy`` is ``first + pixel * xy`` in the scene; corrections are counted in the scene's pixels.
+    An image point ``xy`` is ``first + pixel * xy`` in the scene; RPC corrections are in pixels of the scene.
 
-    scene : name of the scene: the file that holds its RPC, or its panchromatic image
-    first : the scene's sample and line at the centre of the image's first pixel
-    size : the scene's samples and lines, where known
-    pixel : size of the image's pixels in those of the scene: 4 for most multispectral bands
+    scene : name of the scene: that of the file with its RPC, or of its panchromatic image
+    first : sample and line in the scene of the centre of the image's first pixel
+    size : samples and lines of the scene, None if unknown
+    pixel : size of the image's pixels in pixels of the scene: 4 for most multispectral bands
     """
 
     scene: str
@@ -78,7 +78,7 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """One image: its id, its camera and, where known, its size and pixels.
+    """One image: its id, its camera and, if known, its size and pixels.
 
     Parameters
     ----------
@@ -89,15 +89,15 @@ class Image:
     size : tuple of int, optional
         Samples and lines.
     path : str
-        Of the file; empty for an image that comes from arrays.
+        Path of the file; empty for an image from arrays.
     raster : Raster, optional
         Its pixels.
     tile : Tile, optional
         Position in its scene, if it is a tile or a band of one.
     stated_height_m : float, optional
-        Ellipsoidal height of the scene's middle, where the delivery states one.
+        Ellipsoidal height of the scene's centre, if the product states it.
     sensor : str
-        Name of the satellite in its metadata; empty where they have none.
+        Name of the satellite in the metadata; empty if they do not contain it.
     """
 
     id: str
@@ -115,33 +115,33 @@ class Image:
 
     @property
     def middle_height_m(self) -> float:
-        """Ellipsoidal height of the ground without a DEM: as the delivery states, else the RPC's HEIGHT_OFF."""
+        """Ellipsoidal height of the ground without a DEM: as stated by the product, else the RPC's HEIGHT_OFF."""
         return self.rpc.height_off if self.stated_height_m is None else self.stated_height_m
 
     @property
     def known_size(self) -> tuple[int, int]:
-        """`size` where it is required; raises `InputError` where it is not known."""
+        """`size` for uses that require it; raises `InputError` if it is unknown."""
         if self.size is None:
             raise InputError(f"{self.id}: the size of the image is not known: name the image itself, not its RPC file")
         return self.size
 
     @property
     def pixels(self) -> Raster:
-        """`raster` where it is required; raises `InputError` for an image without pixels."""
+        """`raster` for uses that require it; raises `InputError` for an image without pixels."""
         if self.raster is None:
             raise InputError(f"{self.id} has no pixels: name the image itself, not its RPC file")
         return self.raster
 
     @property
     def has_file(self) -> bool:
-        """Whether it has pixels in a file: not one that is an RPC alone, or comes from arrays."""
+        """Whether the pixels are in a file: not for an RPC without image, and not for an image from arrays."""
         return self.raster is not None and bool(self.path)
 
     @property
     def domain_px(self) -> tuple[float, float, float, float]:
         """Image area: first and last sample, first and last line (pixel centres).
 
-        From the image size; from OFF and SCALE only without pixels, because crops keep the values of the full scene.
+        From the image size; without it from OFF and SCALE, which for crops can be those of the full scene.
         """
         if self.size is not None:
             return 0.0, self.size[0] - 1.0, 0.0, self.size[1] - 1.0
@@ -153,19 +153,19 @@ class Image:
 
     @property
     def centre_px(self) -> np.ndarray:
-        """Middle of the image area, ``(2,)`` sample and line."""
+        """Centre of the image area, ``(2,)`` sample and line."""
         first_sample, last_sample, first_line, last_line = self.domain_px
         return np.array([(first_sample + last_sample) / 2.0, (first_line + last_line) / 2.0])
 
     @property
     def half_size_px(self) -> np.ndarray:
-        """Half the extent of the image area, ``(2,)``."""
+        """Half the extent of the image area, ``(2,)`` in pixels."""
         first_sample, last_sample, first_line, last_line = self.domain_px
         return np.array([(last_sample - first_sample) / 2.0, (last_line - first_line) / 2.0])
 
     @property
     def camera_centre_px(self) -> np.ndarray:
-        """Middle of the scene in the image's pixels, ``(2,)``: origin of the refinements. It differs for tiles only."""
+        """Centre of the scene in the image's pixels, ``(2,)``: origin of RPC corrections; differs for tiles only."""
         if self.tile is None or self.tile.size is None:
             return self.centre_px
         return ((np.array(self.tile.size) - 1.0) / 2.0 - np.array(self.tile.first)) / self.tile.pixel
@@ -179,7 +179,7 @@ class Image:
 
     @property
     def camera_pixel(self) -> float:
-        """Size of the image's pixels in those of its scene, in which refinements in pixels are counted."""
+        """Size of the image's pixels in pixels of its scene, the unit of RPC corrections."""
         return 1.0 if self.tile is None else self.tile.pixel
 
     def grid_px(self, samples: int, lines: int, margin: float = 0.0) -> np.ndarray:
@@ -188,9 +188,9 @@ class Image:
         Parameters
         ----------
         samples, lines : int
-            Its points along each axis.
+            Number of points along each axis.
         margin : float
-            By which it is larger than the image, as a share of it; below 0 smaller.
+            Extension of the grid beyond the image as a share of the image; negative for a smaller grid.
 
         Returns
         -------
@@ -207,7 +207,7 @@ class Image:
         Parameters
         ----------
         per_side : int
-            Their number on each side.
+            Number of points on each side.
 
         Returns
         -------
@@ -233,13 +233,13 @@ class Block:
     points : GroundPoints
         The ground points.
     measurements : Measurements
-        Where they were measured, with indices of images and points.
+        Image points, with indices of images and points.
     warnings : tuple of str
-        What was corrected in the inputs.
+        Corrections of the inputs.
     unmeasured : GroundPoints
-        Known points that are measured on no image, with their roles.
+        Known points that are not measured in any image, with their roles.
     operations : tuple of OperationUse
-        How the DEM and other sources beside the points came to WGS84.
+        Operations that converted the DEM and other sources, except the points, to WGS84.
     """
 
     images: tuple[Image, ...]
@@ -254,28 +254,28 @@ class Block:
 
     @property
     def all_operations(self) -> tuple[OperationUse, ...]:
-        """How the points and all other sources came to WGS84."""
+        """Operations that converted the points and all other sources to WGS84."""
         return self.points.operations + self.operations
 
     @property
     def known(self) -> np.ndarray:
-        """Mask of the points whose ground position was surveyed: GCPs and check points."""
+        """Mask of the points with a surveyed ground position: GCPs and check points."""
         return (self.points.role == Role.GCP) | (self.points.role == Role.CHECK)
 
     @property
     def exposure_of_image(self) -> np.ndarray:
-        """Number of each image's exposure, ``(images,)``: tiles and bands of one have the same."""
+        """Index of each image's exposure, ``(images,)``, equal for the tiles and bands of one exposure."""
         return number_exposures(self.images)
 
     def rays_per_point(self) -> np.ndarray:
-        """Return the number of different exposures on which each point was measured.
+        """Return the number of different exposures in which each point is measured.
 
-        Tiles and bands of one exposure see a point by the same ray: together they do not give its position.
+        Tiles and bands of one exposure observe a point on the same ray, and do not determine its position together.
 
         Returns
         -------
         (m,) ndarray
-            Numbers of exposures; of images, where each is an exposure of its own.
+            Numbers of exposures; equal to the numbers of images if each image is an exposure of its own.
         """
         point, image = self.measurements.point, self.measurements.image  # sorted by point, then by image
         exposure = self.exposure_of_image
@@ -291,12 +291,12 @@ class Block:
         Parameters
         ----------
         ties : ImagePoints
-            Measurements on images of the block, with a sigma each; none of their points is in the block yet.
+            Measurements in images of the block, with sigmas; none of their points may be in the block already.
 
         Returns
         -------
         Block
-            With new points and measurements.
+            The block with the new points and measurements.
         """
         ids, point = find_unique_ids(ties.ids)
         image = find_image_indices(ties, self.images).astype(self.measurements.image.dtype)
@@ -316,12 +316,12 @@ class Block:
         return replace(self, points=points, measurements=Measurements(**rows))
 
     def with_measurements(self, keep: np.ndarray) -> Block:
-        """Return the block with only the chosen measurements; points stay.
+        """Return the block with only the selected measurements; all points are kept.
 
         Parameters
         ----------
         keep : (n,) ndarray
-            True for those to keep.
+            True for measurements to keep.
 
         Returns
         -------
@@ -331,12 +331,12 @@ class Block:
         return replace(self, measurements=self.measurements.select(keep))
 
     def with_cameras(self, cameras: Sequence[RPC]) -> Block:
-        """Return the block with other cameras.
+        """Return the block with the images' cameras replaced.
 
         Parameters
         ----------
         cameras : sequence of RPC
-            One an image, in their order.
+            One RPC for each image, in the order of the images.
 
         Returns
         -------
@@ -348,7 +348,7 @@ class Block:
 
 
 def find_image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
-    """Return each row's image index; raise `InputError` for image ids that are not in the block."""
+    """Return the image index of each row; raise `InputError` for image ids that are not in the block."""
     measured, inverse = find_unique_ids(rows.image_ids)
     position = {image.id: index for index, image in enumerate(images)}
     unknown = [name for name in measured if str(name) not in position]
@@ -362,7 +362,7 @@ def find_image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray
 
 
 def number_exposures(images: Sequence[Image]) -> np.ndarray:
-    """Return the number of each image's exposure, from 0 on, ``(images,)``."""
+    """Return the index of each image's exposure, counted from 0, ``(images,)``."""
     number: dict[str | int, int] = {}
     found = [
         number.setdefault(index if image.tile is None else image.tile.scene, len(number))
@@ -372,7 +372,7 @@ def number_exposures(images: Sequence[Image]) -> np.ndarray:
 
 
 def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) -> list[list[str]]:
-    """Return the ids of images that are tiles or bands of one scene, a list for each, without those in ``apart``."""
+    """Return the ids of tiles or bands of each scene that has several, without the ids in ``apart``."""
     named = {name for group in apart for name in group}
     scenes: dict[str, list[str]] = {}
     for image in images:
@@ -382,5 +382,5 @@ def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) ->
 
 
 def stack_of(images: Sequence[Image]) -> RPCStack:
-    """Return the RPCs of images as a stack, by the images' indices."""
+    """Return the RPCs of images as a stack, in the order of the images."""
     return RPCStack([image.rpc for image in images])

@@ -1,7 +1,7 @@
-"""Tables: frozen dataclasses whose arrays are columns; repeated names as distinct names and an index for each row.
+"""Tables as frozen dataclasses whose arrays are columns; names are stored as distinct names and an index per row.
 
-Ten million measurements have a thousand distinct images and three measurements of each point. As texts these columns
-would take more memory than all numbers, and finding the distinct names more time than a step of the adjustment.
+Ten million measurements are of a thousand different images and of three million points. As texts these columns would
+need more memory than all numbers, and finding the distinct names would take longer than a step of the adjustment.
 """
 
 from collections.abc import Sequence
@@ -14,9 +14,9 @@ from ..foundation.errors import InputError
 
 
 class NameColumn:
-    """A column of texts as distinct names and indices; NumPy functions accept it as the array of texts.
+    """A column of texts as distinct names and indices; NumPy functions accept it like the array of texts.
 
-    names : (k,) distinct names; not all need to occur; number : (n,) index of the name of each row
+    names : (k,) distinct names, which may include unused ones; number : (n,) index of the name of each row
     """
 
     dtype = np.dtype(str)
@@ -46,16 +46,16 @@ class NameColumn:
     def __ne__(self, other: object) -> Any:
         return ~(self == other)
 
-    __hash__ = None  # type: ignore[assignment]  # as an array
+    __hash__ = None  # type: ignore[assignment]  # not hashable, as an array
 
     def tolist(self) -> list[str]:
-        """Return the texts, one a row, equal ones as one object."""
+        """Return the texts of all rows; equal texts are the same object."""
         names = self.names.tolist()
         return [names[number] for number in self.number.tolist()]
 
 
 def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct ids, sorted, and the index of each row's id; fast where equal ids are adjacent."""
+    """Return the distinct ids, sorted, and the index of each row's id; fast if equal ids are adjacent."""
     if isinstance(ids, NameColumn):
         used = np.zeros(len(ids.names), dtype=bool)
         used[ids.number] = True
@@ -71,21 +71,21 @@ def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarra
 
 
 def isin(ids: np.ndarray | NameColumn, wanted: Sequence[str] | np.ndarray) -> np.ndarray:
-    """Return which rows have one of the wanted names, ``(n,)`` bool."""
+    """Return which rows have one of the ``wanted`` names, ``(n,)`` bool."""
     if isinstance(ids, NameColumn):
         return np.isin(ids.names, wanted)[ids.number]
     return np.isin(ids, wanted)
 
 
 def match_names(wanted: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each of the ``wanted`` names a row of ``known`` that has it, and whether one has: else any row."""
+    """Return for each ``wanted`` name a row of ``known`` with this name, and whether there is one (else any row)."""
     order = np.argsort(known)
     row = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(order) - 1)]
     return row, np.asarray(known[row] == wanted)
 
 
 def join_names(columns: Sequence[np.ndarray | NameColumn]) -> Any:
-    """Return the columns concatenated; as `NameColumn` where one of them is."""
+    """Return the columns concatenated; as a `NameColumn` if any of them is one."""
     if not any(isinstance(column, NameColumn) for column in columns):
         return np.concatenate(columns)
     parts = [find_unique_ids(column) for column in columns]
@@ -99,7 +99,7 @@ class Columns:
     """A table: every array of a dataclass is a column."""
 
     def select(self, keep: np.ndarray) -> Self:
-        """Return the chosen rows (mask or indices)."""
+        """Return the selected rows (mask or indices)."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         chosen = {name: one[keep] for name, one in columns.items() if isinstance(one, (np.ndarray, NameColumn))}
         return replace(self, **chosen)  # type: ignore[type-var]
@@ -109,9 +109,9 @@ class Columns:
         return f"<{type(self).__name__}: {len(first)} rows>"
 
     def _fill(self, **columns: tuple[type, tuple[int, ...]]) -> None:
-        """Make columns of one length from sequences and single values; ``columns`` has type and row shape of each.
+        """Convert sequences and single values to columns of one length; ``columns`` has type and row shape of each.
 
-        The first one has the number of rows. Raises `InputError` naming the column that does not fit.
+        The first column defines the number of rows. Raises `InputError` with the name of a column that does not fit.
         """
         rows = None
         for name, (kind, shape) in columns.items():
@@ -130,15 +130,15 @@ class Columns:
 
 
 def rank_in_groups(number: np.ndarray) -> np.ndarray:
-    """Return the rank ``(n,)`` of each row among those of equal numbers, from 0; equal numbers stand together."""
+    """Return the rank ``(n,)`` of each row among those with equal numbers, from 0; equal numbers must be adjacent."""
     start = np.flatnonzero(np.r_[True, number[1:] != number[:-1]]) if len(number) else np.empty(0, np.int64)
     return np.arange(len(number)) - np.repeat(start, np.diff(np.r_[start, len(number)]))
 
 
 def group_by_number(number: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the order ``(n,)`` that groups equal numbers, and the first index of each group, ``(count + 1,)``.
+    """Return the order ``(n,)`` that sorts by number, and the first index of each group, ``(count + 1,)``.
 
-    ``number (n,)`` are from 0 to ``count`` - 1; the order within a group is kept.
+    ``number (n,)`` are from 0 to ``count`` - 1; the sort is stable.
     """
-    small = number.astype(np.uint16) if count <= 1 << 16 else number  # sorted by digits: in a sixth of the time
+    small = number.astype(np.uint16) if count <= 1 << 16 else number  # radix sort of uint16: six times as fast
     return np.argsort(small, kind="stable"), np.r_[0, np.cumsum(np.bincount(number, minlength=count))]

@@ -1,21 +1,21 @@
-"""Images of one exposure: parts of a strip, and bands, that a vendor delivers as images of their own, with an RPC each.
+"""Images of one exposure: parts of a strip, and bands, delivered as separate images with an RPC each.
 
-They have one pointing and one drift over the strip's lines, and count as one look: as images of their own their errors
-would be taken for independent. Names tell which images may be parts (an order's product with its part, P001 P002 …),
-and the RPCs decide: parts are windows of the same pixels (`block.strips`).
+They have the same pointing and drift over the lines of the strip, and are treated as one exposure: as separate images
+their errors would be assumed to be independent. Names show which images may be parts (an order's product with its part,
+P001 P002 …), and the RPCs confirm it: parts are windows of one pixel grid.
 
-Bands (PAN, MS, SWIR) have equal lines of sight and larger pixels. Where the ground that pixels of the panchromatic
-image see, high and low, lies in the band at a shift and a scale of their positions, it is the same exposure: the
-camera of another day would turn or stretch them. A parallax is left to it, for detectors of bands lie side by side in
-the focal plane. Names that tell of another time, and another satellite, exclude it.
+Bands (PAN, MS, SWIR) have equal lines of sight and larger pixels. An image is a band of the same exposure if the ground
+points of pixels of the panchromatic image, at several heights, are in the band at a common shift and scale of their
+positions: the camera of another date would rotate or stretch them. A parallax is permitted, since the detectors of
+bands are side by side in the focal plane. Names with different times or satellites exclude a common exposure.
 
-**Parts of one strip.** A linear array takes a strip in one sweep. Vendors deliver it in parts along the flight
-(WorldView's P001, P002 …) with an RPC each, and scenes in tiles (R1C1 …) with one RPC. Parts are windows of the same
-pixels, so that a part lies whole pixels from the next. The places follow from the RPCs: a pixel of one part is taken to
-the ground and into the next part where they overlap, or just beyond its end. Where parts overlap the later one counts,
-which is also the one on top. The RPC of the strip is fitted to grids over the parts at the heights of their RPCs. What
-it cannot follow over a long strip is spread evenly: by Lawson's weights (1961), which grow where the residuals are
-large, least squares come near to the smallest largest residual.
+**Parts of one strip.** A linear array scans a strip continuously. Vendors deliver it in parts along the flight
+(WorldView's P001, P002 …) with an RPC each, and scenes in tiles (R1C1 …) with one RPC. Parts are windows of one pixel
+grid, so that their offsets are whole pixels. The offsets follow from the RPCs: a pixel of one part is projected to the
+ground and into the next part where they overlap, or just beyond its end. Where parts overlap, the later one is used,
+which is also the one on top. The RPC of the strip is fitted to grids over the parts at the heights of their RPCs. Its
+misfit over a long strip is distributed evenly: with Lawson's weights (1961), which grow with the residuals, least
+squares approximate the minimum of the largest residual.
 """
 
 import re
@@ -35,19 +35,19 @@ from ..foundation.thresholds import threshold, thresholds
 from .block import Image, Tile
 from .pointing import compute_gsds_m, find_image_sensor
 
-#: Number of a part at the end of a product's name, and the time before it, which differs from part to part.
+#: Number of a part at the end of a product's name, and the time before it, which differs between parts.
 _PART = re.compile(r"[_-][RP]\d{1,3}(?:C\d{1,3})?$", re.IGNORECASE)
 _TIME = re.compile(r"\d{2}[A-Z]{3}\d{8}|\d{14}", re.IGNORECASE)
 #: Catalogue number of an exposure in names of DigitalGlobe and Maxar.
 _CATALOGUE = re.compile(r"(?<![0-9A-F])10[1-9A-F]00[0-9A-F]{11}(?![0-9A-F])")
 
-#: Second in which a pass began, in the names of its frames.
+#: Start time of a pass, to the second, in the names of its frames.
 _PASS = re.compile(r"(?<!\d)\d{8}[_T]?\d{6}(?!\d)")
 
 
 @thresholds
 class BANDS:
-    """What tells that two images are bands of one exposure."""
+    """Limits for bands of one exposure."""
 
     least_pixel: float = threshold(1.5, "", "pixel of a band over that of a finer image of its exposure, at least")
     nodes: int = threshold(15, "nodes", "along each side of the finer image that are looked for in the other one")
@@ -60,12 +60,12 @@ class BANDS:
 
 
 def join_exposures(images: Sequence[Image]) -> list[Image]:
-    """Return the images, those that are parts of one strip or bands of one exposure as tiles of it."""
+    """Return the images; those that are parts of one strip or bands of one exposure become tiles of it."""
     return join_bands(join_parts_of_strips(images))
 
 
 def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
-    """Return the images, those that are parts of one strip as tiles of it: then they have one camera."""
+    """Return the images; those that are parts of one strip become tiles of it, so that they share one camera."""
     products: dict[str, list[int]] = {}
     for index, image in enumerate(images):
         if image.tile is None and image.size is not None and _PART.search(image.id):
@@ -77,7 +77,7 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
             continue
         try:
             places = place_parts(parts)
-        except InputError:  # images of one product that are no windows of the same pixels
+        except InputError:  # images of one product that are not windows of one pixel grid
             continue
         if places.off_px.max() > STRIP.whole_px or not _have_common_rays(parts, places.first):
             continue
@@ -87,7 +87,7 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
 
 
 def _have_common_rays(parts: Sequence[Image], first: np.ndarray) -> bool:
-    """Return whether parts at ``first (n, 2)`` see the same places where they meet, high and low."""
+    """Return whether adjacent parts at ``first (n, 2)`` have the same rays where they meet, tested at two heights."""
     order = np.lexsort((first[:, 0], first[:, 1]))
     for one, other in pairwise(order.tolist()):
         known, part = parts[one], parts[other]
@@ -103,7 +103,7 @@ def _have_common_rays(parts: Sequence[Image], first: np.ndarray) -> bool:
 
 
 class _Relation(NamedTuple):
-    """Where a band lies in the scene of a finer image: ``first + pixel * xy``; the nodes that tell so."""
+    """Position of a band in the scene of a finer image, ``first + pixel * xy``, and the number of nodes used."""
 
     pixel: float
     nodes: int
@@ -113,9 +113,9 @@ class _Relation(NamedTuple):
 
 
 def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) -> list[Image]:
-    """Return the images, those that are bands of a finer one as tiles of its scene: then they have one camera.
+    """Return the images; those that are bands of a finer image become tiles of its scene, with one camera.
 
-    least_pixel : pixel of a band over that of the finer image, at least; 0 where it is known that they belong together
+    least_pixel : smallest ratio of the pixel sizes of band and finer image; 0 if it is known that they belong together
     """
     gsd, joined = compute_gsds_m(images), list(images)
     order = np.argsort(gsd, kind="stable").tolist()
@@ -150,7 +150,7 @@ def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) 
 
 
 def join_named_bands(images: Sequence[Image], groups: Sequence[Sequence[str]]) -> list[Image]:
-    """Return the images, those of a group of ids that are bands or windows of one exposure as tiles of it."""
+    """Return the images; those of a group of ids that are bands or windows of one exposure become tiles of it."""
     joined = {image.id: image for image in images}
     for group in groups:
         named = [joined[name] for name in group if name in joined]
@@ -159,13 +159,13 @@ def join_named_bands(images: Sequence[Image], groups: Sequence[Sequence[str]]) -
 
 
 def _find_scene(image: Image) -> Tile:
-    """Return the scene of an image, which is itself where it is no tile of one."""
+    """Return the scene of an image: its own area if it is not a tile."""
     _, last_sample, _, last_line = image.domain_px
     return image.tile or Tile(image.id, (0.0, 0.0), (int(np.ceil(last_sample)) + 1, int(np.ceil(last_line)) + 1))
 
 
 def _relate_band(images: Sequence[Image], fine: int, band: int) -> _Relation | None:
-    """Return where a band lies in the scene of a finer image, None where it is none of that exposure."""
+    """Return the position of a band in the scene of a finer image; None if it is not a band of that exposure."""
     one, other = images[fine], images[band]
     heights = np.repeat(np.linspace(*one.rpc.height_range, 3), BANDS.nodes**2)
     xy = np.tile(one.grid_px(BANDS.nodes, BANDS.nodes), (3, 1))
@@ -175,7 +175,7 @@ def _relate_band(images: Sequence[Image], fine: int, band: int) -> _Relation | N
     if near.sum() < 3 * BANDS.least_nodes:
         return None
     xy, seen, heights = xy[near], seen[near], heights[near] - heights[near].mean()
-    # of a coordinate: its shift, the scale that both share, and the parallax by height
+    # Unknowns for each coordinate: its shift, the common scale, and the parallax by height
     zero, unit = np.zeros(len(xy)), np.ones(len(xy))
     design = np.concatenate([
         np.column_stack([unit, zero, seen[:, 0], heights, zero]),
@@ -192,7 +192,7 @@ def _relate_band(images: Sequence[Image], fine: int, band: int) -> _Relation | N
 
 
 def _may_be_one_exposure(one: Image, other: Image) -> bool:
-    """Return whether neither names nor places exclude that two images are of one exposure."""
+    """Return whether two images can be of one exposure according to names, sensors and places."""
     if one.sensor and other.sensor and one.sensor != other.sensor:
         return False
     a, b = one.rpc, other.rpc
@@ -211,9 +211,9 @@ def _may_be_one_exposure(one: Image, other: Image) -> bool:
 
 
 def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
-    """Return the numbers of the images of each pass: of one sensor, and begun at one second by their names.
+    """Return the indices of the images of each pass: of one sensor, with the same start time to the second.
 
-    Frames and detectors of a pass are numbered; they share the errors of the orbit and of the attitude.
+    The frames and detectors of a pass are numbered in their names; they share the errors of orbit and attitude.
     """
     found: dict[tuple[str, ...], list[int]] = {}
     for index, image in enumerate(images):
@@ -227,7 +227,7 @@ def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
 
 @thresholds
 class STRIP:
-    """What parts of one strip are, and how well one RPC has to follow them."""
+    """Conditions for parts of one strip, and accuracy of the strip's RPC."""
 
     nodes: int = threshold(41, "nodes", "nodes along each side of a part that are looked for in another one")
     reach_share: float = threshold(0.02, "", "share of a part by which the next one may lie beyond its end")
@@ -242,7 +242,7 @@ class STRIP:
 
 
 class StripPlaces(NamedTuple):
-    """First pixel of each part in the strip ``(n, 2)`` int, the strip's size, distances from whole pixels ``(n,)``."""
+    """First pixel of each part in the strip ``(n, 2)`` int, size of the strip, deviation from whole pixels ``(n,)``."""
 
     first: np.ndarray
     size: tuple[int, int]
@@ -250,7 +250,7 @@ class StripPlaces(NamedTuple):
 
 
 class StripRpc(NamedTuple):
-    """The RPC of a strip; what it is off each part (largest and RMS, ``(n,)``); the grid that it was fitted to."""
+    """RPC of a strip, its differences from each part (largest and RMS, px, ``(n,)``), and the grid it was fitted to."""
 
     rpc: RPC
     max_px: np.ndarray
@@ -260,15 +260,15 @@ class StripRpc(NamedTuple):
 
 
 def place_parts(parts: Sequence[Image]) -> StripPlaces:
-    """Return where parts lie in their strip, whose first pixel is the first of any part.
+    """Return the positions of parts in their strip; (0, 0) is the smallest sample and line of all parts.
 
-    Raises `InputError` for a part that shares nothing with the others, or has other pixels.
+    Raises `InputError` for a part that has no common ground with the others, or another pixel grid.
     """
     found: dict[int, np.ndarray] = {0: np.zeros(2)}
     scenes = {None if part.tile is None or part.camera_pixel != 1.0 else part.tile.scene for part in parts}
     if len(scenes) == 1 and None not in scenes:
         found = {number: np.array(part.tile.first) for number, part in enumerate(parts) if part.tile is not None}
-    last, reached = 0, dict[int, tuple[int, np.ndarray]]()  # nodes that tell the place of a part, and the place
+    last, reached = 0, dict[int, tuple[int, np.ndarray]]()  # common nodes and position of the parts reached
     while len(found) < len(parts):
         for number in set(range(len(parts))) - set(found):
             nodes, offset = _measure_offset(parts[last], parts[number])
@@ -287,7 +287,7 @@ def place_parts(parts: Sequence[Image]) -> StripPlaces:
 
 
 def _measure_offset(known: Image, part: Image) -> tuple[int, np.ndarray]:
-    """Return the place ``(2,)`` of a part's first pixel in another part, and before it how many nodes tell it."""
+    """Return the number of common nodes, and the position ``(2,)`` of a part's first pixel in another part."""
     xy = part.grid_px(STRIP.nodes, STRIP.nodes)
     ground, converged = part.rpc.localize(xy, part.middle_height_m)
     seen = known.rpc.project(ground)
@@ -305,9 +305,9 @@ def _measure_offset(known: Image, part: Image) -> tuple[int, np.ndarray]:
 
 
 def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
-    """Return the RPC of a strip by those of its parts that lie at ``first``; exact where they are one RPC, else fitted.
+    """Return the RPC of a strip from its parts at ``first``; exact if they have one RPC, else fitted.
 
-    Raises `SolveError` where an RPC has no ground positions for its part.
+    Raises `SolveError` if an RPC has no ground positions for its part.
     """
     fitted, checked = (
         [_make_grid(parts, first, number, shape) for number in range(len(parts))]
@@ -322,7 +322,7 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
         fit = best_fit(points, check)
         rpc, largest_px, weights = fit.rpc, fit.max_px, np.ones(len(points[0]))
         off = _measure_apart(rpc, *points)
-        # Of weighted fits the one whose largest difference at the check points is smallest
+        # Of the weighted fits, use the one with the smallest maximum difference at the check points
         for _ in range(STRIP.rounds if largest_px > STRIP.fit_px else 0):
             weights *= off / off.max() + STRIP.least_growth
             weighted = fit_rpc(*points, weights=weights, ridge=fit.ridge).rpc
@@ -332,7 +332,7 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
     errors = {name: [getattr(part.rpc, name) for part in parts] for name in ("err_bias", "err_rand")}
     known = {name: max(values) for name, values in errors.items() if None not in values}
     apart = [_measure_apart(rpc, *grid) for grid in checked]
-    largest = [one.max(initial=0.0) for one in apart]  # 0 for a part that later ones cover whole
+    largest = [one.max(initial=0.0) for one in apart]  # 0 for a part that is covered completely by later ones
     rms = [np.sqrt(np.mean(one**2)) if len(one) else 0.0 for one in apart]
     return StripRpc(replace(rpc, **known), np.array(largest), np.array(rms), *points)
 
@@ -340,7 +340,7 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
 def _make_grid(
     parts: Sequence[Image], first: np.ndarray, number: int, shape: tuple[int, int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ground ``(n, 3)`` and strip's image points ``(n, 2)`` over what is seen of a part at several heights."""
+    """Return ground points ``(n, 3)`` and strip coordinates ``(n, 2)`` of the part not covered by later ones."""
     part = parts[number]
     image, (ground, converged) = make_virtual_grid(part.rpc, part.domain_px, part.rpc.height_range, shape)
     image = image + first[number]
@@ -350,5 +350,5 @@ def _make_grid(
 
 
 def _measure_apart(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """Return the distances ``(n,)`` of image points from where an RPC has them."""
+    """Return the distances ``(n,)`` in px of image points from the projections of their ground points."""
     return np.asarray(np.hypot(*(rpc.project(ground) - image).T))

@@ -7,12 +7,12 @@ Definitions, at a ground point on the terrain:
 * GSD along sample (line): length on a horizontal plane of a step of one sample (line);
 * convergence: angle between the two rays of a pair;
 * B/H: horizontal distance of the two rays at unit height above the point where they meet;
-* overlap: share of an image's area, on the terrain, that the other image sees too. It depends on the terrain's
-  height: two oblique images can overlap at one height and not at another.
+* overlap: share of an image's area on the terrain that the other image also shows. It depends on the height of the
+  terrain: two oblique images can overlap at one height and not at another.
 
-Footprints, outlines of images on the ground, are polygons in degrees of longitude and latitude. Longitudes go on beyond
-180 where an image lies across it, so that two polygons may be a whole turn apart; the functions here bring them
-together.
+Footprints, outlines of images on the ground, are polygons in degrees of longitude and latitude. If an image crosses 180
+degrees, its longitudes continue beyond 180, so that two polygons can differ by 360 degrees; the functions of this
+module shift them together.
 """
 
 import warnings
@@ -40,15 +40,15 @@ OUTLINE_PER_SIDE = 8
 
 
 def compute_footprint(image: Image, height_m: float | np.ndarray, per_side: int = OUTLINE_PER_SIDE) -> Polygon:
-    """Return the outline of an image on the ground; empty where fewer than three of its points have a position.
+    """Return the outline of an image on the ground; empty if fewer than three of its points have a ground position.
 
-    height_m : of the ground (ellipsoidal), one for all or one for each point of ``image.outline_px(per_side)``
+    height_m : ellipsoidal height of the ground, one for all or one for each point of ``image.outline_px(per_side)``
     """
     return make_polygon(image.rpc.localize(image.outline_px(per_side), height_m).ground)
 
 
 def compute_footprints(images: Sequence[Image], height_m: float, per_side: int = OUTLINE_PER_SIDE) -> list[Polygon]:
-    """Return the outlines of many images on the ground at one height, see `footprint`."""
+    """Return the outlines of many images on the ground at one height, see `compute_footprint`."""
     if not images:
         return []
     outlines = np.concatenate([image.outline_px(per_side) for image in images])
@@ -58,7 +58,7 @@ def compute_footprints(images: Sequence[Image], height_m: float, per_side: int =
 
 
 def compute_footprint_hull(image: Image, low_m: float, high_m: float) -> Polygon:
-    """Return a polygon that contains the footprints of an image at all heights between two."""
+    """Return a polygon that contains the footprints of an image at all heights between two heights."""
     outline = image.outline_px(3)
     heights_m = np.repeat([low_m, high_m], len(outline))
     hull = MultiPoint(_join(image.rpc.localize(np.tile(outline, (2, 1)), heights_m).ground)).convex_hull
@@ -66,9 +66,9 @@ def compute_footprint_hull(image: Image, low_m: float, high_m: float) -> Polygon
 
 
 def make_polygon(ground: np.ndarray) -> Polygon:
-    """Return the polygon through ground points ``(k, 2)`` or ``(k, 3)``, those without a position left out.
+    """Return the polygon through ground points ``(k, 2)`` or ``(k, 3)``, without those that have no position.
 
-    An outline that crosses itself, as that of a broken RPC may, is replaced by its convex hull.
+    An outline that intersects itself, possibly because of a damaged RPC, is replaced by its convex hull.
     """
     ring = _join(ground)
     if len(ring) < 3:
@@ -78,7 +78,7 @@ def make_polygon(ground: np.ndarray) -> Polygon:
 
 
 def _join(ground: np.ndarray) -> np.ndarray:
-    """Return finite lon, lat ``(k, 2)``, the longitudes without a jump at 180."""
+    """Return the finite lon, lat ``(k, 2)``, the longitudes without a jump at 180 degrees."""
     lonlat = ground[finite_rows(ground), :2]
     return np.column_stack([continuous_longitudes(lonlat[:, 0]), lonlat[:, 1]])
 
@@ -89,7 +89,7 @@ def list_corners(polygon: Polygon) -> np.ndarray:
 
 
 def intersect_footprints(first: Polygon, second: Polygon) -> Polygon:
-    """Return the intersection of two footprints, empty where they do not meet."""
+    """Return the intersection of two footprints, empty if they are disjoint."""
     return first.intersection(_shift_to(second, first)) if not (first.is_empty or second.is_empty) else Polygon()
 
 
@@ -100,19 +100,19 @@ def compute_overlap(first: Polygon, second: Polygon) -> tuple[float, float]:
 
 
 def find_touching_pairs(polygons: Sequence[Polygon]) -> list[tuple[int, int]]:
-    """Return the pairs of indices, first < second, of polygons that touch or overlap, in order."""
+    """Return the index pairs, first < second, of polygons that touch or overlap, in ascending order."""
     known = [number for number, polygon in enumerate(polygons) if not polygon.is_empty]
     if not known:
         return []
     together = [_shift_to(polygons[number], polygons[known[0]]) for number in known]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ShapelyDeprecationWarning)  # 1.8 announces what 2 does otherwise: see below
+        warnings.simplefilter("ignore", ShapelyDeprecationWarning)  # of Shapely 1.8 on a change in 2, see below
         tree = STRtree(together)
     place = {id(polygon): number for number, polygon in enumerate(together)}
     pairs = []
     for number, polygon in enumerate(together):
         for found in tree.query(polygon):
-            # Shapely 1.8 answers with the polygons themselves, 2 with their places.
+            # Shapely 1.8 returns the polygons themselves, 2 their indices
             other = int(found) if isinstance(found, np.integer) else place[id(found)]
             if other > number and polygon.intersects(together[other]):
                 pairs.append((known[number], known[other]))
@@ -127,7 +127,7 @@ def _shift_to(polygon: Polygon, other: Polygon) -> Polygon:
 
 @thresholds
 class GEOMETRY:
-    """Sampling of an image's terrain and RPC, and when an RPC is suspicious."""
+    """Sampling of an image's terrain and RPC, and limits of a plausible RPC."""
 
     ray_reach_m: float = threshold(100.0, "m", "rays are taken between points so far above and below the terrain")
     terrain_grid: int = threshold(50, "points", "along each side of an image, between which little relief hides")
@@ -143,12 +143,12 @@ class GEOMETRY:
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """Imaging geometry in the middle of an image.
+    """Imaging geometry at the centre of an image.
 
     centre : (3,) lon, lat in degrees, ellipsoidal height in metres
-    gsd_sample_m, gsd_line_m : ground distance of neighbouring samples and lines
-    incidence_deg : between the line of sight and the vertical on the ground
-    azimuth_deg : from the ground to the satellite, clockwise from north
+    gsd_sample_m, gsd_line_m : ground distances of neighbouring samples and of neighbouring lines
+    incidence_deg : angle between the line of sight and the vertical on the ground
+    azimuth_deg : direction from the ground to the satellite, clockwise from north
     footprint : (k, 2) the image's outline as lon, lat in degrees
     """
 
@@ -162,12 +162,12 @@ class ViewGeometry:
 
 @dataclass(frozen=True)
 class PairGeometry:
-    """Imaging geometry of two images in the middle of their common ground.
+    """Imaging geometry of two images at the centre of their common ground.
 
-    Angles belong to the middle of the shared ground, and are None where there is none.
+    The angle and ratio are None if the images do not overlap.
 
     first, second : ids of the images
-    overlap : the shared share (0 to 1) of the first and of the second image
+    overlap : common area as a share (0 to 1) of the first and of the second image
     convergence_deg : angle between the two lines of sight; base_to_height : base over height, without unit
     """
 
@@ -179,7 +179,7 @@ class PairGeometry:
 
 
 class ViewDirection:
-    """An image with its terrain.
+    """An image with its terrain, and quantities derived from both.
 
     image : the image; surface : the terrain
     """
@@ -189,14 +189,14 @@ class ViewDirection:
 
     @cached_property
     def terrain(self) -> np.ndarray:
-        """Ground points ``(n, 3)`` of a grid over the image, those on known terrain."""
+        """Ground points ``(n, 3)`` of a grid over the image, those that intersect the terrain."""
         grid = self.image.grid_px(GEOMETRY.terrain_grid, GEOMETRY.terrain_grid)
         ground, status = intersect_surface(self.image.rpc, grid, self.surface)
         return ground[status == Status.FOUND]
 
     @cached_property
     def centre(self) -> np.ndarray:
-        """Position ``(1, 3)`` of the image's middle; raises `SolveError` where it has none on the terrain."""
+        """Ground position ``(1, 3)`` of the image's centre; raises `SolveError` if it has none on the terrain."""
         ground, status = intersect_surface(self.image.rpc, self.image.centre_px[None], self.surface)
         if status[0] != Status.FOUND:
             reason = Status(status[0]).label
@@ -208,7 +208,7 @@ class ViewDirection:
 
     @cached_property
     def footprint(self) -> Polygon:
-        """The outline on the terrain; where that is not known, at the height of the image's middle."""
+        """The outline on the terrain; for points without terrain, at the height of the image's centre."""
         outline = self.image.outline_px(OUTLINE_PER_SIDE)
         ground, status = intersect_surface(self.image.rpc, outline, self.surface)
         unknown = status != Status.FOUND
@@ -216,10 +216,10 @@ class ViewDirection:
         return make_polygon(ground)
 
     def geometry(self) -> ViewGeometry:
-        """Return the view's figures.
+        """Return the imaging geometry at the image's centre.
 
-        Result: of the image's middle.
-        Raises `SolveError`: the image's middle has no position on the terrain.
+        Result: centre, GSD, incidence, azimuth and footprint.
+        Raises `SolveError`: the image's centre has no position on the terrain.
         """
         gsd_sample_m, gsd_line_m = measure_pixel_m(self.image.rpc, self.centre)
         east, north, up = compute_view_directions(self.image.rpc, self.centre)[0]
@@ -231,7 +231,7 @@ class ViewDirection:
 
 
 def measure_pixel_m(rpc: RPC, ground: np.ndarray) -> tuple[float, float]:
-    """Return the ground distances in metres of neighbouring samples and of neighbouring lines at a place ``(1, 3)``."""
+    """Return the ground distances in metres of neighbouring samples and of neighbouring lines at a point ``(1, 3)``."""
     _, by_ground = rpc.project_with_metric_jacobian(ground)
     steps = np.linalg.inv(by_ground[0, :, :2])  # columns: metres east and north of one sample, one line
     return float(np.hypot(*steps[:, 0])), float(np.hypot(*steps[:, 1]))
@@ -262,10 +262,10 @@ def compute_pair_geometry(first: ViewDirection, second: ViewDirection) -> PairGe
 
 
 def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
-    """Return the geometry of every pair of images; only of those that touch anything is computed.
+    """Return the geometry of all pairs of images; pairs whose footprints do not touch get an overlap of 0.
 
     views : the images with their terrain
-    Result: one for each two images, in their order.
+    Result: one for each pair, in the order of the images.
     """
     touching = set(find_touching_pairs([view.footprint for view in views]))
     return [
@@ -280,9 +280,9 @@ def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
 
 
 def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None) -> list[str]:
-    """Return warnings about an image's RPC, with advice; empty where it is sound.
+    """Return warnings about an image's RPC, with advice; empty for a plausible RPC.
 
-    ``terrain_m`` is the lowest and highest height at which the RPC is used, where known.
+    ``terrain_m`` is the lowest and highest height at which the RPC is used, None if unknown.
     """
     rpc, warnings = image.rpc, []
     if abs(rpc.lat_off) > 90.0:
@@ -310,7 +310,7 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
             "check that image size and RPC belong together"
         )
     if converged.any():
-        # The denominators in the image's volume against those in the middle of the RPC's ground domain
+        # Denominators over the image and height range, relative to their median
         for name, denominators in zip(("sample", "line"), image.rpc.denominators(ground[converged]), strict=True):
             lowest = float(np.min(denominators / np.median(denominators)))
             if lowest <= 0.0:
@@ -349,7 +349,7 @@ def _check_size(image: Image, ground: np.ndarray) -> list[str]:
 
 
 def is_crop(image: Image, share: float = GEOMETRY.crop_share) -> bool:
-    """Return whether an image is smaller than a share of its RPC's extent, which begins at the first pixel."""
+    """Return whether an image is smaller than ``share`` of its RPC's extent, which begins at the first pixel."""
     rpc = image.rpc
     if image.size is None:
         return False

@@ -1,7 +1,7 @@
-"""Displacement of an image's lines by vibration of the attitude, which no RPC holds.
+"""Displacement of an image's lines by vibration of the attitude (jitter), which an RPC cannot represent.
 
-With the position ``p`` that the RPC computes for a ground point and the curve ``c`` at the line of ``p``, the image
-shows the point at ``p + c``.
+With the position ``p`` that the RPC computes for a ground point and the curve ``c`` at the line of ``p``, the point is
+in the image at ``p + c``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,21 +9,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-INVERSE_STEPS = 6  # of the fixed point: a slope of 0.1 px a line leaves 1e-6 of the displacement
+INVERSE_STEPS = 6  # fixed-point iterations: with a slope of 0.1 px per line the error is 1e-6 of the displacement
 
 
 @dataclass(frozen=True, eq=False)
 class JitterCurve:
-    """Displacements of the lines ``first_line``, ``first_line + 1`` … of an image; beyond its ends those of the ends.
+    """Displacements of the lines ``first_line``, ``first_line + 1`` … of an image; constant beyond its ends.
 
     Parameters
     ----------
     first_line : int
         Line of the first displacement.
     shift_px : (n, 2) ndarray
-        In sample and line.
+        Displacements in sample and line.
     sigma_px : (n, 2) ndarray
-        Standard deviations: of what the observations do not separate from the ground, the prior's.
+        Standard deviations; those of the prior where the observations cannot separate the jitter from the ground.
     """
 
     first_line: int
@@ -36,12 +36,12 @@ class JitterCurve:
         Parameters
         ----------
         line : (n,) ndarray
-            Lines as the RPC computes them; NaN where not known.
+            Lines computed by the RPC; NaN if unknown.
 
         Returns
         -------
         (n, 2) ndarray
-            In sample and line, px.
+            Displacements in sample and line, px.
         """
         place = np.clip(np.asarray(line) - self.first_line, 0.0, len(self.shift_px) - 1.0)
         at = np.clip(np.nan_to_num(place).astype(np.int64), 0, max(len(self.shift_px) - 2, 0))
@@ -49,7 +49,7 @@ class JitterCurve:
         return np.asarray(near + part * (self.shift_px[np.minimum(at + 1, len(self.shift_px) - 1)] - near))
 
     def remove_from(self, xy: np.ndarray) -> np.ndarray:
-        """Return where points of the image would lie without jitter, as the RPC computes them.
+        """Return the positions without jitter, as the RPC computes them, of measured image points.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class JitterCurve:
         Returns
         -------
         (n, 2) ndarray
-            Sample and line.
+            Sample and line without jitter.
         """
         without = np.array(xy, dtype=np.float64)
         for _ in range(INVERSE_STEPS):
@@ -69,14 +69,14 @@ class JitterCurve:
 
 @dataclass(frozen=True, eq=False)
 class JitterEstimate:
-    """Curves of the images of a block, and what may be wrong with them.
+    """Jitter curves of the images of a block, with samples of their errors.
 
     Parameters
     ----------
     curves : dict of JitterCurve
-        By the images' ids; images without one have no jitter.
+        By image id; images without a curve have no jitter.
     samples : tuple of dict of JitterCurve
-        Errors of the curves, drawn from their posterior.
+        Errors of the curves, sampled from their posterior distribution.
     prior : tuple of float
         Angular frequency (1/lines), damping and standard deviation (px) of the prior.
     """
@@ -86,34 +86,34 @@ class JitterEstimate:
     prior: tuple[float, float, float]
 
     def add(self, other: "JitterEstimate") -> "JitterEstimate":
-        """Return the sum of two estimates, the second of what the first leaves.
+        """Return the sum of two estimates, the second one made after the first was removed.
 
         Parameters
         ----------
         other : JitterEstimate
-            The second estimate, whose prior the sum has.
+            The second estimate, whose prior the sum takes.
 
         Returns
         -------
         JitterEstimate
-            With the sums of the curves and of their errors.
+            The sums of the curves and of their errors.
         """
         samples = tuple(_add_curves(*both) for both in zip(self.samples, other.samples, strict=True))
         return JitterEstimate(_add_curves(self.curves, other.curves), samples, other.prior)
 
     def displace(self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, remove: bool = False) -> np.ndarray:
-        """Return measurements with jitter added, or removed.
+        """Return measurements with the jitter added, or removed.
 
         Parameters
         ----------
         ids : sequence of str
-            The block's images.
+            The ids of the block's images.
         image : (n,) ndarray of int
-            Number of each measurement's image.
+            Index of each measurement's image.
         xy : (n, 2) ndarray
             Sample and line.
         remove : bool
-            Whether the measurements have jitter, which is removed.
+            Whether to remove the jitter instead of adding it.
 
         Returns
         -------
@@ -129,7 +129,7 @@ class JitterEstimate:
 
 
 def _add_curves(one: Mapping[str, JitterCurve], other: Mapping[str, JitterCurve]) -> dict[str, JitterCurve]:
-    """Return the sums of curves, which have the same lines where an image has both."""
+    """Return the sums of two sets of curves; two curves of an image have the same lines."""
     return {**one, **other} | {
         name: JitterCurve(
             curve.first_line, curve.shift_px + other[name].shift_px, np.hypot(curve.sigma_px, other[name].sigma_px)

@@ -1,7 +1,7 @@
-"""Laser points: ground heights measured by a satellite's laser (ICESat-2, GEDI), without image points.
+"""Laser points: ground heights measured by a satellite's laser altimeter (ICESat-2, GEDI), without image points.
 
 The height is the mean of the ground in the laser's footprint (11 m wide, or a segment of 20 to 100 m along the track);
-its plan position is known to some metres.
+its horizontal position has an error of a few metres.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.operation_uses import OperationUse, largest_sigma_m
 from .columns import Columns
 
-LASER_KIND = "laser"  # of the image points of ties that are measured at laser points
+LASER_KIND = "laser"  # kind of the image points of tie points that are measured at laser points
 
 
 @thresholds
 class LASER_HEIGHT:
-    """Standard deviation of laser heights."""
+    """Default standard deviation of laser heights."""
 
     sigma_m: float = threshold(0.3, "m", "of a height that states none: land under ICESat-2", "Neuenschwander 2020")
 
 
 @dataclass(frozen=True, eq=False)
 class LaserPoints(Columns):
-    """Laser heights and the quality figures of their files, ``(n,)`` each; NaN where a file has none.
+    """Laser heights and the quality figures of their files, ``(n,)`` each; NaN for figures that a file does not have.
 
-    ids, track : ids; and the pass of the satellite, whose error is common to its points
+    ids, track : ids; and pass of the satellite, with an error common to its points
     ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
-    sigma_m : standard deviation of the height, as the file states it
-    slope : of the ground along the track, metres per metre
+    sigma_m : standard deviation of the height, stated in the file
+    slope : slope of the ground along the track, metres per metre
     misfit_m : spread of the photons about the fitted segment; photons : number of photons in the fit
     canopy_m : height of the vegetation above the ground
-    doubt : why the file flags a point as unreliable; empty where it does not
+    doubt : the file's reason for flagging a point as unreliable; empty if it is not flagged
     source : the file and layer, for messages
-    operations : what brought the points to WGS84, with the errors that all of them share
+    operations : operations that converted the points to WGS84, with the errors common to all of them
     """
 
     ids: np.ndarray
@@ -57,7 +57,7 @@ class LaserPoints(Columns):
 
     @property
     def operation_sigma_m(self) -> tuple[float, float]:
-        """Standard deviation of each horizontal coordinate, and of the height, that the points share."""
+        """Standard deviations of the errors common to all points: of each horizontal coordinate, and of the height."""
         return largest_sigma_m(self.operations)
 
     @classmethod
@@ -68,7 +68,7 @@ class LaserPoints(Columns):
         canopy_m: np.ndarray | float = np.nan, doubt: Sequence[str] | np.ndarray | str = "", source: str = "",
         operations: tuple[OperationUse, ...] = (),
     ) -> LaserPoints:  # fmt: skip
-        """Make columns of matching length from arrays or single values; ids are numbers by default."""
+        """Make columns of equal length from arrays or single values; ids are numbers by default."""
         place = np.asarray(ground, dtype=np.float64).reshape(-1, 3)
         count = len(place)
         names = np.char.add("L", np.char.zfill(np.arange(1, count + 1).astype(str), 6)) if ids is None else ids

@@ -1,11 +1,11 @@
-"""Reference data: orthoimages, points of them that are measured on images, and errors that observations have in common.
+"""Reference data: orthoimages, points that they have in common with images, and errors common to observations.
 
-An orthoimage is georeferenced as a whole by orbit, GCPs and mosaic: most of its error is common to a scene, some varies
-from part to part with strips and seams, and the rest from place to place. Sentinel-2's refined products
-lie 8 m off and two dates of them 5 m apart (both 95 %, circular; ESA 2021): 3.3 m a coordinate, of which 1.4 m are the
-date's own. So 80 % of the variance comes from what all dates were registered to; nobody states how that is spread over
-a scene, and it is taken as 64 % for all of it and 16 % for its parts. A DEM's errors are those of its cells (slopes,
-what stands on the ground) for the most part.
+An orthoimage is georeferenced by orbit, GCPs and mosaicking: most of its error is common to a scene, a part varies
+between strips, and the rest is local. Sentinel-2's refined products have an absolute error of 8 m, and two dates differ
+by 5 m (both 95 %, circular; ESA 2021): 3.3 m a coordinate, of which 1.4 m are specific to the date. Therefore 80 % of
+the variance is from the reference of all dates. How it varies within a scene is not published; 64 % are assumed to be
+common to the scene and 16 % to its parts. The errors of a DEM are mostly those of single cells (slopes, objects on the
+ground).
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ Transform = Callable[[np.ndarray], np.ndarray]
 class Orthoimage:
     """An image in which every pixel has a position on the ground.
 
-    to_pixels : sample, line ``(n, 2)``, (0, 0) the centre of the first pixel, of lon, lat ``(n, 2)``
+    to_pixels : function from lon, lat ``(n, 2)`` to sample, line ``(n, 2)``, (0, 0) the centre of the first pixel
     to_lonlat : the inverse
-    operations : how it came to WGS84
+    operations : operations that converted its coordinates to WGS84
     """
 
     raster: Raster
@@ -42,7 +42,7 @@ class Orthoimage:
 
     @cached_property
     def gsd_m(self) -> float:
-        """Ground distance in metres of neighbouring pixels in the image's middle (mean of both directions)."""
+        """Ground distance in metres of neighbouring pixels at the image's centre (geometric mean of both axes)."""
         middle = np.array(self.raster.size) / 2.0
         lonlat = self.to_lonlat(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
         ground = np.column_stack([lonlat, np.zeros(3)])
@@ -50,18 +50,18 @@ class Orthoimage:
         return float(np.sqrt(abs(np.linalg.det(steps[:, :2]))))
 
 
-REFERENCE_KIND = "reference"  # of their image points
+REFERENCE_KIND = "reference"  # kind of the image points measured from a reference
 
 
 @dataclass(frozen=True, eq=False)
 class ReferencePlaces:
     """Points of a reference orthoimage that determine a block in plan.
 
-    ids : (k,) their names in the block
-    ground : (k, 3) lon, lat in degrees, ellipsoidal height in metres; the height is where to begin
+    ids : (k,) ids in the block
+    ground : (k, 3) lon, lat in degrees, ellipsoidal height in metres; the height is an initial value
     sigma_m : standard deviation of each horizontal coordinate of the reference
-    over_rpcs : True if the reference determines the block like surveyed GCPs, without the RPCs' own accuracy
-    name : what reports call it
+    over_rpcs : True if the reference determines the block like surveyed GCPs, without the prior of the RPC biases
+    name : name of the reference in reports
     """
 
     ids: np.ndarray
@@ -71,7 +71,7 @@ class ReferencePlaces:
     name: str = "reference"
 
     def select(self, ids: np.ndarray) -> ReferencePlaces:
-        """Return the places with some ids, in their order."""
+        """Return the places with the given ids, in the order of the ids."""
         order = np.argsort(self.ids)
         rows = order[np.searchsorted(self.ids, ids, sorter=order)]
         return replace(self, ids=self.ids[rows], ground=self.ground[rows])
@@ -79,14 +79,14 @@ class ReferencePlaces:
 
 @thresholds
 class AREA:
-    """Parts of an area whose observations have errors in common."""
+    """Division of an area into parts whose observations have common errors."""
 
     least_side_m: float = threshold(500.0, "m", "smallest side of a part")
     parts_per_side: int = threshold(4, "parts", "along a side of the area, at most")
 
 
 class ErrorShares(NamedTuple):
-    """Shares of a source's standard deviation: common to all its observations, and to a part of the area."""
+    """Shares of a source's standard deviation that are common to all its observations, and to a part of the area."""
 
     by_all: float
     by_part: float
@@ -97,9 +97,9 @@ class ErrorShares(NamedTuple):
         return float(np.sqrt(1.0 - self.by_all**2 - self.by_part**2))
 
     def compute_equivalent_sigma(self, sigma_m: float, ground: np.ndarray) -> float:
-        """Return a standard deviation for places ``ground (k, 3)`` treated as independent observations.
+        """Return the standard deviation for independent observations at places ``ground (k, 3)``.
 
-        Their mean then has the variance that it has with the common errors.
+        With it, the mean of the observations has the same variance as with the common errors.
         """
         parts = np.unique(divide_area(ground)[0], return_counts=True)[1]
         count = len(ground)

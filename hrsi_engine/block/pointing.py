@@ -1,19 +1,19 @@
 """A priori pointing accuracy of a sensor, and its change over an image (drift), from the RPC or from publications.
 
-**Pointing.** ERR_BIAS of an RPC is the standard deviation of each horizontal coordinate. Where it is missing, the
-sensor is recognised by the names in its files, and its published accuracy without ground control is used
-(`PUBLISHED`); CE90 is 2.146 standard deviations of a coordinate. Of an unknown sensor
-the median of what is published is taken, `POINTING.unknown_m`: on the ground, as a file may have any resolution.
+**Pointing.** ERR_BIAS of an RPC is the standard deviation of each horizontal coordinate. If it is missing, the sensor
+is identified by the names of its files, and its published accuracy without ground control is used (`PUBLISHED`); CE90
+is 2.146 standard deviations of a coordinate. For an unknown sensor the median of the published figures is used,
+`POINTING.unknown_m`, in metres on the ground, since the resolution is arbitrary.
 
 **Drift.** ERR_RAND is the standard deviation of the error's variation within an image: for a linear change by d from
-end to end it is d / sqrt(12). Where it is not given, the change follows from the pointing error. Published are both for
-two sensors (Smiley 2009, of the strips of each quarter from 2006 to 2008): QuickBird points to 14 to 21 m (CE90), and
-the largest change of the error along a strip was 12 to 24 m; WorldView-1 4.0 to 5.3 m, and 1.8 to 4.8 m. How many
-strips these are is not said. Of some fifty the largest is 2.8 standard deviations of a coordinate, so these are 6.4 m
-of 8.2 m, and 1.2 m of 2.2 m: over a strip the error changes by `POINTING.strip_share` of its size, more or less. Nor is
-the length of the strips; 100 km is what these satellites take in one go. Between an image and a strip the error of
-gyroscopes grows with the root of the time; within a second of flight, `POINTING.smooth_m`, it is smooth and grows with
-the time itself.
+one end to the other it is d / sqrt(12). If it is missing, the drift is derived from the pointing error. Both are
+published for two sensors (Smiley 2009, of the strips of each quarter from 2006 to 2008): the pointing error of
+QuickBird is 14 to 21 m (CE90), and its largest change along a strip 12 to 24 m; for WorldView-1 it is 4.0 to 5.3 m, and
+1.8 to 4.8 m. The number of strips is not published. Of about fifty values the largest is 2.8 standard deviations, so
+the changes are 6.4 m relative to 8.2 m, and 1.2 m relative to 2.2 m: over a strip the error changes by about
+`POINTING.strip_share` of its size. The length of the strips is not published either; 100 km is a usual one. Between an
+image and a strip the error of gyroscopes grows with the square root of the time; within a second of flight,
+`POINTING.smooth_m`, it is smooth and grows linearly.
 """
 
 import os
@@ -33,7 +33,7 @@ SIGMAS_OF_CE90 = 2.1460  # sqrt(2 ln 10)
 
 @thresholds
 class POINTING:
-    """A priori accuracy of sensors of which nothing is stated, and how it changes over an image."""
+    """A priori accuracy of sensors without stated accuracy, and its change over an image."""
 
     unknown_m: float = threshold(
         7.0, "m", "standard deviation of the pointing of an unknown sensor",
@@ -52,9 +52,9 @@ class POINTING:
 class SensorAccuracy(NamedTuple):
     """Published accuracy of a sensor.
 
-    ce90_m : without ground control; source : publication
-    told_by : regular expression for the names of its files
-    drift : of its error across an image, px/px, and publication; None where nothing is published
+    ce90_m : CE90 without ground control; source : publication
+    told_by : regular expression that identifies the sensor by the names of its files
+    drift : drift of its error across an image, px/px, and publication; None if none is published
     """
 
     title: str
@@ -68,9 +68,9 @@ _SMILEY = "B. Smiley: The absolute and relative geolocation accuracies of QB02 a
 _AGUILAR = "M. Aguilar et al. on GeoEye-1 and WorldView-1/2/3/4: direct geolocation better than 5.0 m CE90"
 _HANLEY = "Hanley and Fraser, Sensor orientation for HRSI, ISPRS 2004: sub-pixel with a shift; half a pixel taken"
 _KOMPSAT = "SI Imaging Services, white paper: Geolocation accuracy of KOMPSAT, Q2 2013"
-#: Drifts that are published by themselves.
+#: Separately published drifts.
 _DRIFTS = {"IKONOS": (0.5 / 11_000.0, _HANLEY)}
-#: By title. Names in files begin where no letter or digit stands before them.
+#: By title. In file names a sensor's name must not follow a letter or digit.
 PUBLISHED = tuple(
     SensorAccuracy(title, ce90_m, source, rf"(?<![a-z0-9])(?:{told_by})", _DRIFTS.get(title))
     for title, ce90_m, source, told_by in (
@@ -126,7 +126,7 @@ class Pointing:
 
 
 def find_sensor(*names: str) -> SensorAccuracy | None:
-    """Return the published accuracy of the sensor recognised by the first of some names; None if unknown."""
+    """Return the published accuracy of the sensor identified by the first of some names; None if unknown."""
     for name in names:
         if name and _TOLD_BY_ANY.search(name.lower()):
             return next(entry for entry in PUBLISHED if re.search(entry.told_by, name.lower()))
@@ -134,12 +134,12 @@ def find_sensor(*names: str) -> SensorAccuracy | None:
 
 
 def find_image_sensor(image: Image) -> SensorAccuracy | None:
-    """Return the published accuracy of an image's sensor, recognised by its metadata or its names; None if unknown."""
+    """Return the published accuracy of an image's sensor, identified by its metadata or names; None if unknown."""
     return find_sensor(image.sensor, os.path.basename(image.path), image.id)
 
 
 def estimate_pointing(image: Image) -> Pointing:
-    """Return the pointing accuracy of an image: from its RPC, from publications of its sensor, or the default."""
+    """Return the pointing accuracy of an image: from its RPC, from publications on its sensor, or the default."""
     published = find_image_sensor(image)
     stated, varying = image.rpc.err_bias, image.rpc.err_rand
     reasons, drift = [published.title if published else "sensor unknown"], POINTING.least_drift
@@ -167,12 +167,12 @@ def estimate_pointing(image: Image) -> Pointing:
     return Pointing(sigma_m, drift, f"{', '.join(reasons)}; a priori {drift:.1e} px/px (attitude drift)")
 
 
-#: Those computed so far: an adjustment asks for each image's half a dozen times.
+#: Cache: an adjustment needs the GSD of each image about six times.
 _GSDS_M: WeakKeyDictionary[Image, float] = WeakKeyDictionary()
 
 
 def compute_gsd_m(image: Image) -> float:
-    """Return the ground sample distance in the middle of the RPC's domain, the mean of both axes, m."""
+    """Return the ground sampling distance at the centre of the RPC's domain, the geometric mean of both axes, m."""
     if image not in _GSDS_M:
         _GSDS_M[image] = float(compute_gsds_m([image])[0])
     return _GSDS_M[image]

@@ -1,4 +1,4 @@
-"""Tables of ground points and of image points, as files and matchers deliver them and as a block holds them."""
+"""Tables of ground points and image points, as in files, from matchers, and in a block."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .columns import Columns
 
 @thresholds
 class SAME_POINT:
-    """When two positions are of one point."""
+    """Limit for positions of the same point."""
 
     same_position_m: float = threshold(0.1, "m", "largest distance between two positions of one id")
 
@@ -31,17 +31,17 @@ class Role(IntEnum):
     GCP = 0  #: its surveyed position is a weighted observation
     CHECK = 1  #: its surveyed position is compared with the result, and not used
     TIE = 2  #: its position is unknown, or only an initial value
-    OFF = 3  #: left out with its measurements: in files and tables of points, never in a block
-    HELD_OUT = 4  #: a tie point that has no say in the cameras, so that it judges them
+    OFF = 3  #: excluded with its measurements: in files and tables of points, never in a block
+    HELD_OUT = 4  #: a tie point that is not used in the adjustment, as an independent check
 
     @classmethod
     def parse(cls, text: str) -> Role | None:
-        """Return the role named in a file.
+        """Return the role for a word in a file.
 
         Parameters
         ----------
         text : str
-            ``gcp``, ``check``, ``tie``, ``off`` and their like in any case; may be empty.
+            ``gcp``, ``check``, ``tie``, ``off`` and synonyms, in upper or lower case; may be empty.
 
         Returns
         -------
@@ -51,7 +51,7 @@ class Role(IntEnum):
         Raises
         ------
         KeyError
-            The word names no role.
+            The word is not a role.
         """
         return None if not text.strip() else _ROLE_NAMES[text.strip().lower()]
 
@@ -66,33 +66,33 @@ _ROLE_NAMES = {
     "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
     "tie": Role.TIE, "off": Role.OFF, "held_out": Role.HELD_OUT, "held-out": Role.HELD_OUT,
 }  # fmt: skip
-POINT_OPERATIONS = "HRSI_POINT_OPERATIONS"  #: metadata of a layer of ground points: `describe_operations`
-UNSET = -1  #: role column of `GroundPoints`: the file says nothing
+POINT_OPERATIONS = "HRSI_POINT_OPERATIONS"  #: metadata of a layer of ground points, from `describe_operations`
+UNSET = -1  #: role column of `GroundPoints`: no role in the file
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GroundPoints(Columns):
-    """Points on the ground; of the arrays only ``ids`` and ``ground`` are needed, and one value may stand for all.
+    """Ground points; only the arrays ``ids`` and ``ground`` are required, and one value may replace an array.
 
     Parameters
     ----------
     ids : (m,) ndarray of str
-        Their names.
+        Ids of the points.
     ground : (m, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres; NaN where not known.
+        Lon, lat in degrees, ellipsoidal height in metres; NaN if unknown.
     role : (m,) ndarray of int
         A `Role` or `UNSET`.
     sigma_m : (m, 2) ndarray
-        Standard deviation of each horizontal coordinate and of the height; NaN takes the default.
+        Standard deviation of each horizontal coordinate and of the height; for NaN the default is used.
     source : str
         The file and layer, for messages.
     covariance_m2 : (m, 3, 3) ndarray, optional
-        Of east, north and height; where an element is NaN, or for None, ``sigma_m`` says it. An infinite variance is a
-        coordinate that was not surveyed.
+        Of east, north and height; NaN elements, or all for None, follow from ``sigma_m``. An infinite variance means
+        that the coordinate was not surveyed.
     operation : (m,) ndarray of int
-        Which of the ``operations`` brought a point to WGS84; -1 where it was given there.
+        Index of the one of ``operations`` that converted the point to WGS84; -1 if it was given in WGS84.
     operations : tuple of OperationUse
-        The operations, with the errors that all of their points share.
+        The operations, with the errors common to all their points.
     """
 
     ids: np.ndarray
@@ -114,7 +114,7 @@ class GroundPoints(Columns):
         return len(self.ids)
 
     def survey_covariance_m2(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Return the covariance of some points' positions: its given elements, else of the sigmas.
+        """Return the covariance of some points' surveyed positions: its given elements, the others from the sigmas.
 
         Parameters
         ----------
@@ -134,9 +134,9 @@ class GroundPoints(Columns):
         return covariance
 
     def operation_shifts_m(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Return by how much one standard deviation of each operation's error shifts points.
+        """Return the shift of points by one standard deviation of the error of each operation.
 
-        Two sources that one operation converted share its error.
+        Two sources that were converted by the same operation share its error.
 
         Parameters
         ----------
@@ -167,13 +167,13 @@ class GroundPoints(Columns):
         Parameters
         ----------
         ids : (m,) sequence of str
-            Their names.
+            Ids of the points.
         ground : (m, 3) array_like
             Lon, lat in degrees, ellipsoidal height in metres.
         role : (m,) array_like or int
             A `Role` or `UNSET`.
         sigma_m : (m, 2) array_like or float
-            Horizontal and height.
+            Standard deviations of each horizontal coordinate and of the height.
         source : str
             The file and layer, for messages.
         covariance_m2 : (m, 3, 3) ndarray, optional
@@ -186,12 +186,12 @@ class GroundPoints(Columns):
         """
         covariance = None if covariance_m2 is None else np.array(covariance_m2, dtype=np.float64)
         covariance = None if covariance is None else covariance.reshape(len(ids), 3, 3)
-        made: Any = cls  # it makes arrays of what it is given
+        made: Any = cls  # mypy: the constructor converts single values to arrays
         return made(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
 
 
 def join_covariances(tables: Sequence[GroundPoints]) -> np.ndarray | None:
-    """Return the covariances of several tables ``(m, 3, 3)``, NaN where one has none; None where all have none."""
+    """Return the covariances of several tables ``(m, 3, 3)``, NaN for tables without; None if no table has any."""
     if all(table.covariance_m2 is None for table in tables):
         return None
     nothing = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
@@ -199,7 +199,7 @@ def join_covariances(tables: Sequence[GroundPoints]) -> np.ndarray | None:
 
 
 def describe_operations(points: GroundPoints) -> str:
-    """Return as JSON the operations that are not exact, as reports have them, with ids; empty without any."""
+    """Return the operations that are not exact as JSON, in the form of reports, with point ids; empty without any."""
     found = [
         {**use.entry(), "ids": points.ids[points.operation == number].tolist()}
         for number, use in enumerate(points.operations)
@@ -209,7 +209,7 @@ def describe_operations(points: GroundPoints) -> str:
 
 
 def with_operations(points: GroundPoints, described: str) -> GroundPoints:
-    """Return points with the operations of `describe_operations`; raise `InputError` where it is no such text."""
+    """Return points with the operations of a text by `describe_operations`; raise `InputError` if it is damaged."""
     operation, uses = np.full(len(points), -1), list[OperationUse]()
     try:
         for number, entry in enumerate(json.loads(described)):
@@ -224,7 +224,7 @@ def with_operations(points: GroundPoints, described: str) -> GroundPoints:
 
 
 def join_operations(tables: Sequence[GroundPoints]) -> tuple[np.ndarray, tuple[OperationUse, ...]]:
-    """Return which operation brought each point of several tables to WGS84, and all operations."""
+    """Return the index of the operation that converted each point of several tables to WGS84, and all operations."""
     operations: tuple[OperationUse, ...] = ()
     number = []
     for table in tables:
@@ -237,20 +237,20 @@ def join_operations(tables: Sequence[GroundPoints]) -> tuple[np.ndarray, tuple[O
 class ImagePoints(Columns):
     """Measurements of points on images, as files and matchers deliver them.
 
-    Of the arrays only ``ids``, ``image_ids`` and ``xy`` are needed, and one value may stand for all.
+    Only the arrays ``ids``, ``image_ids`` and ``xy`` are required, and one value may replace an array.
 
     Parameters
     ----------
     ids, image_ids : (n,) ndarray of str
-        The point's and the image's name; from files `names.NameColumn`, which stand for such an array.
+        Ids of the point and of the image; from files as `columns.NameColumn`, which behaves like such an array.
     xy : (n, 2) ndarray
         Sample, line in pixels.
     sigma_px : (n,) ndarray
-        Standard deviation of each coordinate; NaN takes the default.
+        Standard deviation of each coordinate; for NaN the default is used.
     kind : (n,) ndarray of str
-        What was measured: ``corner``, ``center`` …
+        Kind of the measured object: ``corner``, ``center`` …
     quality : (n,) ndarray
-        Larger is better, NaN where not known.
+        Larger is better, NaN if unknown.
     source : str
         The file and layer, for messages.
     """
@@ -283,13 +283,13 @@ class ImagePoints(Columns):
         Parameters
         ----------
         ids, image_ids : (n,) sequence of str
-            The point's and the image's name.
+            Ids of the point and of the image.
         xy : (n, 2) array_like
             Sample, line in pixels.
         sigma_px : (n,) array_like or float
             Standard deviation of each coordinate.
         kind : (n,) sequence of str or str
-            What was measured.
+            Kind of the measured object.
         quality : (n,) array_like or float
             Larger is better.
         source : str
@@ -300,13 +300,13 @@ class ImagePoints(Columns):
         ImagePoints
             The table.
         """
-        made: Any = cls  # it makes arrays of what it is given
+        made: Any = cls  # mypy: the constructor converts single values to arrays
         return made(ids, image_ids, np.reshape(xy, (len(ids), 2)), sigma_px, kind, quality, source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurements(Columns):
-    """Image points of a block, ids resolved: ``point`` and ``image`` index the block's points and images.
+    """Image points of a block with ids resolved: ``point`` and ``image`` are indices of the block's points and images.
 
     Sorted by point, then by image.
     """
@@ -323,9 +323,9 @@ class Measurements(Columns):
 
 
 def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return which positions of one id differ by more than `SAME_POINT.same_position_m`, ``(n,)``.
+    """Return which positions of equal ids differ by more than `SAME_POINT.same_position_m`, ``(n,)``.
 
-    ground, reference : (n, 3) lon, lat in degrees in any turn, height in metres; unknown heights do not differ
+    ground, reference : (n, 3) lon, lat in degrees, also beyond ±180, height in metres; unknown heights are equal
     """
     known = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
     first, second = (np.column_stack([xyz[:, :2], np.where(known, xyz[:, 2], 0.0)]) for xyz in (ground, reference))

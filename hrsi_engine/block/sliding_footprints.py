@@ -1,4 +1,4 @@
-"""Footprints at any height, and how much of one another two images see where the ground is not known."""
+"""Footprints as a function of the ground height, and the overlap of two images if that height is unknown."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,17 +11,17 @@ from .imaging_geometry import OUTLINE_PER_SIDE, compute_overlap, make_polygon
 
 
 class GroundRange(NamedTuple):
-    """Lowest and highest ground that an image may see, ellipsoidal metres."""
+    """Lowest and highest ground height that an image may show, ellipsoidal metres."""
 
     low_m: float
     high_m: float
 
 
 class SlidingFootprint:
-    """The footprint of an image at any height: its rays are straight, so two heights tell all others.
+    """The footprint of an image at any height, interpolated linearly between two heights, since rays are straight.
 
-    It slides by ``slide (2,)`` degrees of lon, lat per metre of height; ``extent`` is the shorter side of its box.
-    ``box (2, 4)`` has least and greatest lon, lat at the lower height, and what they change by per metre.
+    It moves by ``slide (2,)`` degrees of lon, lat per metre of height; ``extent`` is the shorter side of its bounding
+    box. ``box (2, 4)`` contains the minimum and maximum lon, lat at the lower height, and their changes per metre.
     """
 
     def __init__(self, image: Image, heights: GroundRange) -> None:
@@ -41,13 +41,13 @@ class SlidingFootprint:
             self.box[:] = np.r_[corner + around.min(axis=0), corner + around.max(axis=0)], np.tile(self.slide, 2)
 
     def outline(self, height_m: float) -> np.ndarray:
-        """Return the outline's lon, lat at a height, ``(k, 2)``."""
+        """Return the lon, lat ``(k, 2)`` of the outline at a height."""
         return self._low + (height_m - self._heights.low_m) * self._rise
 
 
 def compute_overlap_share(first: SlidingFootprint, second: SlidingFootprint, heights: GroundRange) -> float:
-    """Return the larger share that one image sees of the other, at the height where it is largest."""
-    # Heights between which the two footprints slide past one another by at most a tenth of an image
+    """Return the larger one of the two overlap shares (0 to 1), at the height where it is largest."""
+    # Height steps in which the footprints move relative to each other by at most a tenth of an image
     slide = float(np.abs(first.slide - second.slide).max()) * (heights.high_m - heights.low_m)
     steps = int(np.clip(np.ceil(10.0 * slide / max(min(first.extent, second.extent), 1e-9)), 1, 40))
     return max(
@@ -57,7 +57,7 @@ def compute_overlap_share(first: SlidingFootprint, second: SlidingFootprint, hei
 
 
 def intersect_heights(first: GroundRange, second: GroundRange) -> GroundRange:
-    """Return the heights that both images may see; all of both where they exclude one another."""
+    """Return the intersection of two height ranges; if it is empty, the range that contains both."""
     low, high = max(first.low_m, second.low_m), min(first.high_m, second.high_m)
     return GroundRange(low, high) if low < high else GroundRange(min(*first, *second), max(*first, *second))
 
@@ -65,7 +65,7 @@ def intersect_heights(first: GroundRange, second: GroundRange) -> GroundRange:
 def estimate_overlap_shares(
     footprints: Sequence[SlidingFootprint], ranges: Sequence[GroundRange], pairs: Sequence[tuple[int, int]]
 ) -> np.ndarray:
-    """Return about what `compute_overlap_share` does, ``(pairs,)``, by boxes at the largest of three heights."""
+    """Return approximations of `compute_overlap_share` of pairs, ``(pairs,)``, from bounding boxes at three heights."""
     box, slide = np.array([footprint.box for footprint in footprints]).transpose(1, 0, 2)
     first, second = np.array(pairs, dtype=np.int64).T
     low, high = np.array(ranges).T

@@ -1,10 +1,10 @@
-"""Which pairs of images are worth dense stereo matching: by convergence, sun, season and measured similarity.
+"""Selection of image pairs for dense stereo matching: by convergence, sun, season and measured similarity.
 
-The score of a pair is a product of factors of 0 to 1. Heights gain with the convergence and matching loses with it: on
-multi-date pairs the completeness is best from 10 to 25 degrees (Qin 2019, "A critical analysis of satellite stereo
-pairs for digital surface model generation"), and pairs from 5 to 45 degrees are of use (Facciolo et al. 2017,
-"Automatic 3D reconstruction from multi-date satellite images"), who found that nearness in season decides next. The
-similarity is measured and needs no model: the share of the two images' tie points that they have in common.
+The score of a pair is a product of factors from 0 to 1. A larger convergence angle improves heights but makes matching
+more difficult: for multi-date pairs the completeness is best from 10 to 25 degrees (Qin 2019, "A critical analysis of
+satellite stereo pairs for digital surface model generation"), and pairs from 5 to 45 degrees are useful (Facciolo et
+al. 2017, "Automatic 3D reconstruction from multi-date satellite images"; the next important criterion is a small
+difference in season). The similarity is measured: the share of the tie points of both images that are common to them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .imaging_geometry import PairGeometry
 
 @thresholds
 class STEREO:
-    """What makes a stereo pair good, and which pairs are handed on."""
+    """Score of a stereo pair, and selection of pairs for matching."""
 
     convergence_deg: tuple[float, ...] = threshold(
         (2.0, 10.0, 25.0, 45.0), "deg", "no use below the first and beyond the last, full between the middle ones",
@@ -40,10 +40,10 @@ class STEREO:
 class StereoPair:
     """A pair of images for dense matching.
 
-    left, right : ids of the images; the left one is nearer to the nadir
+    left, right : ids of the images; the left one has the smaller incidence angle
     geometry : overlap and convergence
-    sun_deg, season_days : between the suns and the days of the year; None where not known
-    similarity : share of the images' tie points that they have in common, 0 to 1; None where the block has none
+    sun_deg, season_days : differences of sun direction and day of the year; None if unknown
+    similarity : share of the images' tie points that are common to both, 0 to 1; None without tie points
     score : product of the factors, 0 to 1
     """
 
@@ -64,12 +64,12 @@ def choose_stereo_pairs(
     pairs: Sequence[PairGeometry], incidence_deg: dict[str, float], suns: dict[str, SunAngles | None],
     times: dict[str, datetime | None], tie_images: dict[str, set[str]], most: int,
 ) -> list[StereoPair]:  # fmt: skip
-    """Return the pairs worth matching, the best first.
+    """Return the pairs selected for matching, the best first.
 
     pairs : geometry of the pairs
-    incidence_deg, suns, times : of the images, by id
-    tie_images : ids of the tie points on each image, by the image's id
-    most : most pairs to return
+    incidence_deg, suns, times : of the images, by image id
+    tie_images : ids of the tie points in each image, by image id
+    most : largest number of pairs to return
     """
     found = [_score_pair(pair, incidence_deg, suns, times, tie_images) for pair in pairs]
     found = sorted((pair for pair in found if pair.score > 0.0), key=lambda pair: -pair.score)
@@ -97,7 +97,7 @@ def _score_pair(
 
 
 def _days_between(first: datetime | None, second: datetime | None) -> float | None:
-    """Return the days between two days of the year, across its end where that is nearer."""
+    """Return the difference of two dates in days of the year, the shorter way around the year."""
     if first is None or second is None:
         return None
     days = abs(first.timetuple().tm_yday - second.timetuple().tm_yday)
