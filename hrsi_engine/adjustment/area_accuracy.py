@@ -1,14 +1,14 @@
-"""Accuracy of the ground that each part of a block measures: its headline where there are no check points.
+"""Predicted accuracy of the ground points of each part of a block: its main figure if there are no check points.
 
-The figures are those of points that nobody surveyed, over the area (`precision.predict_accuracy`): of tie points, or
-else of check points. Of a part that has nothing but GCPs they are what everything but its own survey says of each
-GCP. With the cofactors Q of its adjusted position and the weights P of its survey these are exactly
+The figures are those of points without a survey, over the area (`precision.predict_accuracy`): of tie points, or else
+of check points. For a part that has only GCPs they are those of each GCP predicted by all observations except its own
+survey. With the cofactors Q of its adjusted position and the weights P of its survey these are exactly
 
     (Q^-1 - P)^-1
 
 A GCP on one image keeps its surveyed height there, and predicts no height. Points on nearly parallel rays are counted
-and left out: how well they are known says nothing of the area. So are points that only coarser bands of exposures see
-(multispectral ones), where others are on the panchromatic images: their noise is that of larger pixels.
+and left out: their precision is not that of the area. So are points that only coarser bands of exposures observe
+(multispectral ones), if others are on the panchromatic images: their noise is that of larger pixels.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from .result import DatumPart, GcpsApart
 from .statistics.precision import Precision, predict_accuracy
 from .weak_geometry import RAY_GEOMETRY
 
-MOST_POINTS = 4000  # of a part that its accuracy is taken from
-AREA_CELLS = 20  # along each side of what a block measures
+MOST_POINTS = 4000  # of a part, from which its accuracy is computed
+AREA_CELLS = 20  # along each side of the area of a part
 
 
 @thresholds
 class FEW_GCPS:
-    """When few GCPs disagree."""
+    """Limits for the comparison of few GCPs."""
 
     most: int = threshold(3, "GCPs", "of a part: with more, data snooping finds the wrong one")
     risk: float = threshold(1e-4, "", "error probability of the test of two GCPs on their images", "theory: chi²")
@@ -44,14 +44,14 @@ class FEW_GCPS:
 def describe_parts(
     problem: Problem, solution: Solution, covariance: np.ndarray, prior_share: np.ndarray, leave_one_out: float
 ) -> tuple[DatumPart, ...]:
-    """Return what holds each part of the block and the accuracy that it predicts.
+    """Return the constraints of each part of the block (GCPs, tie points, priors) and its predicted accuracy.
 
-    ``covariance (m, 3, 3)`` are those of all points by everything but their own surveys (`predict_without_surveys`),
-    ``leave_one_out`` by how much the GCPs' leave-one-out errors exceed them.
+    ``covariance (m, 3, 3)`` are those of all points without their own surveys (`predict_without_surveys`),
+    ``leave_one_out`` the factor by which the GCPs' leave-one-out errors exceed them.
     """
     known = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
-    # Points with error ellipsoids as long as those of rays that hardly converge. Two rays that converge by an angle g
-    # leave one whose longest semi-axis is 2 / tan g times the shortest; what else holds a point makes it shorter.
+    # Points with error ellipsoids as long as those of nearly parallel rays. For two rays with convergence angle g the
+    # longest semi-axis is 2 / tan g times the shortest; other observations of a point shorten it.
     observations = problem.observations
     by_rays = solution.normals.inverse.copy()
     gcps = np.flatnonzero(observations.surveyed)
@@ -80,14 +80,14 @@ def describe_parts(
         used = chosen[:: -(-len(chosen) // MOST_POINTS)] if len(chosen) else chosen
         apart = compare_few_gcps(problem, solution, part)
         widened = leave_one_out if part.gcps else 1.0
-        # by how much of the area each point stands for: those of one cell share it
+        # weight by area: the points of one cell share its weight
         plan = solution.state.ground[used, :2]
         low, high = plan.min(axis=0, initial=np.inf), plan.max(axis=0, initial=-np.inf)
         cell = np.minimum((plan - low) / np.maximum(high - low, 1e-12) * AREA_CELLS, AREA_CELLS - 1).astype(np.int64)
         cell = cell @ [1, AREA_CELLS]
         weight = 1.0 / np.bincount(cell)[cell]
         area = predict_accuracy(widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weight)
-        if apart is not None and area["ce90_m"]:  # one of them may be wrong: beyond both it bends by twice as much
+        if apart is not None and area["ce90_m"]:  # if one is wrong, the error beyond both is twice as large
             widened *= max(min(apart.factor / widened, 1.0 + 2.0 * apart.metres / area["ce90_m"]), 1.0)
             area = predict_accuracy(widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weight)
         sigma = [area[name] for name in ("rmse_east_m", "rmse_north_m", "rmse_height_m")]
@@ -104,9 +104,9 @@ def describe_parts(
 
 
 def predict_without_surveys(problem: Problem, solution: Solution, precise: Precision) -> np.ndarray:
-    """Return the cofactors ``(m, 3, 3)`` of all points by everything but their own surveys, NaN where there are none.
+    """Return the cofactors ``(m, 3, 3)`` of all points by all observations except their own surveys; NaN if unknown.
 
-    Nothing is predicted of the height of a GCP on a single ray.
+    The height of a GCP on a single ray is not predicted (NaN).
     """
     observations = problem.observations
     gcps = np.flatnonzero(observations.surveyed)
@@ -119,7 +119,7 @@ def predict_without_surveys(problem: Problem, solution: Solution, precise: Preci
 
 
 def _remove_surveys(solution: Solution, cofactors: np.ndarray, gcps: np.ndarray, keep_height: np.ndarray) -> np.ndarray:
-    """Return the cofactors ``(g, 3, 3)`` of GCPs without their own surveys, or with their surveyed height alone."""
+    """Return the cofactors ``(g, 3, 3)`` of GCPs without their own surveys; heights stay where ``keep_height (g,)``."""
     survey = solution.weighting.points.build_weight_matrices(gcps, observed=True)
     survey[keep_height, 2] = survey[keep_height, :, 2] = 0.0
     known = finite_rows(cofactors.reshape(-1, 9))
@@ -129,18 +129,18 @@ def _remove_surveys(solution: Solution, cofactors: np.ndarray, gcps: np.ndarray,
 
 
 def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> GcpsApart | None:
-    """Return the two GCPs of a part that disagree most, None where they agree or are more than few.
+    """Return the two GCPs of a part that disagree most; None if they agree, or if the part has more than a few GCPs.
 
-    Ties make no statement about a block's scale, rotation and place, and two or three GCPs leave these little or no
-    redundancy: one that is wrong bends the block, and everything fits. Between two of them the shift of an image
+    Tie points do not determine a block's scale, rotation and position, and two or three GCPs leave these little or no
+    redundancy: a wrong one deforms the block without residuals. In the difference of two GCPs the image's shift
     cancels::
 
         d = (observed - vendor's camera)_a - (observed - vendor's camera)_b     variance: surveys, measurements, drift
 
-    where the drift is what is known of the sensor, over the distance of the two in the image. A point that is wrong on
-    the ground is off alike in all images, whose drifts are independent: three images that would each have to drift by
-    3 sigma tell more than one. Beyond chance one GCP is wrong, or the images are distorted; the data do not show which,
-    and predictions have to contain it.
+    where the drift is the sensor's a priori one, over the distance of the two in the image. An error of the ground
+    position has the same effect in all images, whose drifts are independent: three images that would each have to drift
+    by 3 sigma are stronger evidence than one. If d exceeds the limit, one GCP is wrong, or the images are distorted;
+    the data do not show which, and predictions have to include it.
     """
     observations = problem.observations
     located = (observations.survey_weight > 0.0).all(axis=1) & solution.weighting.contributes
@@ -154,7 +154,7 @@ def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> GcpsAp
 
 
 def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[float, GcpsApart | None]:
-    """Return chi² of the difference of two points on the images that see both, over its limit, and that difference."""
+    """Return chi² of the difference of two GCPs on their common images, divided by its limit, and that difference."""
     observations = problem.observations
     images: list[Image] = []
     apart: list[np.ndarray] = []
@@ -178,9 +178,9 @@ def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[
     stated = np.diag(noise) + np.sum((slope / observations.survey_weight[pair][:, None]) @ slope.swapaxes(1, 2), axis=0)
     difference = np.concatenate(apart)
     covariance = stated + np.diag(drifts)
-    moved = np.linalg.solve(covariance, slope[0]).T  # a point moved on the ground: all images see it alike
+    moved = np.linalg.solve(covariance, slope[0]).T  # a point moved on the ground: equal for all images
     by_ground = float(moved @ difference @ np.linalg.pinv(moved @ slope[0]) @ moved @ difference)
-    blocks = [slice(2 * k, 2 * k + 2) for k in range(len(images))]  # or measured wrongly on one of them
+    blocks = [slice(2 * k, 2 * k + 2) for k in range(len(images))]  # or a wrong measurement on one of them
     alone = max(float(difference[k] @ np.linalg.solve(covariance[k, k], difference[k])) for k in blocks)
     excess = max(one / special.chdtri(freedom, FEW_GCPS.risk) for one, freedom in ((by_ground, 3.0), (alone, 2.0)))
     factor = float(np.sqrt(difference @ np.linalg.solve(stated, difference) / len(difference)))

@@ -1,20 +1,21 @@
-"""Drifts that move all images of a part alike: what tie points cannot tell, and what is believed of it.
+"""Drifts common to all images of a part: tie points do not determine them, so that they keep their priors.
 
 Let the ground of a block without GCPs be deformed by a field d of first degree: a scale, a rotation, a skew, a tilt of
 its heights. With B the derivatives of an image by the ground, drifts of the images that give ``B d`` in every image
-follow the deformation, and the ties fit as they did, but for what relief and the second order of the cameras show. The
-small errors that neighbouring image points share are larger than that. So these *common* drifts keep the a priori
-standard deviations of their sensors, whatever is estimated for the differences between images.
+follow the deformation, and the residuals of tie points change only by the effects of relief and of the cameras' second
+order, which are smaller than the errors that neighbouring image points share. So these *common* drifts keep the a
+priori standard deviations of their sensors, whatever is estimated for the differences between images.
 
 With the drifts in units of these standard deviations, U (k p, r) an orthonormal basis of the common ones, and F the
-factors that the block asks for (`drift_prior`), the weights of all drifts are::
+factors estimated from the block (`drift_prior`), the weights of all drifts are::
 
-    F^-2 + U G U'      G = I - U' F^-2 U, as far as it is positive
+    F^-2 + U G U'      G = I - U' F^-2 U, its positive part
 
-Neighbouring image points share their errors (relief, windows of least-squares matching), so the ties of an image tell
-as much of its camera as it has patches of `COMMON_DRIFT.patch_px` with points in them, and not as it has points. Where
-nothing but ties and RPCs hold a part, the m points of each patch weigh 1/m beside the priors. As a point's own error
-stays what it is, the priors weigh m times as much instead, and the covariance of cameras is m times their cofactors.
+Neighbouring image points share their errors (relief, windows of least-squares matching), so that the tie points of an
+image have the information of as many points as it has patches of `COMMON_DRIFT.patch_px` with points in them. In a part
+determined by tie points and RPCs only, the m points of each patch have a weight of 1/m relative to the priors. As a
+point's own error does not change, the priors' weights are multiplied by m instead, and the covariance of cameras is m
+times their cofactors.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from .observations import Observations
 
 @thresholds
 class COMMON_DRIFT:
-    """Which parts of a block have common drifts that nothing shows, and which image points err alike."""
+    """Limits for parts of a block with common drifts, and for image points with correlated errors."""
 
     most_cameras: int = threshold(
         50, "cameras", "of a part; the mean of more drifts is known better than those of the sensors"
@@ -48,17 +49,17 @@ class COMMON_DRIFT:
     least_mode: float = threshold(1e-4, "", "a common drift that is smaller, relative to the largest, is none")
 
 
-GRID = 5  # points along each axis of an image where its drifts are fitted to a deformation of the ground
+GRID = 5  # grid points along each axis of an image, for the fit of its drifts to a deformation of the ground
 
 
 @dataclass(frozen=True, eq=False)
 class CommonDrift:
-    """The common drifts of k cameras (numbers in ascending order), and the prior that holds them.
+    """The common drifts of k cameras (indices in ascending order), and their prior.
 
-    free : (k, p) which parameters are drifts that are estimated; n of them
+    free : (k, p) mask of the parameters that are estimated drifts; n of them
     basis : (n, r) orthonormal, in units of the drifts' a priori standard deviations ``believed (n,)``
-    points_alike : image points that err alike; all priors of the cameras weigh as many times as much
-    weight : (r, r) G
+    points_alike : number of image points that share their errors; factor of the weights of the cameras' priors
+    weight : (r, r) weight matrix G
     """
 
     camera: np.ndarray
@@ -76,12 +77,12 @@ class CommonDrift:
 
     @property
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cameras that it connects, with each of them itself: rows and columns, ``row <= column``."""
+        """Pairs of connected cameras, each with itself included: rows and columns, ``row <= column``."""
         rows, columns = np.triu_indices(len(self.camera))
         return self.camera[rows], self.camera[columns]
 
     def balance_with(self, factor: np.ndarray, unit_variance: float) -> CommonDrift:
-        """Return the prior beside weights of the drifts by ``factor (n,)``, both ``unit_variance`` times as heavy."""
+        """Return the prior for drift weights with ``factor (n,)``; all weights are multiplied by ``unit_variance``."""
         values, vectors = np.linalg.eigh(np.eye(self.basis.shape[1]) - (self.basis.T / factor**2) @ self.basis)
         scale = unit_variance * self.points_alike
         return replace(self, weight=scale * (vectors * np.maximum(values, 0.0)) @ vectors.T)
@@ -89,7 +90,7 @@ class CommonDrift:
     def select_drifts(
         self, cofactors: np.ndarray, values: np.ndarray, pattern: Pattern
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return cofactors ``(n, n)`` and values ``(n,)`` of the drifts in their units, of those of all cameras."""
+        """Return the drifts' cofactors ``(n, n)`` and values ``(n,)``, in their units, from those of all cameras."""
         k, p = self.free.shape
         rows, columns = np.triu_indices(k)
         full = np.empty((k, k, p, p))
@@ -102,10 +103,10 @@ class CommonDrift:
     def predict_differences(
         self, then: CommonDrift, cofactors: np.ndarray, values: np.ndarray, held: np.ndarray, weight: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return squares and redundancies ``(n,)`` of the drifts less the common ones, with other priors.
+        """Return squares and redundancies ``(n,)`` of the drifts without the common ones, for other priors.
 
-        ``cofactors`` and ``values`` are what `select_drifts` returns; the drifts' own priors weighed ``held (n,)``, and
-        are to weigh ``weight (n,)``, and those of the common drifts as ``then``.
+        ``cofactors`` and ``values`` are the results of `select_drifts`; ``held (n,)`` are the drifts' prior weights of
+        the solution, ``weight (n,)`` the new ones, and ``then`` has the new weights of the common drifts.
         """
         weight = weight * self.believed**2
         grown = np.diag(weight - held * self.believed**2)
@@ -117,17 +118,17 @@ class CommonDrift:
         return (rest @ ahead[:, -1]) ** 2, np.clip(rest.diagonal() - weight * share, 0.0, 1.0)
 
     def reorder(self, order: np.ndarray) -> CommonDrift:
-        """Return the same of cameras whose parameters stand in another order."""
+        """Return the same common drifts for cameras with their parameters in another order."""
         number = np.zeros(self.free.shape, dtype=np.int64)
         number[self.free] = np.arange(len(self.basis))
         free = self.free[:, order]
         rows = number[:, order][free]
         return replace(self, free=free, believed=self.believed[rows], basis=self.basis[rows])
 
-    # ---- the prior in the loop (`gauss_newton`, as `joint_prior`) ----------------------------------------------------
+    # ---- the prior in the iterations (`gauss_newton`, as `joint_prior`) ----------------------------------------------
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
-        """Add the prior to reduced normal equations at ``values (cameras, p)``."""
+        """Add the prior at ``values (cameras, p)`` to the reduced normal equations."""
         # The derivatives of the common drifts by the cameras' parameters, (k, p, r)
         by_value = np.zeros((*self.free.shape, self.basis.shape[1]))
         by_value[self.free] = self.basis / self.believed[:, None]
@@ -137,12 +138,12 @@ class CommonDrift:
         normals.right[self.camera] -= by_value @ (self.weight @ self._measure_modes(values))
 
     def compute_cost(self, values: np.ndarray) -> float:
-        """Return half the weighted sum of squares at ``values (cameras, p)``."""
+        """Return half the weighted sum of squares of the common drifts at ``values (cameras, p)``."""
         modes = self._measure_modes(values)
         return 0.5 * float(modes @ self.weight @ modes)
 
     def count_parameters(self, cofactors: np.ndarray, pattern: Pattern) -> float:
-        """Return how many of the parameters come from the prior, for ``cofactors`` on the pattern."""
+        """Return the number of parameters that the prior determines, for ``cofactors`` on the pattern."""
         own, _ = self.select_drifts(cofactors, np.zeros((pattern.cameras, pattern.parameters)), pattern)
         return float(np.sum(self.weight * (self.basis.T @ own @ self.basis)))
 
@@ -154,10 +155,10 @@ def find_common_drift(
     observations: Observations, model: RefinementModel, images: np.ndarray, free: np.ndarray, sigma: np.ndarray,
     only_ties: bool,
 ) -> CommonDrift | None:  # fmt: skip
-    """Return the common drifts of a part of a block, None where it has none.
+    """Return the common drifts of a part of a block, or None if there are none.
 
-    ``images`` are its images, ``free (cameras, p)`` which parameters are drifts, and ``sigma (cameras, p)`` the a
-    priori standard deviations of all parameters; ``only_ties`` says that nothing else tells of its cameras.
+    ``images`` are its images, ``free (cameras, p)`` is the mask of drift parameters, and ``sigma (cameras, p)`` their a
+    priori standard deviations; ``only_ties`` : only tie points and RPCs determine the cameras.
     """
     camera = np.unique(observations.camera_of_image[images])
     own, sigma = free[camera], sigma[camera]
@@ -168,7 +169,7 @@ def find_common_drift(
         place = int(np.searchsorted(camera, observations.camera_of_image[index]))
         equations.setdefault(place, []).append((by_values * sigma[place], by_fields))
     modes = np.concatenate([
-        # of all corrections that fit the deformation the a priori likeliest
+        # the a priori likeliest of all corrections that fit the deformation
         np.linalg.lstsq(
             np.concatenate([by_values for by_values, _ in equations[place]]),
             np.concatenate([by_fields for _, by_fields in equations[place]]), rcond=1e-9,
@@ -177,7 +178,7 @@ def find_common_drift(
     ])  # fmt: skip
     basis, size, _ = np.linalg.svd(modes, full_matrices=False)
     basis = basis[:, size > COMMON_DRIFT.least_mode * size[0]]
-    points = patches = 0  # how many image points stand for one that errs by itself
+    points = patches = 0  # their ratio: image points per independent error
     for index in images.tolist() if only_ties else ():
         xy = observations.xy[observations.by_image[index]]
         points += len(xy)
@@ -189,10 +190,10 @@ def find_common_drift(
 def _derive_fields(
     observations: Observations, model: RefinementModel, images: np.ndarray
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Yield each image with derivatives ``(2 n, p)`` of its points by the parameters, and by deformations ``(2 n, d)``.
+    """Yield each image, derivatives ``(2 n, p)`` of its points by the parameters, and ``(2 n, d)`` by deformations.
 
-    A deformation is a monomial of east and north, as far as the model's degree goes, in one of the three coordinates;
-    it is 1 about a scene's size away from the middle.
+    A deformation is a monomial of east and north, up to the model's degree, in one of the three coordinates; its value
+    is 1 at a distance of about a scene from the middle.
     """
     degree = int(model.powers.sum(axis=1).max(initial=1)) if isinstance(model, ImagePolynomial) else 1
     powers = [(a, total - a) for total in range(1, degree + 1) for a in range(total + 1)]

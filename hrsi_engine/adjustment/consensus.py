@@ -1,18 +1,18 @@
-"""A start that wrong ties do not pull: the measurements of two images agree about their epipolar lines.
+"""Robust start without wrong tie measurements: test whether image pairs agree about their epipolar lines.
 
-Two rays leave one condition, whatever the ground point. With the derivatives B by the ground of both image points and
-the vector n that is normal to all of them, n' (B_1; B_2) = 0, it is the *parallax* across the epipolar line
+Two rays have one condition that is independent of the ground point. With the derivatives B by the ground of both image
+points and the vector n that is normal to all of them, n' (B_1; B_2) = 0, it is the *parallax* across the epipolar line
 
     y = n' (v_1; v_2)        v = observed - computed, at any point near both rays
 
-Errors of the cameras make it a constant for a pair of images, and a plane where they drift; a wrong measurement makes
-it anything. The plane that most parallaxes of a pair are near is found by the least quantile of squares (Rousseeuw and
-Leroy 1987): planes through three points and level ones through one are tried, the best is settled by concentration
-(Rousseeuw and Van Driessen 1999). With a share e of wrong measurements (1 - e)² of the parallaxes are right: 36 % at
-e = 40 %, hence the quantile. No point's share of wrong rays matters here, and no camera was estimated before.
+For a pair of images, errors of the cameras make it a constant, or a plane if they drift; a wrong measurement makes it
+arbitrary. The plane nearest to most parallaxes of a pair is found by the least quantile of squares (Rousseeuw and Leroy
+1987): planes through three points and constants through one are tried, the best is refined by concentration (Rousseeuw
+and Van Driessen 1999). With a share e of wrong measurements (1 - e)² of the parallaxes are right: 36 % at e = 40 %,
+hence the quantile. It does not depend on any point's share of wrong rays, and needs no estimated cameras.
 
 The scale of the parallaxes is that of a normal distribution on a uniform background, by expectation and maximisation.
-A measurement takes part in the start where it agrees with half of the others of its point that it was compared with.
+A measurement is used in the start if it agrees with half of the others of its point that it was compared with.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -31,7 +31,7 @@ POINTS_AT_ONCE = 50_000
 
 @thresholds
 class PARALLAX:
-    """Which measurements agree before anything is adjusted."""
+    """Limits for measurements that agree before the adjustment."""
 
     neighbours: int = threshold(4, "rays", "rays of a long track that each ray is compared with, to either side")
     quantile: float = threshold(
@@ -51,15 +51,15 @@ class PARALLAX:
     levelling: float = threshold(1e-3, "", "relative weight that keeps slopes of poorly spread parallaxes at zero")
 
 
-PARALLEL = 1e-9  # sine of the angle below which rays are
-LEAST_AREA = 1e-6  # of a triangle that carries a plane, twice; the image's is 2 to a side
+PARALLEL = 1e-9  # sine of the angle below which rays count as parallel
+LEAST_AREA = 1e-6  # twice the area of a triangle that defines a plane; an image's side is 2
 PLANE_STEPS = 6
 CYCLES = 60
 PAIRS_AT_ONCE = 200
 
 
 class Parallaxes(NamedTuple):
-    """What pairs of measurements of one point say: their rows, the parallax y (px) and its sigma (px)."""
+    """Parallaxes of pairs of measurements of a point: rows of both, parallax y (px) and its standard deviation (px)."""
 
     first: np.ndarray
     second: np.ndarray
@@ -70,13 +70,13 @@ class Parallaxes(NamedTuple):
 def find_agreeing_measurements(
     equations: NormalEquations, observations: Observations, state: State, used: np.ndarray
 ) -> np.ndarray:
-    """Return which measurements agree with the others of their points, ``(n,)``.
+    """Return True for measurements that agree with the others of their points, ``(n,)``.
 
-    state : cameras and points where the adjustment starts, tens of pixels off perhaps
+    state : initial cameras and points, which may have errors of tens of pixels
     used : (m,) mask of the points to compare; the measurements of all others count as agreeing
     """
     agreeing = np.ones(observations.count, dtype=bool)
-    parts: list[np.ndarray] = []  # of points with equal numbers of measurements, two or more
+    parts: list[np.ndarray] = []  # points with equal numbers of measurements, two or more
     for length, points in observations.by_length.items():
         chosen = points[used[points]]
         if length >= 2 and len(chosen):
@@ -111,12 +111,12 @@ def _compute_parallaxes(
     sigma = observations.sigma_px[rows]
     columns: list[tuple[np.ndarray, ...]] = []
     for one, other in list_ray_pairs(length):
-        # n: the 3 x 3 minors of (B_1; B_2), a row left out each
+        # n: the 3 x 3 minors of (B_1; B_2), each without one row
         on_one = np.einsum("mci,mi->mc", swapped[:, one], ray[:, other])
         on_other = np.einsum("mci,mi->mc", swapped[:, other], ray[:, one])
         squares_one, squares_other = (np.einsum("mc,mc->m", n, n) for n in (on_one, on_other))
         length_of_n = np.sqrt(squares_one + squares_other)
-        # an image delivered twice has parallel rays, and no such plane
+        # an image given twice has parallel rays, which have no epipolar plane
         crossing = length_of_n > PARALLEL * scale_of_one[:, one] * scale_of_other[:, other]
         y = np.einsum("mc,mc->m", on_one, residual[:, one]) + np.einsum("mc,mc->m", on_other, residual[:, other])
         spread = np.sqrt(squares_one * sigma[:, one] ** 2 + squares_other * sigma[:, other] ** 2)
@@ -137,12 +137,12 @@ def list_ray_pairs(length: int) -> list[tuple[int, int]]:
 
 
 def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far each parallax is from its image pair's plane, in stated sigmas, and whether that judges it.
+    """Return each parallax's distance from its image pair's plane, in stated sigmas, and whether it can be tested.
 
-    An image pair with few parallaxes has a constant instead; with less than three nothing to compare.
+    An image pair with few parallaxes has a constant instead of a plane; one with fewer than three is not tested.
     """
     one, other = observations.image[pairs.first], observations.image[pairs.second]
-    number = np.min_scalar_type(len(observations.images))  # the fewer bytes, the faster they are sorted
+    number = np.min_scalar_type(len(observations.images))  # smaller types are sorted faster
     smaller, larger = np.minimum(one, other).astype(number), np.maximum(one, other).astype(number)
     order = np.lexsort((larger, smaller))
     begins = np.ones(len(order), dtype=bool)
@@ -154,12 +154,12 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
     large = np.flatnonzero(count >= 3)
 
     def fit(part: np.ndarray, three: np.ndarray) -> None:
-        """Judge the parallaxes of some image pairs, by planes through ``three`` of each sample of a plane at a time."""
+        """Test parallaxes of a ``part`` of the image pairs, by planes through ``three`` parallaxes of each sample."""
         size, span = count[part], slice(bounds[part[0]], bounds[part[-1] + 1])
         begin, place = bounds[part] - span.start, observations.places[rows[span]]
         terms = np.column_stack([np.ones(len(place)), place])
         y, sigma = pairs.y[order[span]], pairs.sigma[order[span]]
-        # evenly over the parallaxes of each image pair; those of a small one more than once
+        # evenly over the parallaxes of each image pair; those of a small pair repeatedly
         step = np.maximum(size / PARALLAX.sample, 1.0)[:, None] * np.arange(PARALLAX.sample)
         picked = begin[:, None] + step.astype(np.int64) % size[:, None]
         planes, tilted = np.zeros((len(part), 3)), size >= PARALLAX.least_for_plane
@@ -168,7 +168,7 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
         planes[tilted] = _fit_planes(three, *(sample[tilted] for sample in samples))
         samples = samples[0][:, :, :1], *samples[1:]
         planes[~tilted, :1] = _fit_planes(None, *(sample[~tilted] for sample in samples))
-        here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # pairs with less lie between
+        here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # skips pairs with fewer
         computed = np.einsum("nc,nc->n", terms[here], np.repeat(planes, size, axis=0))
         departure[order[span][here]] = (y[here] - computed) / sigma[here]
         judged[order[span][here]] = np.repeat(size >= PARALLAX.least_for_scale, size)
@@ -187,16 +187,16 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
 def _fit_planes(
     three: np.ndarray | None, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
-    """Return the plane ``(p, 3)`` that most of the parallaxes ``(p, s)`` of each image pair are near.
+    """Return the plane ``(p, 3)`` nearest to most of the parallaxes ``(p, s)`` of each image pair.
 
-    ``three (p, t, 3)`` are the numbers of the parallaxes that planes are laid through; ``terms (p, s, 3)`` are 1 and
-    the position in the image; ``kept (p,)`` is how many parallaxes are right for sure, less one. Without ``three``
-    there are too few parallaxes for a plane: then ``terms (p, s, 1)`` and the result have the constant alone.
+    ``three (p, t, 3)`` are the indices of the three parallaxes of each tried plane; ``terms (p, s, 3)`` are 1 and the
+    position in the image; ``kept (p,)`` is the number of certainly right parallaxes, minus one. Without ``three`` there
+    are too few parallaxes for a plane: then ``terms (p, s, 1)`` and the result have only the constant.
     """
     tried = np.zeros((*y.shape, terms.shape[2]))
     tried[:, :, 0] = y
     if three is not None:
-        # Planes (p, t, 3) through three parallaxes each, by Cramer's rule; level ones of three on a line
+        # Planes (p, t, 3) through three parallaxes each, by Cramer's rule; constants if the three are on a line
         pair = np.arange(len(y))[:, None, None]
         (first, second, third), y_of_three = np.moveaxis(terms[pair, three], 2, 0), y[pair, three]
         cyclic = ((second, third), (third, first), (first, second))
@@ -210,7 +210,7 @@ def _fit_planes(
     plane = tried[np.arange(len(y)), _find_nearest_planes(terms, y, sigma, tried, kept)]
     flat = PARALLAX.levelling * np.array([0.0, 1.0, 1.0])[: terms.shape[2]]
     for _ in range(PLANE_STEPS):
-        # Parallaxes farther than number kept of a pair weigh nothing
+        # Parallaxes farther away than the one with rank ``kept`` have no weight
         apart = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
         limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
         weight = np.where(apart <= limit, 1.0 / sigma**2, 0.0)
@@ -229,11 +229,11 @@ def _multiply_as_vectors(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _find_nearest_planes(
     terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
-    """Return the plane ``(p,)`` of each image pair whose distance number ``kept`` (the smallest is 0) is the least.
+    """Return the index ``(p,)`` of the plane whose distance of rank ``kept`` (0: the smallest) is the least.
 
     terms, y, sigma : (p, s, c), (p, s) and (p, s) of the parallaxes
     tried : (p, t, c) planes, c of 3 or 1 for level ones
-    kept : (p,) numbers
+    kept : (p,) ranks
     """
     apart = np.abs(y[:, None] - tried @ terms.swapaxes(1, 2)) / sigma[:, None]
     apart.partition(np.unique(kept), axis=2)
@@ -242,7 +242,7 @@ def _find_nearest_planes(
 
 
 def _estimate_scale(departure: np.ndarray) -> float:
-    """Return the standard deviation of the right ones among the departures, by a normal on a uniform background."""
+    """Return the standard deviation of the right departures, by a normal distribution on a uniform background."""
     step = 1 + len(departure) // 50_000
     size = np.abs(departure[::step])
     reach = max(float(np.quantile(size, 0.99)), 1e-12)

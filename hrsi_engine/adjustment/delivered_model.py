@@ -1,14 +1,14 @@
-"""Which model is delivered: the simplest that predicts the GCPs as well as the best one does, as the block stands.
+"""Choice of the final model: the simplest that predicts the GCPs as well as the best one does, in the adjusted block.
 
-A shift, a shift with a drift along the lines and an affine correction are nested, and where the drifts' sizes are
-estimated with the block (`drift_prior`) all three are of the same estimate: they differ in what of the drift is
-delivered (`delivery`). So one adjustment judges them all, each with the priors that it has. Leave-one-out: with u and S
-of the GCPs (`blunders.discrepancies`), and M the weighted derivatives of the observations by the cameras, a GCP without
-a say (its image points E left out; the survey says where it is) is predicted with errors d by cameras x_E::
+A shift, a shift with a drift along the lines and an affine correction are nested, and if the drifts' sizes are
+estimated with the block (`drift_prior`) all three have the same estimate: they differ in the part of the drift that the
+final cameras contain (`delivery`). So one adjustment tests them all, each with its priors. Leave-one-out: with u and S
+of the GCPs (`blunders.discrepancies`), and M the weighted derivatives of the observations by the cameras, a GCP whose
+image points E are left out (its position is the surveyed one) is predicted with errors d by cameras x_E::
 
     d = S_EE^-1 u_E        x_E = x - Q M_E' S_EE^-1 u_E
 
-to which comes, for a model that delivers a part of the drift only, the rest of it at the image point.
+plus, for a model that contains only a part of the drift, the other part at the image point.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from .statistics.precision import Precision
 
 @thresholds
 class DELIVERY:
-    """When a simpler model than the one that was estimated may be delivered."""
+    """Limits for replacing the estimated model by a simpler one."""
 
     fewest_gcps: int = threshold(3, "GCPs", "that judge models by leave-one-out")
     most_left: float = threshold(
@@ -42,7 +42,7 @@ class DELIVERY:
 
 
 def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.ndarray) -> np.ndarray:
-    """Return the GCPs that hold a solution and whose surveys ``(m, 3)`` say where they are on every image."""
+    """Return the GCPs that are used in a solution and have complete surveys ``(m, 3)``, as leave-one-out tests need."""
     known = (survey_weight > 0.0).all(axis=1) & solution.weighting.contributes
     measured = np.add.reduceat(solution.weight > 0.0, problem.observations.first[:-1], dtype=np.int64) > 0
     return np.flatnonzero(known & measured & any_of_rows(survey_weight > 0.0))
@@ -51,10 +51,10 @@ def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.nd
 def predict_left_out(
     problem: Problem, loop: GaussNewton, solution: Solution, control: Discrepancies
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Predict the GCPs of ``control`` without each, by the model and by those nested in it.
+    """Predict each GCP of ``control`` from the others, by the model and by those nested in it.
 
-    Its factors are those in the system of the loop. Returned are, by model, the squared errors ``(g,)`` in px², mean
-    over the images of each GCP; and the models that are too simple: the drift that they leave shows in the ties.
+    The loop's system has the factors of this solution. Returned are, by model, the squared errors ``(g,)`` in px², mean
+    over the images of each GCP; and the models that are too simple: tie points show the drift that they omit.
     """
     gcps, values = len(control.points), solution.state.values
     errors, change = [], np.zeros((values.size, gcps))
@@ -71,7 +71,7 @@ def predict_left_out(
         sum_squares(problem, camera, solution),
         compute_derivatives(problem, solution, control.points),
     )
-    # the drift that a model leaves shows in ties, too
+    # the drift that a model omits also appears in the residuals of tie points
     tie = ~problem.observations.located[problem.observations.point]
     by_ties = replace(solution, factor=solution.factor * tie)
     tie_squares = sum_squares(problem, camera, by_ties)
@@ -81,12 +81,12 @@ def predict_left_out(
     )
     unit_variance = max(loop.sum_of_squares(solution) / loop.count_redundancy(solution.weighting), 1.0)
     squared, too_simple = {}, []
-    has = {name.removeprefix("drift_") for name in camera.parameters}  # without drifts a shift is no part of more
+    has = {name.removeprefix("drift_") for name in camera.parameters}  # without drifts a shift has no nested models
     nested = [name for name in NESTED_MODELS if has >= set(IMAGE_SPACE[name].parameters)]
     for name in nested if asked in NESTED_MODELS else (asked,):
         own = locate_parameters(IMAGE_SPACE[name].parameters, camera.parameters)
         rest = np.setdiff1d(np.arange(len(camera.parameters)), own)
-        left = np.zeros((*values.shape, len(rest)))  # of the drift, in the parameters of the camera
+        left = np.zeros((*values.shape, len(rest)))  # omitted drift, in the camera's parameters
         left[:, own], left[:, rest] = -compute_gain(squares, loop.prior_weight, own, rest), np.eye(len(rest))
         drift = np.einsum("cpr,cr->cp", left, values[:, rest])
         chance = unit_variance * special.chdtri(max(len(rest), 1) * len(values), DELIVERY.risk)
@@ -103,7 +103,7 @@ def predict_left_out(
 
 
 def locate_parameters(names: Sequence[str], of_camera: Sequence[str]) -> np.ndarray:
-    """Return where parameters are among those of a camera, by their names, an appended drift's or not."""
+    """Return the indices of parameters among those of a camera, by name; the prefix of appended drifts is ignored."""
     place = [name.removeprefix("drift_") for name in of_camera]
     return np.array([place.index(name.removeprefix("drift_")) for name in names], dtype=np.int64)
 
@@ -111,7 +111,7 @@ def locate_parameters(names: Sequence[str], of_camera: Sequence[str]) -> np.ndar
 def deliver_as(
     name: str, problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision
 ) -> tuple[Problem, GaussNewton, Solution, Precision]:
-    """Return the same estimate with another of the nested models in the place of the one that was asked for."""
+    """Return the same estimate with another of the nested models as the model of the final cameras."""
     model = IMAGE_SPACE[name]
     camera = add_drift_parameters(model) if name != DRIFTING else model
     order = locate_parameters(camera.parameters, problem.camera.parameters)

@@ -1,9 +1,9 @@
-"""The cameras that are delivered: those of the model asked for, without the drift that was estimated beside it.
+"""The final cameras: those of the requested model, without the additional drift of the estimation.
 
-The estimate has the model's own values v and the drift d that it does not follow
-(`refinement.image_space.add_drift_parameters`). What is delivered instead is the correction of the model alone
-that comes nearest to both together where the image was
-measured: with the weighted squares N of the correction's derivatives there and the priors P of the values::
+The estimate has the model's own values v and the drift d that the model does not contain
+(`refinement.image_space.add_drift_parameters`). The final camera is the correction by the model alone that is nearest
+to both together at the measured image points: with the weighted squares N of the correction's derivatives there and the
+priors P of the values::
 
     (N_vv + P) step = N_vd d        delivered = v + step
 
@@ -22,7 +22,7 @@ from .problem import Problem
 
 
 class CameraDelivery(NamedTuple):
-    """Values (cameras, p) of the model, positions (m, 3) and residuals (n, 2) by these cameras; and the squares N."""
+    """Final values (cameras, p), positions (m, 3) and residuals (n, 2) by these cameras, and N (cameras, q, q)."""
 
     values: np.ndarray
     ground: np.ndarray
@@ -31,7 +31,7 @@ class CameraDelivery(NamedTuple):
 
 
 def deliver_cameras(problem: Problem, loop: GaussNewton, solution: Solution) -> CameraDelivery:
-    """Return the cameras of the model, and the points by them."""
+    """Return the final cameras of the model, and the points intersected with them."""
     squares = compute_drift_squares(problem, solution)
     gain = compute_drift_gain(problem, loop, squares)
     if gain is None:
@@ -43,13 +43,13 @@ def deliver_cameras(problem: Problem, loop: GaussNewton, solution: Solution) -> 
 
 
 def compute_drift_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:
-    """Return what the delivered values take over of the drift, ``(cameras, p, q - p)``; None without a drift."""
+    """Return the factors of the drift in the final values, ``(cameras, p, q - p)``; None without a drift."""
     p, q = len(problem.model.parameters), squares.shape[1]
     return None if p == q else compute_gain(squares, loop.prior_weight, np.arange(p), np.arange(p, q))
 
 
 def compute_gain(squares: np.ndarray, prior_weight: np.ndarray, own: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Return what a model's ``own`` parameters take over of the ``rest`` of a camera's (indices)."""
+    """Return the factors by which a model's ``own`` parameters absorb the ``rest`` of a camera's (both indices)."""
     prior = prior_weight[:, own]
     held = np.isinf(prior)
     normal = squares[:, own[:, None], own] + np.where(held, 1.0, prior)[:, :, None] * np.eye(len(own))
@@ -57,7 +57,7 @@ def compute_gain(squares: np.ndarray, prior_weight: np.ndarray, own: np.ndarray,
 
 
 def compute_drift_squares(problem: Problem, solution: Solution) -> np.ndarray:
-    """Return N ``(cameras, q, q)``, with that of an earlier adjustment; zeros where there is no drift to take over."""
+    """Return N ``(cameras, q, q)``, with that of an earlier adjustment added; zeros if there is no drift to absorb."""
     camera = problem.camera
     if camera is problem.model or not isinstance(camera, ImagePolynomial):
         return np.zeros((len(solution.state.values), len(camera.parameters), len(camera.parameters)))
@@ -68,7 +68,7 @@ def compute_drift_squares(problem: Problem, solution: Solution) -> np.ndarray:
 
 
 def absorb_drift(estimated: np.ndarray, gain: np.ndarray | None) -> np.ndarray:
-    """Return the values ``(cameras, p)`` that are delivered of those estimated ``(cameras, q)``."""
+    """Return the final values ``(cameras, p)``, from the estimated ones ``(cameras, q)`` with the drift."""
     if gain is None:
         return estimated
     p = gain.shape[1]

@@ -1,18 +1,18 @@
-"""How much the corrections of a block's images drift, estimated from the block itself (a variance component).
+"""Standard deviations of the drifts of a block's images, estimated from the block itself (a variance component).
 
-With few GCPs a loose prior lets scale and rotation of every image follow the noise, and a shift alone leaves what
-drift there is. The prior is an observation "no drift" of every such parameter: with values v, prior weights p and
-cofactors q of the parameters, ``s² = sum(p v²) / sum(1 - p q)`` tells how wrong its sigma was, as for any group of
-observations. Repeated until s = 1 this is the estimate by restricted maximum likelihood (Harville 1977).
+With few GCPs a loose prior lets scale and rotation of every image fit the noise, and a shift alone does not correct an
+existing drift. The prior is an observation "no drift" of every such parameter: with values v, prior weights p and
+cofactors q of the parameters, ``s² = sum(p v²) / sum(1 - p q)`` is the variance factor of its sigma, as for any group
+of observations. Repeated until s = 1 this is the estimate by restricted maximum likelihood (Harville 1977).
 
-Where no GCPs show them, drifts that move all images alike keep the sensors' sigmas, and the differences between images
+If GCPs do not determine them, drifts common to all images keep the sensors' sigmas, and the differences between images
 are the group that is estimated (`common_drift`).
 
-A block of a few images has few drifts, and what they say of their size is rough. So sizes stand in three levels, each
-worth a few observations to the one below (an inverse chi² distribution of the variance; Gelman et al. 2013, section
-5.4): what the sensor is believed to do, all drifts of the block, each term (sample by line, say) over the images, and
-each term of each image. A line that drifts along the samples in all images is followed though nothing else drifts, and
-an image that drifts by itself too.
+A block of a few images has few drifts, which determine their size only roughly. So there are three levels, each with
+the weight of a few observations in the level below (an inverse chi² distribution of the variance; Gelman et al. 2013,
+section 5.4): the sensor's a priori drift; all drifts of the block; each term (for example sample by line) over the
+images; and each term of each image. A drift of all images in one term is estimated even if nothing else drifts, and so
+is the drift of a single image.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ from .result import VarianceComponent
 
 @thresholds
 class DRIFT:
-    """How far the standard deviations of drifts are estimated from the block, and when they are settled."""
+    """Limits for the estimation of the drifts' standard deviations, and for its convergence."""
 
     least_redundancy: float = threshold(1.0, "", "of an estimated drift; the size of a prior matters little")
     settled: float = threshold(
@@ -50,11 +50,11 @@ class DRIFT:
 
 @dataclass(eq=False)
 class DriftPrior:
-    """The drifts' prior sigmas found so far, as factors of the ``believed`` ones; both ``(cameras, p)``.
+    """The drifts' current prior sigmas, as factors of the a priori ones ``believed``; both ``(cameras, p)``.
 
-    ``given`` are the weights of all parameters' priors, ``per_px`` the believed change across an image, px per px;
-    ``common`` are the drifts that ties do not show; ``of_block`` is the factor of all drifts together; ``sums`` are the
-    last squares (in believed sigmas), redundancy and number of drifts.
+    ``given`` are the weights of all parameters' priors, ``per_px`` the a priori change across an image, px per px;
+    ``common`` are the drifts that tie points do not determine; ``of_block`` is the factor of all drifts together;
+    ``sums`` are the last squares (in a priori sigmas), redundancy and number of drifts.
     """
 
     model: RefinementModel
@@ -67,7 +67,7 @@ class DriftPrior:
     sums: tuple[float, float, int] = (0.0, 0.0, 0)
 
     def __post_init__(self) -> None:
-        # A drift without a prior of its own is one that an earlier adjustment tells of
+        # A drift without its own prior has that of an earlier adjustment
         self.free = self.model.drifts & np.isfinite(self.given) & (self.given > 0.0) & np.isfinite(self.believed)
         self.alike = np.ones((len(self.given), 1))
         for one in self.common:
@@ -75,9 +75,9 @@ class DriftPrior:
         self.factor = 1.0 / (np.sqrt(np.where(self.free, self.given, 1.0)) * np.where(self.free, self.believed, 1.0))
 
     def set_initial_drift_prior(self, loop: GaussNewton) -> None:
-        """Hold the loop's drifts as the sensors are believed to drift.
+        """Set the prior standard deviations of the loop's drifts to those of the sensors.
 
-        From looser priors the estimate may end where the drifts follow the noise, and leave none to be seen.
+        With looser initial priors the estimation can converge to drifts that fit the noise, without residuals.
         """
         self.factor = np.ones_like(self.factor)
         loop.set_prior_weight(self.alike * np.where(self.free, 1.0 / self.believed**2, self.given), self.common)
@@ -85,16 +85,16 @@ class DriftPrior:
     def correct_sigmas(
         self, loop: GaussNewton, solution: Solution, cofactors: np.ndarray, unit_variance: float
     ) -> float:
-        """Correct the factors and hold the loop's drifts with them; return by how much, 0 where they stay.
+        """Correct the factors and the drift priors of the loop; return the largest relative change, 0 if they stay.
 
-        That is the largest relative change. One below `DRIFT.settled` is not worth another solution: all stays as it
-        is. ``cofactors (blocks, p, p)`` are those of the cameras on the pattern. Where all observations are worse than
-        they were said to be, by their ``unit_variance``, the drifts' priors weigh as much more: else they would follow
-        the noise. For the same reason all priors weigh k times as much where only ties tell of the cameras and k of
-        them err alike (`common_drift`).
+        A change below `DRIFT.settled` needs no further solution: all stays unchanged. ``cofactors (blocks, p, p)`` are
+        those of the cameras on the pattern. If all observations are worse than stated, by the factor ``unit_variance``,
+        the drift priors' weights are multiplied by it: otherwise the drifts would fit the noise. For the same reason
+        all priors have k times the weight if only tie points determine the cameras and k of them share their errors
+        (`common_drift`).
 
-        Before the block is solved again, corrections are repeated until they settle. Weights of a camera's priors that
-        have grown by D make of its cofactors Q and values v, but for what changes in other cameras::
+        Before the block is solved again, corrections are repeated until they converge. If the weights of a camera's
+        priors grow by D, its cofactors Q and values v become, except for changes of other cameras::
 
             (I + Q D)^-1 Q    and    (I + Q D)^-1 v
         """
@@ -104,7 +104,7 @@ class DriftPrior:
         of_parts = [one.select_drifts(cofactors, values, loop.pattern) for one in loop.common]
 
         def look_ahead(weight: np.ndarray, common: Sequence[CommonDrift]) -> np.ndarray:
-            """Return the factors that the block asks for with other priors of the drifts, ``weight (cameras, p)``."""
+            """Return the factors estimated with other prior weights of the drifts, ``weight (cameras, p)``."""
             ahead = np.linalg.solve(np.eye(own.shape[1]) + own * (weight - held)[:, None, :], known)
             variances, drifts = ahead[:, :, :-1].diagonal(axis1=1, axis2=2), ahead[:, :, -1]
             squares = np.where(self.free, (drifts / self.believed) ** 2, 0.0)
@@ -130,7 +130,7 @@ class DriftPrior:
         return by_solution
 
     def _estimate_factors(self, squares: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-        """Return the factors that squares and redundancies of the drifts ask for, both ``(cameras, p)``."""
+        """Return the factors estimated from squares and redundancies of the drifts, all ``(cameras, p)``."""
         self.sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
         if not self.sums[1] > 0.0:
             return self.factor
@@ -146,7 +146,7 @@ class DriftPrior:
         )
 
     def list_components(self) -> tuple[VarianceComponent, ...]:
-        """Return the group, if the model has any drift."""
+        """Return the variance component of the drifts; empty if the model has none."""
         _, freedom, count = self.sums
         if not count:
             return ()

@@ -1,8 +1,8 @@
-"""Blunders: which measurements and which GCPs are wrong, and what is left out because nobody can tell.
+"""Blunders: detection of wrong measurements and GCPs, and of those that are left out because of ambiguity.
 
-| module        | holds                                                                                         |
+| module        | contains                                                                                         |
 |---------------|-----------------------------------------------------------------------------------------------|
-| ties          | each tie point as a small adjustment of its own; error probabilities, shared over all tests   |
-| discrepancies | what the control says against the rest of the block, and how that changes with what is left out |
-| control       | the groups of GCPs that are wrong, and what of them                                           |
+| ties          | each tie point as a small adjustment of its own; error probabilities, shared by all tests   |
+| discrepancies | differences of the GCPs from the rest of the block, also with observations left out |
+| control | groups of wrong GCPs, and whether survey or measurement is wrong |
 """

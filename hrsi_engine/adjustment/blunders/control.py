@@ -1,27 +1,27 @@
-"""Which GCPs are wrong, and what of them: groups, not one at a time, so that two mistakes do not hide each other.
+"""Detection of wrong GCPs and of the wrong part of each: in groups, so that two blunders do not mask each other.
 
-**Which.** Of the m GCPs at most half may be wrong. First the half is found that agrees best: all subsets are tried
-where they are few, else sets that begin at the worst GCPs and at random ones and are concentrated (Rousseeuw and Van
-Driessen 1999), each tested with the cofactors of the adjustment (`discrepancies`), without solving it again. Then GCPs
-return one by one, the least suspicious first, until the next one is significantly wrong (forward search, Atkinson and
-Riani 2000; Rosner 1983): the rest is out. Each is tested for its best explanation, with the error probability of the
-whole block shared by all GCPs and explanations.
+**Which GCPs.** Of the m GCPs at most half may be wrong. First the half that agrees best is found: all subsets are
+tested if they are few, otherwise sets that begin with the worst GCPs and with random ones and are concentrated
+(Rousseeuw and Van Driessen 1999), each with the cofactors of the adjustment (`discrepancies`), without solving it
+again. Then GCPs are added again one by one, the least suspicious first, until the next one is significantly wrong
+(forward search, Atkinson and Riani 2000; Rosner 1983): the remaining ones are rejected. Each is tested for its best
+explanation, and all GCPs and explanations share the error probability of the block.
 
-**What.** Its height, its ground position, or its measurement on one image: the one that explains most for its number of
-unknowns. Where a survey and a measurement explain it equally well, or neither does, both go.
+**Which part.** The height, the ground position, or the measurement on one image: the part that explains most for its
+number of unknowns. If survey and measurement explain it equally well, or neither does, both are rejected.
 
-**How large an error is usual** follows from the control itself: stated sigmas of GCPs are guesses, and what the model
-does not follow comes on top. The variance factor is that of the control without the group under test; plan, heights and
-measurements count apart where one kind is significantly worse, so that surveys with overstated sigmas (1000 m in plan,
-because a point serves for its height only) lend the others no credit. It is never below one, and stated sigmas count as
-much as `GCP_TESTS.of_stated_sigmas` observations. A coordinate without weight has no test.
+**The usual size of errors** is estimated from the GCPs: their stated sigmas are often guesses, and errors of the model
+add to them. The variance factor is that of the GCPs without the tested group; plan, heights and measurements have their
+own factors if they are significantly worse, so that surveys with overstated sigmas (1000 m in plan, for a point that is
+used for its height only) do not reduce the factor of the others. It is never below one, and stated sigmas have the
+weight of `GCP_TESTS.of_stated_sigmas` observations. A coordinate without weight is not tested.
 
-**Of many GCPs**, all over a large block, each is compared with its neighbourhood: the GCPs whose discrepancies depend
-most on its own. The most suspicious one comes first, and whoever is left out is left out for all that follow, by the
-same cofactors.
+**Many GCPs**, distributed over a large block: each is compared with its neighbourhood, the GCPs whose discrepancies
+depend most on its own. The most suspicious one comes first; a rejected GCP is left out of all later tests, by the same
+cofactors.
 
-**Where nobody can tell**: another group of the same size that explains nearly as much makes those GCPs that are not in
-both undecided: both groups are named, and kept. So are two halves of a block that disagree.
+**Ambiguity**: if another group of the same size explains nearly as much, the GCPs that are not in both are undecided:
+both groups are reported and kept. So are two halves of a block that disagree.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 
 @thresholds
 class GCP_TESTS:
-    """Which GCPs are wrong, what of them, and whether that is clear."""
+    """Limits for the detection of wrong GCPs, of their wrong parts, and of ambiguity."""
 
     of_stated_sigmas: float = threshold(2.0, "observations", "weight of the stated sigmas in a variance factor")
     worse_significance: float = threshold(0.1, "", "of a kind of observations with a variance factor of its own")
@@ -56,9 +56,9 @@ class GCP_TESTS:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What may be wrong with a GCP: ``height``, ``ground``, ``image`` (a measurement), or ``all`` of it.
+    """The part of a GCP that may be wrong: ``height``, ``ground``, ``image`` (a measurement), or ``all``.
 
-    out : indices of the observations that are left out for it
+    out : indices of the observations to leave out
     """
 
     what: str
@@ -67,11 +67,11 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
-    """A GCP that is wrong, or may be.
+    """A GCP that is wrong, or one of two groups of which one is wrong.
 
-    gcp : number into the points tested; what, row : see `Explanation`, and the measurement (-1: none)
-    statistic : its error in standard deviations; error : (1, 2 or 3,) of the observations (m east, north, up; px)
-    group, rivals : GCPs of two groups of which one is wrong and nobody can tell which; empty where it is clear
+    gcp : index into the points tested; what : see `Explanation`; row : the wrong measurement (-1: none)
+    statistic : its error in standard deviations; error : (3,) m east, north, up, or (2,) px
+    group, rivals : GCPs of two groups of which one is wrong, but it is ambiguous which; empty if it is clear
     """
 
     gcp: int
@@ -84,18 +84,18 @@ class Suspect:
 
     @property
     def is_clear(self) -> bool:
-        """Whether it is this one for sure."""
+        """True if this GCP is unambiguously the wrong one."""
         return not self.rivals
 
     @property
     def concerned(self) -> tuple[int, ...]:
-        """All GCPs of which one may be wrong."""
+        """All GCPs that may be wrong."""
         return (*self.group, *self.rivals) or (self.gcp,)
 
 
 @dataclass(frozen=True)
 class VarianceFactor:
-    """Of control without a group under test, with the number of observations behind it; of all, and of each kind."""
+    """Variance factors of the GCPs without a group, with degrees of freedom: pooled, and of kinds that are worse."""
 
     pooled: float
     freedom: float
@@ -103,7 +103,7 @@ class VarianceFactor:
 
     @classmethod
     def estimate(cls, rest: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
-        """Return it for what is left, and its squares and their degrees of freedom."""
+        """Return the factors of the remaining GCPs, from their sum of squares and its degrees of freedom."""
         stated = GCP_TESTS.of_stated_sigmas
         pooled = max((max(squares, 0.0) + stated) / (freedom + stated), 1.0)
         worse = []
@@ -118,7 +118,7 @@ class VarianceFactor:
         return cls(pooled, freedom + stated, tuple(worse))
 
     def compute_surprise(self, test: float, dimensions: int) -> float:
-        """Return -log of the probability of a test value by chance."""
+        """Return -log of the probability that a test value is reached by chance."""
         if dimensions == 0:
             return 0.0
         chances = [
@@ -129,12 +129,12 @@ class VarianceFactor:
 
     @property
     def largest(self) -> float:
-        """The largest of the factors."""
+        """The largest of the factors, at least 1."""
         return max(self.pooled, *(variance for variance, _ in self.worse), 1.0)
 
 
 def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
-    """Return the GCPs that are wrong, or undecided, with an error probability of ``sigmas`` for the whole block."""
+    """Return the GCPs that are wrong or undecided; ``sigmas`` state the error probability for the whole block."""
     gcps = len(control.points)
     if gcps < 2:
         return []
@@ -145,7 +145,7 @@ def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
     related = np.add.reduceat(np.add.reduceat(control.s**2, first, axis=0), first, axis=1)
     related /= np.sqrt(related.diagonal()[:, None] * related.diagonal())
     waiting, present = np.ones(gcps, dtype=bool), np.ones(gcps, dtype=bool)
-    out, inverse = np.zeros(0, dtype=np.int64), np.zeros((0, 0))  # measurements of those that are wrong for sure
+    out, inverse = np.zeros(0, dtype=np.int64), np.zeros((0, 0))  # measurements of GCPs that are clearly wrong
     suspicion = _compute_suspicion(control, out, inverse)
     while waiting.any():
         centre = int(np.argmax(np.where(waiting, suspicion, -1.0)))
@@ -157,7 +157,7 @@ def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
         for one in _SuspectSearch(control.select_gcps(near, out, inverse), sigmas, gcps).find_suspect_gcps():
             group, rivals = (tuple(near[list(some)].tolist()) for some in (one.group, one.rivals))
             said = replace(one, gcp=int(near[one.gcp]), group=group, rivals=rivals)
-            if not np.isin(said.concerned, judged).any():  # its own neighbourhood will tell
+            if not np.isin(said.concerned, judged).any():  # it is decided in its own neighbourhood
                 continue
             suspects.append(said)
             waiting[list(said.concerned)] = False
@@ -171,9 +171,9 @@ def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
 
 
 def _compute_suspicion(control: Discrepancies, out: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Return the largest -log probability of what may be wrong with each GCP alone, ``(g,)``, some left ``out``.
+    """Return the largest -log probability of each GCP's explanations, ``(g,)``, without observations ``out``.
 
-    Only the GCP's own part of S is looked at, so that nothing of the size of the whole is made.
+    Only the GCP's own part of S is used, so that no further matrix of the size of S is needed.
     """
     factor, surprise = VarianceFactor(1.0, 1e9, ()), np.zeros(len(control.points))
     for gcp in range(len(control.points)):
@@ -184,7 +184,7 @@ def _compute_suspicion(control: Discrepancies, out: np.ndarray, inverse: np.ndar
 
 
 class _SuspectSearch:
-    """The search for wrong GCPs in one block."""
+    """The search for wrong GCPs in one block, or in one neighbourhood."""
 
     def __init__(self, control: Discrepancies, sigmas: float, tests: int) -> None:
         self.control, self.gcps = control, len(control.points)
@@ -193,7 +193,7 @@ class _SuspectSearch:
         self.limit = 0.5 * sigmas**2 + np.log(tests * explanations)  # -log probability
 
     def find_suspect_gcps(self) -> list[Suspect]:
-        """Return who is wrong, or may be; nobody where the control as a whole and each observation agree."""
+        """Return the wrong or undecided GCPs; empty if the GCPs as a whole and each of their observations agree."""
         whole = special.chdtrc(max(self.freedom, 1), self.squares) > 0.01
         factor = VarianceFactor(1.0, 1e9, ())
         if whole and all(
@@ -206,15 +206,15 @@ class _SuspectSearch:
         return self.decide(group) if group else []
 
     def test_group(self, group: tuple[int, ...]) -> tuple[float, int]:
-        """Return the squares and dimensions that go with a group of GCPs."""
+        """Return the decrease of the sum of squares without a group of GCPs, and its dimensions."""
         return self.control.test_subset(self.control.find_measurements(group))
 
     def estimate_variance_factor(self, group: tuple[int, ...], rest: Discrepancies) -> VarianceFactor:
-        """Return the variance factor of the control without a group, ``rest``."""
+        """Return the variance factor of the GCPs that remain without a group, ``rest``."""
         squares, dimensions = self.test_group(group)
         return VarianceFactor.estimate(rest, self.squares - squares, self.freedom - dimensions)
 
-    # ---- which -----------------------------------------------------------------------------------------------------
+    # ---- which GCPs ------------------------------------------------------------------------------------------------
 
     def find_core(self, size: int) -> tuple[int, ...]:
         """Return the group of ``size`` GCPs without which the others agree best."""
@@ -223,14 +223,14 @@ class _SuspectSearch:
         rng = np.random.default_rng(1)  # the same starts every time
         alone = np.array([self.test_group((gcp,))[0] for gcp in range(self.gcps)])
         starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(GCP_TESTS.starts))]
-        after: dict[tuple[int, ...], tuple[int, ...]] = {}  # what starts come through in common
+        after: dict[tuple[int, ...], tuple[int, ...]] = {}  # steps that several starts share
         ended = {self._concentrate(tuple(sorted(start.tolist())), after): None for start in starts}
         return max(ended, key=lambda group: self.test_group(group)[0])
 
     def _concentrate(self, group: tuple[int, ...], after: dict[tuple[int, ...], tuple[int, ...]]) -> tuple[int, ...]:
-        """Return a group whose members are those that disagree most with the rest, beginning at ``group``.
+        """Return a group whose GCPs are those that disagree most with the others, iterated from ``group``.
 
-        ``after`` keeps which group follows which.
+        ``after`` stores the successor of each group.
         """
         for _ in range(GCP_TESTS.group_steps):
             if group not in after:
@@ -241,7 +241,7 @@ class _SuspectSearch:
         return group
 
     def _take_worst(self, group: tuple[int, ...]) -> tuple[int, ...]:
-        """Return as many GCPs as a group has: those that disagree most with the rest."""
+        """Return the GCPs that disagree most with those outside ``group``, as many as the group has."""
         out = self.control.find_measurements(group)
         inverse, own = self.control.invert_subset(out), np.zeros(self.gcps)
         rest = self.control.exclude(out, inverse)
@@ -252,14 +252,14 @@ class _SuspectSearch:
         return tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
 
     def drop_sound_gcps(self, group: tuple[int, ...]) -> tuple[int, ...]:
-        """Return a group without those of its GCPs that are not significantly wrong; they return one by one."""
+        """Return a group without those of its GCPs that are not significantly wrong; they are added one by one."""
         surprise = dict.fromkeys(group, 0.0)
         while group:
             everything = self.control.exclude(self.control.find_measurements(group))
             factor = self.estimate_variance_factor(group, everything)
             lowest, least = np.inf, -1
-            for gcp in sorted(group, key=lambda gcp: surprise[gcp]):  # by the last one's, so that few are told in full
-                # The largest -log probability of what may be wrong with the GCP, the rest of the group left out
+            for gcp in sorted(group, key=lambda gcp: surprise[gcp]):  # in the last order: few are tested completely
+                # The largest -log probability of the GCP's explanations, with the others of the group left out
                 rest, most = self._leave_out_others(group, gcp), 0.0
                 for one in _list_explanations(rest, gcp):
                     most = max(most, factor.compute_surprise(*rest.test_subset(one.out)))
@@ -274,17 +274,17 @@ class _SuspectSearch:
         return group
 
     def _leave_out_others(self, group: tuple[int, ...], gcp: int) -> Discrepancies:
-        """Return the discrepancies of a GCP with the others of its group left out."""
+        """Return the discrepancies of a GCP with the other GCPs of its group left out."""
         others = tuple(one for one in group if one != gcp)
         return self.control.reduce_to(self.control.find_observations((gcp,)), self.control.find_measurements(others))
 
-    # ---- what, and whether it is clear -----------------------------------------------------------------------------
+    # ---- which part, and whether it is clear -----------------------------------------------------------------------
 
     def decide(self, group: tuple[int, ...]) -> list[Suspect]:
-        """Return the GCPs of a group with what is wrong with each, and those that others may be wrong instead of."""
+        """Return the wrong GCPs of a group, each with its wrong part, and one entry for all undecided ones."""
         factor = self.estimate_variance_factor(group, self.control.exclude(self.control.find_measurements(group)))
         alternatives = list(self._list_alternatives(group, factor))
-        if 2 * len(group) == self.gcps:  # two halves: whichever agrees better, it has no majority
+        if 2 * len(group) == self.gcps:  # two halves: neither of them is a majority
             alternatives = [tuple(sorted(set(range(self.gcps)) - set(group)))]
         certain = set(group).intersection(*alternatives) if alternatives else set(group)
         found = [self._explain_gcp(group, gcp, factor) for gcp in sorted(certain)]
@@ -300,7 +300,7 @@ class _SuspectSearch:
         best, _ = self.test_group(group)
         needed = best - max(GCP_TESTS.unexplained * factor.largest, GCP_TESTS.like * best)
         others: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
-        if special.binom(self.gcps, len(group)) > GCP_TESTS.all_subsets:  # one exchanged for another
+        if special.binom(self.gcps, len(group)) > GCP_TESTS.all_subsets:  # only one GCP exchanged
             outside = sorted(set(range(self.gcps)) - set(group))
             others = (tuple(sorted((set(group) - {one}) | {other})) for one in group for other in outside)
         for other in others:
@@ -308,14 +308,14 @@ class _SuspectSearch:
                 yield other
 
     def _explain_gcp(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor) -> Suspect:
-        """Return what is wrong with a GCP, the rest of its group left out: all of it where that cannot be told."""
+        """Return the wrong part of a GCP, with the others of its group left out: all of it if the part is ambiguous."""
         rest = self._leave_out_others(group, gcp)
         most, _ = rest.test_subset(rest.find_measurements((gcp,)))
         tests = {one: rest.test_subset(one.out) for one in _list_explanations(rest, gcp)}
         score = {one: test / factor.largest - GCP_TESTS.simplicity * rank for one, (test, rank) in tests.items()}
         best = max(score, key=lambda one: score[one])
         alike = score[best] - max(GCP_TESTS.undecided, GCP_TESTS.like * score[best])
-        # height and ground position differ in size only; a measurement is something else than either
+        # height and ground position differ in size only; a measurement is a different explanation
         others = [one for one in score if score[one] >= alike and "image" in (one.what, best.what) and one is not best]
         unexplained = most - tests[best][0] > max(GCP_TESTS.unexplained * factor.largest, GCP_TESTS.like * most)
         shown = best.out
@@ -330,7 +330,7 @@ class _SuspectSearch:
 
 
 def _list_explanations(control: Discrepancies, gcp: int) -> list[Explanation]:
-    """Return what may be wrong with a GCP; its height alone only where it has a surveyed position as well."""
+    """Return the possible errors of a GCP; its height alone only if it has a surveyed plan position as well."""
     own = control.point == gcp
     survey = np.flatnonzero(own & (control.kind != IMAGE))
     height = np.flatnonzero(own & (control.kind == HEIGHT))

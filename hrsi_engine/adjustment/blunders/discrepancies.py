@@ -1,20 +1,20 @@
-"""What the control says against the rest of the block, and how that changes with what is left out.
+"""Discrepancies of the GCPs from the rest of the block, and how they change if observations are left out.
 
 For the observations of the GCPs (surveyed coordinates and image points) with residuals v, weights P and cofactors Qv of
 the residuals in the whole adjustment, let u = P v and S = P Qv P. Leaving the observations E out::
 
-    T = u_E' S_EE^-1 u_E        fall of the weighted sum of squares
-    d = S_EE^-1 u_E             their errors, as the rest of the block sees them
+    T = u_E' S_EE^-1 u_E        decrease of the weighted sum of squares
+    d = S_EE^-1 u_E             their errors, predicted by the rest of the block
     u - S_E S_EE^-1 u_E,  S - S_E S_EE^-1 S_E'        u and S of all others without them
 
-so that every group of observations is tested, and every consequence seen, without another adjustment (Baarda 1968;
-Cook and Weisberg 1982 for groups). With all ties, Qv comes from the factors of the adjustment: a GCP's position depends
+so that each group of observations is tested, with all consequences, without another adjustment (Baarda 1968; Cook and
+Weisberg 1982 for groups). Qv, with all tie points, follows from the factors of the adjustment: a GCP's position depends
 on the cameras by dx = V^-1 (m - W' da), so that an observation with derivatives A by the cameras and B by the position
 depends on them by R = A - B V^-1 W', and
 
-    S = P - P (R Qa R' + B V^-1 B') P        the second part only within a point
+    S = P - P (R Qa R' + B V^-1 B') P        the second term only within a point
 
-All are in units of the observations' own standard deviations here (sqrt(P) on the diagonal is one).
+All quantities are in units of the observations' own standard deviations here (sqrt(P) on the diagonal is one).
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from ..problem import Problem
 
 @thresholds
 class DISCREPANCY:
-    """Which directions of the GCPs' errors can be tested."""
+    """Limits for the directions of the GCPs' errors that can be tested."""
 
     least_inverse_share: float = threshold(1e-9, "", "of the largest eigenvalue that counts", "rounding of float64")
     least_share: float = threshold(1e-3, "", "of an error that shows in the residuals; less is not tested")
 
 
-PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, whose sigmas may be wrong each in its own way
+PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, each with its own variance factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +46,12 @@ class Discrepancies:
     """The observations of some GCPs, in units of their standard deviations.
 
     points : (g,) indices of the GCPs
-    point : (k,) which of them an observation belongs to
+    point : (k,) index into ``points`` of each observation
     kind : (k,) `PLAN`, `HEIGHT` or `IMAGE`
     row : (k,) its measurement, -1 for a survey; axis : (k,) its coordinate
     u, s : (k,) and (k, k), see the module's docstring
     sigma : (k,) standard deviations, m or px
-    by_unknown : (k, unknowns) derivatives by the cameras' parameters, the points following, weighted; of all only
+    by_unknown : (k, unknowns) weighted derivatives by the cameras' parameters, points eliminated; empty for parts
     """
 
     points: np.ndarray
@@ -65,16 +65,16 @@ class Discrepancies:
     by_unknown: sparse.csr_matrix = field(default_factory=lambda: sparse.csr_matrix((0, 0)))
 
     def test_subset(self, chosen: np.ndarray) -> tuple[float, int]:
-        """Return by how much the squares fall without some observations (indices), and how many dimensions that has."""
+        """Return the decrease of the sum of squares without some observations (indices), and its dimensions."""
         values, vectors = np.linalg.eigh(self.s[chosen[:, None], chosen])
         seen = values > DISCREPANCY.least_share
         along = vectors[:, seen].T @ self.u[chosen]
         return float(np.sum(along**2 / values[seen])), int(seen.sum())
 
     def test_parts(self, out: np.ndarray, parts: Sequence[np.ndarray], inverse: np.ndarray) -> list[float]:
-        """Return by how much the squares fall by each of some ``parts`` (indices into ``out``) beyond the rest of it.
+        """Return the decrease of the squares by each of the ``parts`` of ``out`` (indices), beyond the other parts.
 
-        One ``inverse`` of ``S_EE`` serves all: its block of a part is the inverse of that part's S without the rest.
+        One ``inverse`` of ``S_EE`` is enough: its block of a part is the inverse of that part's S without the rest.
         """
         errors = inverse @ self.u[out]
         tests = []
@@ -85,9 +85,9 @@ class Discrepancies:
         return tests
 
     def invert_subset(self, chosen: np.ndarray) -> np.ndarray:
-        """Return S_EE^-1 of some observations, without the directions that do not show."""
+        """Return S_EE^-1 of some observations, without directions that do not appear in the residuals."""
         block = self.s[chosen[:, None], chosen]
-        try:  # norms that say that all directions show: eight times as fast as eigenvalues that do
+        try:  # if norms prove a regular matrix: eight times as fast as eigenvalues
             inverse = np.linalg.inv(block)
             if np.linalg.norm(block) * np.linalg.norm(inverse) * DISCREPANCY.least_share < 1.0:
                 return np.asarray(inverse)
@@ -96,7 +96,7 @@ class Discrepancies:
         return np.asarray(np.linalg.pinv(block, rcond=DISCREPANCY.least_share, hermitian=True))
 
     def estimate_errors(self, chosen: np.ndarray) -> np.ndarray:
-        """Return the errors (m, px) of some observations, observed - true, as the rest sees them."""
+        """Return the errors (m, px) of some observations, observed - true, as predicted by all other observations."""
         return np.asarray(self.sigma[chosen] * (self.invert_subset(chosen) @ self.u[chosen]))
 
     def exclude(self, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
@@ -104,9 +104,9 @@ class Discrepancies:
         return self.reduce_to(np.delete(np.arange(len(self.u)), out), out, inverse)
 
     def reduce_to(self, chosen: np.ndarray, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
-        """Return the discrepancies of ``chosen`` observations when those ``out`` are left out; all others stay in.
+        """Return the discrepancies of ``chosen`` observations if those of ``out`` are left out; all others are kept.
 
-        ``inverse`` is that of ``out``, where it is known.
+        ``inverse`` is `invert_subset` of ``out``, if it was computed before.
         """
         gain = self.s[np.ix_(chosen, out)] @ (self.invert_subset(out) if inverse is None else inverse)
         return Discrepancies(
@@ -116,20 +116,20 @@ class Discrepancies:
         )  # fmt: skip
 
     def select_gcps(self, gcps: np.ndarray, out: np.ndarray, inverse: np.ndarray) -> Discrepancies:
-        """Return those of some GCPs (numbers into ``points``, ascending), which are numbered from 0 in it.
+        """Return the discrepancies of some GCPs (indices into ``points``, ascending), which are renumbered from 0.
 
-        Observations ``out`` with their ``inverse`` are left out, and no part of it; all others stay in.
+        Observations ``out`` (with their ``inverse``) are left out and not contained; all others are kept.
         """
         chosen = np.setdiff1d(self.find_observations(gcps.tolist()), out)
         some = self.reduce_to(chosen, out, inverse)
         return replace(some, points=self.points[gcps], point=np.searchsorted(gcps, some.point))
 
     def find_observations(self, gcps: Sequence[int]) -> np.ndarray:
-        """Return the indices of all observations of some GCPs (numbers into ``points``)."""
+        """Return the indices of all observations of some GCPs (indices into ``points``)."""
         return np.flatnonzero(self._belongs_to(gcps))
 
     def find_measurements(self, gcps: Sequence[int]) -> np.ndarray:
-        """Return the indices of the image observations; without them a GCP has no say at all."""
+        """Return the indices of some GCPs' image observations; without them a GCP has no influence."""
         return np.flatnonzero(self._belongs_to(gcps) & (self.kind == IMAGE))
 
     def _belongs_to(self, gcps: Sequence[int]) -> np.ndarray:
@@ -139,11 +139,11 @@ class Discrepancies:
 
 
 def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, points: np.ndarray) -> Discrepancies:
-    """Return the discrepancies of some GCPs ``(g,)`` at a solution; observations without weight are no part of them."""
+    """Return the discrepancies of some GCPs ``(g,)`` at a solution; observations without weight are not contained."""
     observations, priors = problem.observations, solution.weighting.points
     system, parameters = loop.system, loop.prior_weight.shape[1]
     system.factorise(solution.normals.blocks, loop.prior_weight)
-    given = solution.weight  # of all image points, computed each time that it is asked for
+    given = solution.weight  # a property, computed at each access
     derivatives = compute_derivatives(problem, solution, points)
     surveys, miss = (
         priors.build_weight_matrices(points, observed=True),
@@ -161,7 +161,7 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
         weight[range(3, 3 + 2 * k), range(3, 3 + 2 * k)] = np.repeat(given[rows], 2)
         position = np.concatenate([np.eye(3), by_ground.reshape(-1, 3)])  # B
         inverse = solution.normals.inverse[point]
-        # A, and the point's answer to the cameras that see it: -V^-1 W'
+        # A, and the derivatives of the position by the cameras that observe it: -V^-1 W'
         seeing, place = np.unique(observations.camera[rows], return_inverse=True)
         cameras = np.zeros((3 + 2 * k, len(seeing), parameters))
         answer = np.zeros((3, len(seeing), parameters))
@@ -201,7 +201,7 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
 
 
 def _stack_by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:
-    """Return the sparse matrix of blocks of rows that stand below each other, each with the unknowns of its columns."""
+    """Return the sparse matrix of ``blocks`` of rows below each other, each with the ``unknowns`` of its columns."""
     starts = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
     columns = np.concatenate([np.tile(own, len(block)) for block, own in zip(blocks, unknowns, strict=True)])
     values = np.concatenate([block.ravel() for block in blocks])

@@ -1,10 +1,10 @@
-"""The rounds in which blunders are found and left out; each continues the iterations from the last solution.
+"""Rounds of data snooping: blunders are found and left out; each round continues from the last solution.
 
-1. A start without measurements that disagree with the others of their points (`consensus`), GCPs among them. Surveys
-   have a thousandth of their weights here, so that a wrong one does not bend what the ties say of each other.
-2. Cameras and decisions on measurements (`ties`) alternate until they settle; then the surveys get their own weights.
-3. GCPs are tested in groups (`control`) with the cofactors of that solution. One more solution without what is wrong;
-   in it the measurements are judged again, since wrong control may have bent the cameras after all.
+1. A start without measurements that disagree with the others of their points (`consensus`), also those of GCPs. Surveys
+have a thousandth of their weights here, so that a wrong one does not distort the tie points. 2. Cameras and decisions
+on measurements (`ties`) alternate until they settle; then the surveys get their own weights. 3. GCPs are tested in
+groups (`control`) with the cofactors of that solution. After a new solution without the wrong ones the measurements are
+tested again, because wrong GCPs may have distorted the cameras.
 """
 
 from copy import copy
@@ -31,7 +31,7 @@ from .ties import compute_point_squares, estimate_tie_variance, judge_ties
 
 @thresholds
 class SNOOPING:
-    """How long rounds of data snooping go on, and with what weights."""
+    """Numbers of rounds of data snooping, and weights in them."""
 
     tie_rounds: int = threshold(6, "rounds", "in which cameras and decisions on tie measurements alternate")
     control_rounds: int = threshold(3, "rounds", "most rounds in which GCPs are tested")
@@ -41,11 +41,11 @@ class SNOOPING:
 
 
 class Snooping:
-    """What is left out of an adjustment, and the solutions without it.
+    """State of data snooping: the observations left out of an adjustment, and the solutions without them.
 
     image_weight, survey_weight : (n,) and (m, 3) of all observations; 0 for surveys that are left out
-    ties : (m,) mask of the points that are judged by their rays
-    found : decisions on the measurements, findings on GCPs
+    ties : (m,) mask of the points that are tested by their rays
+    found : decisions on measurements and findings on GCPs
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -60,9 +60,9 @@ class Snooping:
         self._control: tuple[ref[Solution], np.ndarray, Discrepancies] | None = None
 
     def build_weighting(self, last: Solution | None, survey_weight: np.ndarray | None = None) -> Weighting:
-        """Return the weights without what was left out; ``survey_weight`` instead of the surveys' own.
+        """Return the weights without the observations left out; ``survey_weight`` replaces the surveys' own.
 
-        Heights that hold points are as they were judged at the ``last`` solution.
+        Weights of external heights and positions are those of the ``last`` solution.
         """
         before = None if last is None else last.weighting.points
         image = np.where(self.found.decision == int(Decision.KEPT), self.image_weight, 0.0)
@@ -70,7 +70,7 @@ class Snooping:
         return self.problem.survey_weighting(image, survey, before)
 
     def solve(self, last: Solution | None, progress: Progress) -> Solution:
-        """Run the loop from the last solution, or from the start."""
+        """Run the iterations from the last solution, or from the start."""
         options = self.problem.options
         state = self.problem.start if last is None else last.state
         return self.loop.iterate(state, self.build_weighting(last), options.robust, options.tolerance, progress)
@@ -100,9 +100,9 @@ class Snooping:
         return self.judge_ties_again(self.solve(solution, progress), progress)
 
     def _intersect_unused_points(self, solution: Solution) -> Solution:
-        """Return the solution with the points that have less than two measurements left intersected by all of theirs.
+        """Return the solution with points that kept fewer than two measurements intersected again from all of theirs.
 
-        They stand where they were before the cameras moved: their measurements cannot be judged there.
+        Their positions date from before the cameras changed, where their measurements cannot be tested.
         """
         problem, weight = self.problem, solution.weighting.image
         unused = np.flatnonzero(self.ties & ~find_determinable_points(problem.observations, weight, self.survey_weight))
@@ -117,13 +117,13 @@ class Snooping:
         return replace(solution, state=state, normals=normals)
 
     def judge_ties_again(self, solution: Solution, progress: Progress) -> Solution:
-        """Judge the ties by a solution with all surveys, and repeat it if that changes anything."""
+        """Test the tie points with a solution that has all surveys, and solve again if decisions change."""
         if self.ties.any() and self._judge_measurements(solution, solution.weighting, self.ties):
             return self.solve(solution, progress)
         return solution
 
     def _judge_measurements(self, solution: Solution, present: Weighting, points: np.ndarray) -> bool:
-        """Decide on the measurements of some ``points (m,)``; return whether more than rare decisions changed."""
+        """Decide on the measurements of the ``points (m,)``; return True if more than rare decisions changed."""
         problem, observations = self.problem, self.problem.observations
         present = self.weigh_rays_alone(solution, present)
         squares, freedom = self.find_tie_variance(solution, present)
@@ -142,7 +142,7 @@ class Snooping:
         return changed > SNOOPING.rare * len(decision)
 
     def find_tie_variance(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
-        """Find the ties' variance factor for weights by rays; return the points' squares, and the factor's freedom."""
+        """Estimate the variance factor of tie points by rays; return their squares and its degrees of freedom."""
         observations = self.problem.observations
         squares = compute_point_squares(self.problem.equations, solution, present, observations)
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
@@ -150,7 +150,7 @@ class Snooping:
         return squares, freedom
 
     def weigh_rays_alone(self, solution: Solution, present: Weighting) -> Weighting:
-        """Return weights by which rays are judged by rays, not by heights that may be wrong where they meet."""
+        """Return weights by which rays are tested by rays only, not by external heights, which may be wrong there."""
         if not self.problem.held:
             return present
         return replace(
@@ -161,10 +161,10 @@ class Snooping:
     # ---- control ---------------------------------------------------------------------------------------------------
 
     def leave_out_wrong_control(self, solution: Solution, progress: Progress) -> Solution:
-        """Return the solution without the GCPs, or what of them, that disagree with the rest of the block."""
-        if not isinstance(self.loop.system, DirectSystem):  # a block too large for its cofactors
+        """Return the solution without the GCPs, or parts of them, that disagree with the rest of the block."""
+        if not isinstance(self.loop.system, DirectSystem):  # no cofactors: the block is too large
             return solution
-        if self._undecided:  # sigmas that were estimated over a contradiction decide nothing
+        if self._undecided:  # sigmas estimated with contradicting GCPs permit no decision
             return solution
         problem = self.problem
         for number in range(SNOOPING.control_rounds):
@@ -173,11 +173,11 @@ class Snooping:
                 break
             control = self.compute_control(solution, gcps)
             found = find_suspect_gcps(control, problem.options.reject_sigma)
-            # whether the cameras have a drift whose size is a guess of ours so far
+            # whether the cameras have a drift whose standard deviation is only assumed so far
             guessed = problem.options.sigma_drift is None and bool(problem.guessed.any())
             if found and guessed and np.array_equal(self.loop.prior_weight, problem.prior_weight):
-                # what the control says where the cameras may drift more: no GCP is accused of what a drift explains
-                loop = copy(self.loop)  # its equations and its system, but a history of its own
+                # test with a looser drift prior: no GCP is rejected for what a drift can explain
+                loop = copy(self.loop)  # shared equations and system, own history
                 loop.history, loop.max_iterations = [], 1  # near the minimum the equations are linear
                 prior_weight = self.loop.prior_weight.copy()
                 prior_weight[:, problem.guessed] /= SNOOPING.strong_drift**2
@@ -200,9 +200,9 @@ class Snooping:
         return solution
 
     def leave_out_each_survey(self, solution: Solution) -> tuple[float, float]:
-        """Return the squares of survey - prediction of the GCPs, over what is predicted, and their degrees of freedom.
+        """Return the normalised squares of survey - prediction of the GCPs, and their degrees of freedom.
 
-        Each is predicted by all observations but its own survey, without another solution.
+        Each is predicted by all observations except its own survey, without another solution.
         """
         gcps = self._find_testable_gcps(solution)
         if len(gcps) < 2 or not isinstance(self.loop.system, DirectSystem):
@@ -213,18 +213,18 @@ class Snooping:
         return sum(test for test, _ in tests), float(sum(dimensions for _, dimensions in tests))
 
     def compute_control(self, solution: Solution, points: np.ndarray) -> Discrepancies:
-        """Return the discrepancies of some GCPs at a solution; those that were computed last are kept."""
+        """Return the discrepancies of some GCPs at a solution; the last ones computed are cached."""
         last = self._control
         if last is None or not (
             last[0]() is solution and last[1] is self.loop.prior_weight and np.array_equal(last[2].points, points)
         ):
-            self._control = last = None  # one is large enough
+            self._control = last = None  # frees memory before the next
             control = compute_discrepancies(self.problem, self.loop, solution, points)
             self._control = last = ref(solution), self.loop.prior_weight, control
         return last[2]
 
     def _find_testable_gcps(self, solution: Solution) -> np.ndarray:
-        """Return the GCPs that have a survey and a measurement with a say."""
+        """Return the GCPs that have a survey and a measurement with weight."""
         weighting, observations = solution.weighting, self.problem.observations
         measured = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) > 0
         held = weighting.contributes & weighting.points.held & observations.surveyed
@@ -234,7 +234,7 @@ class Snooping:
 def leave_out(
     problem: Problem, control: Discrepancies, suspect: Suspect, survey_weight: np.ndarray, found: RoundFindings
 ) -> None:
-    """Take what is wrong with a GCP out of the surveys' weights ``(m, 3)`` and the measurements, in place."""
+    """Set the weights of a GCP's wrong part to zero: of the survey ``(m, 3)``, or of measurements; in place."""
     point = int(control.points[suspect.gcp])
     rows, kind = np.zeros(0, dtype=np.int64), Decision.DOUBTFUL
     if suspect.what == "height":
@@ -252,7 +252,7 @@ def leave_out(
 
 
 def describe_suspect(problem: Problem, control: Discrepancies, suspect: Suspect) -> Finding:
-    """Return what is to be said of a GCP, or of two groups of which one is wrong."""
+    """Return the finding on a GCP, or on two groups of GCPs of which one is wrong."""
     observations = problem.observations
     ids = problem.block.points.ids[observations.points[control.points]]
     name, size = str(ids[suspect.gcp]), float(np.linalg.norm(suspect.error))

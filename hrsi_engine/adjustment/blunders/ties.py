@@ -1,26 +1,26 @@
-"""Data snooping of tie points: which of their measurements are blunders (Baarda 1968; Pope 1976).
+"""Data snooping of tie points: detection of blunders among their measurements (Baarda 1968; Pope 1976).
 
-Tie points are judged one by one with the cameras as they are: thousands of them determine the cameras, so one more or
-less does not matter, and each point is a small adjustment of its own. The test value of a measurement is by how much
-the weighted sum of squares falls when it is left out, divided by the variance factor. The worst measurement goes until
-the rest agree; where one does not explain it, and there are four rays or more, two blunders may hide each other: then
-it begins with the largest set of rays that agree with the point that two of them make. Where several measurements could
-be the wrong one the point cannot tell; all of those are *doubtful* and left out, none is called a blunder.
+Tie points are tested one by one with fixed cameras: thousands of them determine the cameras, so that a single one has
+no influence, and each point is a small adjustment of its own. The test value of a measurement is the decrease of the
+weighted sum of squares without it, divided by the variance factor. The worst measurement is left out until the others
+agree; if a single one does not explain the misfit, and there are four rays or more, two blunders may mask each other:
+then the test starts with the largest set of rays that agree with the intersection of two of them. If several
+measurements of a point could be the wrong one, all of them are *doubtful* and left out, and none is called a blunder.
 
-Two rays that are left of k have one condition y (sigmas), which wrong ones meet by chance. With a share e of wrong
-measurements and errors of size a (sigmas), that of k rays k - 1 or all are wrong and two of them happen to agree, over
-that the other k - 2 are wrong, is
+Two remaining rays of k have one condition y (sigmas), which wrong ones meet by chance. With a share e of wrong
+measurements and errors of size a (sigmas), the odds that of k rays k - 1 or all are wrong and two of them agree by
+chance, against that the other k - 2 are wrong, are
 
     odds = (k e (1 - e) + e²) / (1 - e)² · chance / phi(y)        chance = 1 / (2 a), phi: the normal density
 
 (Bayes; the number of pairs that could agree is the same in both). Pairs with odds above `RAYS.credit` are doubtful too.
 
-**Error probabilities** are shared over all tests. ``reject_sigma`` names an error probability: that of an image point
-(two dimensions) this many standard deviations off. A block has thousands of tests, so that probability alone would
-accuse somebody in every clean block. The limit of the tie points is therefore that of Benjamini and Hochberg (1995): of
-all N points tested those R are wrong whose probability is below p R / N with p = `RAYS.false_share`, so that a
-clean block is accused in p of cases, and a bad one tested as sharply as the user asks. GCPs share the probability
-equally (Bonferroni).
+**Error probabilities** are shared by all tests. ``reject_sigma`` states an error probability: that an image point (two
+dimensions) deviates by this many standard deviations. A block has thousands of tests, so that this probability alone
+would reject points in every correct block. The limit of the tie points is therefore that of Benjamini and Hochberg
+(1995): of all N points tested those R are wrong whose probability is below p R / N with p = `RAYS.false_share`, so
+that a correct block has a rejection in p of cases, and a bad one is tested as strictly as the user asks. GCPs share the
+probability equally (Bonferroni).
 """
 
 import numpy as np
@@ -35,12 +35,12 @@ from ..result import Decision
 from ..statistics.precision import compute_deletion_tests
 from ..weights import huber
 
-MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against their mean
+MEDIAN_EFFICIENCY = 0.4  # efficiency of a variance from the median of squares
 
 
 @thresholds
 class RAYS:
-    """Which measurements of a tie point are blunders."""
+    """Limits for blunders among the measurements of a tie point."""
 
     credit: float = threshold(0.05, "", "odds of agreeing by chance up to which two rays are accepted (see the module)")
     least_sigma_px: float = threshold(
@@ -60,7 +60,7 @@ class RAYS:
 
 @thresholds
 class TREND:
-    """How far residuals that the neighbours share count as the cameras', and not as blunders."""
+    """Limits for image residuals that neighbours share: they are attributed to the cameras, not to blunders."""
 
     least: int = threshold(60, "measurements", "on an image, ten for each coefficient")
     sample: int = threshold(600, "measurements", "of an image that determine it: each coefficient to 0.1 sigma")
@@ -71,10 +71,10 @@ class TREND:
 def estimate_tie_variance(
     observations: Observations, squares: np.ndarray, rays: np.ndarray, ties: np.ndarray
 ) -> tuple[float, float]:
-    """Return the variance factor of the tie points, and the degrees of freedom with which it is known; 1 without any.
+    """Return the variance factor of the tie points, and its degrees of freedom; 1 and 0 without tie points.
 
-    It is the median of their sums of squares ``(m,)`` over what they would be, of points on two ``rays (m,)`` or more;
-    not of those that were reduced to two, which stayed because they agree. Sums of squares that are differences of
+    It is the median of their sums of squares ``(m,)`` over the expected ones, of points on two ``rays (m,)`` or more;
+    not of points reduced to two rays, which were selected because they agree. Sums of squares that are differences of
     nearly equal numbers may be negative by rounding: the factor is at least `RAYS.least_variance`.
     """
     chosen = ties & (rays >= np.minimum(np.diff(observations.first), 3)) & (rays >= 2)
@@ -94,8 +94,8 @@ def tie_test_limit(sigmas: float, rays: int) -> float:
 def compute_point_squares(
     equations: NormalEquations, solution: Solution, weighting: Weighting, observations: Observations
 ) -> np.ndarray:
-    """Return each point's smallest weighted sum of squares for the cameras as they are, ``(m,)``."""
-    normals = solution.normals  # what they say of points does not depend on who has a say in the cameras
+    """Return each point's smallest weighted sum of squares with fixed cameras, ``(m,)``."""
+    normals = solution.normals  # the points' parts do not depend on which points contribute to the cameras
     if weighting is not solution.weighting or not (solution.factor == 1.0).all():
         nobody = np.zeros(len(observations.points), dtype=bool)
         normals = equations.form_normals(solution.state, weighting.image, weighting.points, nobody)
@@ -110,10 +110,10 @@ def judge_ties(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return a `Decision` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
 
-    Every point starts with all its measurements again (weighting ``all_in``), so that one that was left out when the
-    cameras were worse may come back. ``ties (m,)`` are the points to judge; ``variance`` is known with a ``freedom``,
-    ``squares (m,)`` are the points' sums of squares with all measurements, ``used (n,)`` the measurements that made the
-    solution.
+    Every point starts with all its measurements again (weighting ``all_in``), so that one that was left out with worse
+    cameras can be accepted again. ``ties (m,)`` are the points to test; ``variance`` is their variance factor with
+    ``freedom`` degrees of freedom, ``squares (m,)`` are the points' sums of squares with all measurements, ``used
+    (n,)`` the measurements used for the solution.
     """
     decision = np.full(observations.count, int(Decision.KEPT), dtype=np.int8)
     failed = np.full(observations.count, np.nan, dtype=np.float32)
@@ -124,7 +124,7 @@ def judge_ties(
     groups: list[tuple[np.ndarray, PointRays]] = []
     if not len(suspicious):
         return decision, failed
-    # What the residuals of each image have in common: coefficients (images, 6, 2) of `_list_terms`
+    # Common part of the residuals of each image: coefficients (images, 6, 2) of `_list_terms`
     trends = np.zeros((len(observations.images), 6, 2))
     for index, rows in enumerate(observations.by_image):
         rows = rows[used[rows]]
@@ -150,7 +150,7 @@ def judge_ties(
             np.minimum(all_in.image[rows] / variance, RAYS.least_sigma_px**-2), all_in.points, points,
         )))  # fmt: skip
     probability = np.concatenate([group.test_worst_rays(freedom) for _, group in groups])
-    # the limit in sigmas at which the wrong ones among all ties are found; those not suspicious are taken to be right
+    # the limit in sigmas that detects the wrong tie points; those that are not suspicious are assumed to be correct
     ordered, tests = np.sort(probability), max(int(ties.sum()), 1)
     allowed = RAYS.false_share * np.arange(1, len(ordered) + 1) / tests
     passed = np.flatnonzero(ordered <= allowed)
@@ -166,17 +166,17 @@ def judge_ties(
 
 
 def _list_terms(observations: Observations, rows: np.ndarray) -> np.ndarray:
-    """Return the monomials up to the second degree of positions in their images, -1 to 1, ``(k, 6)``."""
+    """Return the monomials up to the second degree of the positions in their images, scaled to -1 to 1, ``(k, 6)``."""
     u, v = observations.places[rows].T
     return np.column_stack([np.ones(len(rows)), u, v, u * u, u * v, v * v])
 
 
 class PointRays:
-    """Points with k measurements each, adjusted side by side with fixed cameras.
+    """Points with k measurements each, adjusted independently with fixed cameras.
 
     residual, by_ground : (m, k, 2) and (m, k, 2, 3) residuals and derivatives, px and px per metre
     weight : (m, k) of the measurements, variance factor included, 1/px²
-    priors, points : those of all points, and which of them these are
+    priors, points : priors of all points, and the indices of these points
     """
 
     def __init__(
@@ -190,10 +190,10 @@ class PointRays:
         self.probability = np.ones(len(weight))
 
     def test_worst_rays(self, freedom: float) -> np.ndarray:
-        """Return the probability that a point's worst measurement is right, ``(m,)``; its rays share the tests.
+        """Return the p-value of each point's worst measurement, ``(m,)``; the rays of a point share the tests.
 
-        That of Fisher's F distribution, for the variance factor is known with a ``freedom`` only. Two rays have one
-        condition, and one test together.
+        It is that of Fisher's F distribution, because the variance factor has only ``freedom`` degrees of freedom. Two
+        rays have one condition, and one common test.
         """
         tests, _ = self._compute_tests(np.arange(len(self.weight)))
         worst, rays = tests.max(axis=1), (self.weight > 0.0).sum(axis=1)
@@ -204,10 +204,10 @@ class PointRays:
         return self.probability
 
     def judge(self, sigmas: float, limit: float, wrong: float, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Leave out the worst measurement of each point until the rest agree; return decisions and tests ``(m, k)``.
+        """Leave out the worst measurement of each point until the others agree; return decisions and tests ``(m, k)``.
 
-        A point whose worst measurement stays below ``limit`` (sigmas) has none that is wrong; in the others ``sigmas``
-        decide. ``wrong`` is the share of wrong measurements, ``size`` what is usual of their errors, in sigmas.
+        A point whose worst measurement is below ``limit`` (sigmas) has no wrong one; for the others ``sigmas`` is the
+        limit. ``wrong`` is the share of wrong measurements, ``size`` the usual size of their errors, in sigmas.
         """
         limits = np.array([tie_test_limit(sigmas, rays) for rays in range(self.weight.shape[1] + 1)])
         pending = np.flatnonzero(self.probability < error_probability(limit))
@@ -225,7 +225,7 @@ class PointRays:
             bad = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
             pending, tests, squares, rays = pending[bad], tests[bad], squares[bad], rays[bad]
             self._leave_out(pending, tests, squares, rays, sigmas)
-        # Two rays that are left, and agree by chance too often
+        # Two remaining rays that agree too probably by chance
         alone = touched[(self.weight[touched] > 0.0).sum(axis=1) == 2]
         if not len(alone):
             return self.decision, self.failed
@@ -238,16 +238,16 @@ class PointRays:
         return self.decision, self.failed
 
     def _mark_doubtful(self, points: np.ndarray, out: np.ndarray, failed: np.ndarray) -> None:
-        """Take measurements ``out (l, k)`` out as doubtful, and with them what they had judged."""
+        """Leave out measurements ``out (l, k)`` as doubtful; blunders found with their help become doubtful, too."""
         guessed = out | (self.decision[points] == int(Decision.BLUNDER))
         self.decision[points] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[points])
         self.failed[points] = np.where(out, failed[:, None], self.failed[points])
         self.weight[points] = np.where(out, 0.0, self.weight[points])
 
     def _begin_with_consensus(self, points: np.ndarray, sigmas: float) -> None:
-        """Take out what does not agree with the largest set of rays that agree with a point of two of them.
+        """Leave out the rays outside the largest set of rays that agree with the intersection of two of them.
 
-        Where sets of equal size differ, what they do not have in common is doubtful.
+        If there are several such sets, the rays that they do not have in common are doubtful.
         """
         count, length = len(points), self.weight.shape[1]
         residual, by_ground = self.residual[points], self.by_ground[points]
@@ -292,14 +292,14 @@ class PointRays:
         largest = statistic[doubtful].max(axis=1, initial=0.0)
         blunders = self.decision[points[doubtful]].copy()
         self._mark_doubtful(points[doubtful], out, largest)
-        # what no set of rays supports stays a blunder where the common rays suffice to say so
+        # rays outside all sets remain blunders if the common rays suffice to show it
         sure = (common[doubtful].sum(axis=1) >= 3)[:, None] & (blunders == int(Decision.BLUNDER))
         self.decision[points[doubtful]] = np.where(sure, int(Decision.BLUNDER), self.decision[points[doubtful]])
 
     def _leave_out(
         self, points: np.ndarray, tests: np.ndarray, squares: np.ndarray, rays: np.ndarray, sigmas: float
     ) -> None:
-        """Take the worst measurement out, or all of those that could be it."""
+        """Leave out the worst measurement, or all those that could be the wrong one."""
         rest = np.maximum(2 * rays - 5, 1)
         acceptable = np.array([critical_value(sigmas, d) for d in range(1, int(rest.max(initial=1)) + 1)])[rest - 1]
         alive = self.weight[points] > 0.0
@@ -309,20 +309,20 @@ class PointRays:
         worst = np.zeros_like(could_be)
         worst[np.arange(len(points)), tests.argmax(axis=1)] = True
         out = np.where(unclear[:, None], could_be, worst)
-        # Fewer than two left: whatever remains cannot be checked.
+        # Fewer than two rays left: these cannot be checked.
         lonely = unclear & ((alive & ~out).sum(axis=1) < 2)
         out[lonely] = alive[lonely]
         kind = np.where(unclear, int(Decision.DOUBTFUL), int(Decision.BLUNDER)).astype(np.int8)
         self.decision[points] = np.where(out, kind[:, None], self.decision[points])
         self.failed[points] = np.where(out, np.sqrt(tests.max(axis=1))[:, None], self.failed[points])
         self.weight[points] = np.where(out, 0.0, self.weight[points])
-        # Whatever was called a blunder before was judged by measurements that agree with none.
+        # Earlier blunders of these points were found with measurements that agree with none.
         collapsed = points[lonely]
         guessed = self.decision[collapsed] == int(Decision.BLUNDER)
         self.decision[collapsed] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[collapsed])
 
     def _compute_tests(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the test values ``(m, k)`` and sums of squares ``(m,)`` of least-squares points."""
+        """Return the test values ``(m, k)`` and sums of squares ``(m,)`` of points by least squares."""
         jacobian, weight, residual = self.by_ground[points], self.weight[points], self.residual[points]
         count, length = weight.shape
         weighted = jacobian * weight[:, :, None, None]
@@ -344,7 +344,7 @@ class PointRays:
 
 
 def error_probability(sigmas: float) -> float:
-    """Return the probability that an image point lies more than ``sigmas`` off by chance."""
+    """Return the probability that an image point deviates by more than ``sigmas`` standard deviations by chance."""
     return float(np.exp(-0.5 * sigmas**2))
 
 

@@ -1,13 +1,13 @@
 """The observation equations of a block, their reduced normal equations, and the solution of those.
 
-| module               | holds                                                                          |
+| module               | contains                                                                          |
 |----------------------|--------------------------------------------------------------------------------|
-| normal_equations     | what the solver asks: normal equations with the points eliminated, cofactors   |
-| linearisation        | residuals and derivatives of any part of a block, for every model              |
+| normal_equations     | interface for the solver: normal equations without points, cofactors   |
+| linearisation        | residuals and derivatives of any part of a block, for all models              |
 | elimination          | elimination of the points with NumPy                                           |
 | elimination_kernels  | … compiled                                                                     |
 | states               | unknowns, priors of the points, sums and cofactors                             |
-| pattern              | which cameras share points                                                     |
+| pattern              | pairs of cameras with common points                                                     |
 | nested_dissection    | sparse Cholesky factors and inverse on the pattern                             |
 | camera_system        | solution of the reduced system, direct or iterative                            |
 """

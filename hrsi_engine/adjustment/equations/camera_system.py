@@ -2,7 +2,7 @@
 
 `DirectSystem` has the Cholesky factors (`nested_dissection`), which also give the precision. Above
 `SYSTEM.most_factored` cameras the factors would not fit in memory; `IterativeSystem` then uses conjugate gradients,
-preconditioned by the Cholesky factors of neighbourhoods of cameras, and knows no precision.
+preconditioned by the Cholesky factors of neighbourhoods of cameras, and has no precision.
 """
 
 from inspect import signature
@@ -19,7 +19,7 @@ from .pattern import Pattern
 
 @thresholds
 class SYSTEM:
-    """By which method the camera system is solved."""
+    """Limits for the choice of the solution method of the camera system."""
 
     most_factored: int = threshold(
         300_000, "cameras",
@@ -30,7 +30,7 @@ class SYSTEM:
     nearby_iterations: int = threshold(10, "iterations", "with a nearby matrix; each costs 1/20 of new factors")
 
 
-CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton mends what is left
+CG_TOLERANCE = 1e-11  # relative to the right-hand side; further Gauss-Newton steps correct the rest
 CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol
 CG_ITERATIONS = 20_000
 
@@ -38,7 +38,7 @@ CG_ITERATIONS = 20_000
 class _UnitDiagonal:
     """``S + diag(prior weight)`` and damping times its diagonal, scaled to a unit diagonal.
 
-    Fixed unknowns get a scale of zero, and with it a solution of zero.
+    Fixed unknowns have a scale of zero, and therefore a solution of zero.
     """
 
     def __init__(self, pattern: Pattern) -> None:
@@ -47,7 +47,7 @@ class _UnitDiagonal:
         self.damping = 0.0
 
     def compute_damping_cost(self, step: np.ndarray) -> float:
-        """Return the weighted square of a step ``(cameras, p)`` in the damping alone."""
+        """Return the contribution of a step ``(cameras, p)`` to the cost by damping alone."""
         if self.damping == 0.0:
             return 0.0
         in_units = np.divide(step, self.scale, out=np.zeros_like(step), where=self.scale > 0.0)
@@ -66,7 +66,7 @@ class _UnitDiagonal:
 
 
 class DirectSystem(_UnitDiagonal):
-    """Direct solution."""
+    """Direct solution by sparse Cholesky factors."""
 
     def __init__(self, pattern: Pattern) -> None:
         super().__init__(pattern)
@@ -75,9 +75,9 @@ class DirectSystem(_UnitDiagonal):
         self._cofactors: np.ndarray | None = None  # of the matrix that is factorised
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
-        """Take the upper ``blocks (blocks, p, p)`` and ``prior_weight (cameras, p)``, infinite where fixed.
+        """Factorise the upper ``blocks (blocks, p, p)`` with ``prior_weight (cameras, p)``, infinite where fixed.
 
-        It comes before `solve`; the matrix that is factorised already costs nothing.
+        To be called before `solve`; it returns at once if the same matrix is factorised already.
         """
         last = self._factorised
         if last is not None and last[0] is blocks and last[1] is prior_weight and last[2] == damping:
@@ -89,9 +89,9 @@ class DirectSystem(_UnitDiagonal):
     def solve_nearby(
         self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
     ) -> np.ndarray:
-        """Return the solution ``(cameras, p)`` of a matrix near the last one; arguments of `factorise` and `solve`.
+        """Return the solution ``(cameras, p)`` for a matrix near the last one; arguments of `factorise` and `solve`.
 
-        By conjugate gradients with the factors of the last matrix, where these lead there.
+        It uses conjugate gradients preconditioned by the factors of the last matrix, if these converge.
         """
         has_factors = self._factorised is not None and self._factorised[2] == damping == 0.0
         if has_factors and right.size >= SYSTEM.nearby_unknowns:
@@ -102,9 +102,9 @@ class DirectSystem(_UnitDiagonal):
         return self.solve(right)
 
     def _solve_by_gradients(self, blocks: np.ndarray, prior_weight: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-        """Return the solution, None where the factors at hand are too far from the matrix to be of help.
+        """Return the solution by conjugate gradients, or None if the available factors differ too much from the matrix.
 
-        They are of help where the residual falls so fast from its first step on that `SYSTEM.nearby_iterations` do.
+        They are used if the residual falls, from the first step on, fast enough for `SYSTEM.nearby_iterations`.
         """
         pattern, size = self.pattern, right.size
         upper = sparse.bsr_matrix((blocks, pattern.columns, pattern.start), shape=(size, size))
@@ -124,7 +124,7 @@ class DirectSystem(_UnitDiagonal):
         for passed in range(SYSTEM.nearby_iterations + 1):
             if square <= SYSTEM.nearby**2 * first:
                 return solution
-            if square > pace**passed * first:  # the first steps tell what those that follow will bring
+            if square > pace**passed * first:  # too slow: more steps would not suffice
                 return None
             along = times(direction)
             curvature = float(np.sum(direction * along))
@@ -148,7 +148,7 @@ class DirectSystem(_UnitDiagonal):
         return self._factor.project_cofactors(sparse.csr_matrix(rows @ sparse.diags(self.scale.ravel())))
 
     def compute_cofactors(self) -> np.ndarray:
-        """Return the blocks of the inverse on the pattern."""
+        """Return the blocks of the inverse on the pattern, ``(blocks, p, p)``."""
         if self._cofactors is None:
             inverse = self._factor.invert_on_pattern()
             inverse *= self.scale[self.pattern.rows][:, :, None]
@@ -158,7 +158,7 @@ class DirectSystem(_UnitDiagonal):
 
 
 class IterativeSystem(_UnitDiagonal):
-    """Preconditioned conjugate gradients; what each method returns says `DirectSystem`."""
+    """Solution by preconditioned conjugate gradients; the methods are those of `DirectSystem`."""
 
     def __init__(self, pattern: Pattern) -> None:
         super().__init__(pattern)
@@ -185,7 +185,7 @@ class IterativeSystem(_UnitDiagonal):
         return self.solve(right)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Raise `SolveError` where the iteration does not converge."""
+        """Return the solution, as `DirectSystem.solve`; raise `SolveError` if the iteration does not converge."""
         if right.ndim == 3:
             return np.stack([self.solve(right[:, :, k]) for k in range(right.shape[2])], axis=2)
 
