@@ -1,6 +1,6 @@
-"""Results appear whole or not at all: they are written into a hidden folder and moved into place at the end.
+"""Results are written completely or not at all: into a hidden folder first, then moved into place.
 
-A folder of GDAL's virtual file systems (``/vsis3/…``, ``/vsimem/…``) gets them as copies, one by one, the report last.
+Into a folder of GDAL's virtual file systems (``/vsis3/…``, ``/vsimem/…``) they are copied one by one, the report last.
 """
 
 import os
@@ -22,18 +22,18 @@ from .rpc_files.sidecars import is_rpc_file, keep_original
 from .safety.replacing import REPLACING, WRITE_AHEAD_LOG, require_not_read_only, temporary_folder
 from .safety.transactions import Transaction
 
-RESULT_FILES = ("report.json", "block.gpkg")  # their presence makes a folder a result
+RESULT_FILES = ("report.json", "block.gpkg")  # a folder with one of these contains a result
 
 
 def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inputs: Iterable[str] = ()) -> None:
-    """Make sure, before the work begins, that its results can be written.
+    """Check before the computation that its results can be written.
 
     path : the output folder; it need not exist
-    overwrite : whether files that are there may be replaced
-    names : names of the files that will be written, as far as they are known
-    inputs : files that the run reads; neither they nor what belongs to them is ever replaced
+    overwrite : whether existing files may be replaced
+    names : names of the files that will be written, as far as they are known in advance
+    inputs : files that the run reads; neither they nor their side files are ever replaced
 
-    Raises `InputError` where the folder is a file, holds a result or other files of these names that may not be
+    Raises `InputError` if the folder is a file, or contains a result, other files of these names that may not be
     replaced, or inputs.
     """
     if path.startswith(VIRTUAL):
@@ -50,10 +50,10 @@ def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inpu
 
 
 def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
-    """Return the files with refined RPCs, and their STAC items, that an earlier run made in a folder, by its report.
+    """Return the files with refined RPCs, and their STAC items, that an earlier run made in a folder, from its report.
 
-    Beside a new report that withholds its RPCs they would pass for the new ones. Images that the earlier run wrote in
-    place are no files of its own, and inputs are not among the files either.
+    If a new report withholds its RPCs, these files would be mistaken for new ones. Images that the earlier run refined
+    in place, and inputs, are not included.
     """
     kept = {os.path.realpath(file) for file in inputs}
     found = []
@@ -80,15 +80,15 @@ def stage_folder(
     path: str, inputs: Iterable[str], overwrite: bool = False, transaction: Transaction | None = None,
     discarded: Iterable[str] = (),
 ) -> Iterator[Path]:  # fmt: skip
-    """Yield a temporary folder whose files move into ``path`` together when the block ends without an exception.
+    """Yield a temporary folder; its files move into ``path`` together when the block ends without an exception.
 
-    path : the output folder; made where it is missing
-    inputs : files that the run reads; neither they nor what belongs to them is ever replaced
-    overwrite : whether other files that are there may be replaced; a vendor's RPC file is kept as ``.original`` then
-    transaction : other changes, which happen together with these: all or none
+    path : the output folder; created if it is missing
+    inputs : files that the run reads; neither they nor their side files are ever replaced
+    overwrite : whether other existing files may be replaced; a vendor's RPC file is then kept as ``.original``
+    transaction : other changes, which are made together with these: all or none
     discarded : folders that are removed together with these changes
 
-    Raises `InputError` where a result would take the place of an input, or of a file that may not be replaced.
+    Raises `InputError` if a result would replace an input, or a file that may not be replaced.
     """
     if path.startswith(VIRTUAL):
         with tempfile.TemporaryDirectory(prefix="hrsi-unfinished-") as local:
@@ -109,7 +109,7 @@ def stage_folder(
     temporary = None
     changes = transaction or Transaction(str(folder))
     try:
-        with holding_signals():  # one between making a folder and knowing of it would leave it behind
+        with holding_signals():  # a signal between creating and storing the folder would leave it behind
             try:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
@@ -134,13 +134,13 @@ def stage_folder(
 def _move_into_place(
     temporary: Path, folder: Path, inputs: Iterable[str], overwrite: bool, changes: Transaction
 ) -> None:
-    # The report last: it says that the others are there
+    # The report last: it states that the others exist
     files = sorted(temporary.iterdir(), key=lambda file: file.name == "report.json")
     _require_replaceable(str(folder), [file.name for file in files], inputs, overwrite)
     for file in files:
         target = folder / file.name
         if file.suffix == ".gpkg":
-            for suffix in WRITE_AHEAD_LOG:  # SQLite would play it into the new file
+            for suffix in WRITE_AHEAD_LOG:  # SQLite would apply an old log to the new file
                 changes.remove(f"{target}{suffix}")
         keep_original(str(target), changes)
         changes.rename(str(file), str(target))
@@ -148,7 +148,7 @@ def _move_into_place(
 
 
 def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str], overwrite: bool) -> None:
-    """Raise `InputError` where a file of these names is there and is an input, or may not be replaced."""
+    """Raise `InputError` if a file of these names exists and is an input, or may not be replaced."""
     targets = [os.path.join(path, name) for name in names]
     require_no_input(targets, inputs)
     named = set() if overwrite else names_of_last_run(path)
@@ -160,9 +160,9 @@ def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str],
 
 
 def require_no_input(targets: Iterable[str], inputs: Iterable[str]) -> None:
-    """Raise `InputError` where a file that would be written is there and read-only, or an input by whatever path.
+    """Raise `InputError` if a file that would be written exists and is read-only, or is an input under any path.
 
-    What belongs to an input is not replaced either, except its RPC files: `keep_original` keeps what they were.
+    Side files of an input are not replaced either, except its RPC files, of which `keep_original` keeps the originals.
     """
     there = [target for target in targets if exists_anywhere(target)]
     if not there:
@@ -182,7 +182,7 @@ def _files_in(folder: str) -> list[str]:
 
 
 def _identity(path: str) -> object:
-    """Return what tells a file from others, by whatever path, symbolic or hard link; else its path."""
+    """Return the identity of a file, equal for all its paths and links; if it does not exist, its path."""
     try:
         status = os.stat(path)
     except OSError:
@@ -191,13 +191,13 @@ def _identity(path: str) -> object:
 
 
 def require_plain_name(name: str, what: str) -> None:
-    """Raise `InputError` where a word that becomes part of a file's name leads out of its folder."""
+    """Raise `InputError` if a word that becomes part of a file's name would lead out of its folder."""
     if not name or name in (".", "..") or set(name) & {"/", "\\", "\0"} or os.path.basename(name) != name:
         raise InputError(f"{what} {name!r} is no name of a file: leave out what leads to other folders")
 
 
 def names_of_last_run(folder: str) -> set[str]:
-    """Return the names of the files in a folder that the report of an earlier run there says are its results."""
+    """Return the names of the result files in a folder, from the report of an earlier run there."""
     report = read_report(os.path.join(folder, "report.json"))
     if report is None:
         return set()
@@ -208,7 +208,7 @@ def names_of_last_run(folder: str) -> set[str]:
 
 
 def read_report(path: str) -> dict[str, Any] | None:
-    """Return a report that this program wrote; None where there is none."""
+    """Return a report that HRSI wrote; None if there is none."""
     try:
         report = read_json(path, "report")
     except InputError:
@@ -217,10 +217,10 @@ def read_report(path: str) -> dict[str, Any] | None:
 
 
 def find_image_outputs(report: Mapping[str, Any], folder: str | os.PathLike[str] | None = None) -> dict[str, str]:
-    """Return the file that a report names as the output of each image, by image id.
+    """Return the output file of each image according to a report, by image id.
 
-    Of a result in a ``folder``, which may have been moved since, each is the file of this name there. Else it is the
-    file as named, which a relative path may count from the folder in which the run was started.
+    With the ``folder`` of a result, which may have been moved since, it is the file of this name there, if it exists.
+    Otherwise it is the file as named; a relative path may refer to the folder in which the run was started.
     """
     images = report.get("images")
     entries = images.items() if isinstance(images, dict) else ()
@@ -235,7 +235,7 @@ def find_image_outputs(report: Mapping[str, Any], folder: str | os.PathLike[str]
 
 
 def exists_anywhere(path: str) -> bool:
-    """Return whether there is a file, on the disk or in one of GDAL's virtual file systems."""
+    """Return whether a file exists, on disk or in one of GDAL's virtual file systems."""
     return virtual_status(path) is not None if path.startswith(VIRTUAL) else os.path.exists(path)
 
 

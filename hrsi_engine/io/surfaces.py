@@ -1,8 +1,7 @@
-"""Surfaces of any file: rasters, lidar clouds (LAS, LAZ), layers of points with heights, granules of laser altimeters.
+"""Surfaces from files: rasters, lidar clouds (LAS, LAZ), layers of points with heights, laser altimeter granules.
 
-Points become a grid of about four of them a cell, whose mean height is the cell's; small gaps between them are
-interpolated. Of a cloud the first returns count, or those on the ground for a terrain model; noise and what is withheld
-do not.
+Points become a grid of about four points a cell, whose height is their mean; small gaps are interpolated. Of a cloud
+only first returns are used, or ground points for a terrain model; noise and withheld points are not used.
 """
 
 import os
@@ -30,7 +29,7 @@ GROUND_CLASS, NOISE_CLASSES = 2, (7, 18)  # ASPRS LAS 1.4, table 17
 
 @thresholds
 class CLOUD:
-    """How points become a grid of heights."""
+    """Conversion of points to a grid of heights."""
 
     spacings: float = threshold(2.0, "spacings", "side of a cell: four points a cell")
     least_cell_m: float = threshold(0.25, "m", "smallest side of a cell")
@@ -47,10 +46,10 @@ def open_surface(
 
     spec : a raster; a lidar cloud (LAS, LAZ); ``FILE[|layername=L]`` of points with heights; a granule of ICESat-2 or
     GEDI
-    height_datum, ground_crs, epoch : as of `open_dem` and `read_laser`
-    kind : ``dtm`` takes of a cloud what is classified as ground only
+    height_datum, ground_crs, epoch : as in `open_dem` and `read_laser`
+    kind : with ``dtm`` only the ground points of a cloud are used
 
-    Raises `InputError` where the file holds no heights, or does not say where they are.
+    Raises `InputError` if the file has no heights, or does not state their position.
     """
     path, layer = split_spec(spec)
     head = read_head(path, len(HDF5_HEAD)) if os.path.isfile(path) else b""
@@ -61,7 +60,7 @@ def open_surface(
         return open_dem(path, height_datum, epoch)
     points = read_laser(spec, height_datum, ground_crs, epoch)
     usable = points.doubt == ""
-    # The surface of positions (n, 3): lon, lat in degrees, ellipsoidal height in metres
+    # The surface from positions (n, 3): lon, lat in degrees, ellipsoidal height in metres
     ground = points.ground[usable]
     ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
@@ -78,7 +77,7 @@ def open_surface(
 
 
 class _Grid:
-    """Sums of heights by cells of a map; ``corner (2,)`` is its north-western one, ``cell`` their side."""
+    """Sums of heights in the cells of a map grid; ``corner (2,)`` is its north-western corner, ``cell`` their side."""
 
     def __init__(self, low: np.ndarray, high: np.ndarray, cell: float, spec: str) -> None:
         extent = high - low
@@ -99,7 +98,7 @@ class _Grid:
 
     @property
     def means(self) -> np.ndarray:
-        """Mean heights ``(rows, columns)``, NaN where there is no point. Raises `InputError` without any."""
+        """Mean heights ``(rows, columns)``, NaN for empty cells. Raises `InputError` if all are empty."""
         if not self._counts.any():
             raise InputError(f"{self.spec}: none of its points is usable: noise, withheld or of another class")
         with np.errstate(invalid="ignore"):
@@ -110,7 +109,7 @@ class _Grid:
 
 
 def _open_cloud(path: str, height_datum: str, ground_crs: str | None, epoch: float | None, kind: str) -> GridSurface:
-    """Return the surface of a lidar cloud; its cells follow the axes of its own CRS."""
+    """Return the surface of a lidar cloud; its cells are parallel to the axes of its own CRS."""
     try:
         import laspy
     except ImportError:
@@ -129,7 +128,7 @@ def _open_cloud(path: str, height_datum: str, ground_crs: str | None, epoch: flo
                 grid.add(xyz)
     except InputError:
         raise
-    except Exception as error:  # laspy and lazrs have errors of their own, and pass on those of damaged values
+    except Exception as error:  # laspy and lazrs have their own errors, and pass on those of damaged values
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"{path}: cannot be read as LAS ({reason}): obtain it again") from None
     if crs is None and ground_crs is None:
@@ -142,12 +141,12 @@ def _open_cloud(path: str, height_datum: str, ground_crs: str | None, epoch: flo
     band = dataset.GetRasterBand(1)
     factor = crs.axis_info[0].unit_conversion_factor if crs.is_projected and len(crs.sub_crs_list) < 2 else 1.0
     band.SetNoDataValue(np.nan)
-    band.WriteArray(grid.means * factor)  # heights are in the unit of the map where the CRS has no vertical part
+    band.WriteArray(grid.means * factor)  # without a vertical CRS, heights are in the map's unit
     return fill_gaps(surface_of_dataset(dataset, path, height_datum, epoch), CLOUD.gap)
 
 
 def _read_points(chunks: Iterable[Any], kind: str) -> Iterator[np.ndarray]:
-    """Yield the usable points ``(n, 3)`` of the chunks of a cloud."""
+    """Yield the usable points ``(n, 3)`` from the chunks of a cloud."""
     for chunk in chunks:
         kinds = np.asarray(chunk.classification)
         use = ~np.isin(kinds, NOISE_CLASSES)

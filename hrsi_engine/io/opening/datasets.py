@@ -1,9 +1,8 @@
-"""Opening GDAL datasets quietly, with or without GDAL exceptions enabled.
+"""Opens GDAL datasets without printed messages, whether GDAL exceptions are enabled or not.
 
-Of GDAL's global state nothing is touched but what it would do without an end: wait for a server (`HTTP_PATIENCE`).
-
-Whole files are read and written in GDAL's virtual file systems: object stores (``/vsis3/…``), archives, servers,
-memory. An object store takes a file whole or not at all, when it is closed; it has no folders, only names with slashes.
+Of GDAL's global state only the time limits for servers are set (`HTTP_PATIENCE`); GDAL itself would wait for ever.
+Complete files are read and written in GDAL's virtual file systems: object stores (``/vsis3/…``), archives, servers,
+memory. An object store stores a file on closing, completely or not at all; it has no folders, only names with slashes.
 """
 
 import os
@@ -17,9 +16,9 @@ from ...foundation.errors import InputError, OutputError
 from .plain_files import require_plain, require_plain_around
 
 Told = TypeVar("Told")
-#: How long servers are waited for, in seconds: until they take a connection, and while they send less than some bytes a
-#: second; and how often what a busy one refuses (429, 500, 502, 503, 504) is asked for again,
-#: after how many. Whoever sets these options of GDAL, in the environment or by the program, has his own.
+#: Time limits of servers in seconds: for the connection, and while they send fewer bytes per second than the limit; and
+#: number and interval of retries if a server is busy (429, 500, 502, 503, 504). Values that the user has set as GDAL
+#: options, in the environment or in a program, take precedence.
 HTTP_PATIENCE = {
     "GDAL_HTTP_CONNECTTIMEOUT": "10", "GDAL_HTTP_LOW_SPEED_TIME": "15", "GDAL_HTTP_LOW_SPEED_LIMIT": "10",
     "GDAL_HTTP_MAX_RETRY": "3", "GDAL_HTTP_RETRY_DELAY": "1",
@@ -27,10 +26,10 @@ HTTP_PATIENCE = {
 
 
 def set_http_patience() -> None:
-    """Give GDAL the options of `HTTP_PATIENCE` that nobody has set.
+    """Set the GDAL options of `HTTP_PATIENCE` that are not set yet.
 
-    They count in the whole process, because GDAL fetches pixels in whatever thread reads them; this module does it when
-    it is imported, so that every process has them that reads anything, workers of a cluster too.
+    They apply to the complete process, because GDAL reads pixels in any thread. They are set when this module is
+    imported, so that every process that reads files has them, including workers of a cluster.
     """
     for name, value in HTTP_PATIENCE.items():
         if gdal.GetConfigOption(name) is None:
@@ -55,8 +54,8 @@ def check_advice(path: str, otherwise: str = "check the path") -> str:
 def gdal_messages() -> Iterator[list[str]]:
     """Collect the failures that GDAL reports in the calling thread instead of printing them.
 
-    RuntimeError (GDAL with exceptions enabled) and SystemError (GDAL 3.6 given a message that is not UTF-8) are
-    taken as such a failure: results must be preset.
+    RuntimeError (GDAL with exceptions enabled) and SystemError (GDAL 3.6 with a message that is not UTF-8) are added to
+    the messages. The body may then be incomplete: preset its results.
     """
     messages: list[str] = []
 
@@ -75,7 +74,7 @@ def gdal_messages() -> Iterator[list[str]]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Suppress GDAL's messages, as on damaged files, whose text may be in no known encoding."""
+    """Suppress GDAL's messages, for example on damaged files; their text may have an unknown encoding."""
     gdal.PushErrorHandler("CPLQuietErrorHandler")
     try:
         yield
@@ -86,7 +85,7 @@ def quiet() -> Iterator[None]:
 def call_quiet(function: Callable[..., Told], *words: Any) -> Told:
     """Call a function with GDAL's messages suppressed.
 
-    PROJ reads grids through the TIFF library that GDAL has report to its own handler.
+    PROJ needs this too: it reads grids with the TIFF library, whose messages GDAL prints through its handler.
     """
     with quiet():
         return function(*words)
@@ -94,7 +93,7 @@ def call_quiet(function: Callable[..., Told], *words: Any) -> Told:
 
 @contextmanager
 def config_option(name: str, value: str) -> Iterator[None]:
-    """Set one of GDAL's configuration options in the calling thread for a while."""
+    """Set a GDAL configuration option in the calling thread, and restore it at the end."""
     before = gdal.GetThreadLocalConfigOption(name)
     gdal.SetThreadLocalConfigOption(name, value)
     try:
@@ -104,7 +103,7 @@ def config_option(name: str, value: str) -> Iterator[None]:
 
 
 def open_dataset(path: str) -> tuple[gdal.Dataset | None, str]:
-    """Return a raster dataset opened for reading and GDAL's last message; None where it fails."""
+    """Return a raster dataset opened for reading (None on failure), and GDAL's last message."""
     with quiet():
         gdal.ErrorReset()
         try:
@@ -116,7 +115,7 @@ def open_dataset(path: str) -> tuple[gdal.Dataset | None, str]:
 
 
 def metadata_of(dataset: gdal.Dataset, domain: str = "") -> dict[str, str]:
-    """Return a metadata domain as text, quietly; GDAL gives bytes where damaged text is not UTF-8."""
+    """Return a metadata domain as text; damaged text that is not UTF-8, for which GDAL returns bytes, as Latin-1."""
     with quiet():
         metadata = dataset.GetMetadata(domain)
     if not isinstance(metadata, dict):
@@ -126,11 +125,11 @@ def metadata_of(dataset: gdal.Dataset, domain: str = "") -> dict[str, str]:
 
 
 VIRTUAL = "/vsi"
-HEAD_BYTES = 2**20  # enough to tell the format of a file
+HEAD_BYTES = 2**20  # enough to recognise the format of a file
 
 
 def virtual_status(path: str) -> Any | None:
-    """Return GDAL's status of a virtual path (``/vsizip/…``, ``/vsicurl/…``), None where nothing is there, quietly."""
+    """Return GDAL's status of a virtual path (``/vsizip/…``, ``/vsicurl/…``), None if it does not exist."""
     with quiet():
         try:
             return gdal.VSIStatL(path)
@@ -139,7 +138,7 @@ def virtual_status(path: str) -> Any | None:
 
 
 def read_virtual(path: str, most: int | None = None) -> bytes | None:
-    """Return a file's content, at ``most`` so many bytes from its beginning; None where it cannot be read."""
+    """Return the content of a file, or its first ``most`` bytes; None if it cannot be read."""
     if most is None:
         status = virtual_status(path)
         if status is None:
@@ -158,7 +157,7 @@ def read_virtual(path: str, most: int | None = None) -> bytes | None:
 
 
 def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
-    """Return the first bytes of a file; raise `InputError` where it cannot be read."""
+    """Return the first bytes of a file; raise `InputError` if it cannot be read."""
     require_plain(path)
     if path.startswith("/vsi"):
         content = read_virtual(path, count)
@@ -167,13 +166,13 @@ def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
         return content
     try:
         with open(path, "rb") as file:
-            return file.read(min(count, os.fstat(file.fileno()).st_size or count))  # room for what is there only
+            return file.read(min(count, os.fstat(file.fileno()).st_size or count))  # allocate only what exists
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path and its permissions") from None
 
 
 def write_virtual(path: str, blocks: Iterable[bytes]) -> None:
-    """Write a file from blocks of bytes; raise `OutputError` where it cannot be written."""
+    """Write a file from blocks of bytes; raise `OutputError` if that fails."""
     written = False
     with gdal_messages() as messages:
         handle = gdal.VSIFOpenL(path, "wb")
@@ -186,7 +185,7 @@ def write_virtual(path: str, blocks: Iterable[bytes]) -> None:
 
 
 def list_virtual(folder: str) -> list[str]:
-    """Return the names in a folder as they are now, whatever GDAL remembers of it; none where there is no folder."""
+    """Return the present names in a folder, without GDAL's cache; an empty list if there is no folder."""
     names: list[str] = []
     with gdal_messages():
         gdal.VSICurlPartialClearCache(folder)
@@ -195,6 +194,6 @@ def list_virtual(folder: str) -> list[str]:
 
 
 def remove_virtual(folder: str) -> None:
-    """Remove a folder with all that is in it; what cannot be removed stays."""
+    """Remove a folder and its content; files that cannot be removed remain."""
     with gdal_messages():
         gdal.RmdirRecursive(folder)

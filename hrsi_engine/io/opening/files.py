@@ -1,4 +1,4 @@
-"""JSON files and rasters of any origin, read within their budgets and refused in words where they are none."""
+"""Opens JSON files and rasters within their size limits; invalid files raise `InputError`."""
 
 import json
 import os
@@ -12,10 +12,10 @@ from .datasets import check_advice, open_dataset
 
 
 def read_json(path: str, kind: str) -> Any:
-    """Return what a JSON file (UTF-8, with or without a byte order mark) holds.
+    """Return the content of a JSON file (UTF-8, with or without a byte order mark).
 
-    ``kind`` is what it is read as, one of `budgets.MOST_BYTES`. Raises `InputError` where it cannot be read, is too
-    large, or no JSON.
+    ``kind`` is the kind of its content, a key of `budgets.MOST_BYTES`. Raises `InputError` if it cannot be read, is too
+    large, or is no JSON.
     """
     require_size(path, kind)
     try:
@@ -26,7 +26,7 @@ def read_json(path: str, kind: str) -> Any:
 
 
 def open_raster(path: str) -> gdal.Dataset:
-    """Return an image opened by GDAL; raise `InputError` where it is none."""
+    """Return an image opened by GDAL; raise `InputError` if it is no image."""
     dataset, message = open_dataset(path)
     if dataset is None and not path.startswith("/vsi") and ":" not in path and not os.path.exists(path):
         raise InputError(f"{path}: no such file: check the path")

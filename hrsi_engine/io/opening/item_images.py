@@ -1,4 +1,4 @@
-"""Paths of images that come from items of a STAC catalog, with what these tell of them; `stac_items` reads items."""
+"""Image paths from STAC items, with the properties of their items; `stac_items` reads the items."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class StacItem:
-    """Properties of an image in a STAC item, beside its pixels.
+    """Properties of an image in a STAC item.
 
-    id : the item's
-    source : the file that it stands in
-    named : what names the images of that file as this one was chosen, from any folder
-    properties : as they stand in the item
-    rpc_fields : fields with an RPC, the asset's before the item's; empty without
-    rpc_files : paths of the assets that may be its RPC file, the likeliest first
+    id : id of the item
+    source : file that contains it
+    named : specification by which the images of that file can be read again, from any working directory
+    properties : as in the item
+    rpc_fields : fields with an RPC, those of the asset before those of the item; empty if there are none
+    rpc_files : paths of the assets that may be its RPC file, the most probable first
     """
 
     id: str
@@ -41,12 +41,12 @@ class StacItem:
 
 
 class ItemImage(str):
-    """The path of an item's image, which goes on as any path does; ``item`` is what the item tells of it."""
+    """Path of an item's image, usable as any path; ``item`` has the properties of the item."""
 
     item: StacItem
 
     def __new__(cls, path: str, item: StacItem) -> ItemImage:
-        """Name the image."""
+        """Create the path with its item."""
         made = super().__new__(cls, path)
         made.item = item
         return made
@@ -61,6 +61,6 @@ def item_of(path: str) -> StacItem | None:
 
 
 def item_entry(path: str) -> dict[str, str]:
-    """Return what a record says of an image's item, for `stac_items.restore_image_paths`; nothing for other images."""
+    """Return a record's entry on an image's item, for `stac_items.restore_image_paths`; empty for other images."""
     item = item_of(path)
     return {} if item is None else {"item": item.named}

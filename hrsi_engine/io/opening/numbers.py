@@ -1,4 +1,4 @@
-"""Numbers in text, read whole or not at all; where this stands, ``43,5`` is never 43."""
+"""Parsing of numbers in text: the complete text is a number or none, so ``43,5`` is never read as 43."""
 
 import math
 import re
@@ -7,7 +7,7 @@ _COMMAS = re.compile(r"\s*[+-]?\d+,\d+\s+[+-]?\d+,\d+(\s|$)", re.ASCII)
 
 
 def parse_finite(text: str) -> float | None:
-    """Return the number that a text is, from its first character to the last, in ASCII; None for anything else.
+    """Return the number that the complete text is, in ASCII; None for anything else.
 
     So ``43,5``, ``43.5abc``, ``1_000``, ``0x10``, full-width digits, ``nan`` and ``1e400`` are no numbers.
     """
@@ -19,5 +19,5 @@ def parse_finite(text: str) -> float | None:
 
 
 def has_decimal_commas(line: str) -> bool:
-    """Tell whether a line that blanks or commas may separate begins with two numbers as ``43,5 7,1``."""
+    """Return whether a line, separated by blanks or commas, begins with two decimal-comma numbers (``43,5 7,1``)."""
     return _COMMAS.match(line) is not None

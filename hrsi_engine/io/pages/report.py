@@ -1,9 +1,8 @@
-"""Reports as files: ``report.json`` for programs, and pages for people, one HTML file each.
+"""Reports as files: ``report.json`` for programs, and pages for people, each a single HTML file.
 
-A page loads nothing and runs HRSI's scripts only; small pictures of images are texts that it holds in itself. As it
-travels alone, it brings its own explanations of a verdict's codes: ``docs/verdict.md`` is the one place where that is
-written; its headings ``### code`` are the codes. Of Markdown, paragraphs, lists, code, bold words and the words of
-links are understood.
+A page loads no other files and runs only HRSI's scripts; small pictures of images are embedded as text. Since a page
+is passed on alone, it contains explanations of the verdict's codes, taken from ``docs/verdict.md``, where the headings
+``### code`` are the codes. Of Markdown, paragraphs, lists, code, bold words and the text of links are converted.
 """
 
 import base64
@@ -38,7 +37,7 @@ __all__ = ["write_report_html", "write_report_json"]
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
-    """Write a report as JSON in one step, a line an image; NumPy values become plain ones, NaN and infinity null.
+    """Write a report as JSON in one step, one line per image; NumPy values become plain ones, NaN and infinity null.
 
     path : the file; report : the report
     Raises `OutputError`: the file cannot be written.
@@ -47,14 +46,14 @@ def write_report_json(path: str, report: Mapping[str, Any]) -> None:
 
 
 def write_report_html(path: str, report: Mapping[str, Any], drawings: Mapping[str, Any] = MappingProxyType({})) -> None:
-    """Write a report as one HTML file in one step, with a map of the block and other drawings where they are given.
+    """Write a report as one HTML file in one step, with a map of the block and the other drawings.
 
-    path : the file; report : the report; drawings : as `drawing.block_figures.draw_figures` makes them
+    path : the file; report : the report; drawings : those of `drawing.block_figures.draw_figures`
     Raises `OutputError`: the file cannot be written.
     """
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explain_codes(reason["code"] for reason in reasons)
-    # Images with profiles along the lines, those with waves first, and the plots of both axes
+    # Plots of both axes of the images with profiles along the lines, images with waves first
     told = sorted(report.get("line_profiles", {}).items(), key=lambda item: not item[1]["waves"])
     profiles = [
         (name, axis, draw_line_profile(name, axis, entry[axis], [w for w in entry["waves"] if w["axis"] == axis]))
@@ -69,7 +68,7 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "verdict.md"
 
 
 def explain_codes(codes: Iterable[str]) -> dict[str, str]:
-    """Return the documentation of codes of reasons as HTML, by code in their order; empty where none is installed."""
+    """Return the documentation of codes of reasons as HTML, by code, in their order; empty if none is installed."""
     try:
         text = PAGE.read_text(encoding="utf-8")
     except OSError:  # installed without documentation
@@ -79,7 +78,7 @@ def explain_codes(codes: Iterable[str]) -> dict[str, str]:
 
 
 def _write_blocks(markdown: str) -> str:
-    """Return paragraphs and lists as HTML."""
+    """Return Markdown paragraphs and lists as HTML."""
     parts = []
     for block in re.split(r"\n\s*\n", markdown.strip()):
         items = re.split(r"^[*-] ", block, flags=re.MULTILINE)
@@ -96,7 +95,7 @@ def _write_inline(text: str) -> str:
 
 
 TEMPLATES = os.path.join(os.path.dirname(__file__), "templates")
-#: Rows of a page's tables: a block of thousands of images has all its figures in report.json.
+#: Most rows of a page's tables; for a block of thousands of images, report.json has all figures.
 LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
 
 
@@ -114,12 +113,12 @@ def write_page(
 ) -> None:
     """Write a report with a template of ``templates/`` in one step; ``drawings`` are SVG texts or data made from them.
 
-    ``script_data`` are what the map's script works with. Raises `OutputError` where the file cannot be written.
+    ``script_data`` are the data of the map's script. Raises `OutputError` if the file cannot be written.
     """
     names = ["page.js", *(["map_controls.js"] if script_data else [])]
     scripts = [Path(TEMPLATES, name).read_text(encoding="utf-8") for name in names]
     page = _make_environment().get_template(template)
-    # The page's policy: it loads nothing, and runs the scripts that HRSI brings, known by their hashes
+    # The page's content policy: it loads nothing, and runs only HRSI's scripts, identified by their hashes
     hashes = [base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts]
     allowed = " ".join(f"'sha256-{value}'" for value in hashes)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
@@ -133,7 +132,7 @@ def write_page(
 
 
 def write_text(path: str, text: str) -> None:
-    """Write a text file in one step; raise `OutputError` where it cannot be written."""
+    """Write a text file in one step; raise `OutputError` if it cannot be written."""
     try:
         with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
             file.write(text)
@@ -160,7 +159,7 @@ def _make_environment() -> jinja2.Environment:
 
 
 def name_crs(code: str) -> str:
-    """Return a CRS's code with its name."""
+    """Return a CRS's name with its code; the code alone if PROJ does not know it."""
     try:
         return f"{pyproj.CRS(code).name} ({code})"
     except pyproj.exceptions.CRSError:
@@ -168,7 +167,7 @@ def name_crs(code: str) -> str:
 
 
 def name_crs_unit(code: str) -> str:
-    """Return the unit of a CRS's axes; empty where the code says no CRS."""
+    """Return the unit of a CRS's axes; empty if PROJ does not know the code."""
     try:
         return {"metre": "m"}.get(unit := pyproj.CRS(code).axis_info[0].unit_name, unit)
     except pyproj.exceptions.CRSError:
@@ -176,28 +175,27 @@ def name_crs_unit(code: str) -> str:
 
 
 def find_entry(entry: Any, part: str) -> Any:
-    """Return what stands at ``part``, names joined by dots, of an entry of the report; None where nothing does."""
+    """Return the value at ``part``, names joined by dots, of an entry of the report; None if there is none."""
     for name in part.split("."):
         entry = (entry or {}).get(name)
     return entry
 
 
 def select_used_columns(columns: Iterable[tuple[str, str, int | None]], rows: Sequence[Any]) -> list[Any]:
-    """Return the columns (title, part, digits) of a table in which any of the rows (name, key, entry) has a value."""
+    """Return the columns (title, part, digits) of a table in which at least one row (name, key, entry) has a value."""
     return [column for column in columns if any(find_entry(row[2], column[1]) is not None for row in rows)]
 
 
 def mark_code(text: str) -> Markup:
-    """Return a message as escaped HTML; the arguments that it names in backticks are code."""
-    parts = re.split(r"`([^`]+)`", text)  # what is in backticks comes second, fourth, …
+    """Return a message as escaped HTML, with the arguments that it names in backticks as code."""
+    parts = re.split(r"`([^`]+)`", text)  # every second part was in backticks
     code = Markup("<code>{}</code>")
     return Markup("").join(code.format(part) if place % 2 else part for place, part in enumerate(parts))
 
 
 def figure(value: Any, digits: int = 3, unit: str = "") -> str:
-    """Return a number with fixed digits; a dash where there is none.
-
-    Where four digits or more are asked for, one above 0 that would read as 0 is written as below the last digit.
+    """Return a number with fixed decimals; a dash for None.
+    With four decimals or more, a positive number that would be written as 0 is written as smaller than the last digit.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return "–" if value is None or isinstance(value, jinja2.Undefined) else str(value)
@@ -213,7 +211,7 @@ def figure(value: Any, digits: int = 3, unit: str = "") -> str:
 
 
 def digits_by_sigma(value: Any, sigma: Any) -> str:
-    """Return an estimate rounded to two digits of its standard deviation; tiny ones with a power of ten."""
+    """Return an estimate rounded to two digits of its standard deviation; very small ones with a power of ten."""
     if not isinstance(value, (int, float)):
         return figure(value)
     if not isinstance(sigma, (int, float)) or not 0.0 < sigma < math.inf:
@@ -227,23 +225,23 @@ def digits_by_sigma(value: Any, sigma: Any) -> str:
 
 
 def duration(seconds: Any) -> str:
-    """Return a time in seconds, or minutes and seconds, with its unit."""
+    """Return a time as seconds, or minutes and seconds, with the unit."""
     if not isinstance(seconds, (int, float)) or seconds < 60.0:
         return figure(seconds, 1, "s")
     return f"{int(seconds // 60.0)} min {int(seconds % 60.0)} s"
 
 
 def read_picture(raster: GdalRaster, image: str, number: int, side_px: int) -> Picture | None:
-    """Return a picture of an image, at most ``side_px`` along its longer side; None where no pixel is valid.
+    """Return a picture of an image, at most ``side_px`` along its longer side; None if no pixel is valid.
 
-    ``number`` makes its element's name on the page.
+    ``number`` is part of the name of its element on the page.
     """
     step = max(1, -(-max(raster.size) // side_px))
     grey, valid = raster.read_means(step)
     if not valid.any():
         return None
     size, covers = (int(grey.shape[1]), int(grey.shape[0])), (raster.size[0] / step, raster.size[1] / step)
-    # Grey values of any type, where valid, as a data: URI: JPEG, and PNG where this GDAL has no JPEG
+    # Grey values of any type, where valid, as a data: URI: JPEG, or PNG if this GDAL has no JPEG driver
     content = _encode_jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PAGE_NUMBERS.fill_grey)))
     uri = (
         f"data:image/png;base64,{encode_grey_png(grey, valid)}"

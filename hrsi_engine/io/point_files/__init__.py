@@ -1,8 +1,8 @@
-"""Point files: ground points and image points from every format people keep them in.
+"""Point files: ground points and image points in all formats that are supported.
 
 `read_points` takes a vector layer, a CSV or a GCP file of another program and returns the columns of
-`hrsi_engine.block.block`. `POINT_READERS` is the table of formats; a reader only brings a file's rows into a
-`PointTable` with the field names of `table.FIELDS`, and one place (`interpret`) checks them and makes points of them.
+`hrsi_engine.block.block`. `POINT_READERS` is the table of formats; a reader only returns the rows of a file as a
+`PointTable` with the field names of `table.FIELDS`, and `interpret` checks them for all formats and makes the points.
 """
 
 from .find import POINT_READERS, read_image_points, read_points, several_specs

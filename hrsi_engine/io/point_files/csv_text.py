@@ -1,16 +1,15 @@
-"""CSV and plain text: columns between commas, semicolons, tabs or blanks; UTF-8 (BOM or not), UTF-16 or Latin-1.
+"""CSV and plain text: columns separated by commas, semicolons, tabs or blanks; UTF-8 (BOM or not), UTF-16 or Latin-1.
 
-The first line names the columns. Where none does, or does so between blanks, they are told by their contents where only
-one meaning is possible: an id and an image beside two numbers are a measurement; an id and three numbers a ground
-point, in degrees where one column goes beyond 90 (a longitude) or in metres where both are large. Everything else needs
+The first line names the columns. If there are no names, or blanks separate them, the columns are identified by their
+contents if only one meaning is possible: id, image and two numbers are a measurement; an id and three numbers are a
+ground point, in degrees if one column exceeds 90 (a longitude), or in metres if both are large. All other files need
 names: ``FILE|columns=id,lat,lon,height``.
 
-Decimal commas are understood where the separator is not the comma. The file is read in chunks of rows, and only
-the fields that are known are kept, so that millions of image points need little more memory than their columns. NumPy's
-reader (`numpy.loadtxt`) takes what it understands in half the time; Python's `csv` decides what every other file
-means and what is wrong with it.
+Decimal commas are read if the separator is not the comma. The file is read in chunks of rows, and only known fields
+are kept, so that millions of image points need little more memory than their columns. NumPy's reader (`numpy.loadtxt`)
+reads simple files in half the time; Python's `csv` reads all others and determines their errors.
 
-Written tables appear whole or not at all.
+Tables are written completely or not at all.
 """
 
 import codecs
@@ -31,16 +30,16 @@ from ..opening.numbers import parse_finite
 from ..safety.replacing import replacing
 from . import table
 
-NAMED_COLUMNS = "columns="  #: begins the names of the columns of a file
+NAMED_COLUMNS = "columns="  #: prefix of the names of a file's columns
 HOW_TO_NAME = "name the columns: FILE|columns=id,lon,lat,height (or id,x,y,height; id,image,sample,line)"
 _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as fast as 100 000
-_NUMPY_ROWS = 50_000  # at once by NumPy's reader
+_NUMPY_ROWS = 50_000  # rows that NumPy's reader reads at once
 
 
 def read(path: str, layer: str = "", chosen: Mapping[str, str] | None = None) -> table.PointTable:
-    """Return the known fields of a CSV file; raise `InputError` naming line and field where it is damaged.
+    """Return the known fields of a CSV file; raise `InputError` with line and field if it is damaged.
 
-    ``layer`` may name the columns (``columns=id,lon,lat,height``); ``chosen`` are fields that the file calls otherwise,
+    ``layer`` may name the columns (``columns=id,lon,lat,height``); ``chosen`` are fields with other names in the file,
     see `match_fields`.
     """
     try:
@@ -85,9 +84,9 @@ def _read_table(path: str, encoding: str, chosen: Mapping[str, str]) -> table.Po
 def _columns_by_numpy(
     path: str, encoding: str, separator: str, width: int, found: Mapping[str, int]
 ) -> dict[str, np.ndarray] | None:
-    """Return the columns of a file without quotes whose numbers are all there; None for any other, or a wrong one."""
+    """Return the columns by NumPy's reader; None if the file has quotes, or numbers that are missing or invalid."""
     kinds = {column: "f8" if field in table.NUMBER_FIELDS else "O" for field, column in found.items()}
-    if "f8" not in kinds.values():  # empty rows would not show
+    if "f8" not in kinds.values():  # empty rows would not be noticed
         return None
     layout = [(str(column), kinds.get(column, "U1")) for column in range(width)]
     parts: dict[str, list[np.ndarray]] = {field: [] for field in found}
@@ -126,7 +125,7 @@ def _join_parts(path: str, field: str, parts: list[np.ndarray]) -> np.ndarray:
 
 
 def _open_bytes(path: str) -> BinaryIO:
-    """Return an opened file; one of GDAL's virtual file systems comes as a whole."""
+    """Return an opened file; a file of GDAL's virtual file systems is read as a whole."""
     if not path.startswith("/vsi"):
         return open(path, "rb")
     require_size(path, "points")
@@ -145,12 +144,12 @@ def _find_separator(path: str, encoding: str) -> str:
 
 
 def _is_header(line: str) -> bool:
-    """Whether a line is neither empty nor a comment before the header."""
+    """Return whether a line is neither empty nor a comment before the header."""
     return bool(line.strip()) and not line.startswith("#")
 
 
 def _read_rows(path: str, encoding: str, line_numbers: list[int] | None = None) -> Iterator[list[str]]:
-    """Yield the header and every row that is not empty; on request note the line where each one ends."""
+    """Yield the header and every row that is not empty; append the last line of each to ``line_numbers`` if given."""
     separator = _find_separator(path, encoding)
     with _open_text(path, encoding) as file:
         before = next((number for number, line in enumerate(file) if _is_header(line)), 0)
@@ -166,7 +165,7 @@ def _read_rows(path: str, encoding: str, line_numbers: list[int] | None = None) 
 def _transpose(
     path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str], done: int
 ) -> list[tuple[str, ...]]:
-    """Return the columns of rows behind ``done`` others; short rows are filled up with empty fields."""
+    """Return the columns of rows that follow ``done`` others; short rows are completed with empty fields."""
     if set(map(len, rows)) != {width}:
         index = next((index for index, row in enumerate(rows) if any(row[width:])), None)
         if index is not None:
@@ -179,16 +178,16 @@ def _transpose(
 
 
 def _row_name(path: str, encoding: str, row: int) -> str:
-    """Return the line of a row by reading the file again: only error messages want it."""
+    """Return the line of a row, by reading the file again: only error messages need it."""
     numbers: list[int] = []
     next(islice(_read_rows(path, encoding, numbers), row + 1, None), None)
     return f"line {numbers[-1]}"
 
 
 def _find_encoding(path: str) -> str:
-    """Return UTF-8 or UTF-16 by the byte order mark or because every byte fits, otherwise Latin-1.
+    """Return UTF-8 or UTF-16 by the byte order mark, UTF-8 if all bytes are valid, otherwise Latin-1.
 
-    The whole file passes here once: raises `InputError` for one without line breaks, which would come as one line.
+    This reads the complete file: raises `InputError` for one without line breaks, which would be read as one line.
     """
     decoder, is_utf8, unbroken = codecs.getincrementaldecoder("utf-8")(), True, 0
     marks = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
@@ -238,7 +237,7 @@ def write_csv(path: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -
 
 
 def write_measurements(path: str, points: ImagePoints) -> None:
-    """Write image points: id, image, sample, line, sigma, kind, and quality where it is known."""
+    """Write image points: id, image, sample, line, sigma, kind, and quality if any is known."""
     columns = {
         "id": points.ids, "image": points.image_ids, "sample": points.xy[:, 0], "line": points.xy[:, 1],
         "sigma": points.sigma_px, "kind": points.kind,
@@ -249,16 +248,16 @@ def write_measurements(path: str, points: ImagePoints) -> None:
 
 
 def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) -> table.PointTable:
-    """Return the known fields of a text with a point a line, its columns named, or told by what they hold.
+    """Return the known fields of a text with one point in each line; unnamed columns are identified by their contents.
 
-    Raises `InputError` naming the line where it is damaged, or the columns where they cannot be told.
+    Raises `InputError` with the line that is damaged, or with the columns if they are ambiguous.
     """
     require_size(path, "points")
     most = FILE_BUDGETS.gcp_rows
     numbered = [(number, line) for number, line in enumerate(islice(lines, most), 1) if line.strip() and line[0] != "#"]
     if len(numbered) == most:
         raise InputError(f"{path}: has {most} lines or more, and no names of columns: add a header line")
-    if len(numbered) > 1 and numbered[0][1].strip() == str(len(numbered) - 1):  # says how many points follow
+    if len(numbered) > 1 and numbered[0][1].strip() == str(len(numbered) - 1):  # the number of points that follow
         numbered = numbered[1:]
     separator = next((sign for sign in (";", "\t", ",") if numbered and sign in numbered[0][1]), None)
     rows = [[text.strip().strip('"') for text in line.strip().split(separator)] for _, line in numbered]
@@ -293,7 +292,7 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
 
 
 def _tell_columns(path: str, rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return what columns without names hold; raise `InputError` where more than one meaning is possible."""
+    """Return the names of unnamed columns by their contents; raise `InputError` if several meanings are possible."""
     texts = list(zip(*rows, strict=True))
     numbers = [[parse_finite(text.replace(",", ".")) for text in column] for column in texts]
     is_number = [None not in column for column in numbers]

@@ -1,4 +1,4 @@
-"""Which reader a point file takes; reading it as points, or as positions in images, for which ids are not needed."""
+"""Choice of the reader of a point file; reads it as points, or as positions in images, which need no ids."""
 
 import glob
 import os
@@ -22,7 +22,7 @@ from .kept_columns import read_columns
 from .positions import Reference, Surface, ground_positions, has_positions
 from .table import FIELDS, PointReader, PointTable, match_fields
 
-#: Formats of point files in the order in which they are tried; the last two open the file to see.
+#: Formats of point files in the order in which they are tried; the last two need to open the file.
 POINT_READERS: dict[str, PointReader] = {
     "micmac": micmac_files.MICMAC_TIE_POINTS,
     "micmac-homol": micmac_files.MICMAC_HOMOL,
@@ -52,23 +52,23 @@ def read_points(
     Parameters
     ----------
     spec : str
-        ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|columns=id=nr,sigma_h=sH`` says
-        which fields of a layer or CSV are meant, ``FILE|image=ID`` on which image the points were measured, where the
-        file does not say it, ``MATCHES.h5|features=FILE`` which keypoints are matched. Or `PointsInMemory`.
+        ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|columns=id=nr,sigma_h=sH``
+        names fields of a layer or CSV to be used, ``FILE|image=ID`` the image of all measurements if the file does not
+        state it, ``MATCHES.h5|features=FILE`` the file of the matched keypoints. Or `PointsInMemory`.
     ground_crs : str, optional
-        CRS of positions in a file that names none, anything PROJ reads.
+        CRS of positions in a file that states none, anything PROJ reads.
     height_datum : str
-        ``layer`` (what the CRS says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file.
+        ``layer`` (as the CRS states), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file.
     image_ids : sequence of str
-        Ids of the block's images; an image named by file name or path gets the id that fits.
+        Ids of the block's images; an image given by file name or path gets the matching id.
     surface : callable, optional
         Ellipsoidal heights (n,) at lon, lat (n, 2), for points without a height.
     adjusted : bool
-        Whether points of HRSI's own layers lie where the adjustment put them, not where they were surveyed.
+        Whether points of HRSI's own layers get their adjusted positions instead of the surveyed ones.
     epoch : float, optional
-        Year in which a CRS fixed to a plate is brought to WGS84.
+        Year at which coordinates in a plate-fixed CRS are transformed to WGS84.
     surface_operations : tuple of OperationUse
-        How the surface came to WGS84; points that it gives heights share their error.
+        Operations that transformed the surface to WGS84; points with heights from the surface share their error.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def read_points(
     Raises
     ------
     InputError
-        Names file, layer, row, field or id, and what to do.
+        With file, layer, row, field or id, and the remedy.
     """
     reference = Reference(ground_crs or "", height_datum, surface, adjusted, epoch, surface_operations)
     if isinstance(spec, PointsInMemory):
@@ -86,7 +86,7 @@ def read_points(
     table = read_table(spec)
     image = _parse_options(spec).get("image")
     if image is not None:
-        # The table with all points measured on one image
+        # All points of the table are measured in one image
         if "image" in {*match_fields(table.field_names), *choose_fields(spec)} or table.pairwise:
             raise InputError(f"{table.source}: has the image of each point in a field: remove |image=")
         if image not in image_ids:
@@ -100,9 +100,9 @@ def read_image_points(
     spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", image_ids: Sequence[str] = (),
     surface: Surface | None = None, epoch: float | None = None,
 ) -> PointTables:  # fmt: skip
-    """Return the image points of a file: as `read_points`, but from the column cache of a GeoPackage where it is valid.
+    """Return the image points of a file: as `read_points`, but from the column cache of a GeoPackage if it is valid.
 
-    It has ground points only where they were read with them.
+    Ground points are returned only if they were read with them.
     """
     if not isinstance(spec, PointsInMemory) and not {"image", "chosen"} & _parse_options(spec).keys():
         kept = read_columns(*split_spec(spec), image_ids)
@@ -114,15 +114,15 @@ def read_image_points(
 
 
 def several_specs(text: str) -> list[str]:
-    """Return the files of a text ``FILE[|…][;FILE[|…]…]``, wildcards in names replaced by the files that fit.
+    """Return the files of a text ``FILE[|…][;FILE[|…]…]``, with wildcards replaced by the matching files.
 
-    Raises `InputError` where none does.
+    Raises `InputError` if there is none.
     """
     if isinstance(text, InMemory):
         return [text]
     text = str(text)
     path, _, rest = text.partition("|")
-    if os.path.exists(path) and ";" not in rest:  # a name may hold what else would be a separator
+    if os.path.exists(path) and ";" not in rest:  # a file name may contain the separator
         return [text]
     specs = []
     for part in filter(None, map(str.strip, text.split(";"))):
@@ -137,7 +137,7 @@ def several_specs(text: str) -> list[str]:
 def split_spec(spec: str) -> tuple[str, str]:
     """Return file and layer (its name, ``#number``, or empty) of a point file as the user names it.
 
-    Of matches that point at keypoints of another file, that file is what has the place of the layer.
+    For matches with keypoints in another file, that file is returned instead of the layer.
     """
     options = _parse_options(spec)
     if "columns" in options:
@@ -147,7 +147,7 @@ def split_spec(spec: str) -> tuple[str, str]:
 
 
 def _parse_options(spec: str) -> dict[str, str]:
-    """Return what stands behind the file name: ``|layername=L|image=ID``; ``chosen`` are columns with names of ours."""
+    """Return the options after the file name, ``|layername=L|image=ID``; ``chosen`` are fields by HRSI's names."""
     options = dict[str, str]()
     for part in str(spec).split("|")[1:]:
         key, _, value = part.partition("=")
@@ -164,9 +164,9 @@ def _parse_options(spec: str) -> dict[str, str]:
 
 
 def choose_fields(spec: str) -> dict[str, str]:
-    """Return the file's names of the fields that ``|columns=id=nr,sigma_h=sH`` chooses, by ours.
+    """Return the file's names of the fields that ``|columns=id=nr,sigma_h=sH`` chooses, by HRSI's names.
 
-    Raises `InputError` for a field that is none of ours.
+    Raises `InputError` for a field that HRSI does not have.
     """
     chosen = {}
     for part in filter(None, re.split(r",(?=\s*\w+\s*=)", _parse_options(spec).get("chosen", ""))):
@@ -182,9 +182,9 @@ def choose_fields(spec: str) -> dict[str, str]:
 
 
 def read_table(spec: str) -> PointTable:
-    """Return the rows of a point file as its reader brings them, unchecked."""
+    """Return the rows of a point file as returned by its reader, unchecked."""
     path, layer = split_spec(spec)
-    # The reader of a file; raise `InputError` where there is no such file or no format fits
+    # The reader of a file; raise `InputError` if there is no such file or no format matches
     require_plain_around(path)
     head = b""
     if not path or not (path.startswith("/vsi") or os.path.exists(path)):
@@ -220,9 +220,9 @@ class ImagePositions(NamedTuple):
 
 
 class Correspondences(NamedTuple):
-    """Ground points (n, 3) lon, lat, ellipsoidal height, where they are in one image (n, 2), and warnings.
+    """Ground points (n, 3) lon, lat, ellipsoidal height, their positions in one image (n, 2), and warnings.
 
-    ``operations`` brought the ground points to WGS84.
+    ``operations`` transformed the ground points to WGS84.
     """
 
     ground: np.ndarray
@@ -232,9 +232,9 @@ class Correspondences(NamedTuple):
 
 
 def read_image_positions(spec: str, image_ids: Sequence[str]) -> ImagePositions:
-    """Return the rows of a file with the fields sample and line, and image and height where it has them.
+    """Return the rows of a file with the fields sample and line, and image and height if it has them.
 
-    Rows without an id are numbered from 1. Raises `InputError` naming file, row and field.
+    Rows without an id are numbered from 1. Raises `InputError` with file, row and field.
     """
     table, image = _read_sample_line(spec)
     rows = np.arange(len(table))
@@ -248,7 +248,7 @@ def read_correspondences(
 ) -> Correspondences:
     """Return the correspondences of a file with positions (geometry, lon and lat, x and y), heights, sample and line.
 
-    Raises `InputError` naming file, row and field.
+    Raises `InputError` with file, row and field.
     """
     table, image = _read_sample_line(spec)
     if not has_positions(table):
@@ -262,7 +262,7 @@ def read_correspondences(
 
 
 def _read_sample_line(spec: str) -> tuple[PointTable, np.ndarray]:
-    """Return the rows of a file and their sample and line ``(n, 2)``, which all of them must have."""
+    """Return the rows of a file and their sample and line ``(n, 2)``, which every row must have."""
     table = spec.table() if isinstance(spec, PointsInMemory) else read_table(spec)
     if not len(table):
         raise InputError(f"{table.source}: contains no points: add some, or name another layer")

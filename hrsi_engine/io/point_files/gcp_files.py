@@ -1,17 +1,17 @@
-"""GCPs as other programs keep them.
+"""GCPs in the formats of other programs.
 
 * ``.gcp`` of the Ames Stereo Pipeline, one point a line: id, lat, lon, height above the ellipsoid, three sigmas (m),
   then for each image its name, column and row from the centre of the first pixel, and their sigmas (px). Fields are
-  separated by blanks or commas. The sigmas are those of the geocentric x, y and z, as bundle_adjust takes them by
-  default; where they differ, east, north and height are correlated.
-* GCPs stored in an image file. GDAL counts their pixel and line from the upper left *corner* of the image, and numbers
-  them within it, so ids that are empty or mere numbers get the image's id in front. GDAL cannot say "no height": where
-  all heights are exactly 0 they count as not given.
+  separated by blanks or commas. The sigmas are those of the geocentric x, y and z, as bundle_adjust reads them by
+  default; if they differ, east, north and height are correlated.
+* GCPs stored in an image file. In GDAL their pixel and line refer to the upper left *corner* of the image. Ids that are
+empty or numbers get the id of the image as a prefix. GDAL cannot express a missing height: if all heights are exactly
+0 they are regarded as missing.
 * Orthority's GCP GeoJSON: points with ``ji`` = [column, row] from the centre of the first pixel, and ``filename``.
-  Positions are longitude, latitude and ellipsoidal height, as GeoJSON (RFC 7946) says.
-* ``.points`` of the QGIS Georeferencer: map coordinates and pixels, no heights and no names. QGIS counts pixels from
-  the upper left *corner* of the image, with y negative downwards. Points that were switched off there are left out.
-  Each point is called ``IMAGE-ROW``; the image is that of the file's name (``a.tif.points``).
+  Positions are longitude, latitude and ellipsoidal height, as in GeoJSON (RFC 7946).
+* ``.points`` of the QGIS Georeferencer: map coordinates and pixels, no heights and no names. Pixels refer to the upper
+left *corner* of the image, with y negative downwards. Points that were switched off there are not used. The id of a
+point is ``IMAGE-ROW``; the image is that of the file's name (``a.tif.points``).
 """
 
 import csv
@@ -40,7 +40,7 @@ _Row = tuple[int, str, str, list[float]]
 
 
 def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
-    """Return one row for each point and image; raise `InputError` naming the line where one is damaged."""
+    """Return one row for each point and image; raise `InputError` with the line if one is damaged."""
     require_size(path, "points")
     try:
         with open(path, encoding="utf-8-sig", errors="replace") as file:
@@ -79,7 +79,7 @@ def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
 
 
 def _parse_line(path: str, number: int, fields: list[str]) -> list[_Row]:
-    """Return the rows of one line: a point that no image shows gives one without a measurement."""
+    """Return the rows of one line; a point without images gives one row without a measurement."""
     point, images = fields[:_POINT_FIELDS], fields[_POINT_FIELDS:]
     if len(point) < _POINT_FIELDS or len(images) % _IMAGE_FIELDS:
         raise InputError(
@@ -108,7 +108,7 @@ ASP_GCPS = PointReader("Ames Stereo Pipeline GCPs", lambda _path, name, _head: n
 
 
 def read_image_gcps(path: str, _layer: str = "") -> PointTable:
-    """Return the GCPs of an image; raise `InputError` where it has none."""
+    """Return the GCPs of an image; raise `InputError` if it has none."""
     dataset, message = open_dataset(path)
     if dataset is None:
         raise InputError(f"{path}: cannot be opened as an image ({message}): check the file")
@@ -139,7 +139,7 @@ IMAGE_GCPS = PointReader(
 
 
 def read_orthority_gcps(path: str, _layer: str = "") -> PointTable:
-    """Return the GCPs of a file; raise `InputError` naming the feature where one is damaged."""
+    """Return the GCPs of a file; raise `InputError` with the feature if one is damaged."""
     try:
         features = read_json(path, "points")["features"]
     except (TypeError, KeyError) as error:
@@ -182,7 +182,7 @@ _QGIS_HEADER = re.compile(rb"^\W*mapX,mapY,(?:source|pixel)X,", re.MULTILINE)
 
 
 def read_qgis_points(path: str, _layer: str = "") -> PointTable:
-    """Return the points that are switched on; raise `InputError` where the file is damaged."""
+    """Return the points that are switched on; raise `InputError` if the file is damaged."""
     require_size(path, "points")
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
@@ -213,7 +213,7 @@ def read_qgis_points(path: str, _layer: str = "") -> PointTable:
     columns = {
         "id": np.array([f"{image}-{number}" for number, _ in body], dtype=str),
         "image": np.full(len(body), image),
-        "sample": get_column("sourcex", "pixelx") - 0.5,  # QGIS 3.26 and later, and before
+        "sample": get_column("sourcex", "pixelx") - 0.5,  # since QGIS 3.26, and before
         "line": -get_column("sourcey", "pixely") - 0.5,
     }
     notes = (f"{path}: {off} points are switched off and left out",) if off > 0 else ()

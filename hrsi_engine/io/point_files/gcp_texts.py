@@ -1,11 +1,11 @@
 """Text files of GCPs and tie points of other programs.
 
-* Reference of Agisoft Metashape: ``# CoordinateSystem: WKT``, then the names of the columns behind another ``#``, the
-  first of them Label. Errors and estimated positions are not used; rows end where nothing follows.
-* OrthoEngine of PCI (CATALYST): a point a line, fields between blanks, tabs or commas, in an order that the user tells
-  as in OrthoEngine's dialog, ``FILE|columns=ID,P,L,X,Y,Z`` or ``TP_ID,Image,P,L,E``. P and L (pixel and line) count
-  from the corner of the first pixel: half a pixel is taken off. eP is taken for the standard deviation of both; eX, eY
-  and eZ have no certain unit. S is G (GCP), C (check point) or I (inactive). (CATALYST Professional help.)
+* Reference of Agisoft Metashape: ``# CoordinateSystem: WKT``, then the column names after another ``#``, the first of
+them Label. Errors and estimated positions are not used; rows may omit empty fields at their end.
+* OrthoEngine of PCI (CATALYST): one point in each line, fields separated by blanks, tabs or commas, in an order that
+the user gives as in OrthoEngine's dialog, ``FILE|columns=ID,P,L,X,Y,Z`` or ``TP_ID,Image,P,L,E``. P and L (pixel and
+line) refer to the corner of the first pixel: 0.5 is subtracted. eP is used as the standard deviation of both; eX, eY
+and eZ have no certain unit. S is G (GCP), C (check point) or I (inactive). (CATALYST Professional help.)
 """
 
 import re
@@ -31,7 +31,7 @@ _ROLES = {"G": "gcp", "C": "check", "I": "off"}
 
 
 def read_metashape(path: str, _layer: str = "") -> PointTable:
-    """Return the surveyed positions of a reference file; raise `InputError` naming the line where it is damaged."""
+    """Return the surveyed positions of a reference file; raise `InputError` with the line if it is damaged."""
     lines = read_text(path).splitlines()
     start, header = next((at, found) for at, line in enumerate(lines, 1) if (found := _HEADER.match(line.encode())))
     mark = header[1].decode()
@@ -57,12 +57,12 @@ METASHAPE_REFERENCE = PointReader(
 
 
 def is_orthoengine(names: Sequence[str]) -> bool:
-    """Return whether names of columns are those of an OrthoEngine text: pixel and line by one letter."""
+    """Return whether names of columns are those of an OrthoEngine text: P and L for pixel and line."""
     return {"p", "l"} <= {name.strip().lower() for name in names}
 
 
 def read_orthoengine(path: str, columns_option: str) -> PointTable:
-    """Return the points of a text whose columns ``columns_option`` names; raise `InputError` where it is damaged."""
+    """Return the points of a text whose columns ``columns_option`` names; raise `InputError` if it is damaged."""
     names = columns_option.removeprefix(NAMED_COLUMNS).split(",")
     fields = [re.findall(r'"[^"]*"|[^\s,]+', line) for line in read_text(path).splitlines()]
     known = [_ORTHOENGINE.get(name.strip().lower(), name) for name in names]
@@ -73,7 +73,7 @@ def read_orthoengine(path: str, columns_option: str) -> PointTable:
     return replace(table, columns=columns)
 
 
-#: Nothing in such a file tells the order of its fields: whoever names OrthoEngine's columns means this reader.
+#: The file does not state the order of its fields: this reader is chosen if the user names OrthoEngine's columns.
 ORTHOENGINE_TEXT = PointReader(
     "PCI OrthoEngine text", lambda _path, _name, _head: False, read_orthoengine, is_orthoengine
 )

@@ -1,7 +1,7 @@
-"""Points that a program has in memory: tables of pandas and GeoPandas, columns by name, arrays, and HRSI's own columns.
+"""Points in the memory of a program: tables of pandas and GeoPandas, columns by name, arrays, and HRSI's own columns.
 
-They become a `PointTable` as the rows of a file do, under the same field names, and `interpret` checks both alike. No
-library of tables is imported: a table is what has columns by name, one of places what has points with ``x`` and ``y``.
+They become a `PointTable` as the rows of a file do, under the same field names, and `interpret` checks both in the
+same way. No library of tables is imported: a table is any object with columns by name; a geometry has ``x`` and ``y``.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ ARRAY_COLUMNS = {3: ("lon", "lat", "height"), 2: ("sample", "line")}
 
 
 class PointsInMemory(InMemory):
-    """Points held in memory, with their name in messages.
+    """Points in memory; the text is their name in messages.
 
     points : a table of pandas or GeoPandas, or a dict of columns, with the field names of point files; an array (n, 3)
-    of lon, lat in degrees and height, or (n, 2) of sample and line on the only image, row by row the points 1, 2, …; or
-    columns as the engine has them
+    of lon, lat in degrees and height, or (n, 2) of sample and line in the only image, with the points 1, 2, … as rows;
+    or points of the engine (`PointTables`, `GroundPoints`, `ImagePoints`)
     """
 
     __slots__ = ("points",)
     points: Any
 
     def __new__(cls, points: Any) -> PointsInMemory:
-        """Name the points by their kind and number: ``DataFrame of 12 points``."""
+        """Create the points with a name of type and number: ``DataFrame of 12 points``."""
         made = super().__new__(cls, f"{type(points).__name__} of {_count_points(points)} points")
         made.points = points
         return made
 
     def tables(self, reference: Reference, image_ids: Sequence[str]) -> PointTables:
-        """Return the ground points and the image points, checked as those of a file are.
+        """Return the ground points and the image points, with the same checks as those of a file.
 
-        ``reference`` tells what the coordinates refer to where the table leaves it open. Raises `InputError` that names
-        row, column or id, and what to do.
+        ``reference`` is the reference of the coordinates if the table does not state it. Raises `InputError` with row,
+        column or id, and the remedy.
         """
         points = self.points
         if isinstance(points, PointTables):
@@ -57,7 +57,7 @@ class PointsInMemory(InMemory):
     def table(self) -> PointTable:
         """Return the unchecked table under the field names of point files, as a reader of point files does.
 
-        Raises `InputError` for columns that differ in length, texts that are no numbers, and what is no table at all.
+        Raises `InputError` for columns of different lengths, texts that are no numbers, and objects that are no tables.
         """
         columns = _columns_of(self.points)
         lengths = {name: len(column) for name, column in columns.items()}
@@ -74,7 +74,7 @@ class PointsInMemory(InMemory):
         position = match_fields(list(columns))
         listed = list(columns)
         fields = {name: self._field(name, columns[listed[at]], row_name) for name, at in position.items()}
-        xyz, crs = None, ""  # of a table of places
+        xyz, crs = None, ""  # of a table with geometries
         if _has_places(self.points):
             xyz = np.full((len(self.points), 3), np.nan)
             for row, place in enumerate(self.points.geometry):
@@ -87,11 +87,11 @@ class PointsInMemory(InMemory):
         return PointTable(str(self), fields, tuple(listed), row_name, xyz, crs)
 
     def _field(self, field: str, values: Any, at: Callable[[int], str]) -> np.ndarray:
-        """Return a column as texts or numbers, empty or NaN where a value is missing."""
+        """Return a column as texts or numbers; missing values are empty or NaN."""
         column = np.asarray(values)
         if field not in TEXT_FIELDS and column.dtype.kind in "iufb":
             return column.astype(np.float64)
-        # Whole numbers that a table keeps as floats because others are missing stay whole
+        # Integers that a table stores as floats, because other values are missing, are written as integers
         whole = [int(v) if isinstance(v, float) and v.is_integer() else v for v in column.tolist()]
         texts = ["" if _is_missing(value) else str(value) for value in whole]
         if field in TEXT_FIELDS:
@@ -113,7 +113,7 @@ def _count_points(points: Any) -> int:
 
 
 def _columns_of(points: Any) -> dict[str, Any]:
-    """Return columns by name; the index of a table counts where it has a name."""
+    """Return columns by name; the index of a table is included if it has a name."""
     if isinstance(points, ImagePoints):
         return {"id": points.ids, "image": points.image_ids, "sample": points.xy[:, 0], "line": points.xy[:, 1]}
     if isinstance(points, GroundPoints):
@@ -135,14 +135,14 @@ def _columns_of(points: Any) -> dict[str, Any]:
 
 
 def _has_places(points: Any) -> bool:
-    """Tell whether a table is one of GeoPandas, by what only such tables have."""
+    """Return whether a table is one of GeoPandas, by attributes that only such tables have."""
     try:
         return points.geometry is not None and hasattr(points, "crs")
-    except AttributeError:  # a GeoDataFrame without geometry says so
+    except AttributeError:  # of a GeoDataFrame without geometry
         return False
 
 
 def _is_missing(value: Any) -> bool:
-    """Tell whether a value stands for none: None, NaN, NaT, pandas's NA."""
+    """Return whether a value means a missing one: None, NaN, NaT, pandas's NA."""
     is_nan = isinstance(value, float) and value != value
     return value is None or is_nan or type(value).__name__ in ("NAType", "NaTType")

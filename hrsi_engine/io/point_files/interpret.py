@@ -1,13 +1,13 @@
-"""From the rows of a point file to ground points and image points: the one place where point files are checked.
+"""Converts the rows of a point file into ground points and image points, and checks them for all formats.
 
-Every reader brings a `PointTable` of texts and numbers and checks nothing. Here a row becomes a ground point where it
-has a position, and a measurement where it has sample and line; one row may be both (a GCP measured on one image). What
-is wrong with a row is said with its file and line or feature, as the user finds it there.
+Readers return a `PointTable` of texts and numbers, unchecked. Here a row with a position becomes a ground point, and a
+row with sample and line a measurement; one row may be both (a GCP measured in one image). Errors name the file and
+the line or feature, as the user finds it there.
 
-Of how well positions are known, ``sigma_xy`` and ``sigma_h`` tell in most surveys. ``sigma_east`` and ``sigma_north``
-may differ; ``corr_en``, ``corr_eh`` and ``corr_nh`` are correlations; ``cov_ee`` to ``cov_nh`` are the elements of a
-covariance of east, north and height in m², as a network adjustment prints it. Elements of the covariance win over
-correlations and sigmas, those over ``sigma_xy``.
+The accuracy of most surveys is given by ``sigma_xy`` and ``sigma_h``. ``sigma_east`` and ``sigma_north`` may differ;
+``corr_en``, ``corr_eh`` and ``corr_nh`` are correlations; ``cov_ee`` to ``cov_nh`` are the elements of a covariance of
+east, north and height in m², as a network adjustment prints it. Elements of the covariance take precedence over
+correlations and sigmas, and these over ``sigma_xy``.
 """
 
 from collections import Counter
@@ -26,24 +26,24 @@ from ..rasters.images import image_id
 from .positions import Reference, ground_positions, has_positions
 from .table import PointTable
 
-#: Of HRSI's own layers: how well the adjusted heights are known, as ``sigma_h`` tells of surveyed ones.
+#: Field of HRSI's own layers with the standard deviation of adjusted heights; surveyed ones have ``sigma_h``.
 ADJUSTED_SIGMA = "sigma_height_m"
 
 
 @dataclass(frozen=True)
 class PointTables:
-    """What one file of points holds.
+    """Points of one file.
 
     Parameters
     ----------
     ground : GroundPoints or None
-        None where it holds none.
+        None if it contains none.
     image : ImagePoints or None
-        None where it holds none.
+        None if it contains none.
     warnings : tuple of str
-        What a user should know of the file.
+        Remarks on the file for the user.
     pairwise : bool
-        Whether ids join two images only, see `PointTable`.
+        Whether each id connects two images only, see `PointTable`.
     """
 
     ground: GroundPoints | None
@@ -53,7 +53,7 @@ class PointTables:
 
 
 def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str]) -> PointTables:
-    """Return a table's ground points and image points; raise `InputError` naming the row and what to do."""
+    """Return a table's ground points and image points; raise `InputError` with the row and the remedy."""
     if not len(table):
         raise InputError(f"{table.source}: contains no points: add some, or name another layer")
     measures, known = bool(table.columns.keys() & {"sample", "line"}), has_positions(table)
@@ -70,7 +70,7 @@ def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str])
 
 
 def require_field(table: PointTable, field: str) -> np.ndarray:
-    """Return a column; raise `InputError` that names the file's fields where it is missing."""
+    """Return a column; if it is missing, raise `InputError` with the fields of the file."""
     if field not in table.columns:
         raise InputError(
             f"{table.source}: has no field {field!r}; its fields are {', '.join(table.field_names) or 'none'}: add it, "
@@ -88,7 +88,7 @@ def _require_text(table: PointTable, field: str, rows: np.ndarray | None = None)
 
 
 def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> ImagePoints | None:
-    """Return the rows that have sample and line; in a table that holds ground points too, others may have none."""
+    """Return the rows that have sample and line; rows without are allowed only in a table with ground points."""
     xy = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
     empty = np.isnan(xy)
     some = any_of_rows(empty)
@@ -106,9 +106,9 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     rows = np.flatnonzero(~some)
     if not len(rows):
         return None
-    everything = len(rows) == len(table)  # millions of rows are not copied without need
+    everything = len(rows) == len(table)  # millions of rows are copied only if necessary
     columns = table.columns if everything else {name: column[rows] for name, column in table.columns.items()}
-    images: Any = image_names(table, rows, image_ids)  # stands for an array
+    images: Any = image_names(table, rows, image_ids)  # used as an array
     sigma = positive(table, "sigma")
     return ImagePoints(
         columns["id"], images, xy if everything else xy[rows], sigma if everything else sigma[rows],
@@ -118,7 +118,7 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
 
 
 def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> NameColumn:
-    """Return each row's image id; a file without that field belongs to the only image there is."""
+    """Return the image id of each row; without such a field, the id of the only image of the block."""
     if "image" not in table.columns:
         if len(image_ids) == 1:
             return NameColumn(np.array(image_ids, dtype=str), np.zeros(len(rows), dtype=np.int32))
@@ -135,19 +135,19 @@ def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -
 
 
 def matching_names(given: NameColumn, image_ids: Sequence[str], prefixed: bool = False) -> NameColumn:
-    """Return the ids of the block's images that a file calls by id, file name or path, where they are known."""
-    folded = Counter(image.casefold() for image in image_ids)  # Windows does not tell cases apart
+    """Return the ids of block images for names that are ids, file names or paths; unknown names are unchanged."""
+    folded = Counter(image.casefold() for image in image_ids)  # Windows ignores the case of names
     alike = {image.casefold(): image for image in image_ids if folded[image.casefold()] == 1}
     wanted = set(image_ids)
     ids = np.array([_matching_id(name, wanted, alike, prefixed) for name in given.names.tolist()], dtype=str)
-    names, place = np.unique(ids, return_inverse=True)  # two names may mean one image
+    names, place = np.unique(ids, return_inverse=True)  # two names may be one image
     return NameColumn(names, place.astype(np.int32)[given.number])
 
 
 def _matching_id(name: str, image_ids: set[str], alike: Mapping[str, str], prefixed: bool) -> str:
-    """Return the id of the image that a file calls by id, file name or path; the name itself where there is none.
+    """Return the id of the image for a name that is an id, file name or path; the name itself if no id matches.
 
-    ``alike`` tells the images whose ids in lower case are those of no other.
+    ``alike`` has the image ids that are unique in lower case, by their lower case.
     """
     stem = image_id(name.replace("\\", "/"))
     for called in (name, stem):
@@ -156,13 +156,13 @@ def _matching_id(name: str, image_ids: set[str], alike: Mapping[str, str], prefi
     for called in (name.casefold(), stem.casefold()):
         if called in alike:
             return alike[called]
-    # ``PREFIX-IMAGE``, as matchers call their files: the longest id that fits
+    # ``PREFIX-IMAGE``, as matchers name their files: the longest id that matches
     behind = [image for image in image_ids if name.endswith(f"-{image}")] if prefixed else []
     return max(behind, key=len, default=name)
 
 
 def _ground_points(table: PointTable, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
-    """Return one row for each id with a position. Repeated ids are an error unless each row is a measurement."""
+    """Return one ground point for each id with a position. An id may be repeated only if the rows are measurements."""
     placed = ground_positions(table, reference)
     ground, warnings = placed.ground, placed.warnings
     require_heights(ground[:, 2], table.name_row)
@@ -183,7 +183,7 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     ids, first, inverse = np.unique(table.columns["id"][rows], return_index=True, return_inverse=True)
     chosen = rows[first]
     if len(ids) < len(rows):
-        # An id may occur twice in a table of measurements only, with one position
+        # An id may occur more than once only in a table of measurements, with one position
         before = chosen[inverse]
         wrong = are_apart(ground[rows], ground[before]) if measures else rows != before
         if wrong.any():
@@ -203,15 +203,15 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     return with_operations(points, table.operations) if table.operations and not placed.operations else points, warnings
 
 
-#: Fields of the variance and the standard deviation of each axis, of the covariance and the correlation of each pair.
+#: Names of variance and standard deviation of each axis, and of covariance and correlation of each pair of axes.
 _AXES = (("cov_ee", "sigma_east"), ("cov_nn", "sigma_north"), ("cov_hh", "sigma_h"))
 _PAIRS = ((0, 1, "cov_en", "corr_en"), (0, 2, "cov_eh", "corr_eh"), (1, 2, "cov_nh", "corr_nh"))
 
 
 def survey_accuracy(table: PointTable) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return sigmas ``(n, 2)`` horizontal and height, and covariances ``(n, 3, 3)`` where the table has more than that.
+    """Return sigmas ``(n, 2)`` of plan and height, and covariances ``(n, 3, 3)`` if the table has more than those.
 
-    NaN where the table says nothing. Raises `InputError` naming row and field of what cannot be.
+    Missing values are NaN. Raises `InputError` with row and field of impossible values.
     """
     horizontal, height = positive(table, "sigma_xy"), positive(table, "sigma_h")
     beyond = {name for names in (*_AXES, *_PAIRS) for name in names[-2:]} - {"sigma_h"}
@@ -235,7 +235,7 @@ def survey_accuracy(table: PointTable) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def positive(table: PointTable, field: str) -> np.ndarray:
-    """Return a column of standard deviations or variances, NaN where there is none."""
+    """Return a column of standard deviations or variances, NaN if missing; raise `InputError` if one is not above 0."""
     values = table.columns.get(field)
     if values is None:
         return np.full(len(table), np.nan)
@@ -249,7 +249,7 @@ def positive(table: PointTable, field: str) -> np.ndarray:
 
 
 def _covariance(table: PointTable, first: np.ndarray, second: np.ndarray, element: str, correlation: str) -> np.ndarray:
-    """Return the covariance of two coordinates with these sigmas ``(n,)``, NaN where none is given."""
+    """Return the covariances of two coordinates with these sigmas ``(n,)``, NaN if none is given."""
     nothing = np.full(len(table), np.nan)
     value, share = table.columns.get(element, nothing), table.columns.get(correlation, nothing)
     given = ~(np.isnan(value) & np.isnan(share))

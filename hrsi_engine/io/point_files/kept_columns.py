@@ -1,9 +1,9 @@
-"""Measurements as columns of numbers beside the layer that holds the same: ``tie_points.npz`` beside ``block.gpkg``.
+"""Column cache: measurements as arrays next to the layer that contains them, ``tie_points.npz`` and ``block.gpkg``.
 
-A layer is what people look at and mend; reading ten million rows of it takes minutes. The columns are read in seconds
-(`numpy.load` reads them too): distinct names once, a number a row, and the rest as 64-bit floats, uncompressed. They
-count only while the layer is, byte for byte, the one that they were written with: a mark of the GeoPackage stands with
-them. After any change to it, in QGIS or elsewhere, and where the columns are damaged or missing, the layer is read.
+The layer is for users, who may edit it; reading its ten million rows takes minutes. The columns are read in seconds
+(`numpy.load` reads them too): distinct names once with a number for each row, all else as float64, uncompressed. They
+are valid only if the layer is, byte for byte, the one with which they were written: they contain a mark of the
+GeoPackage. After any change to it, in QGIS or elsewhere, and if the columns are damaged or missing, the layer is read.
 """
 
 import os
@@ -20,13 +20,13 @@ from ..safety.content_marks import files_mark
 from .interpret import PointTables, matching_names
 
 COLUMNS_FILE = "tie_points.npz"
-LAYERS_FILE, LAYER = "block.gpkg", "image_points"  #: what the columns stand beside
+LAYERS_FILE, LAYER = "block.gpkg", "image_points"  #: GeoPackage and layer of the same measurements
 _SCHEMA = 1
-_NUMBERED = ("id", "image", "kind")  # columns of names: distinct ones, and the number of a row's
+_NUMBERED = ("id", "image", "kind")  # columns of names: distinct names, and the name's number of each row
 
 
 def write_columns(folder: str, points: ImagePoints) -> None:
-    """Write measurements beside the finished GeoPackage of a folder, whose `LAYER` holds the same in the same order."""
+    """Write measurements next to the finished GeoPackage of a folder, whose `LAYER` has the same rows in this order."""
     columns: dict[str, Any] = {
         "schema": np.int64(_SCHEMA), "mark": np.array(_database_mark(folder)),
         "sample": points.xy[:, 0], "line": points.xy[:, 1], "sigma": points.sigma_px, "quality": points.quality,
@@ -38,9 +38,9 @@ def write_columns(folder: str, points: ImagePoints) -> None:
 
 
 def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointTables | None:
-    """Return the image points of a layer of a GeoPackage from the column cache beside it.
+    """Return the image points of a layer of a GeoPackage from the column cache next to it.
 
-    None where there are no columns, the layer is another one or was changed since, or the columns are damaged.
+    None if there are no columns, the layer is another one or has been changed since, or the columns are damaged.
     """
     folder, name = os.path.split(path)
     columns = os.path.join(folder, COLUMNS_FILE)
@@ -61,16 +61,15 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
     xy, sigma = np.column_stack([floats["sample"], floats["line"]]), floats["sigma"]
     if not rows or not (np.abs(xy).max() <= RPC_BUDGETS.image_px and (np.isnan(sigma) | (sigma > 0.0)).all()):
         return None
-    ids: Any = numbered[0]  # stand for arrays
+    ids: Any = numbered[0]  # used as arrays
     images: Any = matching_names(numbered[1], image_ids)
     source = f"{path}, layer {layer!r}"
     return PointTables(None, ImagePoints(ids, images, xy, sigma, np.asarray(numbered[2]), floats["quality"], source))
 
 
 def _database_mark(folder: str) -> str:
-    """Return what tells the GeoPackage from itself after a change; copies and archives keep it.
-
-    SQLite keeps the count of its changes in the first bytes.
+    """Return a mark of the GeoPackage that differs after any change to it; copies and archives keep the mark.
+    The first bytes of a database contain its change counter.
     """
     path = os.path.join(folder, LAYERS_FILE)
     return files_mark([path, f"{path}-wal"], times=False)

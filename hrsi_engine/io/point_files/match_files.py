@@ -1,4 +1,4 @@
-"""Matches and tie points as other programs keep them: two rows a match, one in each image.
+"""Matches and tie points in the formats of other programs: two rows for each match, one in each image.
 
 * ``PREFIX-IMAGE1__IMAGE2.match`` of the Ames Stereo Pipeline, little-endian: the numbers of interest points of both
   images (uint64), then their records, the first image first: x, y (float32, from the centre of the first pixel), their
@@ -10,19 +10,19 @@
 * The database of COLMAP (SQLite, https://colmap.github.io/database.html): tables ``images`` (image_id, name),
   ``keypoints`` (image_id, rows, cols, data: float32, x and y first) and ``two_view_geometries``, the matches that
   COLMAP verified, or, where there are none, ``matches`` (pair_id, rows, cols, data: uint32 pairs of keypoint numbers
-  from 0). ``pair_id`` is 2147483647 times the smaller image_id plus the larger. COLMAP counts pixels from the corner,
-  the centre of the upper left one is (0.5, 0.5): half a pixel is taken off.
-* HDF5 of hloc (Hierarchical-Localization), read by GDAL. A file of matches has a group ``NAME1/NAME2`` a pair, slashes
-  in names replaced by hyphens, with ``matches0 (n,)``: the number of the keypoint of the second image that each of the
-  first image's matches, -1 for none. The keypoints stand in the file of features, a group an image by its name,
-  ``keypoints (n, 2)``: x, y from the CENTRE of the first pixel, as HRSI counts (hloc adds 0.5 when it hands them to
-  COLMAP). Dense matchers (``match_dense``) write ``keypoints0`` and ``keypoints1`` of the pair beside the matches; then
-  no file of features is needed. hloc calls a file of matches ``FEATURES_MATCHER_PAIRS.h5`` after ``FEATURES.h5`` beside
-  it; another one is named by ``|features=FILE``. hloc keeps keypoints in half precision unless told otherwise: beyond
-  2048 px they are whole pixels, beyond 4096 px even ones.
-* Matches of sat-bundleadjust: a folder with ``matches.npy (n, 4)``, rows of keypoints in two images and the images'
-  rows in ``filenames.txt``, and ``keypoints/ID.npy`` or ``features/ID.npy`` for each image, x and y first, from the
-  CENTRE of the first pixel. Its adjusted RPCs, ``ID.rpc_adj``, are RPC texts.
+  from 0). ``pair_id`` is 2147483647 times the smaller image_id plus the larger. Pixel coordinates refer to the corner,
+  the centre of the upper left pixel is (0.5, 0.5): 0.5 is subtracted.
+* HDF5 of hloc (Hierarchical-Localization), read by GDAL. A file of matches has a group ``NAME1/NAME2`` for each pair,
+with slashes in names replaced by hyphens, and in it ``matches0 (n,)``: for each keypoint of the first image the number
+of its match in the second, -1 for none. The keypoints are in the file of features, one group per image by its name,
+  ``keypoints (n, 2)``: x, y from the CENTRE of the first pixel, as in HRSI (hloc adds 0.5 when it passes them to
+  COLMAP). Dense matchers (``match_dense``) write ``keypoints0`` and ``keypoints1`` of the pair with the matches; then
+  no file of features is needed. hloc names a file of matches ``FEATURES_MATCHER_PAIRS.h5`` after ``FEATURES.h5`` in
+  the same folder; ``|features=FILE`` names another one. By default hloc stores keypoints as float16: beyond 2048 px
+  they are integers, beyond 4096 px even ones.
+* Matches of sat-bundleadjust: a folder with ``matches.npy (n, 4)``, numbers of the keypoints in two images and of
+  these images in ``filenames.txt``, and ``keypoints/ID.npy`` or ``features/ID.npy`` for each image, x and y first, from
+  the CENTRE of the first pixel. Its adjusted RPCs, ``ID.rpc_adj``, are RPC texts.
 """
 
 import os
@@ -44,7 +44,7 @@ _Matches = tuple[str, str, np.ndarray]
 
 
 def tabulate_matches(path: str, pairs: Sequence[_Matches], field_names: tuple[str, ...]) -> PointTable:
-    """Return two rows a match of pairs ``(image, image, positions)``, those in the first image first."""
+    """Return two rows for each match of pairs ``(image, image, positions)``, those in the first image first."""
     counts = [len(xy) // 2 for _, _, xy in pairs]
     numbers = [np.arange(count).astype(str) for count in counts]
     ids = [np.char.add(f"{first}__{second}:", n) for (first, second, _), n in zip(pairs, numbers, strict=True)]
@@ -62,7 +62,7 @@ def tabulate_matches(path: str, pairs: Sequence[_Matches], field_names: tuple[st
 def _match_keypoints(
     path: str, names: tuple[str, str], keypoints: tuple[np.ndarray, np.ndarray], rows: np.ndarray
 ) -> _Matches:
-    """Return the matches of two images by rows ``(k, 2)`` of their keypoints; raise `InputError` where one is none."""
+    """Return the matches of two images by keypoint numbers ``(k, 2)``; raise `InputError` for an invalid number."""
     (first, second), (first_xy, second_xy) = names, keypoints
     there = len(first_xy), len(second_xy)
     if len(rows) and ((rows < 0) | (rows >= there)).any():
@@ -80,11 +80,11 @@ def _match_keypoints(
 
 _COUNTS, _RECORD = struct.Struct("<QQ"), struct.Struct("<ffiifffBIIQ")
 _PAIR_NAME = re.compile(r"(.+)__(.+?)(-clean)?\.(match|txt)$", re.IGNORECASE)
-_NUMBERS = 6  # a line of a text file
+_NUMBERS = 6  # numbers in a line of a text file
 
 
 def read_asp_matches(path: str, _layer: str = "") -> PointTable:
-    """Return two rows a match; raise `InputError` where the file is damaged or its name says no images."""
+    """Return two rows for each match; raise `InputError` if the file is damaged or its name has no images."""
     named = _PAIR_NAME.match(os.path.basename(path))
     if named is None:
         raise InputError(f"{path}: its name does not contain the images: rename it to PREFIX-IMAGE1__IMAGE2.match")
@@ -112,7 +112,7 @@ def _parse_text(path: str, content: bytes) -> np.ndarray:
 
 
 def _parse_records(path: str, content: bytes) -> np.ndarray:
-    """Return x and y of all records ``(2 k, 2)``."""
+    """Return x and y of all records ``(2 k, 2)`` of a binary file."""
     try:
         first, second = _COUNTS.unpack_from(content)
         if first != second or _COUNTS.size + 2 * first * _RECORD.size > len(content):
@@ -153,7 +153,7 @@ _VERIFIED = "SELECT pair_id, rows, cols, data FROM two_view_geometries WHERE row
 
 
 def read_colmap(path: str, _layer: str = "") -> PointTable:
-    """Return two rows a match; raise `InputError` where the database is damaged or holds no matches."""
+    """Return two rows for each match; raise `InputError` if the database is damaged or contains no matches."""
     require_size(path, "matches")
     require_sound(path)
     with sound_database(path) as database:
@@ -185,7 +185,7 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
 
 
 def _parse_blob(path: str, table: str, data: object, rows: object, cols: object, dtype: str) -> np.ndarray:
-    """Return a blob as ``(rows, cols)``; raise `InputError` where it holds anything else."""
+    """Return a blob as an array ``(rows, cols)``; raise `InputError` if its size differs."""
     content = data if isinstance(data, bytes) else b""
     whole = isinstance(rows, int) and isinstance(cols, int) and rows >= 0 and cols >= 2
     if not whole or len(content) != rows * cols * np.dtype(dtype).itemsize:  # type: ignore[operator]
@@ -196,7 +196,7 @@ def _parse_blob(path: str, table: str, data: object, rows: object, cols: object,
 COLMAP_DATABASE = PointReader(
     "COLMAP database",
     lambda _path, name, head: head.startswith(b"SQLite format 3\0")
-    and (name.endswith(".db") or b"two_view_geometries" in head),  # its schema is on the first page
+    and (name.endswith(".db") or b"two_view_geometries" in head),  # its table definitions are on the first page
     read_colmap,
 )  # fmt: skip
 
@@ -206,7 +206,7 @@ _MATCHES = "matches0"
 
 
 def read_hloc(path: str, features: str = "") -> PointTable:
-    """Return two rows a match; ``features`` names the file of keypoints, by default the one that hloc's names tell."""
+    """Return two rows for each match; ``features`` is the file of keypoints, by default found by hloc's file names."""
     pairs = {name: group for name, group in _list_groups(path) if _has_item(group, _MATCHES)}
     if not pairs:
         raise InputError(
@@ -237,10 +237,9 @@ def _read_pair(path: str, name: str, group: gdal.Group, known: dict[str, tuple[s
 
 
 def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]]:
-    """Return images' names and groups by the name that pairs have for them.
+    """Return names and groups of images, by the names that pairs use for them.
 
-    Their file is ``features``, else the one that the file of matches is named after: the longest name that its own
-    begins with.
+    The file is ``features``, or else the one whose name the file of matches begins with; of several, the longest.
     """
     if not features:
         folder, name = os.path.split(path)
@@ -258,7 +257,7 @@ def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]
 
 
 def _list_groups(path: str) -> list[tuple[str, gdal.Group]]:
-    """Return all groups of an HDF5 file with their names; raise `InputError` where it cannot be read."""
+    """Return all groups of an HDF5 file with their names; raise `InputError` if it cannot be read."""
     if not os.path.isfile(path):
         raise InputError(f"{path}: no such file: check the path")
     require_size(path, "matches")
@@ -295,7 +294,7 @@ def _read_positions(path: str, group: gdal.Group, name: str) -> np.ndarray:
 
 
 def _read_array(path: str, group: gdal.Group, name: str) -> np.ndarray:
-    """Return the numbers of an array of a group."""
+    """Return an array of numbers of a group."""
     values: np.ndarray | None = None
     with gdal_messages() as messages:
         array = group.OpenMDArray(name)
@@ -318,7 +317,7 @@ HLOC_MATCHES = PointReader("hloc matches", lambda _path, _name, head: head.start
 
 
 def read_sat_bundleadjust(path: str, _layer: str = "") -> PointTable:
-    """Return two rows a match of a ``matches.npy``; raise `InputError` where it or a file beside it is damaged."""
+    """Return two rows for each match of ``matches.npy``; raise `InputError` if it or one of its files is damaged."""
     folder = os.path.dirname(path)
     with open(os.path.join(folder, _FILENAMES), encoding="utf-8") as file:
         ids = [os.path.splitext(os.path.basename(line.strip()))[0] for line in file if line.strip()]
@@ -338,7 +337,7 @@ def read_sat_bundleadjust(path: str, _layer: str = "") -> PointTable:
 
 
 def _load_npy(path: str, columns: int) -> np.ndarray:
-    """Return a table of numbers of NumPy's file format with so many columns or more."""
+    """Return an array of numbers with at least ``columns`` columns from a file of NumPy's format."""
     try:
         require_size(path, "matches")
         found = np.load(path, allow_pickle=False)

@@ -1,13 +1,13 @@
-"""Tie points of MicMac: a file an image (MMVII), or a folder of files a pair (``Homol``).
+"""Tie points of MicMac: one file for each image (MMVII), or a folder with one file for each pair (``Homol``).
 
-* ``PMUL-IMAGE.csv`` with the fields Pt.x, Pt.y, Id. The same Id on other images is the same point.
+* ``PMUL-IMAGE.csv`` with the fields Pt.x, Pt.y, Id. The same Id in other images is the same point.
 * ``Homol…/PastisIMAGE1/IMAGE2.dat`` or ``.txt`` (Tapioca, ``ElPackHomologue``). Text: x and y in the first image, then
-  in the second, and a weight, a match a line. Binary: 2 and the number of matches (int32), then for each 2 (int32), its
-  weight and the four coordinates (float64), in the byte order of the machine. A pair is mostly written twice, once for
-  each first image; matches are taken once. The weights are 1 or those of a filter, no accuracies, and are not used.
+  in the second, and a weight, one match in each line. Binary: 2 and the number of matches (int32), then for each 2
+  (int32), its weight and four coordinates (float64), in the byte order of the machine. Most pairs are written twice,
+  once for each first image; matches are read once. The weights are 1 or those of a filter, and are not used.
 
-Pixels count from the corner of the first pixel, as everywhere in MicMac, and MMVII takes over those of ``Homol`` as
-they are: half a pixel is taken off. (micmacIGN/micmac: ``ElPackHomologue``, ``cMMVII_Implem_V1ImportHom``.)
+Pixel coordinates refer to the corner of the first pixel, as everywhere in MicMac, and MMVII uses those of ``Homol``
+unchanged: 0.5 is subtracted. (micmacIGN/micmac: ``ElPackHomologue``, ``cMMVII_Implem_V1ImportHom``.)
 """
 
 import glob
@@ -24,7 +24,7 @@ from .table import PointReader, PointTable
 
 
 def read_micmac(path: str, _layer: str = "") -> PointTable:
-    """Return the tie points of one image; the image is the one that the file's name says."""
+    """Return the tie points of one image, which is identified by the file's name."""
     table = csv_text.read(path, chosen={"sample": "Pt.x", "line": "Pt.y"})
     columns = table.columns | {axis: table.columns[axis] - 0.5 for axis in table.columns.keys() & {"sample", "line"}}
     name = os.path.basename(path)
@@ -47,7 +47,7 @@ _ORDERS = {(2).to_bytes(4, "little"): "<", (2).to_bytes(4, "big"): ">"}  # the f
 
 
 def read_homol(path: str, _layer: str = "") -> PointTable:
-    """Return two rows a match of a folder or one of its files; raise `InputError` where a file is damaged."""
+    """Return two rows for each match of a folder or of one of its files; raise `InputError` if a file is damaged."""
     pairs: dict[tuple[str, str], dict[tuple[float, ...], None]] = {}
     for file in _list_homol(path) if os.path.isdir(path) else [path]:
         first, second = os.path.basename(os.path.dirname(os.path.abspath(file))), os.path.basename(file)[: -len(".dat")]
@@ -63,7 +63,7 @@ def read_homol(path: str, _layer: str = "") -> PointTable:
 
 
 def _list_homol(path: str) -> list[str]:
-    """Return the files of a folder of matches, the binary one where a pair has both."""
+    """Return the files of a folder of matches; for a pair with both formats, the binary one."""
     files = {ending: glob.glob(f"{glob.escape(path)}/{_FOLDER}*/*{ending}") for ending in (".dat", ".txt")}
     return sorted({file[: -len(".dat")]: file for file in files[".txt"] + files[".dat"]}.values())
 

@@ -1,7 +1,7 @@
-"""Any vector layer that OGR reads: GeoPackage, Shapefile, GeoJSON, KML …; point geometry or coordinates in fields.
+"""Vector layers of all formats of OGR: GeoPackage, Shapefile, GeoJSON, KML …; point geometry or fields.
 
-Numbers, texts and points in formats that hold such columns are read in one go through OGR's Arrow stream, twenty times
-as fast as feature by feature. All else, and all of GDAL before 3.6, is read feature by feature.
+Numbers, texts and points of column formats are read at once through OGR's Arrow stream, twenty times as fast as by
+features. All other layers, and all layers with GDAL before 3.6, are read by features.
 """
 
 import os
@@ -28,13 +28,13 @@ from .table import (
     strip_texts,
 )
 
-_MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
+_MEASUREMENTS = "image_points"  #: the layer of measurements in files of HRSI
 
 
 def open_vector(path: str) -> gdal.Dataset | None:
-    """Return the opened vector dataset, None where OGR cannot read the file.
+    """Return the opened vector dataset, None if OGR cannot read the file.
 
-    Raises `InputError` where it is a database that contradicts itself, or a spreadsheet that unfolds without end.
+    Raises `InputError` for an inconsistent database, or a spreadsheet that is too large when decompressed.
     """
     require_sound(path)
     require_small_archive(path)
@@ -45,9 +45,9 @@ def open_vector(path: str) -> gdal.Dataset | None:
 
 
 def read(path: str, layer_wanted: str = "", chosen: Mapping[str, str] | None = None) -> PointTable:
-    """Return the known fields, or the ``chosen`` ones (`match_fields`), and the geometry of a layer.
+    """Return the known fields of a layer, or the ``chosen`` ones (`match_fields`), and its geometry.
 
-    Raises `InputError` where there are none.
+    Raises `InputError` if the layer cannot be read.
     """
     dataset = open_vector(path)
     if dataset is None:
@@ -68,7 +68,7 @@ def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
     if wanted.startswith("#"):
         chosen = [layer for index, layer in enumerate(layers) if f"#{index}" == wanted]
     else:
-        layers = [layer for layer in layers if layer.GetName() not in ("layer_styles", "qgis_projects")]  # QGIS's own
+        layers = [layer for layer in layers if layer.GetName() not in ("layer_styles", "qgis_projects")]  # of QGIS
         chosen = [layer for layer in layers if wanted in ("", layer.GetName())]
     if len(chosen) == 1:
         return chosen[0]
@@ -82,7 +82,7 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, chosen: M
     definition = layer.GetLayerDefn()
     names = [definition.GetFieldDefn(index).GetName() for index in range(definition.GetFieldCount())]
     types = [definition.GetFieldDefn(index).GetType() for index in range(definition.GetFieldCount())]
-    if layer.GetFIDColumn() in chosen.values():  # no field for OGR, but in QGIS the layer has it
+    if layer.GetFIDColumn() in chosen.values():  # no field for OGR, but one in QGIS
         names, types = [*names, layer.GetFIDColumn()], [*types, ogr.OFTString]
     found = match_fields(names, chosen, source)
     has_geometry = definition.GetGeomFieldCount() > 0 and definition.GetGeomType() != ogr.wkbNone
@@ -119,9 +119,9 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, chosen: M
 
 
 def _is_narrow(path: str, source: str, layer: ogr.Layer, wanted: Mapping[str, str]) -> bool:
-    """Tell whether a layer has only geometries of the size of a point; raise `InputError` for impossible texts.
+    """Return whether all geometries of a layer have the size of a point; raise `InputError` for impossible texts.
 
-    OGR's columns give each row the width of the longest: a polygon among a million points would take a petabyte.
+    In OGR's columns each row has the width of the longest: with a polygon, a million points would take a petabyte.
     """
     if not is_database(path):
         return True
@@ -149,7 +149,7 @@ def _read_column(
 
 
 def _read_position(source: str, feature: ogr.Feature) -> tuple[float, float, float]:
-    """Return x, y, z of a point or of a multi-point of one part; NaN where there is none."""
+    """Return x, y, z of a point or of a multi-point of one part; NaN if missing."""
     geometry = feature.GetGeometryRef()
     if geometry is None or geometry.IsEmpty():
         return np.nan, np.nan, np.nan
@@ -162,7 +162,7 @@ def _read_position(source: str, feature: ogr.Feature) -> tuple[float, float, flo
 
 
 def _crs(layer: ogr.Layer) -> str:
-    """Return the layer's CRS as WKT 2, which keeps a vertical part; empty where there is none."""
+    """Return the layer's CRS as WKT 2, which includes a vertical part; empty if it has none."""
     reference = layer.GetSpatialRef()
     wkt = reference.ExportToWkt(["FORMAT=WKT2_2019"]) if reference is not None else ""
     return "" if "Undefined" in wkt[:40] else wkt
@@ -177,7 +177,7 @@ READER = PointReader("vector layer", _recognises, read, chooses_fields=True)
 
 
 def measurements_of(spec: str) -> str:
-    """Return the name of a point file with the layer ``image_points``, where it has several and none is named."""
+    """Return a point file's name, with the layer ``image_points`` if it has several layers and none is named."""
     if "|" in spec or not (spec.startswith("/vsi") or os.path.isfile(spec)):
         return spec
     dataset = open_vector(spec)
@@ -185,22 +185,21 @@ def measurements_of(spec: str) -> str:
     return f"{spec}|layername={_MEASUREMENTS}" if len(names) > 1 and _MEASUREMENTS in names else spec
 
 
-#: Drivers with columns of one type. What GDAL 3.6 makes of damaged text formats can end the program.
+#: Formats whose columns have one type. For damaged text formats, GDAL 3.6 can crash.
 BY_COLUMNS = ("GPKG", "Arrow", "Parquet")
-#: By the bytes of a point in WKB: its type codes (ISO's, and old WKB's for one with z), and number of coordinates.
+#: By the size of a point in WKB (bytes): its type codes (ISO, and old WKB with z), and number of coordinates.
 _WKB_POINTS = {21: ((1,), 2), 29: ((1001, 0x80000001), 3)}
 
 
 def _read_columns(
     layer: ogr.Layer, names: Mapping[str, str], with_geometry: bool
 ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray | None] | None:
-    """Return fields of a layer from OGR's Arrow stream (``names``: ours -> the layer's), or None where it serves not.
-
-    Numbers (n,) float64, NaN where NULL, or texts (n,) str; feature ids (n,); positions (n, 3).
+    """Return fields of a layer from OGR's Arrow stream (``names``: HRSI's -> the layer's), or None if not possible.
+    Numbers (n,) float64, NaN for NULL, or texts (n,) str; feature ids (n,); positions (n, 3).
     """
     try:
         stream = layer.GetArrowStreamAsNumPy(["USE_MASKED_ARRAYS=YES"])
-    except (AttributeError, ImportError, RuntimeError):  # GDAL before 3.6, or without its arrays
+    except (AttributeError, ImportError, RuntimeError):  # GDAL before 3.6, or without NumPy
         return None
     fid = layer.GetFIDColumn() or "OGC_FID"
     batches: list[tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]] = []
@@ -222,7 +221,7 @@ def _read_columns(
 
 
 def _read_arrow_field(field: str, column: np.ndarray) -> np.ndarray | None:
-    """Return a column as numbers or texts, None where it is neither."""
+    """Return a column as numbers or texts, None if it is neither."""
     kind, missing = column.dtype.kind, np.ma.getmaskarray(column)
     plain = np.ma.getdata(column)
     if kind == "S":
@@ -235,11 +234,11 @@ def _read_arrow_field(field: str, column: np.ndarray) -> np.ndarray | None:
         return np.where(missing, np.nan, plain.astype(np.float64))
     if field not in NUMBER_FIELDS and kind in "iu":
         return np.where(missing, "", plain.astype(str))
-    return None  # OGR has its own way of writing real numbers and dates as text
+    return None  # OGR formats real numbers and dates as text in its own way
 
 
 def _read_arrow_positions(layer: ogr.Layer, batch: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the points of a batch ``(n, 3)``, NaN where there are none, None where they are not all plain points."""
+    """Return the points of a batch ``(n, 3)``, NaN where missing; None if not all of them are simple points."""
     column = batch.get(layer.GetGeometryColumn() or "wkb_geometry")
     if column is None or column.dtype.kind != "V" or column.dtype.itemsize not in _WKB_POINTS:
         return None

@@ -1,6 +1,6 @@
-"""Positions of a table's rows as longitude, latitude and ellipsoidal height, whatever they were given in.
+"""Positions of a table's rows as longitude, latitude and ellipsoidal height, from any CRS and height datum.
 
-A height datum is never assumed silently: ``layer`` takes what the CRS says and warns where it says nothing.
+A height datum is never assumed without a message: ``layer`` uses that of the CRS, and warns if there is none.
 """
 
 from collections.abc import Callable
@@ -18,23 +18,23 @@ from ...ground.proj_operations import has_heights, without_heights
 from ..rasters.dems import open_geoid, read_geoid_heights
 from .table import PointTable
 
-#: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.
+#: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN outside of it.
 Surface = Callable[[np.ndarray], np.ndarray]
 
-#: Fields of HRSI's own layers, whose geometry is the adjusted position: the surveyed one, lon, lat, ellipsoidal height.
+#: Surveyed positions (lon, lat, ellipsoidal height) in HRSI's own layers, whose geometry is the adjusted position.
 SURVEYED = ("survey_lon", "survey_lat", "survey_height")
-MOST_LON_DEG = 540.0  # a longitude and a turn more or less: what is beyond are no degrees
+MOST_LON_DEG = 540.0  # 180 and a turn: larger values are no degrees
 _ADD_HEIGHTS = "add a field 'height' or points with z, or name a DEM with `dem`"
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What the coordinates of a file refer to where the file leaves it open.
+    """Reference of the coordinates of a file where the file does not state it.
 
-    ground_crs : CRS of a file that names none; height_datum : ``layer``, ``ellipsoidal``, ``egm96``, ``egm2008`` or
-    a geoid grid; surface : where the heights of points without one come from; adjusted : of HRSI's own layers, take the
-    adjusted positions instead of the surveyed ones; epoch : year in which a CRS fixed to a plate is brought to WGS84;
-    surface_operations : how the surface came to WGS84
+    ground_crs : CRS of a file that states none; height_datum : ``layer``, ``ellipsoidal``, ``egm96``, ``egm2008`` or
+    a geoid grid; surface : heights for points without one; adjusted : whether positions of HRSI's own layers are the
+    adjusted ones, not the surveyed ones; epoch : year at which coordinates in a plate-fixed CRS are transformed to
+    WGS84; surface_operations : operations that transformed the surface to WGS84
     """
 
     ground_crs: str = ""
@@ -46,18 +46,18 @@ class Reference:
 
 
 def has_positions(table: PointTable) -> bool:
-    """Tell whether a table has ground positions, in its geometry or in fields."""
+    """Return whether a table has ground positions, in its geometry or in fields."""
     fields = table.columns
     return table.geometry is not None or {"lon", "lat"} <= fields.keys() or {"x", "y"} <= fields.keys()
 
 
 @dataclass(frozen=True)
 class Positions:
-    """Positions of a table's rows on WGS84, and how they came there.
+    """Positions of a table's rows in WGS84, and the operations that transformed them.
 
-    ground : (n, 3) lon, lat, ellipsoidal height, NaN where a row has no position
-    warnings : what the user should know
-    operation : (n,) which of the ``operations`` converted each row, -1 for none
+    ground : (n, 3) lon, lat, ellipsoidal height, NaN for a row without position
+    warnings : remarks for the user
+    operation : (n,) number of the operation, in ``operations``, that transformed each row; -1 for none
     """
 
     ground: np.ndarray
@@ -67,7 +67,7 @@ class Positions:
 
 
 def ground_positions(table: PointTable, reference: Reference) -> Positions:
-    """Return the positions of a table's rows.
+    """Return the positions of a table's rows in WGS84.
 
     Raises `InputError` for a missing CRS, missing heights, swapped or impossible coordinates.
     """
@@ -88,7 +88,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     rows = np.flatnonzero(present)
     _require_plausible(table, xyz, rows, parsed)
     without = np.isnan(xyz[rows, 2])
-    # Rows without a height, which lie on the surface, go by the CRS without heights
+    # Rows without a height get that of the surface; their CRS is used without its heights
     for chosen, on_surface in ((rows[~without], False), (rows[without], True)):
         if not len(chosen):
             continue
@@ -123,7 +123,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
 
 
 def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray, str, list[str]]:
-    """Return x, y, z as they stand in the file, and their CRS."""
+    """Return x, y, z as in the file, and their CRS."""
     fields, warnings = table.columns, []
     prefer_xy = bool(reference.ground_crs) and {"x", "y"} <= fields.keys()
     prefer_xy = prefer_xy and not _parse_crs(reference.ground_crs, "`ground_crs`").is_geographic
@@ -138,7 +138,7 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
     if not crs:
         raise InputError(f"{table.source}: names no CRS: assign one to the layer, or give `ground_crs` EPSG:…")
     if "height" in fields:
-        # The heights of the field, of the geometry where the field is empty
+        # Heights of the field; where it is empty, of the geometry
         height = table.columns["height"]
         apart = np.abs(z - height)
         if np.any(apart > 0.001) and np.any(z[np.isfinite(z)] != 0.0):
@@ -158,7 +158,7 @@ def _parse_crs(crs: str, what: str) -> pyproj.CRS:
 
 
 def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:
-    """Raise `InputError` for degrees that cannot be: swapped latitude and longitude, or metres in a geographic CRS."""
+    """Raise `InputError` for impossible degrees: swapped latitude and longitude, or metres in a geographic CRS."""
     x, y = xyz[rows, 0], xyz[rows, 1]
     if not crs.is_geographic:
         if np.all((np.abs(x) <= MOST_LON_DEG) & (np.abs(y) <= 90.0)) and crs.is_projected:
@@ -175,7 +175,7 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs
 
 
 def _take_heights(table: PointTable, rows: np.ndarray, ground: np.ndarray, surface: Surface | None) -> str:
-    """Set the heights of rows without one in ``ground`` to those of the surface; return what to say of it."""
+    """Set the heights of ``rows`` in ``ground`` to those of the surface, in place; return a warning about them."""
     if surface is None:
         raise InputError(f"{table.name_row(rows[0])}: has no height: {_ADD_HEIGHTS}")
     ground[rows, 2] = surface(ground[rows, :2])

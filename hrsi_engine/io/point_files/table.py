@@ -1,7 +1,7 @@
-"""What a reader of one format of point files hands over, under which field names, and how a reader is described.
+"""Table of a point file as its reader returns it, the names of its fields, and the description of a reader.
 
-Names are matched without regard to case; the first alias that a file has wins. ``pixel`` is not among the aliases of
-``sample``, because programs that write it disagree on where pixel 0 begins.
+Case is ignored when names are matched; of several aliases in a file, the first in the list of HRSI is used. ``pixel``
+is no alias of ``sample``, because programs that write it disagree on the position of pixel 0.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,12 +20,12 @@ class PointTable:
 
     source : file and layer, as messages name them
     columns : text columns (n,) str, '' where empty; number columns (n,) float64, NaN where empty
-    field_names : all fields of the file as they are spelled there
+    field_names : all fields of the file as spelled there
     row_name : name of a row in messages (``line 12``, ``feature 3``)
-    geometry : (n, 3) x, y, z in ``crs``, NaN where missing; None where the file has no geometry
-    crs : anything PROJ reads; empty where the file says nothing
-    pairwise : matches of two images; the same point may stand in other files under another id
-    operations : of HRSI's own layers, what brought the surveys to WGS84 (`block.points.describe_operations`)
+    geometry : (n, 3) x, y, z in ``crs``, NaN where missing; None if the file has no geometry
+    crs : anything PROJ reads; empty if the file states none
+    pairwise : matches of two images; the same point may be in other files under another id
+    operations : in HRSI's own layers, operations of the surveys to WGS84 (`block.points.describe_operations`)
     """
 
     source: str
@@ -43,7 +43,7 @@ class PointTable:
         return len(columns[0]) if columns else 0
 
     def name_row(self, row: int) -> str:
-        """Return file, layer, row and id for an error message."""
+        """Return file, layer, row and id for a message."""
         ids = self.columns.get("id")
         point = f" (id {str(ids[row])!r})" if ids is not None and ids[row] else ""
         return f"{self.source}, {self.row_name(int(row))}{point}"
@@ -53,11 +53,11 @@ class PointTable:
 class PointReader:
     """How to recognise and read one format of point files.
 
-    title : as messages name the format
-    recognises : whether a file is of this format, by its path, its name (lower case) and its first bytes
-    read : the rows of a file; the second argument is the layer wanted (name, ``#number`` or empty)
-    is_named_by : whether the names of columns that a user gives are those of this format, whatever the file is
-    chooses_fields : whether ``read`` takes a third argument, the fields that the user chose, see `match_fields`
+    title : name of the format in messages
+    recognises : returns whether a file is of this format, by its path, its name (lower case) and its first bytes
+    read : returns the rows of a file; the second argument is the layer (name, ``#number`` or empty)
+    is_named_by : returns whether column names that a user gives are those of this format, for any file
+    chooses_fields : whether ``read`` has a third argument, the fields that the user chose, see `match_fields`
     """
 
     title: str
@@ -67,7 +67,7 @@ class PointReader:
     chooses_fields: bool = False
 
 
-#: Text fields and what else they may be called.
+#: Text fields and their aliases.
 TEXT_FIELDS: dict[str, tuple[str, ...]] = {
     "id": ("id", "point_id", "pointid", "gcp_id", "point", "name", "fid"),
     "image": ("image", "image_id", "filename", "file"),
@@ -76,7 +76,7 @@ TEXT_FIELDS: dict[str, tuple[str, ...]] = {
     "track": ("track",),
     "photo": ("photo",),
 }
-#: Number fields and what else they may be called.
+#: Number fields and their aliases.
 NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
     "lon": ("lon", "longitude", "long"),
     "lat": ("lat", "latitude"),
@@ -89,28 +89,28 @@ NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
     "sample": ("sample", "samp", "column", "col", "sample_px", "x_px"),
     "line": ("line", "row", "line_px", "y_px"),
     "sigma": ("sigma", "sigma_px"),
-    # of laser heights, as SlideRule calls them
+    # fields of laser heights with the names of SlideRule
     "slope": ("dh_fit_dx",),
     "misfit": ("rms_misfit",),
     "photons": ("n_fit_photons",),
     "canopy": ("h_canopy",),
 } | {
-    name: (name,)  # those that are called nothing else
+    name: (name,)  # fields without aliases
     for name in (
         "survey_lon", "survey_lat", "survey_height", "sigma_xy", "sigma_height_m", "corr_en", "corr_eh", "corr_nh",
         "cov_ee", "cov_nn", "cov_hh", "cov_en", "cov_eh", "cov_nh", "quality", "rgt", "cycle",
     )
 }  # fmt: skip
 FIELDS = TEXT_FIELDS | NUMBER_FIELDS
-#: Fields where ``inf`` means something: a coordinate that was not surveyed.
+#: Fields where ``inf`` is allowed: the coordinate was not surveyed.
 MAY_BE_INFINITE = frozenset({"sigma_xy", "sigma_h", "sigma_east", "sigma_north"})
 
 
 def match_fields(names: Sequence[str], chosen: Mapping[str, str] | None = None, source: str = "") -> dict[str, int]:
-    """Return, for each known field that a file has, the position of its column.
+    """Return the column number of each known field that a file has.
 
-    ``chosen`` are names in the file of known fields, whatever they are called; they mean nothing else then. Raises
-    `InputError` naming ``source`` where it has no such field.
+    ``chosen`` has the names in the file of some fields, which are then used for these fields only. Raises `InputError`
+    with ``source`` if the file has no such name.
     """
     stripped = [name.strip() for name in names]
     found = {}
@@ -139,7 +139,7 @@ def match_fields(names: Sequence[str], chosen: Mapping[str, str] | None = None, 
 def strip_texts(texts: Sequence[str], source: str, name: str) -> np.ndarray:
     """Return a text column without surrounding blanks, ``(n,)`` str.
 
-    Raises `InputError` naming file and field where a text is longer than any name.
+    Raises `InputError` with file and field if a text is longer than any name.
     """
     stripped = list(map(str.strip, texts))
     require_texts(source, name, len(stripped), max(map(len, stripped), default=0))
@@ -149,17 +149,17 @@ def strip_texts(texts: Sequence[str], source: str, name: str) -> np.ndarray:
 def parse_numbers(
     texts: Sequence[str], where: Callable[[int], str], decimal_comma: bool = False, infinite: bool = False
 ) -> np.ndarray:
-    """Return a number column, ``(n,)`` float64, NaN where the field is empty.
+    """Return a number column, ``(n,)`` float64, NaN where the text is empty.
 
-    ``where`` names the field and the row of an index. Raises `InputError` for a text that is no number, or not finite
-    where ``infinite`` ones mean nothing.
+    ``where`` returns field and row of an index for messages. Raises `InputError` for a text that is no number, or is
+    infinite without ``infinite`` being set.
     """
     try:
         values = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
     except ValueError:
         pass
     else:
-        joined = "".join(texts)  # Python reads 1_000 and full-width digits as parse_numbers
+        joined = "".join(texts)  # ``float`` also accepts 1_000 and full-width digits
         if np.isfinite(values).all() and joined.isascii() and "_" not in joined:
             return values
     one_by_one = [_parse_number(text, index, where, decimal_comma, infinite) for index, text in enumerate(texts)]

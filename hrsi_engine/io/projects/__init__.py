@@ -1,7 +1,7 @@
-"""Projects for the next program: a folder with refined images or RPCs, DEM, configuration and the command to type.
+"""Projects for other programs: a folder with refined images or RPCs, DEM, configuration, and the commands to run.
 
-`PROJECT_PLANNERS` has one entry for each target; a new target is one file with a function that tells the project's
-files, how each of them is written, and the commands.
+`PROJECT_PLANNERS` has one entry for each program; a new one is a file with a function that returns the files of the
+project, how each of them is written, and the commands.
 """
 
 from .asp import plan_asp_project

@@ -1,8 +1,8 @@
-"""Ames Stereo Pipeline: images with their refined RPC as XML, and the commands over map-projected images.
+"""Ames Stereo Pipeline: images with their refined RPC as XML, and commands for map-projected images.
 
-The session ``rpcmaprpc`` takes the RPC of the XML files; ``.adjust`` files are not needed. The DEM's heights are above
-the WGS84 ellipsoid, as ``mapproject`` and ``parallel_stereo`` take them. Each pair becomes a surface model, and
-``dem_mosaic`` joins them. Source: https://stereopipeline.readthedocs.io, "Stereo with mapprojected images", "RPC".
+The session ``rpcmaprpc`` uses the RPC of the XML files; ``.adjust`` files are not needed. The heights of the DEM are
+above the WGS84 ellipsoid, as ``mapproject`` and ``parallel_stereo`` expect. Each pair gives a surface model, and
+``dem_mosaic`` merges them. Source: https://stereopipeline.readthedocs.io, "Stereo with mapprojected images", "RPC".
 """
 
 from functools import partial
@@ -14,7 +14,7 @@ _RESULT = "dsm.tif"
 
 
 def plan_asp_project(project: BlockProject) -> PlannedProject:
-    """Return images, an XML with the RPC of each, and the initial DEM."""
+    """Return the plan of images, an XML with the RPC of each, and the initial DEM."""
     names, files = plan_images(project, project.paired, project.copy)
     files[DEM_FILE] = partial(write_initial_dem, project)
     crs, cell = f"--t_srs EPSG:{project.epsg}", PROJECTS.dsm_pixels * project.gsd_m

@@ -1,7 +1,6 @@
-"""CARS (CNES): a configuration in JSON. Paths in it are relative to its folder, the output to the working directory.
-
-``geoid: false``: heights are ellipsoidal. There is no initial elevation: CARS puts its epipolar grids on it, and with a
-surface through the tie points its surface model of the s2p triplet had waves of 10 m at the margin.
+"""CARS (CNES): a configuration in JSON. Its paths are relative to its folder, the output to the working directory.
+``geoid: false``: heights are ellipsoidal. No initial elevation is given: CARS computes its epipolar grids on it, and
+with a surface through the tie points its surface model of the s2p triplet had waves of 10 m at the margin.
 Source: https://cars.readthedocs.io, "Configuration" (1.3).
 """
 
@@ -12,7 +11,7 @@ _FILE, _RESULT = "cars.json", "out/dsm/dsm.tif"
 
 
 def plan_cars_project(project: BlockProject) -> PlannedProject:
-    """Return images and ``cars.json``."""
+    """Return the plan of images and ``cars.json``."""
     names, files = plan_images(project, project.paired, project.copy)
     inputs: dict[str, object] = {
         "sensors": {name: {"image": file, "geomodel": file} for name, file in names.items()},

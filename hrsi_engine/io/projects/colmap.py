@@ -1,11 +1,11 @@
-"""COLMAP and what reads its models: a perspective camera for each crop, and the tie points as its sparse model.
+"""COLMAP and programs that read its models: a perspective camera for each crop, and the tie points as sparse model.
 
-``cameras.txt`` (PINHOLE, one for each image), ``images.txt`` (poses, with the tie points measured there) and
+``cameras.txt`` (PINHOLE, one for each image), ``images.txt`` (poses, with the measured tie points) and
 ``points3D.txt`` are in a local frame, metres east, north and up of the origin in ``scene.json``; the images are 8 bit
-PNG, stretched, and sheared where the pushbroom's pixel axes are not at right angles. ``scene.json`` says how far the
-perspective cameras are from the RPCs. COLMAP counts pixels from the corner, the centre of the first is (0.5, 0.5).
-Source: https://colmap.github.io/format.html. Trainers of splats look for ``images/`` and ``sparse/0/``: the first
-command makes them.
+PNG, stretched, and sheared if the pixel axes of the pushbroom are not perpendicular. ``scene.json`` contains the
+differences of the perspective cameras from the RPCs. COLMAP's pixels refer to the corner, the centre of the first is
+(0.5, 0.5). Source: https://colmap.github.io/format.html. Trainers of splats need ``images/`` and ``sparse/0/``, which
+the first command makes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _CORNER = 0.5  # from the centre of the first pixel to its corner
 
 
 class PerspectiveView(NamedTuple):
-    """A crop with its perspective camera; size : of the sheared image; error_px : camera to RPC, RMS and largest."""
+    """A crop with its perspective camera; size : of the sheared image; error_px : camera minus RPC, RMS and maximum."""
 
     view: CropView
     camera: PerspectiveCamera
@@ -39,7 +39,7 @@ class PerspectiveView(NamedTuple):
 
 
 def plan_colmap_project(project: BlockProject) -> PlannedProject:
-    """Return images, cameras, poses, points, and ``scene.json``."""
+    """Return the plan of images, cameras, poses, points, and ``scene.json``."""
     volume = sample_volume(project)
     frame = LocalFrame(*volume.mean(axis=0).tolist())
     views = [_approximate(view, volume, frame) for view in find_views(project)]
@@ -88,7 +88,7 @@ def plan_colmap_project(project: BlockProject) -> PlannedProject:
 
 
 def _approximate(view: CropView, volume: np.ndarray, frame: LocalFrame) -> PerspectiveView:
-    """Return a view with the camera that stands for its RPC over the volume ``(n, 3)``."""
+    """Return a view with the perspective camera that approximates its RPC over the volume ``(n, 3)``."""
     local, xy = frame.from_ground(volume), view.rpc.project(volume)
     middle = np.array(view.window.size)[None] / 2.0
     upper, lower = (
@@ -106,7 +106,7 @@ def _approximate(view: CropView, volume: np.ndarray, frame: LocalFrame) -> Persp
 
 
 def write_shear(one: PerspectiveView, path: str) -> None:
-    """Write a view's pixels, sheared and stretched to 8 bit, as PNG."""
+    """Write the pixels of a view as PNG, sheared and stretched to 8 bit."""
     (width, height), shear = one.size, one.camera.shear
     source = open_window(one.view.image.path, one.view.window, "cubic")
     bands = [1, 2, 3] if source.RasterCount >= 3 else [1]

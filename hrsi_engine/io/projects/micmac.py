@@ -1,8 +1,8 @@
-"""MicMac: images, each with an XML that ``Convert2GenBundle`` reads, and the system of coordinates to work in.
+"""MicMac: images, each with an XML that ``Convert2GenBundle`` reads, and the coordinate system.
 
-The XML is WorldView's: the RPC, and from ``IMD`` what MicMac asks for besides: NUMROWS and NUMCOLUMNS, and under BAND_P
-the corners of the image. It looks tags up by name and wants each once. ``WGS84toUTM.xml`` holds the projection as PROJ
-writes it; heights stay ellipsoidal. ``Degre=0`` leaves the cameras as they are. MicMac finds its first heights by
+The XML is WorldView's: the RPC, and the part of ``IMD`` that MicMac needs: NUMROWS and NUMCOLUMNS, and under BAND_P
+the corners of the image. MicMac searches tags by name and needs each once. ``WGS84toUTM.xml`` contains the projection
+as a PROJ text; heights remain ellipsoidal. ``Degre=0`` leaves the cameras unchanged. MicMac determines initial heights
 itself, so there is no initial DEM. Source: ``RPC::ReadXML`` in ``src/SateLib/CPP_RPC.cpp`` of micmacIGN/micmac.
 """
 
@@ -20,7 +20,7 @@ _SYSTEM = (
 
 
 def plan_micmac_project(project: BlockProject) -> PlannedProject:
-    """Return the images of the chosen pairs, their XML, and the system of coordinates."""
+    """Return the plan of the images of the chosen pairs, their XML, and the coordinate system."""
     _, files = plan_images(project, project.paired, copy=True)
     for image in project.paired:
         # The part of the XML with the image's size and its corners on the ground

@@ -1,9 +1,9 @@
-"""Radiance fields and splatting with RPCs: a JSON for each view in the form of Sat-NeRF, crops, and the tie points.
+"""Radiance fields and splatting with RPCs: a JSON for each view in the format of Sat-NeRF, crops, and tie points.
 
-Each view says its image, size, RPC (as `rpcm` writes it), sun, date, ground outline, and the lowest and highest height
-of the scene, between which rays are sampled; ``keypoints`` are its tie points, with their rows in ``pts3d.npy``
-(geocentric metres). ``train.txt`` and ``test.txt`` list the views to learn from and those held out. ``scene.json`` has
-the local frame, radius, and for each view the distances near and far along its middle ray below the highest height.
+The JSON of a view has image, size, RPC (as `rpcm` writes it), sun, date, ground outline, and the lowest and highest
+height of the scene, between which rays are sampled; ``keypoints`` are its tie points, with their rows in ``pts3d.npy``
+(geocentric metres). ``train.txt`` and ``test.txt`` list training and held-out views. ``scene.json`` has the local
+frame, the radius, and for each view the near and far distances along its central ray below the highest height.
 Source: https://github.com/centreborelli/satnerf, ``datasets/satellite.py``; EO-NeRF and EOGS read the same files.
 """
 
@@ -20,7 +20,7 @@ from .views import find_views, sample_volume, split_views, write_crop
 
 
 def plan_nerf_project(project: BlockProject) -> PlannedProject:
-    """Return crops, JSON of the views, tie points, lists, and ``scene.json``."""
+    """Return the plan of crops, JSON of the views, tie points, lists, and ``scene.json``."""
     volume = sample_volume(project)
     low, high = float(volume[:, 2].min()), float(volume[:, 2].max())
     centre = (*project.area.centroid.coords[0], (low + high) / 2.0)

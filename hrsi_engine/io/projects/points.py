@@ -1,14 +1,14 @@
-"""The adjusted points for point cloud tools, and GCPs for GDAL, QGIS and the Ames Stereo Pipeline.
+"""Adjusted points for point cloud software, and GCPs for GDAL, QGIS and the Ames Stereo Pipeline.
 
 ``tie_points.ply`` and ``tie_points.las`` have positions as east, north (of the result CRS) and ellipsoidal height with
-standard deviations and number of rays; ``gcps.gcp`` holds a point a line: id, lat, lon, height, three sigmas, then
-image, sample, line and two sigmas for each measurement (ASP, ``bundle_adjust``). ``ID.points`` is the QGIS
-georeferencer's, which counts pixels from the corner with y upwards, and ``ID_gcps.txt`` has ``-gcp`` arguments, from
-the corner, for ``gdal_translate --optfile``.
+standard deviations and number of rays; ``gcps.gcp`` has one point in each line: id, lat, lon, height, three sigmas,
+then image, sample, line and two sigmas for each measurement (ASP, ``bundle_adjust``). ``ID.points`` is for the QGIS
+georeferencer, with pixels from the corner and y upwards, and ``ID_gcps.txt`` has ``-gcp`` arguments, from the corner,
+for ``gdal_translate --optfile``.
 
-The LAS is of version 1.4, point format 6, with the adjustment's own figures of each point as extra bytes. Source: LAS
+The LAS is of version 1.4, point format 6; sigmas and rays of each point are extra bytes. Source: LAS
 Specification 1.4 R15 (ASPRS 2019), tables 3 (header), 8 (variable length records), 14 (format 6) and 24 (extra bytes
-descriptor). Needs no package: laspy, PDAL, QGIS and CloudCompare read the result.
+descriptor). No package is needed to write it; laspy, PDAL, QGIS and CloudCompare read it.
 """
 
 import struct
@@ -47,12 +47,12 @@ _EXTRA = (
 
 
 def plan_points_project(project: BlockProject) -> PlannedProject:
-    """Return the points of the block as clouds, and its GCPs and check points."""
+    """Return the plan of the block's points as point clouds, and of its GCPs and check points."""
     files: dict[str, FileContent] = {
         f"tie_points.{suffix}": partial(_write_cloud, project, write)
         for suffix, write in (("ply", _write_ply), ("las", _write_las))
     }
-    # The files of GCPs and check points by their names
+    # Texts of GCPs and check points, by file name
     surveyed, measured = project.surveyed, project.measured
     place = {image.id: Path(image.path).name for image in project.images}
     rows_of: dict[str, list[int]] = {}
@@ -88,7 +88,7 @@ def _write_ply(path: str, xyz: np.ndarray, sigma_m: np.ndarray, rays: np.ndarray
 
 
 def _write_las(path: str, xyz: np.ndarray, sigma_m: np.ndarray, rays: np.ndarray, epsg: int) -> None:
-    """Write points ``(n, 3)`` of a projected CRS and ellipsoidal heights, their sigmas ``(n, 2)`` and rays ``(n,)``."""
+    """Write points ``(n, 3)``, map coordinates and ellipsoidal height, sigmas ``(n, 2)`` and rays ``(n,)`` as LAS."""
     crs = osr.SpatialReference()
     crs.ImportFromEPSG(epsg)
     wkt = f'COMPD_CS["EPSG:{epsg}, ellipsoidal heights",{crs.ExportToWkt(["FORMAT=WKT1_GDAL"])},{_HEIGHTS}]\0'.encode()
@@ -113,5 +113,5 @@ def _write_las(path: str, xyz: np.ndarray, sigma_m: np.ndarray, rays: np.ndarray
 
 
 def _record(user: bytes, number: int, content: bytes) -> bytes:
-    """Return a variable length record."""
+    """Return a variable length record of LAS."""
     return struct.pack("<H16sHH32s", 0, user, number, len(content), b"") + content

@@ -1,4 +1,4 @@
-"""What is handed over, whatever the target: the adjusted block as the writers of projects get it."""
+"""The adjusted block as all writers of projects get it, and the parts that their projects share."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ..opening.datasets import gdal_messages
 from ..rpc_files.write import write_geotiff_copy, write_vrt
 
 DEM_FILE = "dem.tif"
-NO_HEIGHT = -32768.0  # written where no program meets it: all nodes have heights
+NO_HEIGHT = -32768.0  # nodata value of the initial DEM; not used, since all nodes have heights
 
 Bounds = tuple[float, float, float, float]
 
@@ -52,18 +52,18 @@ class PROJECTS:
 
 @dataclass(frozen=True, eq=False)
 class BlockProject:
-    """An adjusted block on its way to another program.
+    """An adjusted block to be written as a project for another program.
 
     images : with refined RPCs; ``path`` is the file with the pixels
     pairs : stereo pairs, the best first
-    area : region of interest, lon and lat; whole : whether it is all that the block covers
+    area : region of interest, lon and lat; whole : whether it is the complete area of the block
     surface : ellipsoidal heights of the ground
-    gsd_m : ground sample distance; epsg : projected CRS for results
-    copy : whether images are copied; else VRTs refer to them
-    factor : size of crops to that of the images
-    suns, times : sun and acquisition time of the images by id; None where not known
-    points, surveyed : the points as adjusted, and the known ones among them as surveyed
-    measured : where they were measured
+    gsd_m : ground sampling distance; epsg : projected CRS for results
+    copy : whether images are copied; otherwise VRTs refer to them
+    factor : ratio of the size of crops to that of the images
+    suns, times : position of the sun and acquisition time of the images, by id; None if unknown
+    points, surveyed : the adjusted points; the known points among them as surveyed
+    measured : image measurements of the points
     """
 
     images: tuple[Image, ...]
@@ -83,7 +83,7 @@ class BlockProject:
 
     @property
     def paired(self) -> tuple[Image, ...]:
-        """The images that are part of a stereo pair."""
+        """The images that belong to a stereo pair."""
         names = {name for pair in self.pairs for name in (pair.left, pair.right)}
         return tuple(image for image in self.images if image.id in names)
 
@@ -93,16 +93,16 @@ class BlockProject:
         return {"type": "Polygon", "coordinates": [[list(corner) for corner in self.area.exterior.coords]]}
 
 
-FileContent = str | Callable[[str], object]  # text, or what writes the file of a path
+FileContent = str | Callable[[str], object]  # text, or a function that writes a path
 
 
 @dataclass(frozen=True)
 class PlannedProject:
-    """What a project is made of.
+    """Contents of a project.
 
-    files : contents by name; nothing is written, and no pixel read, before `write`
-    commands : to type in the folder; result : where the program leaves it; notices : for the user
-    told : for the report
+    files : contents by name; no file is written, and no pixel read, before `write`
+    commands : to be run in the folder; result : file or folder that the program writes; notices : for the user
+    told : entries of the report
     """
 
     files: dict[str, FileContent]
@@ -138,7 +138,7 @@ def plan_images(
 
 
 def find_window(image: Image, area: Polygon, surface: HeightSurface) -> tuple[int, int, int, int]:
-    """Return the window (first sample and line, samples, lines) of an image that shows an area; empty outside it."""
+    """Return the window (first sample and line, samples, lines) of an image that shows an area; of size 0 outside."""
     ground = sample_area(area.bounds, surface, PROJECTS.outline_nodes).reshape(-1, 3)
     xy = image.rpc.project(ground[np.isfinite(ground[:, 2])])
     last = np.array(image.known_size)
@@ -159,8 +159,8 @@ def sample_area(bounds: Bounds, surface: HeightSurface, columns: int, rows: int 
 def write_initial_dem(project: BlockProject, path: str) -> None:
     """Write the initial DEM: heights above the WGS84 ELLIPSOID at lon, lat nodes.
 
-    It extends beyond the images, and nodes where the terrain is not known get the height of the nearest one that is:
-    programs that interpolate in it or follow rays down must find neither gaps nor steps.
+    It extends beyond the images, and nodes with unknown terrain get the height of the nearest known node: programs that
+    interpolate in it, or intersect rays with it, must meet neither gaps nor steps.
     """
     west, south, east, north = project.area.bounds
     margin = PROJECTS.margin * np.array([east - west, north - south]) + PROJECTS.margin_deg

@@ -1,6 +1,6 @@
-"""s2p: a configuration in JSON, whose files are relative to the working directory.
+"""s2p: a configuration in JSON; its paths are relative to the working directory.
 
-The first image is the reference, and every other one makes a stereo pair with it. The DEM gives ellipsoidal heights,
+The first image is the reference, and every other image forms a stereo pair with it. The DEM has ellipsoidal heights,
 so ``exogenous_dem_geoid_mode`` is off. Source: ``s2p/config.py`` and the README of s2p 1.0b25.
 """
 
@@ -14,7 +14,7 @@ _FILE, _RESULT = "s2p.json", "out/dsm.tif"
 
 
 def plan_s2p_project(project: BlockProject) -> PlannedProject:
-    """Return the reference image, its partners, initial DEM and ``s2p.json``."""
+    """Return the plan of the reference image, its partners, initial DEM and ``s2p.json``."""
     images, score = {image.id: image for image in project.images}, Counter[str]()
     for pair in project.pairs:
         score.update({pair.left: pair.score, pair.right: pair.score})

@@ -1,4 +1,4 @@
-"""Crops of the region of interest with everything that a multi-view reconstruction wants to know of each view."""
+"""Crops of the region of interest with the data that a multi-view reconstruction needs of each view."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _FORMAT, _KERNEL = OrthoFormat("gtiff", "deflate"), "cubic"
 class CropView(NamedTuple):
     """A crop of an image.
 
-    image : the image; rpc : camera of the crop; window : what it shows of the image, and its samples and lines
-    xy : (n, 2) points measured in the crop, from the centre of its first pixel; point : (n,) their rows in the block's
+    image : the image; rpc : camera of the crop; window : its place in the image, and its samples and lines
+    xy : (n, 2) points measured in the crop, from the centre of its first pixel; point : (n,) their rows in the block
     """
 
     image: Image
@@ -34,7 +34,7 @@ class CropView(NamedTuple):
 
 
 def find_views(project: BlockProject) -> list[CropView]:
-    """Return the crop of each image that shows the region, resampled by the project's factor."""
+    """Return the crops of the images that show the region, resampled by the project's factor."""
     rows = {name: row for row, name in enumerate(project.points.ids.tolist())}
     views = []
     for image in project.images:
@@ -56,7 +56,7 @@ def find_views(project: BlockProject) -> list[CropView]:
 
 
 def sample_volume(project: BlockProject) -> np.ndarray:
-    """Return ground points ``(n, 3)`` over the region, from below the terrain's lowest height to above its highest."""
+    """Return ground points ``(n, 3)`` over the region, in layers from below the lowest to above the highest terrain."""
     ground = sample_area(project.area.bounds, project.surface, PROJECTS.outline_nodes)
     low, high = np.nanmin(ground[..., 2]), np.nanmax(ground[..., 2])
     heights = np.linspace(low - PROJECTS.height_margin_m, high + PROJECTS.height_margin_m, PROJECTS.volume_layers)
@@ -66,12 +66,12 @@ def sample_volume(project: BlockProject) -> np.ndarray:
 
 
 def write_crop(view: CropView, path: str) -> None:
-    """Write a view's pixels with its RPC as GeoTIFF."""
+    """Write the pixels of a view with its RPC as GeoTIFF."""
     pixels = open_window(view.image.path, view.window, _KERNEL)
     save_image(pixels, path, view.rpc, _FORMAT, 0, UNTOLD, silent)
 
 
 def split_views(names: list[str], every: int) -> tuple[list[str], list[str]]:
-    """Return the views to learn from, and those held out: one of ``every``, from the middle of each run on."""
+    """Return the training views and the held-out views: one of ``every``, beginning in the middle of the first run."""
     held = names[every // 2 :: every] if len(names) > every // 2 else names[-1:]
     return [name for name in names if name not in held], held

@@ -1,6 +1,6 @@
-"""Virtual images cut from one image and put together from several, and how they are stored with their RPC.
+"""Virtual images that are cut from one image or composed of several, and their storage with an RPC.
 
-`pixel_view` is an image as GIS software shows it without any warping: map x is the sample, map y minus the line.
+`pixel_view` shows an image in GIS software without warping: map x is the sample, map y the negative line.
 """
 
 import hashlib
@@ -25,28 +25,28 @@ from ..rpc_files.find import HEIGHT_ITEM, SENSOR_ITEM
 from ..rpc_files.write import Lineage, save_geotiff, save_vrt
 from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat
 
-VRT = "vrt"  #: instead of one of `orthoimages.FORMATS`
+VRT = "vrt"  #: as an alternative to `orthoimages.FORMATS`
 
 
 class CropWindow(NamedTuple):
-    """A window of an image (first sample and line, samples, lines), and samples and lines that it is resampled to."""
+    """A window of an image (first sample and line, samples, lines), and the samples and lines after resampling."""
 
     bounds: tuple[int, int, int, int]
     size: tuple[int, int]
 
     @property
     def place(self) -> CropPlace:
-        """Where the result lies in the image."""
+        """Position and scale of the result in the image."""
         first, extent = np.reshape(np.array(self.bounds, dtype=np.float64), (2, 2))
         return CropPlace.from_corner(np.diag(extent / self.size), first)
 
 
 def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
-    """Return a window of an image as a virtual dataset, with the metadata that stay true.
+    """Return a window of an image as a virtual dataset, with the metadata that remain true.
 
-    Overviews of the image take no part: nobody knows how they were made, and means of means lie elsewhere.
+    Overviews of the image are not used: their resampling is unknown, and averages of averages are displaced.
     """
-    path = os.path.abspath(path) if os.path.exists(path) else path  # so that a VRT finds it from any folder
+    path = os.path.abspath(path) if os.path.exists(path) else path  # absolute, so that a VRT finds it from any folder
     whole = source = open_raster(path)
     if window.size != window.bounds[2:] and whole.GetRasterBand(1).GetOverviewCount():
         source = gdal.OpenEx(path, gdal.OF_RASTER, open_options=["OVERVIEW_LEVEL=NONE"])
@@ -59,16 +59,16 @@ def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
     if virtual is None:
         reason = messages[-1] if messages else "unknown reason"
         raise InputError(f"{path}: cannot be read ({reason}): obtain the file again")
-    virtual.SetMetadata(metadata_of(whole, "IMAGERY"), "IMAGERY")  # the vendor's words on sensor and time
-    for number in range(1, whole.RasterCount + 1):  # without overviews GDAL forgets what the bands are called
+    virtual.SetMetadata(metadata_of(whole, "IMAGERY"), "IMAGERY")  # vendor's text on sensor and time
+    for number in range(1, whole.RasterCount + 1):  # without overviews GDAL loses band names
         virtual.GetRasterBand(number).SetDescription(whole.GetRasterBand(number).GetDescription())
     return virtual
 
 
 def join_images(paths: Sequence[str], first: np.ndarray, size: tuple[int, int]) -> gdal.Dataset:
-    """Return images as one virtual dataset, each from its first pixel ``(n, 2)`` on, later ones over earlier ones.
+    """Return images as one virtual dataset, with their first pixels at ``first (n, 2)``, later ones over earlier ones.
 
-    Raises `InputError` where their bands differ.
+    Raises `InputError` if their bands differ.
     """
     paths = [os.path.abspath(path) if os.path.exists(path) else path for path in paths]
     datasets = [open_raster(path) for path in paths]
@@ -76,7 +76,7 @@ def join_images(paths: Sequence[str], first: np.ndarray, size: tuple[int, int]) 
     for path, own in zip(paths, bands, strict=True):
         if own != bands[0]:
             raise InputError(f"{path}: its bands are not those of {paths[0]}: give parts of one image")
-    # What all say is true of the whole
+    # Metadata that all images share are kept
     told = set.intersection(*(set(metadata_of(dataset).items()) for dataset in datasets))
     virtual = gdal.GetDriverByName("VRT").Create("", *size, 0)
     virtual.SetMetadata(dict(told))
@@ -97,7 +97,7 @@ def join_images(paths: Sequence[str], first: np.ndarray, size: tuple[int, int]) 
 
 
 def _set_sources(band: gdal.Band, source_band: str, places: Sequence[tuple[str, gdal.Dataset, list[int]]]) -> None:
-    """Have a band of a VRT read from the datasets at their places."""
+    """Set the datasets at their places as the sources of a band of a VRT."""
     for number, (path, dataset, (sample, line)) in enumerate(places):
         size = f'xSize="{dataset.RasterXSize}" ySize="{dataset.RasterYSize}"'
         source = (
@@ -109,9 +109,9 @@ def _set_sources(band: gdal.Band, source_band: str, places: Sequence[tuple[str, 
 
 
 def read_lineage(image: Image) -> Lineage:
-    """Return what an image tells of the refinement of its RPC, and the RPC that it had before.
+    """Return an image's metadata on the refinement of its RPC, and its RPC before the refinement.
 
-    What only the files beside it tell of the sensor and the height of the ground is added to that.
+    Sensor and ground height are added if only side files state them.
     """
     path = image.path
     dataset = open_raster(path)
@@ -131,14 +131,14 @@ def save_image(
     source: gdal.Dataset, target_path: str, rpc: RPC, form: OrthoFormat, threads: int, lineage: Lineage,
     progress: Progress,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Write a virtual image with its RPC, as a VRT or with pixels of its own as ``form`` says; return notices."""
+    """Write a virtual image with its RPC, as a VRT or, by ``form``, with its own pixels; return notices for the log."""
     if form.name == VRT:
         save_vrt(source, target_path, rpc, lineage)
         return ()
     band = source.GetRasterBand(1)
     is_integer = band.DataType not in (gdal.GDT_Float32, gdal.GDT_Float64)
     options = form.creation_options(is_integer, threads)
-    if band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE"):  # no predictor works on packed pixels
+    if band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE"):  # predictors need whole bytes
         options = [option for option in options if not option.startswith("PREDICTOR")]
     with config_option(*INTERNAL_MASK):
         return save_geotiff(source, target_path, rpc, FORMATS[form.name][0], options, progress, lineage)
@@ -147,10 +147,10 @@ def save_image(
 def pixel_view(path: str) -> str:
     """Return a virtual image, without RPC, whose map coordinates are (sample, -line).
 
-    It lives in memory, for this process. Raises `InputError` where the image cannot be opened.
+    It is in memory, for this process only. Raises `InputError` if the image cannot be opened.
     """
     name = f"/vsimem/hrsi/{hashlib.sha256(path.encode('utf-8')).hexdigest()}.vrt"
-    made = gdal.VSIStatL(name)  # asked for with every click
+    made = gdal.VSIStatL(name)  # requested with every click
     if made is not None and os.path.exists(path) and made.mtime > os.path.getmtime(path):
         return name
     source = open_raster(path)

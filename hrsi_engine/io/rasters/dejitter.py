@@ -1,7 +1,7 @@
-"""Pixels of an image without jitter: each line is resampled once, where its curve says that it lies.
+"""Resamples an image without jitter: each line once, at the position that its jitter curve states.
 
 The pixel at sample s and line l is that of the source at ``s + c_s(l)`` and ``l + c_l(l)``, by the cubic convolution of
-Keys (1981, IEEE Trans. ASSP 29, 1153-1160) along lines and samples. Beyond the border the border is repeated.
+Keys (1981, IEEE Trans. ASSP 29, 1153-1160) along lines and samples. Beyond the border its pixels are repeated.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ LINES_AT_ONCE = 256
 
 
 def rewrite_without_jitter(source_path: str, path: str, curve: JitterCurve, progress: Progress = silent) -> None:
-    """Replace the pixels of a copy of an image by those without jitter; its overviews are made again."""
+    """Replace the pixels of an image's copy at ``path`` by those without jitter, and build its overviews again."""
     source = open_raster(source_path)
     target = gdal.OpenEx(path, gdal.OF_RASTER | gdal.OF_UPDATE, open_options=["IGNORE_COG_LAYOUT_BREAK=YES"])
     if target is None:
@@ -52,9 +52,9 @@ def rewrite_without_jitter(source_path: str, path: str, curve: JitterCurve, prog
 def _resample(
     grey: np.ndarray, row: np.ndarray, share: np.ndarray, shift: np.ndarray, touch: bool = False
 ) -> np.ndarray:
-    """Return lines of an image from its rows ``row (n, 4)``, between the two middle ones, shifted along the samples.
+    """Return lines of an image, interpolated in its rows ``row (n, 4)`` at ``share`` and shifted along the samples.
 
-    touch : sum of the absolute weights instead, above zero where a pixel takes part
+    touch : return the sum of absolute weights instead: above zero if a pixel of ``grey`` is used
     """
     down, across = _weigh(share), _weigh(shift - np.floor(shift))
     if touch:
@@ -69,6 +69,6 @@ def _resample(
 
 
 def _weigh(t: np.ndarray) -> np.ndarray:
-    """Return the weights ``(n, 4)`` of four neighbours at a share of the way between the middle ones."""
+    """Return the weights ``(n, 4)`` of four neighbours at the position t, 0 to 1, between the middle two."""
     columns = -t + 2 * t**2 - t**3, 2 - 5 * t**2 + 3 * t**3, t + 4 * t**2 - 3 * t**3, -(t**2) + t**3
     return np.stack(columns, axis=-1) / 2.0

@@ -1,7 +1,7 @@
-"""DEMs on disk as height surfaces: any raster of GDAL's, any CRS, heights brought to the ellipsoid on reading.
+"""DEMs on disk as height surfaces: any raster and CRS that GDAL reads, with heights converted to the ellipsoid.
 
-Geoid grids in files that the user names are looked at before PROJ reads them. Small gaps of a DEM are interpolated
-while it is read (`fill_gaps`).
+Geoid grids that the user names as files are checked before PROJ reads them. Small gaps of a DEM are interpolated when
+it is read (`fill_gaps`).
 """
 
 import os
@@ -22,7 +22,7 @@ from ..opening.datasets import call_quiet, check_advice, gdal_messages, open_dat
 from ..opening.plain_files import require_plain
 from .georeference import Georeference
 
-#: Metres per unit of height, by the names that drivers give (lower case).
+#: Metres per unit of height, by the unit names of GDAL's drivers (lower case).
 HEIGHT_UNITS_M = {
     "": 1.0, "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0,
     "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200.0 / 3937.0, "us survey foot": 1200.0 / 3937.0,
@@ -37,21 +37,21 @@ def open_dem(path: str, height_datum: str = "layer", epoch: float | None = None)
     Parameters
     ----------
     path : str
-        Any raster that GDAL opens, with a geotransform and a CRS; the first band holds the heights.
+        Any raster that GDAL opens, with a geotransform and a CRS; the first band contains the heights.
     height_datum : str
-        ``layer`` (as the CRS of the file says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file.
+        ``layer`` (as the CRS of the file states), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file.
     epoch : float, optional
-        Year in which a CRS fixed to a plate is brought to WGS84.
+        Year at which coordinates in a plate-fixed CRS are transformed to WGS84.
 
     Returns
     -------
     GridSurface
-        Ellipsoidal heights; its ``operations`` say how it came to WGS84.
+        Ellipsoidal heights; its ``operations`` describe the transformation to WGS84.
 
     Raises
     ------
     InputError
-        The file is no DEM, has no CRS, does not say what its heights refer to, or a geoid grid is missing.
+        The file is no DEM, has no CRS, does not state its height datum, or a geoid grid is missing.
     """
     dataset, message = open_dataset(path)
     if dataset is None:
@@ -62,7 +62,7 @@ def open_dem(path: str, height_datum: str = "layer", epoch: float | None = None)
 
 
 def surface_of_dataset(dataset: gdal.Dataset, path: str, height_datum: str, epoch: float | None) -> GridSurface:
-    """Return the surface of an open raster; arguments as of `open_dem`, messages name ``path``."""
+    """Return the surface of an open raster; arguments as in `open_dem`, messages name ``path``."""
     place = Georeference(dataset, path, "DEM", endless=True, epoch=epoch)
     undulations, operations = _find_heights(path, place, height_datum)
     reader = _DemReader(dataset, path, place, undulations)
@@ -77,7 +77,7 @@ def surface_of_dataset(dataset: gdal.Dataset, path: str, height_datum: str, epoc
 def _find_heights(
     path: str, place: Georeference, height_datum: str
 ) -> tuple[Undulations | None, tuple[OperationUse, ...]]:
-    """Return what is to be added to a DEM's heights, None for ellipsoidal ones, and how it comes to WGS84."""
+    """Return what is added to a DEM's heights (None for ellipsoidal ones), and its operations to WGS84."""
     flat = place.operations
     if height_datum == "layer" and not has_heights(place.crs):
         raise InputError(
@@ -108,13 +108,13 @@ def _find_heights(
 
 
 class _DemReader:
-    """Reads windows of a DEM and places its cells; used by one thread at a time (`GridSurface` sees to that)."""
+    """Reads windows of a DEM as ellipsoidal heights; for one thread at a time, which `GridSurface` ensures."""
 
     def __init__(self, dataset: gdal.Dataset, path: str, place: Georeference, undulations: Undulations | None) -> None:
         self._dataset, self._path, self._place, self._undulations = dataset, path, place, undulations
         band = dataset.GetRasterBand(1)
         self._scale, self._offset = band.GetScale() or 1.0, band.GetOffset() or 0.0
-        # Metres per unit of height: as the band says, else as the vertical part of the CRS says
+        # Metres per unit of height: from the band, else from the vertical part of the CRS
         unit, parts = (band.GetUnitType() or "").lower(), place.crs.sub_crs_list
         if unit not in HEIGHT_UNITS_M:
             raise InputError(
@@ -124,14 +124,14 @@ class _DemReader:
         self._metres = float(parts[1].axis_info[0].unit_conversion_factor) if own else HEIGHT_UNITS_M[unit]
 
     def read(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
-        """Return a window's ellipsoidal heights, NaN where there are none.
+        """Return the ellipsoidal heights of a window, NaN where there are none.
 
-        Raises `InputError` where it cannot be read, holds what is no height, or a geoid grid does not cover it.
+        Raises `InputError` if it cannot be read, contains impossible heights, or a geoid grid does not cover it.
         """
         turn, begin = self._place.turn, column + self._place.first
         if not turn:
             heights = self._read_heights(row, column, rows, columns)
-        else:  # round the Earth: the window may go on with the file's first column
+        else:  # around the Earth: the window may continue at the first column
             begin %= turn
             before = min(columns, turn - begin)
             heights = self._read_heights(row, begin, rows, before)
@@ -145,7 +145,7 @@ class _DemReader:
         return heights
 
     def _read_heights(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
-        """Return a window's heights (m) as the file has them, NaN where there are none."""
+        """Return the heights of a window (m) as in the file, NaN where there are none."""
         band, cells, mask = self._dataset.GetRasterBand(1), None, None
         with gdal_messages() as messages:
             cells = band.ReadAsArray(column, row, columns, rows)
@@ -163,11 +163,11 @@ class _DemReader:
 
 
 def open_geoid(datum: str) -> Geoid:
-    """Return the geoid model that `find_geoid` finds, quietly, and from files only that hold what they claim.
+    """Return the geoid model of `find_geoid`, without printed messages, after a check of the file.
 
-    PROJ makes room for all cells that the head of a ``.gtx`` grid tells of before it looks for them; other formats say
-    themselves where they are damaged. ``datum`` is ``egm96``, ``egm2008`` or the path of a grid; the result tells by
-    ``stands_for`` where another model has to stand in. Raises `InputError` where the grid is missing or damaged.
+    PROJ allocates memory for all cells that the header of a ``.gtx`` grid declares before it reads them; damage of
+    other formats it reports itself. ``datum`` is ``egm96``, ``egm2008`` or the path of a grid; ``stands_for`` of the
+    result names the model that it replaces. Raises `InputError` if the grid is missing or damaged.
     """
     require_plain(datum)
     if datum.lower().endswith(".gtx") and os.path.isfile(datum):
@@ -183,14 +183,14 @@ def open_geoid(datum: str) -> Geoid:
 
 
 def read_geoid_heights(ground: np.ndarray, geoid: Geoid) -> np.ndarray:
-    """Return the undulations ``(n,)`` of a geoid as `Geoid.heights` does, quietly."""
+    """Return the undulations ``(n,)`` of a geoid as `Geoid.heights`, without printed messages."""
     return call_quiet(geoid.heights, ground)
 
 
 def fill_gaps(surface: GridSurface, cells: int) -> GridSurface:
-    """Return a surface whose cells without height take those around them, found up to ``cells`` cells away.
+    """Return a surface whose cells without height are interpolated from cells up to ``cells`` cells away.
 
-    GDAL's interpolation by inverse distance; only as much of the surface as is needed is read. Wider gaps stay.
+    GDAL's interpolation by inverse distance; only the required part of the surface is read. Wider gaps remain.
     """
 
     def read(row: int, column: int, rows: int, columns: int) -> np.ndarray:

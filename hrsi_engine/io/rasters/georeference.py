@@ -1,10 +1,10 @@
-"""Where the pixels of a georeferenced raster lie: longitude and latitude to column and row, and back.
+"""Georeference of a raster: longitude and latitude to column and row, and back.
 
-An image on the grid of a map may have the RPC of these pixels, or one that stayed on after an orthorectification
-(`map_grid_doubt`). Products in map projection (IKONOS Geo, ORStandard, QuickBird Standard) have an RPC of their own:
-from the pixel to the map, from there through the RPC, one comes back to the pixel, up to a shift. The RPC of the raw
-image, which programs copy into orthoimages, comes to another place: turned by the direction of flight, stretched by
-another pixel.
+An image on a map grid may have the RPC of its own pixels, or one that was kept in an orthorectification
+(`map_grid_doubt`). Products in map projection (IKONOS Geo, ORStandard, QuickBird Standard) have an RPC of their own
+pixels: from the pixel to the map, and from there through the RPC, the result is the same pixel, except for a shift.
+With the RPC of the raw image, which programs copy into orthoimages, the result differs: it is rotated by the
+direction of flight and scaled by the pixel size.
 """
 
 import threading
@@ -33,13 +33,13 @@ class MAP_GRID:
 
 
 class Georeference:
-    """A raster's geotransform and CRS; columns and rows count from the centre of the first pixel.
+    """Geotransform and CRS of a raster; columns and rows refer to the centre of the first pixel.
 
-    ``what`` names its kind in messages: DEM, orthoimage. Raises `InputError` where CRS or geotransform is missing.
+    ``what`` is its kind in messages: DEM, orthoimage. Raises `InputError` if CRS or geotransform is missing.
 
-    A raster round the whole Earth has no first column where it is ``endless``: columns then count from the meridian
-    opposite to the first place that is asked for, so that nothing near that place is torn apart. Column ``k`` is
-    column ``(first + k) % turn`` of the file.
+    If it is ``endless``, a raster around the complete Earth has no first column: its columns begin at the meridian
+    opposite to the first point that is requested, so that the surroundings of that point are continuous. Column
+    ``k`` is column ``(first + k) % turn`` of the file.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Georeference:
         except InputError as error:
             raise InputError(f"{path}: {error}, or assign another CRS with gdal_edit.py") from None
         self.first, self._size = 0, (dataset.RasterXSize, dataset.RasterYSize)
-        # A middle that is nowhere on Earth, and cells of an impossible size
+        # Check the position of the middle, and the size of the cells
         lonlat = self.to_lonlat(np.array(self._size) / 2.0 + [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         sides = np.linalg.norm(ground_difference_m(*(_at_height_0(lonlat[k]) for k in ([1, 2], [0, 0]))), axis=1)
         if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 90.0:
@@ -76,7 +76,7 @@ class Georeference:
             np.array([[0.0, 0.5], [0.5, 0.5], [1.0, 0.5]]) * [dataset.RasterXSize, dataset.RasterYSize]
         )
         self._middle_x, self._half_width = float(middle), min(180.0, 0.5 * abs(float(east - west)))
-        # Columns of a whole turn, 0 for a raster that has an end
+        # Columns of a whole turn, 0 for a raster that has an edge
         columns = 360.0 / geotransform[1] if endless and self._geographic and geotransform[1] > 0.0 else 0.0
         whole = abs(columns - round(columns)) < MAP_GRID.turn_columns and round(columns) <= dataset.RasterXSize
         self.turn = round(columns) if whole else 0
@@ -84,7 +84,7 @@ class Georeference:
         self._lock = threading.Lock()
 
     def to_grid(self, lonlat: np.ndarray) -> np.ndarray:
-        """Return column, row, (0, 0) the centre of the first cell, of lon, lat points ``(n, 2)``."""
+        """Return column and row of points ``(n, 2)`` lon, lat; (0, 0) is the centre of the first cell."""
         x, y = self.operations.from_wgs84(lonlat).T
         if not self._placed:
             self._begin_opposite(x)
@@ -96,7 +96,7 @@ class Georeference:
         )  # corner to centre
 
     def _begin_opposite(self, lon_deg: np.ndarray) -> None:
-        """Have the columns begin opposite to the first of some longitudes."""
+        """Set the first column opposite to the first finite longitude."""
         with self._lock:
             known = lon_deg[np.isfinite(lon_deg)]
             if self._placed or not len(known):
@@ -112,7 +112,7 @@ class Georeference:
         return self._xy(grid + [self.first + 0.5, 0.5])
 
     def nodes_lonlat(self) -> np.ndarray:
-        """Return lon, lat ``(n, 2)`` of nodes over the raster, without those that are nowhere."""
+        """Return lon, lat ``(n, 2)`` of nodes over the raster, without those for which there are none."""
         columns, rows = self._size
         ends = (columns - 1.0, rows - 1.0)
         node = np.stack(np.meshgrid(*(np.linspace(0.0, end, 5) for end in ends)), -1)
@@ -126,7 +126,7 @@ class Georeference:
         return lonlat
 
     def _xy(self, corner: np.ndarray) -> np.ndarray:
-        """Return map coordinates of GDAL's pixel, line ``(n, 2)`` from the corner."""
+        """Return map coordinates of GDAL's pixel and line ``(n, 2)``, which refer to the corner."""
         x0, dx_column, dx_row, y0, dy_column, dy_row = self._geotransform
         column, row = corner.T
         return np.column_stack([x0 + dx_column * column + dx_row * row, y0 + dy_column * column + dy_row * row])
@@ -137,7 +137,7 @@ def _at_height_0(xy: np.ndarray) -> np.ndarray:
 
 
 def map_grid_doubt(path: str, dataset: gdal.Dataset, rpc: RPC) -> str:
-    """Return a warning where an image lies on a map grid that its RPC does not follow; else an empty text."""
+    """Return a warning if the pixels of an image are on a map grid that its RPC does not follow, else an empty text."""
     if dataset.GetGeoTransform(can_return_null=True) is None or not dataset.GetProjection():
         return ""
     try:

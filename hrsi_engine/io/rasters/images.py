@@ -1,4 +1,4 @@
-"""Images on disk: opening one with its RPC, and reading windows of pixels from several threads and processes."""
+"""Images on disk: opened with their RPC; windows of pixels are read by several threads and processes."""
 
 from __future__ import annotations
 
@@ -47,29 +47,29 @@ _open_datasets = threading.local()
 
 
 class RasterioLike(Protocol):
-    """What a rasterio dataset has."""
+    """Attribute of a rasterio dataset that is used."""
 
     name: str
 
 
 class XarrayLike(Protocol):
-    """What an object of xarray has."""
+    """Attribute of an xarray object that is used."""
 
     encoding: dict[Any, Any]
 
 
-#: What stands for an image's file.
+#: Types that identify the file of an image.
 ImageSource = str | os.PathLike[str] | RasterioLike | XarrayLike
 
 
 class ImageInMemory(InMemory):
-    """An image that is open already, under its path, or its id where it comes from arrays."""
+    """An image that is open already; its text is its path, or its id if it is made of arrays."""
 
     __slots__ = ("image",)
     image: Image
 
     def __new__(cls, image: Image) -> ImageInMemory:
-        """Name the image."""
+        """Create the image with its name."""
         made = super().__new__(cls, image.path or image.id)
         made.image = image
         return made
@@ -91,28 +91,28 @@ def open_image(source: ImageSource) -> Image:
     Parameters
     ----------
     source : path, rasterio dataset, or xarray object
-        Anything that GDAL opens and that has an RPC, or an RPC file; or what stands for such a file: an open rasterio
-        dataset, a DataArray or Dataset of xarray or rioxarray. Of these the file is opened, whole and as it was saved:
-        changes in memory and selections do not count.
+        Anything that GDAL opens and that has an RPC, or an RPC file; or an object of such a file: an open rasterio
+        dataset, a DataArray or Dataset of xarray or rioxarray. Its file is opened, complete and as saved: changes in
+        memory and selections are ignored.
 
     Returns
     -------
     Image
-        With its camera, its size and a way to its pixels.
+        With its camera, its size and access to its pixels.
 
     Raises
     ------
     InputError
-        The file is missing, is neither an image nor an RPC file, or has no RPC; or ``source`` stands for no file.
+        The file is missing, is neither an image nor an RPC file, or has no RPC; or ``source`` has no file.
     """
     return open_image_and_source(path_of(source))[0]
 
 
 def path_of(source: ImageSource) -> str:
-    """Return the path of the file that a path, a rasterio dataset or an xarray object stands for.
+    """Return the path of the file of a path, a rasterio dataset or an xarray object.
 
-    xarray keeps the path in ``encoding["source"]``, rasterio in ``name``. Raises `InputError` for what stands for no
-    file, as an array that was computed does.
+    xarray has the path in ``encoding["source"]``, rasterio in ``name``. Raises `InputError` for an object without a
+    file, for example a computed array.
     """
     if isinstance(source, (str, os.PathLike)):
         return os.fspath(source)
@@ -124,17 +124,17 @@ def path_of(source: ImageSource) -> str:
 
 
 def path_elsewhere(path: str) -> str:
-    """Return the path by which a process with another working directory finds a file; URLs and subdatasets stay."""
+    """Return a path that is valid in a process with another working directory; URLs and subdatasets are unchanged."""
     if os.path.exists(path):
         return os.path.abspath(path)
-    layer = re.match(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)", path)  # GDAL's way into an archive, and the archive
+    layer = re.match(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)", path)  # GDAL's prefix of archives, and the archive
     if layer is None or layer[2].startswith("/"):
         return path
     return f"{layer[1]}{path_elsewhere(layer[2]) if layer[2].startswith('vsi') else os.path.abspath(layer[2])}"
 
 
 def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
-    """Open an image as `open_image` does; return also where its RPC came from, for the log."""
+    """Open an image as `open_image`; return also its RPC with the source, for the log."""
     if isinstance(path, ImageInMemory):
         return path.image, FoundRpc(path.image.rpc, "in memory", size=path.image.size)
     path = os.fspath(path)
@@ -153,13 +153,13 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
 
 
 def pixel_doubt(image: Image) -> str:
-    """Return in words why an image's RPC may not belong to its pixels; an empty text where it seems to."""
+    """Return a message why an image's RPC may not belong to its pixels; empty if there is no sign of that."""
     raster = image.raster
     return map_grid_doubt(raster.path, raster.dataset, image.rpc) if isinstance(raster, GdalRaster) else ""
 
 
 def resampling_doubt(image: Image) -> IgnoredResampling | None:
-    """Return by how much an image's RPC is off because it ignores a resampling; None where nothing shows one."""
+    """Return the error of an image's RPC that ignores a resampling of the image; None if there is no sign of that."""
     raster = image.raster
     if not isinstance(raster, GdalRaster):
         return None
@@ -167,9 +167,9 @@ def resampling_doubt(image: Image) -> IgnoredResampling | None:
 
 
 def file_stamp(path: str) -> tuple[int, ...]:
-    """Return size and modification time of an open file, which change with its content; zeros where unknown.
+    """Return size and modification time of an open file, which change with its content; zeros if unknown.
 
-    For what one process keeps open; what later runs take up again is told by `content_marks.content_mark`.
+    Valid within one process; for the intermediate results of later runs there is `content_marks.content_mark`.
     """
     if path.startswith("/vsi"):
         status = virtual_status(path)
@@ -183,28 +183,28 @@ def file_stamp(path: str) -> tuple[int, ...]:
 
 @atexit.register
 def close_images() -> None:
-    """Close the images that the calling thread has open; they are opened again when they are read.
+    """Close the images that the calling thread has open; reading opens them again.
 
-    To be called at the end of a piece of work: files stay locked (Windows) while they are open, and datasets must not
-    outlive GDAL. Other threads close theirs when they end.
+    Call it at the end of a computation: files are locked (Windows) while they are open, and datasets must not outlive
+    GDAL. Other threads close their images when they end.
     """
     _open_datasets.__dict__.clear()
 
 
 class GdalRaster:
-    """Pixels of the first band of an image. Threads may read at the same time: each has its own GDAL handle.
+    """Pixels of the first band of an image. Several threads can read at the same time: each has its own GDAL handle.
 
-    It can be sent to another process (pickled), which opens the file itself: under its absolute path, as other
-    processes have folders of their own.
+    It can be sent to another process (pickled), which opens the file itself, by its absolute path, since the working
+    directory may differ.
 
-    Of images with several bands the first one is read: it is the panchromatic or a visible band in every product
-    known, and a mean of bands would mix bands that do not lie exactly on each other.
+    Of several bands the first one is read: it is the panchromatic or a visible band in all known products, and a mean
+    of bands would mix bands with small shifts between each other.
     """
 
     def __init__(self, path: str, band: int = 1) -> None:
         self.path, self._band = str(path), band
         self.stamp = file_stamp(path)
-        self.stated_size: tuple[int, int] | None = None  #: of the image that the RPC was delivered for
+        self.stated_size: tuple[int, int] | None = None  #: size of the image for which the RPC was delivered
         self.size: tuple[int, int] = (self.dataset.RasterXSize, self.dataset.RasterYSize)
         if not 1 <= band <= self.dataset.RasterCount:
             raise InputError(f"{path}: has {self.dataset.RasterCount} bands, band {band} is wanted: name another image")
@@ -214,9 +214,9 @@ class GdalRaster:
 
     @property
     def dataset(self) -> gdal.Dataset:
-        """The calling thread's GDAL dataset."""
+        """The GDAL dataset of the calling thread."""
         datasets: OrderedDict[tuple[str, tuple[int, ...]], gdal.Dataset]
-        datasets = _open_datasets.__dict__.setdefault("by_path", OrderedDict())  # the least used ones are closed
+        datasets = _open_datasets.__dict__.setdefault("by_path", OrderedDict())  # the oldest are closed
         dataset = datasets.pop((self.path, self.stamp), None) or open_raster(self.path)
         datasets[self.path, self.stamp] = dataset
         while len(datasets) > OPEN_IMAGES.open_per_thread:
@@ -224,11 +224,11 @@ class GdalRaster:
         return dataset
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool).
+        """Return the grey values ``(lines, samples)`` of a window, and the mask of its valid pixels (bool).
 
-        The window may reach over the image's edge: there the mask is False and the grey value 0. Not valid are
-        also nodata, pixels that a mask or alpha band leaves out, and values that are not finite. Raises `InputError`
-        where the pixels cannot be read.
+        The window may extend beyond the image: there the mask is False and the grey value 0. Also invalid are nodata,
+        pixels that a mask or alpha band excludes, and values that are not finite. Raises `InputError` if the pixels
+        cannot be read.
         """
         first_sample, first_line = max(sample, 0), max(line, 0)
         width = min(sample + samples, self.size[0]) - first_sample
@@ -263,10 +263,10 @@ class GdalRaster:
         return content_mark(self.path)
 
     def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the whole image as means of ``step`` x ``step`` pixels, float32 and mask, ``(lines, samples)``.
+        """Return the complete image as means of ``step`` x ``step`` pixels, float32 and mask, ``(lines, samples)``.
 
-        GDAL takes the image's overviews where it has them. Without, all pixels pass through, a strip at a time, and
-        leave GDAL's cache again: memory stays at the size of a strip. A mean is valid where all its pixels are.
+        GDAL uses the overviews of the image if it has them. Otherwise all pixels are read by strips, and GDAL's cache
+        is emptied after each: memory does not exceed a strip. A mean is valid if all its pixels are.
         """
         samples, lines = self.size[0] // step, self.size[1] // step
         grey, valid = np.empty((lines, samples), dtype=np.float32), np.empty((lines, samples), dtype=bool)

@@ -1,4 +1,4 @@
-"""Finished orthoimages opened for comparison: their place on the map, and one brought onto the pixels of another.
+"""Finished orthoimages, opened for comparison: their georeference, and resampling to the grid of another one.
 
 `open_reference` opens any georeferenced raster that GDAL reads, in any CRS, as a reference.
 """
@@ -30,7 +30,7 @@ class OrthoRaster:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """West, south, east, north in the CRS's units."""
+        """West, south, east, north in units of the CRS."""
         west, step_x, _, north, _, step_y = self.geotransform
         columns, rows = self.raster.size
         return west, north + rows * step_y, west + columns * step_x, north
@@ -71,7 +71,7 @@ def open_ortho(path: str) -> OrthoRaster:
 
 
 def offset_of(first: OrthoRaster, second: OrthoRaster) -> tuple[int, int] | None:
-    """Return column and row, in the first orthoimage, of the second one's first pixel; None where pixels differ."""
+    """Return column and row of the second orthoimage's first pixel in the first one; None if their grids differ."""
     if not pyproj.CRS.from_wkt(first.crs).equals(pyproj.CRS.from_wkt(second.crs), ignore_axis_order=True):
         return None
     size = np.array([first.geotransform[1], first.geotransform[5]])
@@ -80,14 +80,14 @@ def offset_of(first: OrthoRaster, second: OrthoRaster) -> tuple[int, int] | None
         return None
     offset = np.array([second.geotransform[k] - first.geotransform[k] for k in (0, 3)]) / size
     whole = np.rint(offset)
-    return (int(whole[0]), int(whole[1])) if np.abs(offset - whole).max() <= 0.01 else None  # pixels are the same ones
+    return (int(whole[0]), int(whole[1])) if np.abs(offset - whole).max() <= 0.01 else None  # equal grids
 
 
 def regrid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
-    """Return an orthoimage on the pixels of another, over that one's extent; warped when it is read, cubic.
+    """Return an orthoimage on the grid and extent of another; warped (cubic) when it is read.
 
-    Where the datums differ, GDAL takes PROJ's best operation for the extent from one to the other: that of the service
-    where it leads by way of WGS84; a direct one, as from GDA94 to GDA2020, is better than two that state metres.
+    If the datums differ, GDAL uses PROJ's best operation between them for the extent. It equals that of `operations_of`
+    if it passes through WGS84; a direct one, as from GDA94 to GDA2020, is better than two that state metres.
     """
     path = f"/vsimem/hrsi-{secrets.token_hex(8)}.vrt"
     result = None
@@ -105,7 +105,7 @@ def regrid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
 
 @dataclass(frozen=True, eq=False)
 class BandMean:
-    """The mean of an image's bands, which is what a panchromatic sensor sees of them; valid where all are."""
+    """The mean of an image's bands, which approximates a panchromatic band; valid where all bands are."""
 
     bands: tuple[GdalRaster, ...]
 
@@ -128,8 +128,8 @@ def open_reference(path: str, band: int | None = None, epoch: float | None = Non
     """Open an orthoimage.
 
     path : any raster that GDAL opens, with a CRS and a geotransform
-    band : the band that is used, 1 is the first; by default the mean of all but alpha
-    epoch : year in which a CRS fixed to a plate is brought to WGS84
+    band : number of the band, from 1; by default the mean of all bands except alpha
+    epoch : year at which coordinates in a plate-fixed CRS are transformed to WGS84
     Result: its grey values on the ground.
     Raises `InputError`: it cannot be opened, or has no CRS or geotransform.
     """

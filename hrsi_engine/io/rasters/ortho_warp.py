@@ -1,9 +1,9 @@
-"""Chunks of orthoimages through GDAL's warper, which gets the finished mapping instead of an RPC.
+"""Chunks of orthoimages by GDAL's warper, which gets the finished mapping instead of an RPC.
 
-The target of each chunk carries a geolocation array that holds image positions, at every pixel or at nodes between
-which GDAL interpolates bilinearly: the warper goes from target pixels to image pixels by a table. So all of its
-resampling kernels, data types and masks serve, and the cost of RPC and DEM at every pixel is gone. Only the window of
-the image that a chunk needs is read.
+The target of each chunk has a geolocation array of image positions, at every pixel or at nodes between which GDAL
+interpolates bilinearly: the warper transforms target pixels to image pixels by a table. Therefore all its resampling
+kernels, data types and masks can be used, without the cost of RPC and DEM at every pixel. Only the window of the
+image that a chunk needs is read.
 """
 
 import math
@@ -20,7 +20,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages
 from .images import GdalRaster
 
-#: Kernels of GDAL's warper: radius in image pixels.
+#: Resampling methods of GDAL's warper, with their radius in image pixels.
 RESAMPLING = {
     "near": 1, "bilinear": 1, "cubic": 2, "cubicspline": 2, "lanczos": 3, "average": 1, "rms": 1, "mode": 1, "max": 1,
     "min": 1, "med": 1, "q1": 1, "q3": 1,
@@ -46,14 +46,14 @@ class CHUNKS:
 
 
 class Pixels(NamedTuple):
-    """Pixels of a chunk ``(bands, rows, columns)`` and, where the orthoimage has a mask, ``valid (rows, columns)``."""
+    """Pixels of a chunk ``(bands, rows, columns)`` and, if the orthoimage has a mask, ``valid (rows, columns)``."""
 
     values: np.ndarray
     valid: np.ndarray | None
 
 
 class OrthoSource:
-    """A raw image that is warped chunk by chunk, by several threads at the same time."""
+    """A raw image that several threads warp by chunks at the same time."""
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -74,21 +74,21 @@ class OrthoSource:
 
     @property
     def dataset(self) -> gdal.Dataset:
-        """The calling thread's GDAL dataset."""
+        """The GDAL dataset of the calling thread."""
         return self._raster.dataset
 
     @property
     def has_gaps(self) -> bool:
-        """Whether some pixels may not be valid."""
+        """Whether some pixels may be invalid."""
         return self.masked or any(value is not None for value in self.nodata)
 
     @property
     def type_name(self) -> str:
-        """GDAL's name of the pixels' data type."""
+        """GDAL's name of the data type of the pixels."""
         return str(gdal.GetDataTypeName(self.data_type))
 
     def holds(self, value: float) -> bool:
-        """Tell whether a pixel can have a value."""
+        """Return whether the data type can represent a value."""
         dtype = gdal_array.GDALTypeCodeToNumericTypeCode(self.data_type)
         if not self.is_integer:
             return True
@@ -100,7 +100,7 @@ class OrthoSource:
         return self.data_type not in (gdal.GDT_Float32, gdal.GDT_Float64, gdal.GDT_CFloat32, gdal.GDT_CFloat64)
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[list[np.ndarray], np.ndarray | None]:
-        """Return a window's bands and, for an image with a mask or an alpha band, that."""
+        """Return the bands of a window, and its mask if the image has a mask or an alpha band."""
         values: list[np.ndarray | None] = []
         mask = None
         with gdal_messages() as messages:
@@ -119,10 +119,10 @@ class OrthoSource:
 
 @dataclass(frozen=True)
 class Warp:
-    """How chunks are warped.
+    """Parameters of the warping of chunks.
 
     resampling : a name of `RESAMPLING`; scale : pixels of the image per pixel of the map
-    nodata : value of pixels that the image does not show; None where the orthoimage has a mask
+    nodata : value of pixels outside the image; None if the orthoimage has a mask
     """
 
     resampling: str
@@ -131,18 +131,18 @@ class Warp:
 
     @property
     def reach_px(self) -> int:
-        """How far around a position the kernel reads the image."""
+        """Distance around a position within which the kernel reads the image."""
         return math.ceil(RESAMPLING[self.resampling] * max(1.0, self.scale)) + 2
 
 
 def warp_chunk(
     source: OrthoSource, positions: np.ndarray, step: int, columns: int, rows: int, warp: Warp
 ) -> Pixels | None:
-    """Return the pixels of a chunk, None where the image shows nothing of it.
+    """Return the pixels of a chunk, None if the image does not cover any of it.
 
-    positions : (2, m, n) sample, line at every ``step``-th pixel, NaN where there is none (then ``step`` is 1)
+    positions : (2, m, n) sample, line at every ``step``-th pixel, NaN where unknown (then ``step`` is 1)
     """
-    # First sample and line, samples and lines of the part of the image that is needed
+    # First sample and line, samples and lines of the required part of the image
     flat = positions.reshape(2, -1)
     low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
     if np.isnan(low).any():
@@ -154,7 +154,7 @@ def warp_chunk(
     sample, line, samples, lines = np.r_[first, extent].astype(int).tolist()
     whole = not source.has_gaps and not np.isnan(flat).any()
     whole = whole and bool((low >= 0.0).all() and (high <= np.array(source.size) - 1.0).all())
-    # A window of the image as a dataset in memory, its mask as an alpha band
+    # A window of the image as a dataset in memory, with its mask as an alpha band
     bands, mask = source.read(sample, line, samples, lines)
     image = gdal.GetDriverByName("MEM").Create("", samples, lines, len(bands), source.data_type)
     for number, values in enumerate(bands, 1):
@@ -169,7 +169,7 @@ def warp_chunk(
     try:
         with gdal_messages() as messages, config_option("CPL_TMPDIR", "/vsimem"):
             _write_table(table, positions, first - 0.5)
-            nodes = {  # of the table, at the centres of every ``step``-th pixel
+            nodes = {  # at the centres of every ``step``-th pixel
                 "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
                 "PIXEL_OFFSET": "0.5", "LINE_OFFSET": "0.5", "PIXEL_STEP": str(step), "LINE_STEP": str(step),
                 "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
@@ -185,7 +185,7 @@ def warp_chunk(
         if warp.nodata is None:
             return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
         if (whole or valid is not None) and not np.isnan(warp.nodata):
-            # Move grey values that equal nodata by one step, of pixels that are valid
+            # Change grey values of valid pixels that equal nodata by the smallest step
             same = values == warp.nodata
             if valid is not None:
                 same &= valid
@@ -201,10 +201,10 @@ def warp_chunk(
 
 
 def _with_alpha(source: OrthoSource, warp: Warp, whole: bool) -> bool:
-    """Tell whether GDAL says by an alpha band which pixels of a chunk the image shows.
+    """Return whether an alpha band of GDAL marks the pixels of a chunk that the image covers.
 
-    It does so for a mask, and where nothing else than the image's border leaves pixels out: GDAL's kernels are several
-    times as fast without nodata values.
+    This is so for an orthoimage with a mask, and if only the border of the image excludes pixels: GDAL's kernels are
+    several times as fast without nodata values.
     """
     return not whole and (warp.nodata is None or not source.has_gaps)
 
@@ -215,30 +215,30 @@ def _make_target(source: OrthoSource, columns: int, rows: int, nodata: float, wi
     dataset = gdal.GetDriverByName("MEM").Create("", columns, rows, bands, source.data_type)
     if nodata:
         for number in range(1, len(source.bands) + 1):
-            dataset.GetRasterBand(number).Fill(nodata)  # GDAL's INIT_DEST does not reach a dataset that is there
+            dataset.GetRasterBand(number).Fill(nodata)  # INIT_DEST is ignored for an existing dataset
     if with_alpha:
         dataset.GetRasterBand(bands).SetColorInterpretation(gdal.GCI_AlphaBand)
     return dataset
 
 
 def _write_table(path: str, positions: np.ndarray, origin: np.ndarray) -> None:
-    """Write image positions, counted from an origin, as a raster of two bands in memory."""
+    """Write image positions, relative to an origin, as a raster of two bands in memory."""
     _, rows, columns = positions.shape
     options = ["INTERLEAVE=BAND", f"BLOCKYSIZE={rows}"]
     dataset = gdal.GetDriverByName("GTiff").Create(path, columns, rows, 2, gdal.GDT_Float64, options)
     for axis in range(2):
         values = positions[axis] - origin[axis]
-        values[np.isnan(values)] = -1e9  # of pixels whose terrain is not known
+        values[np.isnan(values)] = -1e9  # of pixels with unknown terrain
         dataset.GetRasterBand(axis + 1).WriteArray(values)
-    del dataset  # closed here, not at the return: whoever looks at frames, as Dask's profiler does, may keep this one
+    del dataset  # closed here, not at the return: Dask's profiler, for example, may keep a reference to this frame
 
 
 def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarpAppOptions:
     """Return GDAL's options.
 
-    The scale is that of the whole orthoimage: GDAL's own guess, from the extents of the windows, differs from chunk to
-    chunk. The table of the way back from image to map is not needed and made as small as can be. Chunks run in
-    parallel, so none needs threads inside, each of which would copy the tables.
+    The scale is that of the complete orthoimage: GDAL's own estimate, from the extents of the windows, differs between
+    chunks. The table of the inverse, from image to map, is not needed and made as small as possible. Chunks run in
+    parallel, so they need no threads of their own, each of which would copy the tables.
     """
     scale = 1.0 / warp.scale if warp.scale > CHUNKS.same_scale else 1.0
     options = [

@@ -1,10 +1,10 @@
-"""Orthoimages on disk: made of chunks that come in their order, finished as COG or GeoTIFF, replaced in one step.
+"""Orthoimages on disk: written in chunks, completed as COG or GeoTIFF, and replaced in one step.
 
-Who makes the chunks, `make_chunk`, does not matter: threads or other machines. As they are written in their order,
-the bytes of the file are the same.
+Chunks may be made (`make_chunk`) by threads or on other machines. Since they are written in a fixed order, the bytes of
+the file are the same.
 
-An orthoimage carries the fingerprint of what it was made from and how in its metadata: a later run with the same
-fingerprint keeps it.
+The metadata of an orthoimage contain the fingerprint of its inputs and options: a later run with the same fingerprint
+keeps the file.
 """
 
 import hashlib
@@ -27,31 +27,31 @@ from ..safety.content_marks import content_mark
 from ..safety.replacing import open_hidden_folder, replacing
 from .ortho_warp import CHUNKS, OrthoSource, Pixels, Warp, warp_chunk
 
-#: Metadata items; in the default domain, because GDAL's COG driver drops others.
+#: Metadata items; in the default domain, because GDAL's COG driver drops the others.
 FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
 TILED = ("TILED=YES", f"BLOCKXSIZE={CHUNKS.tile_px}", f"BLOCKYSIZE={CHUNKS.tile_px}", "BIGTIFF=IF_SAFER")
-INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # else a second file that would have to be renamed, too
-#: By the choice of `format`: GDAL driver, its options besides the compression.
+INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # a mask file would have to be renamed, too
+#: By the choice of `format`: GDAL driver, and its options besides the compression.
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "cog": ("COG", (f"BLOCKSIZE={CHUNKS.tile_px}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER")),  # copies overviews
+    "cog": ("COG", (f"BLOCKSIZE={CHUNKS.tile_px}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER")),  # overviews are copied
     "gtiff": ("GTiff", TILED),
 }
 COMPRESSION = ("deflate", "lzw", "zstd", "none")
-#: Resampling of overviews by that of the orthoimage, where it is not the mean: values that may not be mixed stay whole.
+#: Resampling of overviews by that of the orthoimage, if it is not the mean: classes must not be averaged.
 OVERVIEW_RESAMPLING = {"near": "NEAREST", "mode": "MODE"}
 
 
 Grid = Any  # `ortho.MapGrid`: crs as WKT, columns, rows, GDAL's geotransform, and chunks (column, row, columns, rows)
-MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None where the image shows nothing
+MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None if the image does not cover it
 
 
 class OrthoChunk(NamedTuple):
-    """A window of an orthoimage; the others are None, empty and 0 where the image shows nothing of it.
+    """A window of an orthoimage; without pixels, the other values are None, empty and 0.
 
-    pixels : None where none of them shows the image
+    pixels : None if the image does not cover any of them
     step : pixels between the nodes of its mapping
     errors_px : (k,) distances between interpolated and exact positions
-    unknown : pixels within the image without terrain height
+    unknown : number of pixels within the image without terrain height
     """
 
     window: Any
@@ -62,7 +62,7 @@ class OrthoChunk(NamedTuple):
 
 
 def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any) -> OrthoChunk:
-    """Return a window of an orthoimage."""
+    """Return a window of an orthoimage: its mapping and its warped pixels."""
     mapping = map_chunk(window)
     if mapping is None:
         return OrthoChunk(window, None, 0, np.empty(0), 0)
@@ -71,14 +71,14 @@ def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any
 
 
 def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
-    """Yield the windows of an orthoimage's chunks in the order in which they are written: a tile at once."""
+    """Yield the windows of an orthoimage's chunks in the order in which they are written: tile by tile."""
     for tiles in grid.chunks(CHUNKS.columns_per_row * CHUNKS.tile_px, CHUNKS.tile_px):
         yield from tiles.parts(*chunk_size(warp.scale))
 
 
 @dataclass(frozen=True)
 class OrthoFormat:
-    """How orthoimages are stored.
+    """Storage format of orthoimages.
 
     name : one of `FORMATS`; compression : one of `COMPRESSION`
     """
@@ -87,11 +87,11 @@ class OrthoFormat:
     compression: str
 
     def creation_options(self, is_integer: bool, threads: int) -> list[str]:
-        """Return GDAL's creation options.
+        """Return GDAL's creation options for the format.
 
-        is_integer : whether grey values are whole numbers: what predictor compresses best
-        threads : threads that compress
-        Result: ``NAME=VALUE``.
+        is_integer : whether grey values are integers, which decides the predictor
+        threads : number of threads for compression
+        Result: texts ``NAME=VALUE``.
         """
         driver, options = FORMATS[self.name]
         found = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
@@ -102,7 +102,7 @@ class OrthoFormat:
 
 @dataclass
 class OrthoFigures:
-    """What came of an orthoimage: pixels shown, pixels without terrain, position errors at random pixels, steps."""
+    """Figures of a written orthoimage: pixels shown, pixels without terrain, errors of random pixels (px), steps."""
 
     shown: int = 0
     unknown: int = 0
@@ -110,7 +110,7 @@ class OrthoFigures:
     pixels_by_step: dict[int, int] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures as the report has them."""
+        """Return the figures as in the report."""
         errors = np.concatenate([np.empty(0), *self.errors_px])
         none = not len(errors)
         return {
@@ -125,18 +125,18 @@ class OrthoFigures:
 
 
 def fingerprint(made_from: Mapping[str, Any]) -> str:
-    """Return a short text that differs when anything differs that an orthoimage is made from."""
+    """Return a short text that differs if any input or option of an orthoimage differs."""
     return hashlib.sha256(json_text(made_from, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def stamp_of(path: str) -> str | None:
-    """Return the fingerprint that an orthoimage carries; None without one, or where there is no readable image."""
+    """Return the fingerprint in an orthoimage's metadata; None if it has none or cannot be read."""
     dataset, _ = open_dataset(path) if os.path.exists(path) else (None, "")
     return None if dataset is None else metadata_of(dataset).get(FINGERPRINT)
 
 
 def read_figures(path: str) -> dict[str, Any]:
-    """Return the figures that an orthoimage carries: `OrthoFigures.summary` of its making."""
+    """Return the figures in an orthoimage's metadata, `OrthoFigures.summary` of its computation."""
     dataset, message = open_dataset(path)
     if dataset is None:
         raise OutputError(f"{path}: cannot be read ({message}): remove it and run again")
@@ -144,7 +144,7 @@ def read_figures(path: str) -> dict[str, Any]:
 
 
 def file_state(path: str) -> list[Any]:
-    """Return name and content of a dataset."""
+    """Return absolute path and content mark of a dataset."""
     return [os.path.abspath(path), content_mark(path)]
 
 
@@ -154,13 +154,13 @@ def write_orthoimage(
 ) -> OrthoFigures:  # fmt: skip
     """Write an orthoimage; return its figures.
 
-    path : the file, replaced in one step; source : the image; grid : the pixels of the map
-    chunks : those of `chunk_windows`, in that order; so many are taken as the orthoimage has
-    warp : how grey values are interpolated; form : how they are stored
-    made_from : what to note in the file: from what and how it was made; threads : that compress
-    progress : callback; False cancels; lineage : what the file tells people of itself
-    Result: what was written.
-    Raises `OutputError`: the file cannot be written; `Cancelled`: when ``progress`` asks to stop.
+    path : the file, replaced in one step; source : the image; grid : pixels of the map
+    chunks : those of `chunk_windows`, in that order; only as many as the orthoimage has are used
+    warp : interpolation of grey values; form : storage format
+    made_from : inputs and options, whose fingerprint is stored; threads : number of threads for compression
+    progress : callback; False cancels; lineage : metadata items on the origin
+    Result: figures of the written orthoimage.
+    Raises `OutputError`: the file cannot be written; `Cancelled`: ``progress`` returned False.
     """
     figures = OrthoFigures()
 
@@ -196,19 +196,19 @@ def _write_tiles(
     target: str, path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp,
     fill: Callable[[gdal.Dataset], None],
 ) -> None:  # fmt: skip
-    """Write a tiled file that ``fill`` fills; ``path`` is what errors name."""
+    """Write a tiled file, whose pixels ``fill`` writes; errors name ``path``."""
     with gdal_messages() as messages:
         dataset = _create_file(target, options, source, grid, warp)
         created = dataset is not None
         if created:
             fill(dataset)
-        del dataset  # closed here, so that failures of the last writing count
+        del dataset  # closed here, so that failures of the last writing are noticed
     if messages or not created:
         raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
 
 
 def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:
-    """Create a tiled file for the chunks, with the bands' descriptions."""
+    """Create a tiled file for the chunks, with descriptions and units of the source's bands."""
     count = len(source.bands)
     dataset = gdal.GetDriverByName("GTiff").Create(path, grid.columns, grid.rows, count, source.data_type, options)
     if dataset is None:
@@ -216,7 +216,7 @@ def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid,
     dataset.SetProjection(grid.crs)
     dataset.SetGeoTransform(grid.geotransform)
     for number, origin in enumerate(source.bands, 1):
-        # Give a band the name, meaning, scale, offset and unit of another
+        # Copy name, colour interpretation, scale, offset and unit of the source's band
         old = source.dataset.GetRasterBand(origin)
         new = dataset.GetRasterBand(number)
         new.SetDescription(old.GetDescription())
@@ -236,7 +236,7 @@ def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid,
 
 
 def chunk_size(scale: float) -> tuple[int, int]:
-    """Return columns and rows of a chunk whose part of the image is hardly larger than for equal pixels."""
+    """Return columns and rows of a chunk, chosen so that its part of the image is not much larger than a tile."""
     rows = CHUNKS.tile_px
     while rows > CHUNKS.least_rows and rows * scale > CHUNKS.tile_px * CHUNKS.same_size:
         rows //= 2
@@ -244,20 +244,20 @@ def chunk_size(scale: float) -> tuple[int, int]:
 
 
 def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp) -> int:
-    """Write a chunk; return how many of its pixels show the image."""
+    """Write a chunk; return the number of its pixels that show the image."""
     for number, values in enumerate(pixels.values, 1):
         dataset.GetRasterBand(number).WriteArray(values, window.column, window.row)
     if pixels.valid is not None:
         mask = dataset.GetRasterBand(1).GetMaskBand()
         mask.WriteArray(np.where(pixels.valid, 255, 0).astype(np.uint8), window.column, window.row)
         return int(np.count_nonzero(pixels.valid))
-    nodata = np.nan if warp.nodata is None else warp.nodata  # floats say it by NaN
+    nodata = np.nan if warp.nodata is None else warp.nodata  # float types use NaN
     empty = np.isnan(pixels.values[0]) if np.isnan(nodata) else pixels.values[0] == nodata
     return int(empty.size - np.count_nonzero(empty))
 
 
 def _add_overviews(plain: str, resampling: str) -> None:
-    """Add overviews to the chunks, uncompressed: the COG driver would compress and unpack its own ones in between."""
+    """Add overviews to the chunks, uncompressed: the COG driver would compress and decompress its own in between."""
     dataset = gdal.Open(plain, gdal.GA_Update)
     factors: list[int] = []
     while max(dataset.RasterXSize, dataset.RasterYSize) > CHUNKS.tile_px << len(factors):

@@ -1,11 +1,11 @@
-"""Where the sun stood when an image was taken: what its delivery says, else the time and place of the acquisition.
+"""Sun position of an image: as stated in its delivery, otherwise from time and place of the acquisition.
 
 Deliveries write the same two angles in many ways: `MEANSUNAZ` (ISD XML, .IMD), `SUN_AZIMUTH` (DIMAP, once for each
-located value), "Sun Angle Azimuth" (IKONOS, GeoEye), `NITF_USE00A_SUN_AZ`, `sun_azimuth` (JSON). Their names are what
-is known of them here, and not their formats: each is looked for in the text of the files that belong to the image, and
-in its GDAL metadata. The mean of several is taken. Times are known in the same way, or from the file's name. The time
-in the header of a NITF file (IDATIM) does not count: of two at hand one is twelve years older than the satellite, and
-the other contradicts the angles in the same file by 20 degrees.
+located value), "Sun Angle Azimuth" (IKONOS, GeoEye), `NITF_USE00A_SUN_AZ`, `sun_azimuth` (JSON). Only these names are
+used here, not the formats: each is searched in the text of the image's side files, and in its GDAL metadata. The mean
+of several values is used. Times are found in the same way, or in the file's name. The time
+in the header of a NITF file (IDATIM) is not used: of two available files one is twelve years older than the satellite,
+and the other contradicts the angles in the same file by 20 degrees.
 """
 
 import os
@@ -26,7 +26,7 @@ from ..opening.item_images import item_of
 from ..rpc_files.content import read_text, siblings
 
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
-#: After a name: the rest of an XML tag, or the signs of JSON, PVL, Python and plain text.
+#: After a name: the rest of an XML tag, or the separators of JSON, PVL, Python and plain text.
 _TO_VALUE = r"(?:\s[^<>\n]{0,200})?[\"']?\s*[>=:]\s*[\"']?"
 _SUN = r"(?:mean_?)?(?:sun|solar)[ _]?(?:angle[ _]?)?"
 _AZIMUTH = re.compile(rf"(?<![a-z])(?:{_SUN}az(?:imuth)?|illuminationAzimuthAngle){_TO_VALUE}({_NUMBER})", re.I)
@@ -34,14 +34,14 @@ _ELEVATION = re.compile(
     rf"(?<![a-z])(?:{_SUN}el(?:ev(?:ation)?)?|illuminationElevationAngle){_TO_VALUE}({_NUMBER})", re.I
 )
 _LINE_RATE = re.compile(rf"(?<![a-z])(avg_?line_?rate|line_period){_TO_VALUE}({_NUMBER})", re.I)
-_LONGEST_LINE_S = 0.01  # SPOT's lines take 0.0015 s, those of Pleiades 0.07 ms
+_LONGEST_LINE_S = 0.01  # lines of SPOT take 0.0015 s, those of Pleiades 0.07 ms
 _DATE, _CLOCK = r"(\d{4})-?(\d\d)-?(\d\d)", r"(\d\d):?(\d\d):?(\d\d(?:\.\d+)?)?"
 _TIME_NAMES = "FIRSTLINETIME|ACQUISITIONDATETIME|Acquisition Date/Time|acquisition_date|acquired|acquisitionTime"
 _TIMES = (
     re.compile(rf"(?<![a-z])(?:{_TIME_NAMES}){_TO_VALUE}{_DATE}[T ]?{_CLOCK}", re.I),
     re.compile(rf"IMAGING_DATE{_TO_VALUE}{_DATE}.*?IMAGING_TIME{_TO_VALUE}{_CLOCK}", re.S),
 )
-#: Names of files that tell the time: Airbus (``PHR1B_P_201709281038393_SEN``), then Planet (``20191015_073816_ssc1``).
+#: File names with a time: Airbus (``PHR1B_P_201709281038393_SEN``), then Planet (``20191015_073816_ssc1``).
 _TIMES_IN_NAMES = (
     re.compile(r"(?:PHR1|SPOT|PNEO|S[67])[^/]*_(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)\d"),
     re.compile(r"(?:^|/)(20\d\d)(\d\d)(\d\d)_(\d\d)(\d\d)(\d\d)_"),
@@ -67,9 +67,9 @@ class SunReading(NamedTuple):
 
 
 def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
-    """Return where the sun stood when an image, or that of an RPC file, was taken; None where nothing tells.
+    """Return the sun position of an image, or of the image of an RPC file; None if it cannot be determined.
 
-    The angles as stated; else from the time of the acquisition at the place that the RPC tells.
+    The angles as stated; otherwise computed from the acquisition time at the centre of the RPC.
     """
     texts = [*_read_texts(path)]
     for source, text in texts:
@@ -89,15 +89,15 @@ def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
 
 
 def read_time(path: str) -> datetime | None:
-    """Return the acquisition time (UTC) from the delivery or the file's name; None where neither states it."""
+    """Return the acquisition time (UTC) from the delivery or the file's name; None if neither states it."""
     told = (_time_in(text) for _source, text in _read_texts(path))
     return next((time for time in told if time is not None), None) or _time_of_name(path)
 
 
 def read_line_rate(path: str) -> float | None:
-    """Return the lines that an image's sensor takes in a second, as its delivery states; None where it states none.
+    """Return the lines per second of an image's sensor as the delivery states them; None if it does not.
 
-    Maxar states a rate (`avgLineRate`), Airbus the time of a line (`LINE_PERIOD`, in s with SPOT 5, else in ms).
+    Maxar states a rate (`avgLineRate`), Airbus the time of a line (`LINE_PERIOD`, in s for SPOT 5, else in ms).
     """
     for _source, text in _read_texts(path):
         if (found := _LINE_RATE.search(text)) and (value := float(found[2])) > 0.0:
@@ -107,7 +107,7 @@ def read_line_rate(path: str) -> float | None:
 
 
 def _read_texts(path: str) -> Iterator[tuple[str, str]]:
-    """Yield what is written about an image, with where: in its STAC item, itself, the files that belong to it."""
+    """Yield source and text of all metadata of an image: its STAC item, its own metadata, its side files."""
     if (item := item_of(path)) is not None:
         yield f"the STAC item {item.id}", item.sun_text()
     dataset, _message = open_dataset(path)
@@ -118,7 +118,7 @@ def _read_texts(path: str) -> Iterator[tuple[str, str]]:
                 where = f"{domain or 'default'} metadata of {os.path.basename(path)}"
                 yield where, "\n".join(f"{name}={value}" for name, value in told.items())
     files = siblings(path)
-    # The names, in lower case, of the files that may tell the sun over the image of a stem
+    # Names, in lower case, of side files that may contain the sun angles
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     product = re.sub(r"_r\d{1,3}c\d{1,3}$", "", re.sub("^(?:img|rpc|dim)_", "", stem))
     names = (
@@ -128,16 +128,16 @@ def _read_texts(path: str) -> Iterator[tuple[str, str]]:
     )  # fmt: skip
     for name in names:
         if name in files:
-            with suppress(InputError):  # too large, not to be read: what is told of the sun is not worth an error
+            with suppress(InputError):  # too large or unreadable: not worth an error
                 yield os.path.basename(files[name]), read_text(files[name])
 
 
 def _read_angles(text: str) -> SunAngles | None:
-    """Return the angles that a text states, the mean of several; None for none, or what no sun can have."""
+    """Return the angles that a text states, the mean if there are several; None if missing or impossible."""
     azimuths, elevations = ([float(value) for value in rule.findall(text)] for rule in (_AZIMUTH, _ELEVATION))
     if not azimuths or not elevations:
         return None
-    turn = np.exp(1j * np.radians(azimuths)).sum()  # 359 and 1 degrees are about 0
+    turn = np.exp(1j * np.radians(azimuths)).sum()  # 359 and 1 degrees have the mean 0
     angles = SunAngles(float(np.degrees(np.angle(turn)) % 360.0), float(np.mean(elevations)))
     possible = all(-360.0 <= value <= 360.0 for value in azimuths) and 0.0 < angles.elevation_deg <= 90.0
     return angles if possible else None

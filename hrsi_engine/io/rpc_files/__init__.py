@@ -1,8 +1,8 @@
-"""RPC files: reading every format that images are delivered with, and writing RPCs back.
+"""RPC files: reads all formats of image deliveries, and writes RPCs.
 
-`read_rpc` finds the RPC of an image or of an RPC file alone and says where it came from; `RPC_READERS` is the table of
-formats. The writers check what they wrote by reading it again and replace files in one step, so that a killed
-process leaves the old file or the new one.
+`read_rpc` finds the RPC of an image or of an RPC file alone, with its source; `RPC_READERS` is the table of formats.
+Writers check what they wrote by reading it again, and replace files in one step, so that a killed process leaves the
+old file or the new one.
 """
 
 from ...foundation.lazy_names import lazy_names

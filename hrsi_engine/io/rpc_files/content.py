@@ -1,12 +1,12 @@
-"""Bytes, text and XML of small side files: bounded in size, and every fault an `InputError` that names the file."""
+"""Bytes, text and XML of small side files: limited in size; every fault is an `InputError` with the file."""
 
 import os
 import time
 from collections.abc import Sequence
 from functools import lru_cache
 
-# Bandit warns of this package because its own parsers expand entities. None of them is used: `read_xml` parses with
-# expat, which refuses every document type, and with it every entity; these three only hold and write a tree.
+# Bandit warns of this package because its parsers expand entities. None of them is used: `read_xml` parses with expat,
+# which refuses document types and therefore entities; these three only store and write a tree.
 from xml.etree.ElementTree import Element, TreeBuilder, tostring  # nosec B405
 from xml.parsers import expat
 
@@ -17,13 +17,13 @@ from ..opening.budgets import MOST_BYTES
 from ..opening.datasets import call_quiet, read_head
 from ..opening.numbers import parse_finite
 
-SETTLED_NS = 2_000_000_000  # a folder unchanged for longer than clocks of file systems are coarse is listed once
+SETTLED_NS = 2_000_000_000  # a folder is cached if it is unchanged for longer than the resolution of file times
 
 
 def read_bytes(path: str, limit: int = MOST_BYTES["RPC"]) -> bytes:
-    """Return a file's content; it may lie behind a GDAL virtual path (``/vsizip/…``).
+    """Return the content of a file, also of one in GDAL's virtual file systems (``/vsizip/…``).
 
-    Raises `InputError` where the file cannot be read or is too large to be an RPC file.
+    Raises `InputError` if the file cannot be read or is too large for an RPC file.
     """
     content = read_head(path, limit + 1)
     if len(content) > limit:
@@ -32,7 +32,7 @@ def read_bytes(path: str, limit: int = MOST_BYTES["RPC"]) -> bytes:
 
 
 def read_text(path: str) -> str:
-    """Return a file's text; bytes that are not UTF-8 are taken as Latin-1, which cannot fail."""
+    """Return a file's text, as UTF-8 or, if that fails, as Latin-1, which cannot fail."""
     content = read_bytes(path)
     try:
         return content.decode("utf-8-sig")
@@ -48,8 +48,8 @@ def local_name(name: str) -> str:
 def read_xml(path: str) -> Element:
     """Return the root element of an XML file; elements and attributes have their local names, in any namespace.
 
-    Raises `InputError` where it is not well-formed or declares a document type: entities can blow up or read other
-    files, and no RPC file needs them.
+    Raises `InputError` if it is not well-formed or declares a document type: entities can expand without limit or read
+    other files, and no RPC file needs them.
     """
     content = read_bytes(path)
     tree, parser = TreeBuilder(), expat.ParserCreate()
@@ -91,15 +91,15 @@ def positive_size(samples: str | None, lines: str | None) -> tuple[int, int] | N
 
 
 def finite_number(text: str | None) -> float | None:
-    """Return a number given as text, None for what is none."""
+    """Return a number given as text, None if it is no finite number."""
     return parse_finite(text or "")
 
 
 def siblings(path: str) -> dict[str, str]:
-    """Return the files beside ``path``: name in lower case -> full path.
+    """Return the files in the folder of ``path``: name in lower case -> full path.
 
-    File systems may tell case apart; vendors write ``_RPC.TXT`` and ``_rpc.txt``. Of names that differ in case
-    only, the first in sorted order counts (capitals).
+    Case may matter in a file system, and vendors write ``_RPC.TXT`` and ``_rpc.txt``. Of names that differ in case
+    only, the first in sorted order (capitals) is used.
     """
     folder = os.path.dirname(path)
     if folder.startswith("/vsi"):

@@ -1,20 +1,20 @@
-"""Crops: the RPC of a full scene beside an image cut from it, whose place in the scene stands only in the geotransform.
+"""Crops: the RPC of a full scene next to an image cut from it, whose position in the scene is in its geotransform.
 
-A geotransform without a coordinate system takes the image's pixels to the scene's: a shift, and where the crop was
-reduced, enlarged, mirrored or turned, any affine map. Its pixels count from the corner. Lines are counted down, or up
-as negative numbers. Airbus products start at 0.5, because their first pixel's centre is 1; tools without that habit
-start at 0. Both give the first pixel (0, 0): the fraction 0.5 is taken off. A geotransform with a coordinate system, or
-one whose pixels are no pixels of a scene (degrees, a map's metres), is a map's and places nothing here.
+A geotransform without a coordinate system transforms the image's pixels to the scene's: a shift or, if the crop was
+reduced, enlarged, mirrored or rotated, an affine map. Its pixels refer to the corner. Lines increase downwards, or
+upwards as negative numbers. Airbus products start at 0.5, because the centre of their first pixel is 1; other programs
+start at 0. Both mean the first pixel (0, 0): a fraction of 0.5 is subtracted. A geotransform with a coordinate system,
+or whose pixel size is not one of scene pixels (degrees, metres of a map), belongs to a map and is not used here.
 
-An RPC *inside* the image (GeoTIFF tag, NITF, VRT, PAM) is that of its pixels and is never moved. An RPC *beside* it may
-be of the scene or of the crop (when it was written for the crop, by GDAL or by this program). OFF - SCALE tells them
-apart: it is the first sample and line that the RPC was made for, near 0 in a scene's RPC and elsewhere in one that was
-moved. Where neither reading fits, the image is refused: placed at (0, 0) it would lie kilometres away.
+An RPC *inside* the image (GeoTIFF tag, NITF, VRT, PAM) is that of its pixels and is never moved. An RPC *next to* it
+may be of the scene or of the crop (written for the crop by GDAL or by this program). OFF - SCALE distinguishes them: it
+is the first sample and line for which the RPC was made, near 0 in a scene's RPC and different in one that was moved. If
+neither is possible, the image is refused: at the position (0, 0) it would have an error of kilometres.
 
-Of a chip in a NITF file GDAL gives the RPC00B of the full image. ICHIPB (STDI-0002, appendix B) lists the four corners
-of the chip (OP) and their place in the full image (FI), both counted from the outer corner of the first pixel, so that
-0.5 is its centre. Where the four pairs are a shift and a scale along each axis, the RPC's OFF and SCALE take it
-exactly; chips that are turned or warped are refused.
+For a chip in a NITF file GDAL returns the RPC00B of the full image. ICHIPB (STDI-0002, appendix B) has the corners of
+the chip (OP) and their positions in the full image (FI), both from the outer corner of the first pixel, so that its
+centre is 0.5. If the four pairs are a shift and a scale along each axis, OFF and SCALE of the RPC are changed exactly;
+rotated or warped chips are refused.
 """
 
 from __future__ import annotations
@@ -57,19 +57,19 @@ class CROPS:
 
 @dataclass(frozen=True, eq=False)
 class CropPlace:
-    """Where an image lies in its scene: ``scene = matrix @ image + first``, both from the centre of the first pixel."""
+    """Place of an image in its scene: ``scene = matrix @ image + first``, both from the centre of the first pixel."""
 
     matrix: np.ndarray
     first: np.ndarray
 
     @classmethod
     def from_corner(cls, matrix: np.ndarray, corner: np.ndarray) -> CropPlace:
-        """Return the place of a crop whose first pixel has its outer corner at ``corner``, counted from corners."""
+        """Return the place of a crop whose first pixel's outer corner is ``corner``, from the scene's outer corner."""
         return cls(matrix, corner + matrix @ [0.5, 0.5] - 0.5)
 
     @property
     def moves(self) -> bool:
-        """Whether the image is anything else than its scene's upper left part."""
+        """Whether the place is not the identity: the image does not begin with its scene, or has other pixels."""
         return bool((self.matrix != np.eye(2)).any() or self.first.any())
 
     @property
@@ -78,11 +78,11 @@ class CropPlace:
         return bool(np.linalg.det(self.matrix) < 0.0)
 
     def to_scene(self, image: np.ndarray) -> np.ndarray:
-        """Return the scene's coordinates ``(n, 2)`` of the image's."""
+        """Return coordinates in the scene ``(n, 2)`` from coordinates in the image."""
         return np.asarray(image @ self.matrix.T + self.first)
 
     def from_scene(self, scene: np.ndarray) -> np.ndarray:
-        """Return the image's coordinates ``(n, 2)`` of the scene's."""
+        """Return coordinates in the image ``(n, 2)`` from coordinates in the scene."""
         return np.asarray((scene - self.first) @ np.linalg.inv(self.matrix).T)
 
     def __str__(self) -> str:
@@ -96,21 +96,21 @@ class CropPlace:
 
 
 def crop_place(geotransform: Geotransform | None, has_crs: bool) -> CropPlace | None:
-    """Return the position of a crop in its scene from its geotransform; None where that refers to no scene."""
+    """Return the position of a crop in its scene from its geotransform; None if that does not refer to a scene."""
     if geotransform is None or has_crs or not np.isfinite(geotransform).all():
         return None
     x, dx, x_by_row, y, y_by_column, dy = geotransform
     matrix, corner = np.array([[dx, x_by_row], [y_by_column, dy]], dtype=np.float64), np.array([x, y])
     if not CROPS.pixel_scales[0] <= np.sqrt(abs(np.linalg.det(matrix))) <= CROPS.pixel_scales[1]:
         return None
-    if dy < 0.0 and y <= 0.0:  # lines upwards as negative numbers
+    if dy < 0.0 and y <= 0.0:  # lines upwards, as negative numbers
         matrix, corner = matrix * [[1.0], [-1.0]], corner * [1.0, -1.0]
     corner = np.where(corner % 1.0 == 0.5, corner - 0.5, corner)
     return CropPlace.from_corner(matrix, corner)
 
 
 def require_place_in_scene(rpc: RPC, geotransform: Geotransform | None, has_crs: bool, size: tuple[int, int]) -> None:
-    """Raise `InputError` for a crop whose geotransform does not give its position in the scene; map grids pass."""
+    """Raise `InputError` for a crop whose geotransform does not give its position in the scene; map grids are valid."""
     if geotransform is not None and not has_crs and _begins_a_larger_scene(rpc, size):
         low, high = _range_of(rpc)
         raise InputError(
@@ -128,9 +128,9 @@ def _begins_a_larger_scene(rpc: RPC, size: tuple[int, int]) -> bool:
 
 
 def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
-    """Return whether the RPC beside a crop is that of the full scene; else it is the crop's own.
+    """Return whether the RPC next to a crop is that of the full scene; otherwise it is the crop's own.
 
-    Raises `InputError` where it can be neither, or either.
+    Raises `InputError` if it can be neither, or if both are possible.
     """
     low, high = _range_of(rpc)
     slack = CROPS.range_share * (high - low)
@@ -144,17 +144,17 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
             )
         return False
     if place.mirrored:
-        # Whether an RPC's image shows the ground as in a mirror; a sensor's never does
+        # Whether the RPC's image is a mirror image of the ground; that of a sensor is never
         middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
         _, by_ground = rpc.project_with_metric_jacobian(middle)
         return not bool(np.linalg.det(by_ground[0, :, :2]) > 0.0)
-    # a scene's RPC begins at 0; one that was moved begins where the scene's first pixel is, seen from the crop
+    # a scene's RPC begins at 0; a moved one begins at the scene's first pixel, in coordinates of the crop
     own_begin = place.to_scene(_corners_of(low, high)).min(axis=0)
     told = np.abs(place.first) > CROPS.first_px * np.abs(place.matrix).max() * (place.matrix != np.eye(2)).any()
     nearer = np.sign(np.abs(own_begin) - np.abs(low)) * told
     if (nearer < 0.0).any() or (nearer > 0.0).any():
         return not (nearer < 0.0).any()
-    # An image that begins with its scene: whether the range ends where the image does in the scene
+    # An image that begins with its scene: does the range end with the image, in the scene?
     extent = high - low
     of_scene = (np.abs(high - in_scene.max(axis=0)) < CROPS.same_end_share * extent).all()
     of_image = (np.abs(high - np.array(size)) < CROPS.same_end_share * extent).all()
@@ -167,9 +167,9 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
 
 
 def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
-    """Return the RPC of a crop from its scene's; exact, but for a turned or sheared crop to a thousandth of a pixel.
+    """Return the RPC of a crop from that of its scene: exact, or to 0.001 px for a rotated or sheared crop.
 
-    Raises `InputError` where no RPC follows the crop.
+    Raises `InputError` if no RPC approximates the crop.
     """
     (a, b), (c, d) = place.matrix.tolist()
     if not b and not c:
@@ -191,7 +191,7 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
 
 
 def _range_of(rpc: RPC) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and last sample and line that an RPC was made for."""
+    """Return the first and last sample and line for which an RPC was made: OFF - SCALE and OFF + SCALE."""
     off, scale = np.array([rpc.samp_off, rpc.line_off]), np.abs([rpc.samp_scale, rpc.line_scale])
     return off - scale, off + scale
 
@@ -201,9 +201,9 @@ def _corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC, str]:
-    """Return the RPC of a chip's own pixels and a note; unchanged and "" where the file has no ICHIPB.
+    """Return the RPC of a chip's own pixels and a note; the RPC unchanged and "" if the file has no ICHIPB.
 
-    Raises `InputError` where the chip is turned or warped against the full image, or a field is no number.
+    Raises `InputError` if the chip is rotated or warped relative to the full image, or a field is no number.
     """
     if "ICHIP_OP_COL_11" not in metadata:
         return rpc, ""
@@ -213,7 +213,7 @@ def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC,
 
 
 def _fit_axis(path: str, metadata: Mapping[str, str], axis: str) -> tuple[float, float]:
-    """Return (shift, scale) of full = shift + scale * chip, in coordinates from the pixel centre."""
+    """Return (shift, scale) of full = shift + scale * chip, in coordinates from the centre of the first pixel."""
     fields = [f"ICHIP_{side}_{axis}_{corner}" for side in ("OP", "FI") for corner in ("11", "12", "21", "22")]
     values = {name: parse_finite(metadata.get(name, "")) for name in fields}
     if None in values.values():

@@ -1,10 +1,10 @@
-"""The 90 numbers of an RPC and their names; checked construction from the text of a file.
+"""The 90 numbers of an RPC and their names; construction of an RPC from the text of a file, with checks.
 
-``ERR_BIAS`` and ``ERR_RAND`` are optional everywhere. A missing, empty or negative value means "not known" (None):
-GeoTIFF has no other way to leave them out than -1. Zero is kept as it stands in the file, except in OTB ``.geom``,
-where 0 is what the program writes when it knows nothing.
+``ERR_BIAS`` and ``ERR_RAND`` are optional in all formats. A missing, empty or negative value means unknown (None): in
+GeoTIFF, -1 is the only way to omit them. Zero is kept as in the file, except in OTB ``.geom``, where the program writes
+0 for an unknown error.
 
-At the end: what a reader of one format hands over, how a reader is described, and what is found for an image.
+At the end: the result of a reader of one format, the description of a reader, and the RPC found for an image.
 """
 
 import math
@@ -32,22 +32,22 @@ ERRORS = ("err_bias", "err_rand")
 GDAL_NAMES = {key: key.upper() for key in (*ERRORS, *SCALARS)} | {key: f"{key.upper()}_COEFF" for key in POLYNOMIALS}
 #: RPC field -> its name in a STAC item: GDAL's names, as a field with a prefix.
 STAC_NAMES = {name: f"rpc:{title.lower()}" for name, title in GDAL_NAMES.items()}
-_PLAIN_NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", re.ASCII)  # nothing else in the text: nearly all are so
+_PLAIN_NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", re.ASCII)  # nearly all numbers
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
 
 Text = str | Sequence[str]
 
 
 def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[str, str] | None = None) -> RPC:
-    """Return the RPC of numbers still in text form.
+    """Return an RPC from numbers in text form.
 
-    where : the file, as error messages name it
+    where : the file, in error messages
     values : RPC field name -> text of the number (a unit may follow), or the 20 texts of a polynomial; ``err_bias`` and
     ``err_rand`` may be missing
     names : RPC field name -> its name in the file, for messages (default: GDAL's names)
 
-    Raises `InputError` where a field is missing or is not a finite number, a polynomial has not 20 coefficients, or a
-    scale is zero.
+    Raises `InputError` if a field is missing or is not a finite number, a polynomial does not have 20 coefficients,
+    or a scale is zero.
     """
     names = names or GDAL_NAMES
     numbers: dict[str, float | np.ndarray | None] = {}
@@ -59,7 +59,7 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
         found = 0 if texts is None else len(texts)
         if texts is None or isinstance(texts, str) or found != 20:
             raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: obtain the file again")
-        if all(map(_PLAIN_NUMBER.fullmatch, texts)):  # nearly always: then no text needs a look of its own
+        if all(map(_PLAIN_NUMBER.fullmatch, texts)):  # nearly always, and faster than one by one
             numbers[field] = np.array([*map(float, texts)])
         else:
             numbers[field] = np.array([_parse_number(where, f"{name} {i}", text) for i, text in enumerate(texts, 1)])
@@ -71,25 +71,25 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
 
 
 def rpc_from_json(where: str, members: Mapping[str, Any], names: Mapping[str, str]) -> RPC:
-    """Return the RPC of a JSON object, by the ``names`` that it has for the fields; raises as `rpc_from_text`."""
+    """Return the RPC of a JSON object, whose members have these ``names`` by RPC field; raises as `rpc_from_text`."""
     return rpc_from_text(where, {name: _json_text(members.get(key)) for name, key in names.items()}, names)
 
 
 def _json_text(value: Any) -> Text | None:
-    """Return numbers as text (17 digits: the same doubles); anything else as text that is no number."""
+    """Return numbers as text that gives the same doubles (17 digits); anything else as text that is no number."""
     if isinstance(value, list):
         return [str(_json_text(item)) for item in value]
     return None if value is None else repr(value) if isinstance(value, float) else str(value)
 
 
 def json_members(rpc: RPC, names: Mapping[str, str]) -> dict[str, Any]:
-    """Return an RPC as members of a JSON object, all digits; unknown errors are left out."""
+    """Return an RPC as members of a JSON object, with all digits; unknown errors are omitted."""
     told = {names[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
     return told | {names[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
 
 
 def rpc_from_numbers(where: str, numbers: Sequence[float]) -> RPC:
-    """Return the RPC of the 92 doubles of GeoTIFF tag 50844; raise `InputError` where they make no camera."""
+    """Return the RPC of the 92 doubles of GeoTIFF tag 50844; raise `InputError` if they are no valid RPC."""
     scalars = dict(zip(SCALARS, numbers[2:12], strict=True))
     polynomials = {name: np.array(numbers[12 + 20 * i : 32 + 20 * i]) for i, name in enumerate(POLYNOMIALS)}
     errors = {name: _error_or_none(value) for name, value in zip(ERRORS, numbers[:2], strict=True)}
@@ -97,21 +97,21 @@ def rpc_from_numbers(where: str, numbers: Sequence[float]) -> RPC:
 
 
 def numbers_of(rpc: RPC) -> list[float]:
-    """Return the 92 doubles of GeoTIFF tag 50844; unknown errors are -1 there."""
+    """Return the 92 doubles of GeoTIFF tag 50844; unknown errors are -1."""
     errors = [-1.0 if value is None else value for value in (rpc.err_bias, rpc.err_rand)]
     scalars = [getattr(rpc, name) for name in SCALARS]
     return errors + scalars + [value for name in POLYNOMIALS for value in getattr(rpc, name).tolist()]
 
 
 def gdal_metadata(rpc: RPC) -> dict[str, str]:
-    """Return GDAL's RPC metadata domain; 17 digits, so that reading gives the same doubles."""
+    """Return GDAL's RPC metadata domain, with 17 digits, so that reading gives the same doubles."""
     metadata = {GDAL_NAMES[name]: repr(value) for name in ERRORS if (value := getattr(rpc, name)) is not None}
     metadata |= {GDAL_NAMES[name]: repr(getattr(rpc, name)) for name in SCALARS}
     return metadata | {GDAL_NAMES[name]: " ".join(map(repr, getattr(rpc, name).tolist())) for name in POLYNOMIALS}
 
 
 def rpc_from_gdal(where: str, metadata: Mapping[str, str]) -> RPC:
-    """Return the RPC of GDAL's RPC metadata domain; raise `InputError` naming the field that is wrong."""
+    """Return the RPC of GDAL's RPC metadata domain; raise `InputError` with the field that is wrong."""
     values: dict[str, Text | None] = {name: metadata.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
     for name in POLYNOMIALS:
         text = metadata.get(GDAL_NAMES[name])
@@ -120,7 +120,7 @@ def rpc_from_gdal(where: str, metadata: Mapping[str, str]) -> RPC:
 
 
 def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
-    """Return ``rpc``; raise `InputError` for numbers with which no point can be projected."""
+    """Return ``rpc``; raise `InputError` for numbers by which no point can be projected."""
     for field in SCALARS:
         value = getattr(rpc, field)
         if not math.isfinite(value):
@@ -135,7 +135,7 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
             )
     for field in POLYNOMIALS:
         values = getattr(rpc, field)
-        largest, first = float(np.abs(values).max()), float(values[0])  # NaN goes through a maximum
+        largest, first = float(np.abs(values).max()), float(values[0])  # a maximum keeps NaN
         if not math.isfinite(largest):
             raise InputError(f"{where}: {names[field]} contains a number that is not finite: obtain the file again")
         if largest > RPC_BUDGETS.coefficient:
@@ -147,7 +147,7 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
             raise InputError(f"{where}: all coefficients of {names[field]} are 0: obtain the file again")
         if field.endswith("_den") and largest > RPC_BUDGETS.denominator * abs(first):
             raise InputError(f"{where}: {names[field]} starts with {first:g}, others are larger: obtain the file again")
-    # In the middle all terms but the constant ones are 0.
+    # At the centre of the RPC all terms except the constant ones are 0.
     samp = float(rpc.samp_num[0]) / float(rpc.samp_den[0]) * rpc.samp_scale + rpc.samp_off
     line = float(rpc.line_num[0]) / float(rpc.line_den[0]) * rpc.line_scale + rpc.line_off
     if not (math.isfinite(samp) and math.isfinite(line)):
@@ -173,10 +173,10 @@ def _error_or_none(value: float) -> float | None:
 
 
 def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[str]) -> dict[str, str]:
-    """Return name -> text of its value; the first one, where a name stands there again.
+    """Return name -> text of its value; of a repeated name the first one.
 
-    Of ``names`` (those of coefficients without their number) one may stand there twice with the same numbers only:
-    nothing tells which of two is right, and programs differ in which they take. Raises `InputError` else.
+    A name among ``names`` (coefficients without their number) may be repeated with the same numbers only: which of two
+    is right is unknown, and programs differ in which they use. Otherwise `InputError` is raised.
     """
     entries: dict[str, str] = {}
     for name, value in pairs:
@@ -190,23 +190,23 @@ def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[s
 
 
 def _find_numbers(text: str) -> list[float]:
-    """Return the numbers among the words of a text; units are none."""
+    """Return the numbers among the words of a text, without units."""
     return [_parse_double(word) for word in re.split(r"[,;\s]+", text) if _NUMBER.fullmatch(word)]
 
 
 def _parse_double(number: str) -> float:
-    """Return the value of a number, whose exponent Fortran writes with a D."""
+    """Return the value of a number; Fortran writes its exponent with a D."""
     return float(number.replace("d", "e").replace("D", "e"))
 
 
 def values_by_number(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:
-    """Return the texts of ``name1``, ``name2`` … that are there; None without any."""
+    """Return the texts of ``name1``, ``name2`` … that exist; None if there are none."""
     texts = [entries[key] for number in numbers if (key := f"{name}{number:0{width}d}") in entries]
     return texts or None
 
 
 def shorten(text: object, most: int = 40) -> str:
-    """Return ``text`` cut to a length that fits an error message of one line."""
+    """Return ``text`` shortened for an error message of one line."""
     line = " ".join(str(text).split())
     return line if len(line) <= most else line[: most - 1] + "…"
 
@@ -218,10 +218,10 @@ Origin = tuple[float, float]  # (sample, line)
 
 @dataclass(frozen=True)
 class RpcReading:
-    """An RPC as one file gives it, image coordinates from the centre of the first pixel of *its* image.
+    """An RPC as read from one file; image coordinates are from the centre of the first pixel of *its* image.
 
-    ``size`` is that image's (samples, lines) where the file says so with certainty, ``height_m`` the ellipsoidal height
-    of its middle where the delivery states one, ``sensor`` what it calls the satellite.
+    ``size`` is (samples, lines) of that image if the file states it reliably, ``height_m`` the ellipsoidal height of
+    its centre if the delivery states one, ``sensor`` the satellite's name in the file.
     """
 
     rpc: RPC
@@ -232,15 +232,15 @@ class RpcReading:
 
 @dataclass(frozen=True)
 class RpcReader:
-    """How to recognise and read one format of RPC files.
+    """Description of a reader: how one format of RPC files is recognised and read.
 
-    title : as logs and reports name the format
-    beside : file names, in lower case, under which the format stands beside an image of a given stem (lower case)
-    recognises : whether a file is of this format, by its name (lower case) and its first bytes
-    read : the file's RPC; raises `InputError` only
-    tile_origin : (sample, line) of an image's first pixel in the file's scene, where the image is a tile of it
-    is_product : by its first bytes, whether a file describes a whole product; GDAL may open that as an image
-    read_beside : the RPC that the file has for an image, where that depends on the image; else as ``read``
+    title : name of the format in logs and reports
+    beside : returns the file names, in lower case, of this format next to an image of a given stem (lower case)
+    recognises : returns whether a file is of this format, by its name (lower case) and its first bytes
+    read : returns the file's RPC; raises `InputError` only
+    tile_origin : returns (sample, line) of an image's first pixel in the file's scene, if the image is a tile of it
+    is_product : returns whether a file describes a product, by its first bytes; GDAL may open that as an image
+    read_beside : returns the file's RPC for an image, if it depends on the image; otherwise ``read`` is used
     """
 
     title: str
@@ -254,26 +254,26 @@ class RpcReader:
 
 @dataclass(frozen=True)
 class FoundRpc:
-    """The RPC of an image and where it came from.
+    """The RPC of an image and its source.
 
     Parameters
     ----------
     rpc : RPC
         The camera.
     source : str
-        Format and file, and what was done to it (crop origin, ICHIPB).
+        Format and file, and how the RPC was changed (crop origin, ICHIPB).
     ignored : tuple of str
-        Other sources that were there and lost, with how far off they are where they are others.
+        Other sources that were not used, with their differences if they have other RPCs.
     size : tuple of int, optional
-        Samples and lines, where known.
+        Samples and lines, if known.
     tile : Tile, optional
-        Where the image lies in its scene, when it is a part of one.
+        Position of the image in its scene, if it is a part of one.
     height_m : float, optional
-        Ellipsoidal height of the scene's middle, where the delivery states it.
+        Ellipsoidal height of the scene's centre, if the delivery states it.
     sensor : str
-        What the source calls the satellite; empty where it does not say.
+        Name of the satellite in the source; empty if it has none.
     stated_size : tuple of int, optional
-        Samples and lines that the source states for the image of the RPC, where that was not moved.
+        Samples and lines that the source states for the image of the RPC, if the RPC was not moved.
     """
 
     rpc: RPC
@@ -287,5 +287,5 @@ class FoundRpc:
 
     @property
     def summary(self) -> str:
-        """One line for the log: what was used and what was not."""
+        """One line for the log: the source that was used, and those that were not."""
         return f"RPC from {self.source}" + (f"; not used: {', '.join(self.ignored)}" if self.ignored else "")

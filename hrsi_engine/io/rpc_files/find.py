@@ -1,13 +1,13 @@
-"""Which RPC is an image's: every source beside it and inside it, in GDAL's order, the first one wins.
+"""Finds the RPC of an image among all sources in it and next to it; GDAL's order decides.
 
 For GeoTIFF, GDAL takes ``.RPB`` before ISD XML, ``_RPC.TXT``, DIMAP XML and ``.rpc``, these before the tag, and that
 before its own ``.aux.xml`` (tried with GDAL 3.6; a test compares). For other images the order depends on the driver:
-there GDAL's word counts where it has one. ``.geom`` and rpcm JSON, which GDAL does not read, come last. So an image has
-the same RPC here as in GDAL wherever GDAL finds one, except that a scene's RPC is moved to the crop and ICHIPB is
-applied. A source that would win but is damaged is an error, never skipped silently.
+there the RPC that GDAL reports is used if there is one. ``.geom`` and rpcm JSON, which GDAL does not read, come last.
+An image therefore has the same RPC here as in GDAL if GDAL finds one, except that a scene's RPC is moved to the crop
+and ICHIPB is applied. If the first source is damaged, this is an error; it is never skipped.
 
-`difference_px` tells how far two RPCs are apart on the image, and `require_same` whether a file gives back what was
-written.
+`difference_px` is the largest difference of two RPCs on the image, and `require_same` checks that a file returns what
+was written.
 """
 
 import os
@@ -32,7 +32,7 @@ from . import crop, fields, text_formats, tiff_tag, xml_formats
 from .content import finite_number, siblings
 from .fields import FoundRpc, RpcReader
 
-#: Formats of files that hold an RPC and no pixels, in the order in which they win beside an image.
+#: Formats of files with an RPC and no pixels, in the order of their precedence next to an image.
 RPC_READERS: dict[str, RpcReader] = {
     "rpb": text_formats.RPB,
     "isd": xml_formats.ISD,
@@ -43,24 +43,24 @@ RPC_READERS: dict[str, RpcReader] = {
     "geom": text_formats.GEOM,
     "rpcm-json": text_formats.RPCM_JSON,
 }
-#: Metadata of images made here, for what the vendor's files beside the original told.
+#: Metadata of images made here, with data from the vendor's side files of the original.
 SENSOR_ITEM, HEIGHT_ITEM = "HRSI_SENSOR", "HRSI_GROUND_HEIGHT_M"
 
 
 @thresholds
 class RPC_SOURCES:
-    """When two sources of an image's RPC say the same."""
+    """When two sources of an image's RPC are equal."""
 
     same_px: float = threshold(0.01, "px", "largest difference of two writings of one RPC", "the digits of the formats")
     gdal_rounding_px: float = threshold(1e-4, "px", "largest difference by GDAL's rounding to 15 digits")
 
 
-#: What a log calls a source, and how its RPC is read: only the one that wins is.
+#: Name of a source in the log, and a function that reads its RPC: it is called only for the source that is used.
 Source = tuple[str, Callable[[], FoundRpc]]
 
 
 def read_rpc(path: str) -> FoundRpc:
-    """Return the RPC of an image, or of an RPC file alone, and where it came from.
+    """Return the RPC of an image, or of an RPC file alone, and its source.
 
     Parameters
     ----------
@@ -70,12 +70,12 @@ def read_rpc(path: str) -> FoundRpc:
     Returns
     -------
     FoundRpc
-        The RPC, and where it came from.
+        The RPC and its source.
 
     Raises
     ------
     InputError
-        The file is missing, is neither an image nor an RPC file, has no RPC, or the source that wins is damaged.
+        The file is missing, is neither an image nor an RPC file, has no RPC, or the source with precedence is damaged.
     """
     path = os.fspath(path)
     found = read_rpc_file(path)
@@ -93,9 +93,9 @@ def read_rpc_file(path: str) -> FoundRpc | None:
 
 
 def rpc_reader_of(path: str) -> RpcReader | None:
-    """Return the reader of a file that is an RPC without pixels; None for anything else.
+    """Return the reader of an RPC file without pixels; None for any other file.
 
-    Raises `InputError` where there is no such file.
+    Raises `InputError` if there is no such file.
     """
     if os.path.isdir(path):
         return None
@@ -105,24 +105,24 @@ def rpc_reader_of(path: str) -> RpcReader | None:
         raise InputError(f"{path}: no such file: check the path")
     reader, head = _reader_by_head(path)
     if reader is not None and reader.is_product(head) and (dataset := open_dataset(path)[0]) and dataset.RasterCount:
-        return None  # the image itself: GDAL puts it together from the product's files
+        return None  # the image itself: GDAL composes it from the files of the product
     return reader
 
 
 def _reader_by_head(path: str) -> tuple[RpcReader | None, bytes]:
-    """Return the reader of a file's format, None where no reader knows it, and the file's first bytes."""
+    """Return the reader of a file's format, None if it is unknown, and the first bytes of the file."""
     head, name = read_head(path), os.path.basename(path).lower()
     return next((reader for reader in RPC_READERS.values() if reader.recognises(name, head)), None), head
 
 
 def product_reader_of(path: str) -> RpcReader | None:
-    """Return the reader of a file that describes a whole product; None for anything else."""
+    """Return the reader of a file that describes a whole product; None for any other file."""
     reader, head = _reader_by_head(path)
     return reader if reader is not None and reader.is_product(head) else None
 
 
 def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
-    """Return the RPC of an image that is already open; raise `InputError` where it has none."""
+    """Return the RPC of an image that is already open; raise `InputError` if it has none."""
     sources = _rank_sources(path, dataset)
     if not sources:
         raise InputError(
@@ -138,7 +138,7 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
 
 
 def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
-    """Return in words how far off another source is: `` (500 px off)``; nothing for the same RPC."""
+    """Return the difference of another source as text, `` (500 px off)``; empty for the same RPC."""
     try:
         other = read_other().rpc
     except InputError:
@@ -155,7 +155,7 @@ def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
 
 
 def read_rpc_or_none(path: str) -> FoundRpc | None:
-    """Return the RPC as `read_rpc` does; None for an image that has none."""
+    """Return the RPC as `read_rpc` does; None for an image without an RPC."""
     found = read_rpc_file(path)
     if found is not None:
         return found
@@ -164,7 +164,7 @@ def read_rpc_or_none(path: str) -> FoundRpc | None:
 
 
 def rpc_in_folder(folder: str, image_path: str) -> str:
-    """Return the RPC file in a folder that is named like an image; raise `InputError` where there is none."""
+    """Return the RPC file in a folder that has the name of an image; raise `InputError` if there is none."""
     beside = side_files(os.path.join(folder, os.path.basename(image_path)))
     found = [file for files in beside.values() for file in files]
     if not found:
@@ -174,7 +174,7 @@ def rpc_in_folder(folder: str, image_path: str) -> str:
 
 
 def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
-    """Return the RPC of any file for another image; the RPC of a scene is moved to the image's crop."""
+    """Return the RPC of any file for another image; the RPC of a scene is moved to the crop that the image is."""
     reader = rpc_reader_of(rpc_path)
     if reader is None:
         return read_rpc(rpc_path)
@@ -185,7 +185,7 @@ def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
 
 
 def side_files(path: str) -> dict[str, list[str]]:
-    """Return the RPC files that stand beside an image under its name, by format in the order of `RPC_READERS`."""
+    """Return the RPC files next to an image that have its name, by format in the order of `RPC_READERS`."""
     files = siblings(path)
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     found: dict[str, list[str]] = {key: [] for key in RPC_READERS}
@@ -199,7 +199,7 @@ def side_files(path: str) -> dict[str, list[str]]:
 
 
 def _rank_sources(path: str, dataset: gdal.Dataset) -> list[Source]:
-    """Return every source of an image's RPC, the one that wins first: what its STAC item says, if it is of one."""
+    """Return all sources of an image's RPC by precedence: that of its STAC item first, if it has one."""
     named: list[Source] = []
     item = item_of(path)
     if item is not None and item.rpc_fields:
@@ -215,11 +215,11 @@ def _rank_sources(path: str, dataset: gdal.Dataset) -> list[Source]:
 
 
 def _rank_of_tiff(path: str, dataset: gdal.Dataset) -> list[Source]:
-    """Return the sources in and beside a GeoTIFF, the one that wins first."""
+    """Return the sources in a GeoTIFF and next to it, by precedence."""
     before: list[Source] = []
     after: list[Source] = []
     for key, files in side_files(path).items():
-        ranked = before if key in ("rpb", "isd", "rpc-txt", "dimap", "kompsat") else after  # … over the tag inside
+        ranked = before if key in ("rpb", "isd", "rpc-txt", "dimap", "kompsat") else after  # … before the tag inside
         ranked += [_side_source(RPC_READERS[key], file, path, dataset) for file in files]
     return [*before, *_sources_inside(path, dataset), *after]
 
@@ -227,7 +227,7 @@ def _rank_of_tiff(path: str, dataset: gdal.Dataset) -> list[Source]:
 def _rank_as_gdal(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return the sources of an image that is no GeoTIFF: first the one with the numbers that GDAL reports.
 
-    A product file that GDAL opens as an image is the first source of its own.
+    A product file that GDAL opens as an image is its own and only source.
     """
     product, _head = _reader_by_head(path) if os.path.isfile(path) or path.startswith("/vsi") else (None, b"")
     if product is not None:
@@ -243,7 +243,7 @@ def _rank_as_gdal(path: str, dataset: gdal.Dataset) -> list[Source]:
                 fields.numbers_of(reader.read(file).rpc),
                 fields.numbers_of(fields.rpc_from_gdal(file, metadata)),
             )
-            if np.allclose(ours[2:], theirs[2:], rtol=1e-13, atol=0.0):  # GDAL may have rounded them to 15 digits
+            if np.allclose(ours[2:], theirs[2:], rtol=1e-13, atol=0.0):  # GDAL may have rounded to 15 digits
                 return [sources.pop(place), *sources]
     return [*_sources_inside(path, dataset), *sources]
 
@@ -254,7 +254,7 @@ def _side_source(reader: RpcReader, file: str, path: str, dataset: gdal.Dataset)
 
 
 def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
-    """Return a side file's RPC, moved from the scene to the crop or tile that the image is."""
+    """Return the RPC of a side file, moved from the scene to the crop or tile that the image shows."""
     reading = reader.read(file) if reader.read_beside is None else reader.read_beside(path, file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
     geotransform, has_crs = dataset.GetGeoTransform(can_return_null=True), bool(dataset.GetProjection())
@@ -294,9 +294,9 @@ def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
         title, tags = f"{driver} {name}", metadata_of(dataset) if driver == "NITF" else {}
         extensions = metadata_of(dataset, "TRE") if driver == "NITF" else {}
         for tre in extensions.keys() & {"RPC00A", "RPC00B"}:
-            # Raise `InputError` for a field that is no number as a whole: GDAL takes what it begins with,
-            # of 43,5 43. Fields of RPC00A and RPC00B (STDI-0002, appendix E): success, errors, offsets
-            # and scales, 4 x 20 coefficients
+            # Raise `InputError` for a field that is not completely a number: GDAL reads its beginning, of 43,5 43.
+            # Fields of RPC00A and RPC00B (STDI-0002, appendix E): success, errors, offsets and scales, 4 x 20
+            # coefficients
             end = 0
             for number, width in enumerate((1, 7, 7, 6, 5, 8, 9, 5, 6, 5, 8, 9, 5, *(12,) * 80)):
                 field, end = extensions[tre][end : end + width], end + width
@@ -317,19 +317,19 @@ def _read_tag(path: str, title: str) -> FoundRpc:
 
 
 def _read_metadata(path: str, metadata: Mapping[str, str], title: str, tags: Mapping[str, str]) -> FoundRpc:
-    """Return the RPC of GDAL's metadata domain, with ICHIPB of a NITF file's ``tags`` applied to a chip."""
+    """Return the RPC of GDAL's metadata domain, changed for a chip by ICHIPB in the ``tags`` of a NITF file."""
     rpc, note = crop.apply_ichipb(path, fields.rpc_from_gdal(path, metadata), tags)
     return FoundRpc(rpc, f"{title}, {note}" if note else title)
 
 
-# ---- comparing -----------------------------------------------------------------------------------------------------
+# ---- comparison ----------------------------------------------------------------------------------------------------
 
 
 def difference_px(reference: RPC, other: RPC, size: tuple[int, int] | None = None) -> float:
     """Return the largest distance (px) between the image points of two RPCs.
 
-    Compared on a 9 x 9 grid over the image (its ``size``, else OFF and SCALE) at the lowest, middle and highest
-    height of ``reference``; infinite where ``reference`` cannot be inverted and the two are not the same.
+    They are compared on a 9 x 9 grid over the image (its ``size``, else OFF and SCALE) at lowest, middle and highest
+    height of ``reference``; infinite if ``reference`` cannot be inverted and the two differ.
     """
     if same_numbers(reference, other):
         return 0.0
@@ -344,12 +344,12 @@ def difference_px(reference: RPC, other: RPC, size: tuple[int, int] | None = Non
 
 
 def same_numbers(wanted: RPC, found: RPC) -> bool:
-    """Return whether the 90 numbers that make the camera are the same doubles."""
+    """Return whether the 90 numbers of two RPCs, without their stated errors, are the same doubles."""
     return fields.numbers_of(wanted)[len(fields.ERRORS) :] == fields.numbers_of(found)[len(fields.ERRORS) :]
 
 
 def require_same(path: str, wanted: RPC, found: RPC) -> None:
-    """Raise `OutputError` naming the first field whose doubles did not come back."""
+    """Raise `OutputError` with the first field whose doubles differ."""
     if same_numbers(wanted, found):
         return
     for field in (*fields.SCALARS, *fields.POLYNOMIALS):
@@ -358,10 +358,10 @@ def require_same(path: str, wanted: RPC, found: RPC) -> None:
 
 
 def read_back_px(path: str, rpc: RPC) -> float:
-    """Return how far the RPC that GDAL gives for a written image is from ``rpc`` (px); our reader's for RPC files.
+    """Return the difference (px) of the RPC that GDAL (for RPC files HRSI) reads from a written file from ``rpc``.
 
-    GDAL rounds the doubles of a GeoTIFF tag to 15 digits. Raises `OutputError` where GDAL finds no RPC or one farther
-    away than that can make it (`RPC_SOURCES.gdal_rounding_px`): then something beside the image wins.
+    GDAL rounds the doubles of a GeoTIFF tag to 15 digits. Raises `OutputError` if GDAL finds no RPC, or one with a
+    larger difference (`RPC_SOURCES.gdal_rounding_px`): then another file takes precedence.
     """
     found = read_rpc_file(path)
     if found is not None:

@@ -1,13 +1,13 @@
-"""Images that were resampled after their RPC was made, or with an RPC that was scaled without half a pixel.
+"""Images that were resampled after their RPC was made, or whose RPC was scaled without half a pixel.
 
-An image resampled by r has pixel x where the original has (x + 0.5) / r - 0.5, so its RPC has r (OFF + 0.5) - 0.5 for
-OFF. GDAL (to 3.13) scales OFF itself, which is 0.5 (1 - r) px too much; other programs leave the RPC as it was. Four
-signs, the surest first, tell of that:
+An image resampled by r has pixel x where the original has (x + 0.5) / r - 0.5, so OFF of its RPC is r (OFF + 0.5)
+- 0.5. GDAL (to 3.13) scales OFF itself, which is 0.5 (1 - r) px too much; other programs leave the RPC unchanged. Four
+signs indicate that, the most certain first:
 
-* a VRT says which pixels of its source it shows: the source's RPC says what its own should be;
+* a VRT states the pixels of its source that it shows: the source's RPC determines its own;
 * a product's file states another size than the image has, the same in samples and lines but for a factor;
 * the RPC is centred on an image that begins at (0, 0) and is larger or smaller by one factor;
-* vendors centre RPCs at W / 2 - c / 2 with a whole c. Scaled by GDAL, W - 2 OFF is c r, no whole number any more.
+* vendors centre RPCs at W / 2 - c / 2 with an integer c. If GDAL scaled it, W - 2 OFF is c r, which is no integer.
 """
 
 import os
@@ -25,7 +25,7 @@ from .crop import CropPlace, crop_rpc
 from .find import difference_px, read_rpc
 
 _Size = tuple[int, int]
-#: Metadata of images whose RPC was composed here: the size that it is for.
+#: Metadata of images whose RPC was composed here: image size for which it is valid.
 SIZE_ITEM, SIZE_TEXT = "HRSI_CROP_SIZE", "{},{}"
 
 
@@ -46,14 +46,14 @@ class IGNORED_RESAMPLING:
 
 
 class IgnoredResampling(NamedTuple):
-    """A resampling that an RPC ignores: by how much it is off at the worst place (px), and what shows it."""
+    """A resampling that an RPC ignores: its largest error in the image (px), and the sign that indicates it."""
 
     offset_px: float
     reason: str
 
     @property
     def is_gross(self) -> bool:
-        """Whether it is more than a shift that every model takes up."""
+        """Whether the error is more than a shift, which every model corrects."""
         return self.offset_px > IGNORED_RESAMPLING.gross_px
 
     def __str__(self) -> str:
@@ -66,9 +66,9 @@ class IgnoredResampling(NamedTuple):
 def find_ignored_resampling(
     path: str, dataset: gdal.Dataset, rpc: RPC, stated_size: _Size | None
 ) -> IgnoredResampling | None:
-    """Return the resampling that an image's RPC ignores, None where nothing shows one.
+    """Return the resampling that an image's RPC ignores, None if nothing indicates one.
 
-    ``stated_size`` is that of the image which the RPC was delivered for, where its file says so.
+    ``stated_size`` is the size of the image for which the RPC was delivered, if its file states it.
     """
     size = dataset.RasterXSize, dataset.RasterYSize
     if metadata_of(dataset).get(SIZE_ITEM) == SIZE_TEXT.format(*size):
@@ -79,7 +79,7 @@ def find_ignored_resampling(
 
 
 def _compare_with_source(path: str, rpc: RPC, size: _Size) -> IgnoredResampling | None:
-    """Compare a VRT's RPC with that of the one image whose pixels it shows."""
+    """Return the difference of a VRT's RPC from that of the one image whose pixels it shows, if the RPC ignores it."""
     sources = [source for band in read_xml(path).findall("VRTRasterBand") for source in band if "Source" in source.tag]
     places = {(source.findtext("SourceFilename") or "", _read_rectangles(source)) for source in sources}
     if len(places) != 1:
@@ -107,7 +107,7 @@ def _compare_with_source(path: str, rpc: RPC, size: _Size) -> IgnoredResampling 
 
 
 def _read_rectangles(source: Element) -> tuple[float, ...]:
-    """Return offset and size of the rectangle in the source and of that in the VRT; NaN where they are not told."""
+    """Return offset and size of the rectangles in the source and in the VRT; NaN if they are not stated."""
     told = [place.get(name) for tag in ("SrcRect", "DstRect") for place in [source.find(tag)] if place is not None
             for name in ("xOff", "yOff", "xSize", "ySize")]  # fmt: skip
     numbers = [finite_number(text) for text in told]
@@ -115,7 +115,7 @@ def _read_rectangles(source: Element) -> tuple[float, ...]:
 
 
 def _find_other_size(size: _Size, rpc: RPC, stated: _Size | None) -> IgnoredResampling | None:
-    """Find an RPC of an image larger or smaller by one factor: by the size that is stated, else by its middle."""
+    """Return the error if the RPC is that of a larger or smaller image, by the stated size or by the RPC's centre."""
     off, scale = np.array([rpc.samp_off, rpc.line_off]), np.array([rpc.samp_scale, rpc.line_scale])
     begins_at_zero = (np.abs(scale - off) < IGNORED_RESAMPLING.begin_share * np.abs(off)).all()
     factors = (2.0 * off + 1.0 if stated is None else np.array(stated)) / size
@@ -129,7 +129,7 @@ def _find_other_size(size: _Size, rpc: RPC, stated: _Size | None) -> IgnoredResa
 
 
 def _find_scaled_centre(size: _Size, rpc: RPC) -> IgnoredResampling | None:
-    """Find an RPC whose OFF was scaled without half a pixel."""
+    """Return the error if OFF of an RPC was scaled without half a pixel."""
     off, scale = np.array([rpc.samp_off, rpc.line_off]), np.array([rpc.samp_scale, rpc.line_scale])
     beyond, whole = np.array(size) - 2.0 * off, IGNORED_RESAMPLING.whole
     if not (beyond > 0.0).all() or (np.abs(beyond - np.round(beyond)) < whole).any():

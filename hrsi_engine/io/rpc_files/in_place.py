@@ -1,9 +1,9 @@
-"""Writing an RPC into an image itself or beside it, and bringing the original back.
+"""Writes an RPC into an image itself or next to it, and restores the original.
 
-The image is copied beside itself and changed there; what is to be renamed or removed is collected in a `Transaction`,
-so that a whole block is written or none of it. The RPC that an image had before the first writing is kept in its
-metadata (see `tiff_tag`); files beside it that would win are set aside (see `sidecars`). The order of the steps is such
-that at any moment some complete RPC, old or new, is what a reader finds.
+The image is copied in its folder, and the copy is changed; files to be renamed or removed are collected in a
+`Transaction`, so that a complete block is written or nothing. The RPC before the first writing is kept in the image's
+metadata (see `tiff_tag`); files next to it that would take precedence are set aside (see `sidecars`). The order of
+steps ensures that a reader finds a complete RPC, old or new, at any time.
 """
 
 import os
@@ -31,8 +31,8 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
     path : A GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``)
     rpc : the new camera; progress : callback; False cancels
     Result: notices for the log.
-    Raises `InputError`: the file is of another kind; `OutputError`: there is no room, or no permission; `Cancelled`:
-    when ``progress`` asks to stop.
+    Raises `InputError`: the file is of another kind; `OutputError`: no space on the disk, or no permission;
+    `Cancelled`: ``progress`` returned False.
     """
     with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
         notices = prepare_in_place(path, rpc, changes, progress)
@@ -44,21 +44,21 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
 def prepare_in_place(
     path: str, rpc: RPC, changes: Transaction, progress: Progress = silent, lineage: Lineage = UNTOLD
 ) -> tuple[str, ...]:
-    """Prepare the replacement of an image's RPC, committed with the changes; return notices for the log.
+    """Prepare the replacement of an image's RPC, which the commit of ``changes`` makes; return notices for the log.
 
-    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. What has to lie beside the image, or
-    must be out of the way so that the new RPC wins, is part of the changes.
+    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF are unchanged. Files that must exist next to the
+    image, or must be set aside so that the new RPC takes precedence, are part of the changes.
 
     path : a GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``)
-    changes : collects the changes of this file, and of others that are to happen together with them
-    progress : callback; False cancels; lineage : what the file tells of itself
+    changes : collects the changes of this file, and of others that are made together with them
+    progress : callback; False cancels; lineage : metadata items of the file
 
-    Raises `InputError` for a file of another kind, `OutputError` without room or permission, and `Cancelled`.
+    Raises `InputError` for a file of another kind, `OutputError` without space or permission, and `Cancelled`.
     """
     reader = rpc_reader_of(path)
     if reader is not None:
         key = next(key for key, other in RPC_READERS.items() if other is reader)
-        if key not in ("rpc-txt", "rpb"):  # the others hold more than the RPC
+        if key not in ("rpc-txt", "rpb"):  # other formats contain more than the RPC
             raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
         keep_original(path, changes, is_alone=True)
         write_rpc_file(path, rpc, key, changes.replacing)
@@ -66,7 +66,7 @@ def prepare_in_place(
     if not os.path.isfile(path) or read_directory(path) is None:
         raise InputError(f"{path}: only a GeoTIFF can be written in place: write a copy, a VRT or a sidecar")
     was_cog = open_raster(path).GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE") == "COG"
-    with changes.replacing(path) as temporary:  # a copy with the new tag, which keeps the original
+    with changes.replacing(path) as temporary:  # a copy with the new tag; it keeps the original
         copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
         stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True, lineage=lineage.items)
         written = tiff_tag.read(temporary)
@@ -81,20 +81,20 @@ def prepare_in_place(
 
 
 def require_in_place(path: str, rpc: RPC) -> None:
-    """Raise `OutputError` where a reader does not find the RPC that was written."""
-    require_same(path, rpc, read_rpc(str(path)).rpc)  # what the file says, whatever a STAC item says of it
+    """Raise `OutputError` if a reader does not find the RPC that was written."""
+    require_same(path, rpc, read_rpc(str(path)).rpc)  # from the file, not from a STAC item
 
 
 def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-txt") -> tuple[str, ...]:
-    """Prepare an RPC file of a ``kind`` of `SIDECARS`; it appears when the changes are committed.
+    """Prepare an RPC file of a ``kind`` of `SIDECARS`; it is written when the changes are committed.
 
-    A vendor's file of that name, in whatever case, is kept as ``<name>.original``. An ``.RPB`` of the same image, which
-    would win over a new ``_RPC.TXT`` or ISD XML with another RPC, is set aside. Returns notices for the log.
+    A vendor's file of that name, in upper or lower case, is kept as ``<name>.original``. An ``.RPB`` of the same image
+    with another RPC, which would take precedence over a new ``_RPC.TXT`` or ISD XML, is set aside. Returns notices.
     """
     path = siblings(path).get(os.path.basename(path).lower(), path)
     keep_original(path, changes)
     write_rpc_file(path, rpc, kind, changes.replacing)
-    if kind not in ("rpc-txt", "isd"):  # which GDAL reads, but after an .RPB; it does not read the rest
+    if kind not in ("rpc-txt", "isd"):  # GDAL reads these, but an .RPB first; it does not read the others
         return ()
     image = f"{path[: -len(SIDECARS[kind][0])]}.tif"
     stale = [set_aside(file, changes) for file in stale_files(image, rpc) if file.lower().endswith(".rpb")]
@@ -107,7 +107,7 @@ def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-
 
 
 def restore(path: str, progress: Progress = silent) -> tuple[str, ...]:
-    """Bring back the RPC that an image or RPC file had before the first writing in place.
+    """Restore the RPC that an image or RPC file had before the first writing in place.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def restore(path: str, progress: Progress = silent) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        Nothing is kept that could be brought back.
+        No original is kept.
     """
     with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
         notices = prepare_restoring(path, changes, progress)
@@ -135,7 +135,7 @@ def restore(path: str, progress: Progress = silent) -> tuple[str, ...]:
 
 
 def prepare_restoring(path: str, changes: Transaction, progress: Progress = silent) -> tuple[str, ...]:
-    """Prepare what `restore` does, committed with the changes; return notices, none where no original is kept."""
+    """Prepare what `restore` does, in ``changes``; return notices, none if no original is kept."""
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     is_rpc_file = rpc_reader_of(path) is not None
     names = {os.path.basename(path).lower()} if is_rpc_file else {n for k in PLAIN for n in RPC_READERS[k].beside(stem)}

@@ -1,7 +1,7 @@
-"""RPC files beside an image that win over the RPC inside it: set aside, taken back, told apart from our own.
+"""RPC files next to an image that take precedence over the RPC inside it: setting aside and restoring them.
 
-A vendor's file is never deleted: it is renamed to ``<name>.original`` and `put_back` renames it again. Files written
-here carry a mark and are simply replaced or removed.
+A vendor's file is never deleted: it is renamed to ``<name>.original``, and `put_back` renames it again. Files that HRSI
+wrote contain a mark and are replaced or removed.
 """
 
 import contextlib
@@ -18,24 +18,24 @@ from .text_formats import MARKS
 from .xml_formats import ISD_MARK
 
 ORIGINAL = ".original"
-#: Formats that can be set aside; the vendor's XML is left alone, because it holds more than the RPC.
+#: Formats that can be set aside; the vendor's XML is not changed, because it contains more than the RPC.
 PLAIN = ("rpb", "rpc-txt", "kompsat")
 
 
 def is_ours(path: str) -> bool:
-    """Return whether an RPC file was written by this program."""
+    """Return whether an RPC file was written by HRSI."""
     head = read_head(path)
     return any(mark.encode() in head for mark in (*MARKS.values(), ISD_MARK))
 
 
 def vendor_xml(image_path: str) -> list[str]:
-    """Return the vendor's XML files of an image, which also win over an RPC inside it."""
+    """Return the vendor's XML files of an image, which also take precedence over an RPC inside it."""
     beside = side_files(image_path)
     return [file for key in ("isd", "dimap") for file in beside[key]]
 
 
 def is_rpc_file(path: str) -> bool:
-    """Return whether a file holds an RPC and no pixels."""
+    """Return whether a file contains an RPC and no pixels."""
     try:
         return os.path.isfile(path) and rpc_reader_of(path) is not None
     except InputError:
@@ -43,21 +43,21 @@ def is_rpc_file(path: str) -> bool:
 
 
 def is_only_rpc(path: str) -> bool:
-    """Return whether an image beside an RPC file has no other RPC: then it may not be lost, whoever wrote it."""
+    """Return whether an RPC file is the only RPC of its image; then it is kept even if HRSI wrote it."""
     name, files = os.path.basename(path).lower(), siblings(path)
     if name + ORIGINAL in files:
         return False
     for other, image in files.items():
         if other != name and name.startswith(os.path.splitext(other)[0]) and not is_rpc_file(image):
-            with contextlib.suppress(InputError):  # no image, or of another RPC file
+            with contextlib.suppress(InputError):  # no image, or the image of another RPC file
                 if any(path in found for found in side_files(image).values()):
-                    others = read_rpc(image).ignored  # among them what GDAL makes of this very file
+                    others = read_rpc(image).ignored  # among them GDAL's reading of this file
                     return all(title.startswith("GTiff ") for title in others)
     return False
 
 
 def set_aside(path: str, changes: Transaction) -> str:
-    """Schedule the removal of our own RPC file, or the renaming of a vendor's; return a notice for the log."""
+    """Schedule the removal of HRSI's own RPC file, or the renaming of a vendor's; return a notice for the log."""
     if is_ours(path) and not is_only_rpc(path):
         changes.remove(path)
         return f"{path}: GDAL would read this RPC file of an earlier run instead of the new RPC; it was removed"
@@ -69,7 +69,7 @@ def set_aside(path: str, changes: Transaction) -> str:
 def keep_original(path: str, changes: Transaction, is_alone: bool = False) -> None:
     """Schedule a copy ``<name>.original`` of an RPC file that will be overwritten.
 
-    Not of our own, unless it is an image's only RPC, or was given as an RPC file alone, and nothing is kept yet.
+    HRSI's own file is copied only if it is the only RPC of an image, or was given alone and has no copy yet.
     """
     first = is_alone and not os.path.exists(path + ORIGINAL)
     if is_rpc_file(path) and (not is_ours(path) or first or is_only_rpc(path)):
@@ -87,9 +87,9 @@ def _free_name(path: str) -> str:
 
 
 def put_back(image_path: str, names: set[str], changes: Transaction) -> tuple[str, ...]:
-    """Schedule the return of the originals among an image's RPC files and the removal of our own; return notices.
+    """Schedule the renaming of the originals among an image's RPC files, and the removal of HRSI's; return notices.
 
-    ``names`` are the file names, in lower case, that count as the image's.
+    ``names`` are the names, in lower case, of RPC files that belong to the image.
     """
     notices = []
     files = siblings(image_path)
@@ -105,7 +105,7 @@ def put_back(image_path: str, names: set[str], changes: Transaction) -> tuple[st
 
 
 def stale_files(image_path: str, rpc: RPC) -> list[str]:
-    """Return the ``.RPB`` and ``_RPC.TXT`` files of an image that hold another RPC than ``rpc``."""
+    """Return the ``.RPB`` and ``_RPC.TXT`` files of an image with an RPC that differs from ``rpc``."""
     beside, stale = side_files(image_path), []
     for file in (file for key in PLAIN for file in beside[key]):
         try:
@@ -118,9 +118,9 @@ def stale_files(image_path: str, rpc: RPC) -> list[str]:
 
 
 def free_the_way(target_path: str, source_path: str, rpc: RPC, changes: Transaction) -> tuple[str, ...]:
-    """Have files set aside that lie beside a copy's name and would win over its tag with another RPC; return notices.
+    """Set files aside that are next to a copy and whose RPC would take precedence over its tag; return notices.
 
-    Raises `InputError` where they may belong to the source (the same folder) or are the vendor's XML.
+    Raises `InputError` if they may belong to the source (the same folder) or are the vendor's XML.
     """
     same_folder = os.path.dirname(os.path.abspath(target_path)) == os.path.dirname(os.path.abspath(source_path))
     stale = stale_files(target_path, rpc)

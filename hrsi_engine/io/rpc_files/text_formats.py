@@ -1,11 +1,11 @@
-"""RPC files that are plain text or JSON: reading, and writing with all digits; unknown errors are left out.
+"""RPC files that are plain text or JSON: reading, and writing with all digits; unknown errors are omitted.
 
 * ``.RPB`` (QuickBird, WorldView, GaoFen): ``name = value;`` in groups, polynomials as lists in brackets.
 * ``_RPC.TXT`` / ``_rpc.txt`` (GeoEye, IKONOS, SkySat, ZY-3, OrbView) and KOMPSAT's ``.rpc``: ``NAME: value unit``. The
-  two are one format, but GDAL takes the vendor's XML between them.
+  two are one format, but GDAL reads the vendor's XML after the first and before the second.
 * ``.geom`` of the Orfeo ToolBox and OSSIM: ``name: value`` in lower case, image coordinates from 0. The file describes
-  the full scene, also beside a crop; 0 for an accuracy means that nothing is known.
-* JSON of the rpcm package and the DFC2019 / IARPA data sets: an object ``rpc`` with ``row_offset``, ``col_num`` …
+  the full scene, also next to a crop; an accuracy of 0 means unknown.
+* JSON of the rpcm package and the DFC2019 / IARPA datasets: an object ``rpc`` with ``row_offset``, ``col_num`` …
 """
 
 import json
@@ -28,7 +28,7 @@ RPB_NAMES = {
     "lat_scale": "latScale", "long_scale": "longScale", "height_scale": "heightScale",
     "line_num": "lineNumCoef", "line_den": "lineDenCoef", "samp_num": "sampNumCoef", "samp_den": "sampDenCoef",
 }  # fmt: skip
-#: What files of ours hold, by format: `restore` may take them away again, and a run may replace them.
+#: Marks of files that HRSI wrote, by format: `restore` may remove such files, and a run may replace them.
 MARKS = {"rpb": 'writtenBy = "HRSI";', "rpc-txt": "WRITTEN_BY: HRSI", "geom": "written_by:  HRSI",
          "rpcm-json": '"written_by": "HRSI"'}  # fmt: skip
 
@@ -67,13 +67,13 @@ RPB = RpcReader(
 
 # ---- _RPC.TXT ------------------------------------------------------------------------------------------------------
 
-#: The names of each polynomial's coefficients.
+#: Names of the coefficients of each polynomial.
 _NUMBERED = {name: tuple(f"{GDAL_NAMES[name]}_{i}" for i in range(1, 21)) for name in POLYNOMIALS}
 
 
 def read_rpc_txt(path: str) -> RpcReading:
-    """Return the RPC of a ``_RPC.TXT`` file; units behind the numbers are skipped."""
-    # A colon, an equals sign or blanks stand between a name and its value
+    """Return the RPC of a ``_RPC.TXT`` file; units after the numbers are ignored."""
+    # Name and value are separated by a colon, an equals sign or blanks
     lines = (line.replace("=", " ", 1).replace(":", " ", 1).strip() for line in read_text(path).splitlines())
     parts = (line.partition(" ") for line in lines)
     entries = fields.entries_of(path, ((name.upper(), value.strip()) for name, _, value in parts), GDAL_NAMES.values())
@@ -98,7 +98,7 @@ def _is_rpc_txt(name: str, head: bytes) -> bool:
 
 
 RPC_TXT = RpcReader("_RPC.TXT", lambda stem: (f"{stem}_rpc.txt",), _is_rpc_txt, read_rpc_txt)
-#: KOMPSAT's and SkySat's, and what sat-bundleadjust adjusted (``.rpc_adj``).
+#: Files of KOMPSAT and SkySat, and RPCs that sat-bundleadjust adjusted (``.rpc_adj``).
 KOMPSAT = RpcReader(
     ".rpc", lambda stem: (f"{stem}.rpc",), lambda name, head: name.endswith((".rpc", ".rpc_adj")), read_rpc_txt
 )
@@ -110,7 +110,7 @@ GEOM_NAMES |= {"err_bias": "bias_error", "err_rand": "rand_error"}
 
 
 def read_geom(path: str) -> RpcReading:
-    """Return the RPC of a ``.geom`` file and the scene's size where it is written there."""
+    """Return the RPC of a ``.geom`` file, and the scene's size if the file states it."""
     parts = (line.partition(":") for line in read_text(path).splitlines())
     entries = fields.entries_of(path, ((name.strip(), value.strip()) for name, _, value in parts), GEOM_NAMES.values())
     values: dict[str, Text | None] = {name: entries.get(GEOM_NAMES[name]) for name in SCALARS}
@@ -121,7 +121,7 @@ def read_geom(path: str) -> RpcReading:
 
 
 def geom_text(rpc: RPC) -> str:
-    """Return the content of a ``.geom`` file: OSSIM's projection of an RPC, which OTB takes as a sensor."""
+    """Return the content of a ``.geom`` file: OSSIM's projection of an RPC, which OTB reads as a sensor model."""
     lines = ["type:  ossimRpcProjection", "polynomial_format:  B", MARKS["geom"]]
     lines += [f"{GEOM_NAMES[name]}:  {getattr(rpc, name) or 0.0!r}" for name in ERRORS]
     lines += [f"{GEOM_NAMES[name]}:  {getattr(rpc, name)!r}" for name in SCALARS]
@@ -143,7 +143,7 @@ RPCM_NAMES |= {"err_bias": "err_bias", "err_rand": "err_rand"}
 
 
 def read_rpcm_json(path: str) -> RpcReading:
-    """Return the RPC of an rpcm JSON file and its image's size; the RPC may stand alone or under ``rpc``."""
+    """Return the RPC of an rpcm JSON file and its image's size; the RPC may be the document or its member ``rpc``."""
     try:
         document = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:

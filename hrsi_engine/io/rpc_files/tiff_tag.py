@@ -1,14 +1,14 @@
 """The RPC in a GeoTIFF: tag 50844 (RPCCoefficientTag), 92 doubles, read and overwritten exactly.
 
-GDAL hands the numbers out rounded to 15 digits; here they are the doubles themselves. An RPC that is replaced in place
+GDAL returns the numbers rounded to 15 digits; here they are the doubles themselves. An RPC that is replaced in place
 is kept in the file's GDAL metadata, domain ``HRSI_ORIGINAL_RPC``: readable with ``gdalinfo -mdd HRSI_ORIGINAL_RPC``,
-and with every double as a hexadecimal float, so that it comes back bit by bit.
+and with every double as a hexadecimal float, so that it is restored bit by bit.
 
-GDAL can change a tag only by writing the first directory of the file (TIFF 6.0 and BigTIFF, either byte order) anew at
-its end, which ends the layout of a Cloud Optimized GeoTIFF. Here the directory is edited where it stands: a value of
-the same length is overwritten; a longer one goes to the end of the file and only its entry changes; a new entry makes
-room by moving the values that lie right behind the directory to the end of the file. Nothing else moves, so pixels,
-overviews and the COG layout stay as they are.
+GDAL changes a tag by writing the first directory of the file (TIFF 6.0 and BigTIFF, either byte order) again at its
+end, which ends the layout of a Cloud Optimized GeoTIFF. Here the directory is changed at its place: a value of the same
+length is overwritten; a longer one is appended to the file, and only its entry changes; for a new entry, the values
+directly after the directory are moved to the end of the file. Nothing else moves, so pixels, overviews and the COG
+layout are unchanged.
 """
 
 import os
@@ -42,7 +42,7 @@ class TagEntry:
 
     @property
     def length(self) -> int:
-        """Bytes of all values."""
+        """Number of bytes of all values."""
         return TYPE_BYTES.get(self.kind, 1) * self.count
 
     @property
@@ -74,11 +74,11 @@ class Directory:
 
     @property
     def word(self) -> str:
-        """Format of offsets and of the entries' counts."""
+        """Format code of offsets and of the entries' counts."""
         return self.order + ("Q" if self.big else "I")
 
     def entry(self, tag: int) -> TagEntry | None:
-        """Return the entry of a tag, None where there is none."""
+        """Return the entry of a tag, None if there is none."""
         return next((entry for entry in self.entries if entry.tag == tag), None)
 
     def place(self, entry: TagEntry) -> int:
@@ -86,7 +86,7 @@ class Directory:
         return int(struct.unpack(self.word, entry.field)[0])
 
     def pack(self) -> bytes:
-        """Return the directory as it stands in the file."""
+        """Return the bytes of the directory as in the file."""
         head = struct.pack(self.order + ("Q" if self.big else "H"), len(self.entries))
         code = self.order + "HH" + self.word[1:]
         table = b"".join(struct.pack(code, e.tag, e.kind, e.count) + e.field for e in self.entries)
@@ -94,7 +94,7 @@ class Directory:
 
 
 def read_directory(path: str) -> Directory | None:
-    """Return the first directory of a TIFF file; None for other files. Raises `InputError` where it is damaged."""
+    """Return the first directory of a TIFF file; None for other files. Raises `InputError` if it is damaged."""
     if not os.path.isfile(path):
         return None
     try:
@@ -125,7 +125,7 @@ def read_directory(path: str) -> Directory | None:
 
 
 def read_value(path: str, directory: Directory, tag: int) -> bytes | None:
-    """Return the bytes of a tag's value; None without the tag. Raises `InputError` where they lie outside the file."""
+    """Return the bytes of a tag's value; None without the tag. Raises `InputError` if they are outside the file."""
     entry = directory.entry(tag)
     if entry is None:
         return None
@@ -140,11 +140,11 @@ def read_value(path: str, directory: Directory, tag: int) -> bytes | None:
 
 
 def edit_directory(path: str, changes: Mapping[int, Field | None]) -> bool:
-    """Set tags of the first directory (None removes one); return False where the directory had to move.
+    """Set tags of the first directory (None removes one); return False if the directory was moved to the end.
 
-    The file is changed where it stands: give a copy, and rename it afterwards. A moved directory is valid TIFF but
-    ends the layout of a Cloud Optimized GeoTIFF. Raises `InputError` where the file is no TIFF or damaged,
-    `OutputError` where a classic TIFF would grow beyond 4 GiB.
+    The file itself is changed: give a copy, and rename it afterwards. A moved directory is valid TIFF but ends the
+    layout of a Cloud Optimized GeoTIFF. Raises `InputError` if the file is no TIFF or damaged, `OutputError` if a
+    classic TIFF would grow beyond 4 GiB.
     """
     directory = read_directory(path)
     if directory is None:
@@ -159,7 +159,7 @@ def edit_directory(path: str, changes: Mapping[int, Field | None]) -> bool:
 
 
 def _place_value(file: BinaryIO, directory: Directory, tag: int, old: TagEntry | None, field: Field) -> TagEntry:
-    """Write a value over the old one where it fits, else at the end of the file; return its entry."""
+    """Write a value over the old one if it fits, otherwise at the end of the file; return its entry."""
     word_bytes = struct.calcsize(directory.word)
     if len(field.content) <= word_bytes:
         return TagEntry(tag, field.kind, field.count, field.content.ljust(word_bytes, b"\0"))
@@ -182,7 +182,7 @@ def _append_value(file: BinaryIO, directory: Directory, content: bytes) -> bytes
 
 
 def _write_table(file: BinaryIO, old: Directory, new: Directory) -> bool:
-    """Write the changed directory over the old one where there is room or room can be made, else at the end."""
+    """Write the changed directory over the old one if there is room or it can be made, otherwise at the end."""
     first, last = old.offset + len(old.pack()), new.offset + len(new.pack())
     if last > first:
         in_the_way = _values_between(old, new, first, last)
@@ -192,7 +192,7 @@ def _write_table(file: BinaryIO, old: Directory, new: Directory) -> bool:
             file.write(pointer)
             return False
         for entry in in_the_way:
-            if entry in new.entries:  # one that changed is elsewhere already
+            if entry in new.entries:  # a changed one has moved already
                 file.seek(new.place(entry))
                 moved = replace(entry, field=_append_value(file, new, file.read(entry.length)))
                 new = replace(new, entries=tuple(moved if item == entry else item for item in new.entries))
@@ -202,7 +202,7 @@ def _write_table(file: BinaryIO, old: Directory, new: Directory) -> bool:
 
 
 def _values_between(old: Directory, new: Directory, first: int, last: int) -> list[TagEntry] | None:
-    """Return the old entries whose values lie in a range of the file; None where anything else may lie there."""
+    """Return the old entries whose values are in a range of the file; None if it may contain anything else."""
     spans = []
     for entry in old.entries:
         start = 0 if entry.is_inline else old.place(entry)
@@ -232,14 +232,14 @@ _END = "</GDALMetadata>"
 def read(path: str) -> RpcReading | None:
     """Return the RPC of a GeoTIFF's tag; None for other files and without the tag.
 
-    Raises `InputError` where the tag is there but damaged.
+    Raises `InputError` if the tag exists but is damaged.
     """
     numbers = read_numbers(path)
     return None if numbers is None else RpcReading(rpc_from_numbers(f"{path} (tag {TAG_RPC})", numbers))
 
 
 def read_numbers(path: str) -> list[float] | None:
-    """Return the 92 doubles of the tag as they stand in the file; None for other files and without the tag."""
+    """Return the 92 doubles of the tag exactly as in the file; None for other files and without the tag."""
     directory = read_directory(path)
     entry = None if directory is None else directory.entry(TAG_RPC)
     if directory is None or entry is None:
@@ -257,11 +257,11 @@ def set_numbers(
     path: str, numbers: list[float], keep_original: bool, lineage: Mapping[str, str] | None = None,
     original: list[float] | None = None,
 ) -> bool:  # fmt: skip
-    """Write the RPC tag into a TIFF file in place; return False where the directory had to move.
+    """Write the RPC tag into a TIFF file in place; return False if the directory was moved to the end.
 
-    With ``keep_original`` the old doubles (or those of ``original``, where the RPC came from beside the image) go into
-    the metadata domain, unless an older original is there already. ``lineage`` becomes items of the metadata, in place
-    of those of an earlier run.
+    With ``keep_original`` the old doubles (or those of ``original``, if the RPC was next to the image) are stored in
+    the metadata domain, unless it has an older original already. ``lineage`` becomes items of the metadata, instead of
+    those of an earlier run.
     """
     directory = _require_directory(path)
     changes: dict[int, Field | None] = {TAG_RPC: Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers))}
@@ -281,9 +281,9 @@ def set_numbers(
 
 
 def restore_numbers(path: str) -> bool:
-    """Put the original doubles back (or take the tag out where there was none) and forget them.
+    """Restore the original doubles (or remove the tag if there was none), and remove them from the metadata.
 
-    Returns False where the file keeps no original. Raises `InputError` where what it keeps is damaged.
+    Returns False if the file has no original. Raises `InputError` if the original is damaged.
     """
     directory = _require_directory(path)
     xml = _read_metadata(path, directory)
@@ -301,7 +301,7 @@ def restore_numbers(path: str) -> bool:
 
 
 def keeps_original(path: str) -> bool:
-    """Return whether a file keeps the RPC that it had before the first writing in place."""
+    """Return whether a file contains the RPC that it had before the first writing in place."""
     directory = read_directory(path)
     return directory is not None and bool(_ORIGINAL_ITEM.search(_read_metadata(path, directory)))
 
@@ -330,9 +330,9 @@ def _write_item(name: str, value: str, domain: str = "") -> str:
 
 
 def parse_original(path: str, kept: Mapping[str, str]) -> list[float] | None:
-    """Return the doubles of the original RPC from the items of its metadata domain; None where there was none.
+    """Return the doubles of the original RPC from the items of its metadata domain; None if there was no RPC.
 
-    Raises `InputError` where they are damaged.
+    Raises `InputError` if they are damaged.
     """
     text = kept.get(_DOUBLES_ITEM, _ABSENT)
     if text == _ABSENT:

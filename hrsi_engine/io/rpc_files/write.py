@@ -29,7 +29,7 @@ class Lineage:
     """Provenance stored in a file with a refined RPC.
 
     items : metadata by name, ``HRSI_VERSION``
-    original : what the camera was before; a GeoTIFF keeps it so that `restore` brings it back
+    original : the RPC before the refinement; a GeoTIFF keeps it for `restore`
     """
 
     items: Mapping[str, str] = field(default_factory=dict)
@@ -37,9 +37,9 @@ class Lineage:
 
 
 UNTOLD = Lineage()
-#: What gives a hidden name to write to: `replacing`, or a transaction's, by which the file appears with others.
+#: Gives a temporary name to write to: `replacing`, or that of a transaction, which renames several files together.
 Replace = Callable[[str], AbstractContextManager[str]]
-#: Format of an RPC file that is written -> what follows the image's stem in its name, and its content.
+#: By format of an RPC file that is written: suffix after the image's stem, and a function that returns its content.
 SIDECARS: dict[str, tuple[str, Callable[[RPC], str]]] = {
     "rpc-txt": ("_RPC.TXT", rpc_txt_text), "rpb": (".RPB", rpb_text), "isd": (".xml", isd_text),
     "geom": (".geom", geom_text), "rpcm-json": (".json", rpcm_json_text),
@@ -56,9 +56,9 @@ def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Repl
     rpc : RPC
         The camera.
     lineage : Lineage, optional
-        What the file tells of itself.
+        Metadata items of the file.
     replace : callable, optional
-        What gives a hidden name to write to.
+        Gives a temporary name to write to.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Repl
 def write_rpb(path: str, rpc: RPC, replace: Replace = replacing) -> None:
     """Write an ``.RPB`` file with all digits, read it again and compare.
 
-    path : the file; rpc : the camera; replace : what gives a hidden name to write to
+    path : the file; rpc : the camera; replace : gives a temporary name to write to
     Raises `OutputError`: the file cannot be written.
     """
     write_rpc_file(path, rpc, "rpb", replace)
@@ -92,7 +92,7 @@ def write_geotiff_copy(
     """Copy an image to a GeoTIFF with another RPC; the source is only read.
 
     A TIFF is copied byte for byte and only its RPC tag changes, so that pixels, compression, overviews, metadata and
-    the layout of a Cloud Optimized GeoTIFF stay; what GDAL keeps beside it (``.aux.xml``, ``.msk``, ``.ovr``) is copied
+    the layout of a Cloud Optimized GeoTIFF remain; GDAL's side files (``.aux.xml``, ``.msk``, ``.ovr``) are copied
     too. Any other image is written by GDAL as a tiled, losslessly compressed GeoTIFF.
 
     Parameters
@@ -104,7 +104,7 @@ def write_geotiff_copy(
     progress : Progress
         Callback; False cancels.
     lineage : Lineage, optional
-        What the copy tells of itself.
+        Metadata items of the copy, and its RPC before the refinement.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def write_geotiff_copy(
     OutputError
         The target cannot be written.
     Cancelled
-        When ``progress`` asks to stop.
+        ``progress`` returned False.
     """
     with Transaction(os.path.dirname(os.path.abspath(target_path))) as changes:
         notices = prepare_geotiff_copy(source_path, target_path, rpc, changes, progress, lineage)
@@ -131,21 +131,21 @@ def prepare_geotiff_copy(
     source_path: str, target_path: str, rpc: RPC, changes: Transaction, progress: Progress = silent,
     lineage: Lineage = UNTOLD,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Prepare a copy as `write_geotiff_copy` writes it; it appears when the changes are committed."""
+    """Prepare a copy as `write_geotiff_copy` writes it; it is renamed when the changes are committed."""
     _require_other_file(source_path, target_path)
     source = open_raster(source_path)
     is_tiff = source.GetDriver().ShortName == "GTiff" and read_directory(source_path) is not None
     notices = free_the_way(target_path, source_path, rpc, changes)
     if not is_tiff:
-        # Options that every GDAL can read and that lose nothing
+        # Lossless options that every GDAL reads
         band = source.GetRasterBand(1)
         kind, bits = gdal.GetDataTypeName(band.DataType), band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE")
         whole = ("Byte", "UInt16", "Int16", "UInt32", "Int32")
         predictor = "3" if kind in ("Float32", "Float64") else "2" if kind in whole else "1"
-        packing = f"NBITS={bits}" if bits else f"PREDICTOR={predictor}"  # no predictor works on packed bits
+        packing = f"NBITS={bits}" if bits else f"PREDICTOR={predictor}"  # predictors need whole bytes
         options = ["BIGTIFF=IF_SAFER", "TILED=YES", "COMPRESS=DEFLATE", packing]
         return notices + save_geotiff(source, target_path, rpc, "GTiff", options, progress, lineage, changes.replacing)
-    # What GDAL keeps beside a TIFF: mask, overviews, and the auxiliary metadata except an old RPC
+    # GDAL's side files of a TIFF: mask, overviews, and the auxiliary metadata without an old RPC
     for suffix in (".msk", ".ovr"):
         if os.path.isfile(source_path + suffix):
             with changes.replacing(target_path + suffix) as temporary:
@@ -164,9 +164,9 @@ def save_geotiff(
     source: gdal.Dataset, target_path: str, rpc: RPC, driver: str, options: Sequence[str],
     progress: Progress = silent, lineage: Lineage = UNTOLD, replace: Replace = replacing,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Write a dataset, which may be virtual, with GDAL's ``driver`` GTiff or COG; as `write_geotiff_copy` otherwise."""
+    """Write a dataset, which may be virtual, with GDAL's ``driver`` GTiff or COG; otherwise as `write_geotiff_copy`."""
     notices: tuple[str, ...] = ()
-    # A virtual dataset brings the new RPC and metadata, so that the tags are written once
+    # A virtual dataset has the new RPC and metadata, so that the tags are written once
     virtual = gdal.GetDriverByName("VRT").CreateCopy("", source)
     virtual.SetMetadata(gdal_metadata(rpc), "RPC")
     for name, value in lineage.items.items():
@@ -180,7 +180,7 @@ def save_geotiff(
 
 
 def _require_tag(temporary: str, target_path: str, rpc: RPC) -> None:
-    """Raise `OutputError` where a file has not the RPC tag that was to be written."""
+    """Raise `OutputError` if a file does not have the RPC tag that was to be written."""
     written = tiff_tag.read(temporary)
     if written is None:
         raise OutputError(f"{target_path}: GDAL wrote no RPC tag: check the version of GDAL")
@@ -203,7 +203,7 @@ def _set_tag(temporary: str, target_path: str, rpc: RPC, source: gdal.Dataset, l
 def create_copy(
     source: gdal.Dataset, temporary: str, target_path: str, driver: str, options: Sequence[str], progress: Progress
 ) -> None:
-    """Let GDAL copy pixels and metadata to a new file; ``target_path`` is what messages name."""
+    """Let GDAL copy pixels and metadata to a new file; messages name ``target_path``."""
     written = cancelled = False
 
     def report(fraction: float, _message: str, _data: Any) -> int:
@@ -214,7 +214,7 @@ def create_copy(
     with gdal_messages() as messages:
         copy = gdal.GetDriverByName(driver).CreateCopy(temporary, source, 0, list(options), callback=report)
         written = copy is not None
-        del copy  # closed here, so that failures of the last writing count
+        del copy  # closed here, so that failures of the last writing are noticed
     if cancelled:
         raise Cancelled(f"cancelled; {target_path} was not written")
     if not written or messages:
@@ -229,14 +229,14 @@ def write_vrt(
     Parameters
     ----------
     source_path, target_path : str
-        The image, and the VRT; its path of the source is relative where the source lies beside or below it, absolute
-        otherwise.
+        The image, and the VRT; its path of the source is relative if the source is in its folder or below, otherwise
+        absolute.
     rpc : RPC
         The camera of the VRT.
     lineage : Lineage, optional
-        What the VRT tells of itself.
+        Metadata items of the VRT, and its RPC before the refinement.
     replace : callable, optional
-        What gives a hidden name to write to.
+        Gives a temporary name to write to.
 
     Returns
     -------
@@ -260,7 +260,7 @@ def write_vrt(
 def save_vrt(
     source: gdal.Dataset, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Replace = replacing
 ) -> None:
-    """Write a dataset that was opened under its absolute path, or a virtual one of such; as `write_vrt` otherwise."""
+    """Write a dataset that was opened by its absolute path, or a virtual one of it; otherwise as `write_vrt`."""
     with replace(os.path.abspath(target_path)) as temporary:
         virtual = None
         with gdal_messages() as messages:

@@ -1,16 +1,16 @@
-"""RPC files that are XML: those of Maxar, Airbus and EnMAP, and GDAL's own.
+"""RPC files in XML: those of Maxar, Airbus and EnMAP, and GDAL's own.
 
 * ISD XML of DigitalGlobe / Maxar (WorldView, GeoEye): ``<isd>`` with an ``<RPB>`` part. A product in tiles,
-  ``…_R1C2-…_P001.TIF``, has one file ``…-…_P001.XML``, whose ``<TIL>`` part places them.
+``…_R1C2-…_P001.TIF``, has one file ``…-…_P001.XML``, whose ``<TIL>`` part has their positions.
 * DIMAP XML of Airbus, the RPC file and the product file ``DIM_*.XML`` that names it. The first pixel is (1, 1) in V2
-  (SPOT 6/7, Pleiades) and (0, 0) in V3 (Pleiades Neo). The version decides about that, as in GDAL: the validity domain
-  (FIRST_ROW, FIRST_COL) agrees with it in whole scenes, but may also begin at -27 or inside the scene. Only the
-  ground-to-image half is used (``Inverse_Model`` in V2, ``GroundtoImage_Values`` in V3). The ERR_BIAS of these files is
-  the fit of the RPC in pixels, not the accuracy on the ground: it is not taken over. The RPC's HEIGHT_OFF may be a
-  fiction (4000 m in Pleiades Neo); the product file states the height of the scene's middle.
+(SPOT 6/7, Pleiades) and (0, 0) in V3 (Pleiades Neo). The version determines that, as in GDAL: the validity domain
+(FIRST_ROW, FIRST_COL) agrees with it in complete scenes, but may also begin at -27 or inside the scene. Only the
+ground-to-image coefficients are used (``Inverse_Model`` in V2, ``GroundtoImage_Values`` in V3). ERR_BIAS of these
+files is the fit of the RPC in pixels, not the accuracy on the ground, and is not used. HEIGHT_OFF of the RPC may be
+arbitrary (4000 m in Pleiades Neo); the product file states the height of the scene's centre.
 * EnMAP's ``METADATA.XML`` of level 1B: an RPC for each band, ``navigation/RPC/bandID``, rows and columns from 0. The
-  bands of the VNIR camera come first, then those of SWIR. Of an image the first band is read, so that its RPC is that
-  of the image's first band. Source: EnMAP HSI Level 1B product specification, EN-PCV-ICD-2009.
+  bands of the VNIR camera come first, then those of SWIR. The first band of an image is read, so its RPC is that of the
+  image's first band. Source: EnMAP HSI Level 1B product specification, EN-PCV-ICD-2009.
 * GDAL's own side file ``<image>.aux.xml`` (PAM): metadata domain ``RPC``.
 """
 
@@ -29,7 +29,7 @@ from .text_formats import RPB_NAMES
 
 #: The root element, in any namespace.
 _ISD_ROOT = re.compile(rb"<([\w.-]+:)?isd[\s>]", re.IGNORECASE)
-ISD_MARK = "<!-- writtenBy HRSI -->"  #: in files of ours, which may be replaced
+ISD_MARK = "<!-- writtenBy HRSI -->"  #: in files of HRSI, which may be replaced
 ISD_NAMES = {name: title.upper() for name, title in RPB_NAMES.items()}
 _ISD_TILE = re.compile(r"_(r\d{1,3}c\d{1,3})(?=-)")
 
@@ -48,10 +48,10 @@ def read_isd(path: str) -> RpcReading:
 
 
 def isd_text(rpc: RPC) -> str:
-    """Return the content of an ISD XML file that holds an RPC and nothing else, all digits."""
+    """Return the content of an ISD XML file with only an RPC, with all digits."""
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<isd>", f" {ISD_MARK}", " <RPB>", "  <SPECID>RPC00B</SPECID>"]
     lines.append("  <IMAGE>")
-    for name in (*ERRORS, *SCALARS):  # GDAL wants all of them; an accuracy that is not known is 0
+    for name in (*ERRORS, *SCALARS):  # GDAL needs all of them; an unknown accuracy is 0
         lines.append(f"   <{ISD_NAMES[name]}>{getattr(rpc, name) or 0.0!r}</{ISD_NAMES[name]}>")
     for name in POLYNOMIALS:
         numbers, tag = " ".join(map(repr, getattr(rpc, name).tolist())), ISD_NAMES[name]
@@ -62,7 +62,7 @@ def isd_text(rpc: RPC) -> str:
 def _find_tile(image_path: str, side_file: str) -> Origin | None:
     """Return the product's (sample, line) of the first pixel of a tile ``…_R1C2-…``; None for other names.
 
-    Raises `InputError` where the product's file does not place the tile.
+    Raises `InputError` if the product's file does not give the position of the tile.
     """
     tile = _ISD_TILE.search(os.path.basename(image_path).lower())
     if tile is None:
@@ -77,7 +77,7 @@ def _find_tile(image_path: str, side_file: str) -> Origin | None:
 
 ISD = RpcReader(
     "ISD XML",
-    lambda stem: tuple(f"{name}.xml" for name in dict.fromkeys([stem, _ISD_TILE.sub("", stem)])),  # its product's, too
+    lambda stem: tuple(f"{name}.xml" for name in dict.fromkeys([stem, _ISD_TILE.sub("", stem)])),  # of its product, too
     lambda name, head: _ISD_ROOT.search(head[:2000]) is not None,
     read_isd,
     _find_tile,
@@ -110,12 +110,12 @@ def read_dimap(path: str) -> RpcReading:
     values: dict[str, Text | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
     values |= {name: values_by_number(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
     rpc = fields.rpc_from_text(path, values, DIMAP_NAMES)
-    # Sample and line of the first pixel's centre as this version counts: 1 or 0
+    # Sample and line of the centre of the first pixel in this version: 1 or 0
     version = next((element.get("version", "") for element in root.iter("METADATA_FORMAT")), "")
     first = {"2": 1, "3": 0}.get(version.strip()[:1])
     if first is None:
         raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
-    # The scene's size where the validity domain begins at the first pixel
+    # The scene's size if the validity domain begins at the first pixel
     domain = _find_first(root, ("Direct_Model_Validity_Domain", "ImagetoGround_Validity_Domain"))
     told = {child.tag: (child.text or "").strip() for child in (domain if domain is not None else ())}
     begins = told.get("FIRST_COL") == told.get("FIRST_ROW") == str(first)
@@ -131,7 +131,7 @@ def read_dimap(path: str) -> RpcReading:
 
 
 def _find_rpc_file(path: str, product: Element) -> str:
-    """Return the RPC file that a product file names; raise `InputError` that says what it is where it names none."""
+    """Return the RPC file that a product file names; if it names none, raise `InputError` with the kind of product."""
     model = product.find(".//Geoposition_Models//COMPONENT_PATH")
     if model is None:
         mission = " ".join(filter(None, (element_text(product, name) for name in ("MISSION", "MISSION_INDEX"))))
@@ -152,7 +152,7 @@ def _find_rpc_file(path: str, product: Element) -> str:
 
 
 def _find_product(rpc_file: str) -> tuple[str, str | None]:
-    """Return the name of the product file ``dim_x.xml`` beside ``RPC_x.XML``, and its path, if it is there."""
+    """Return the name of the product file ``dim_x.xml`` of ``RPC_x.XML``, and its path if it is in the same folder."""
     name = "dim_" + os.path.basename(rpc_file).lower().removeprefix("rpc_")
     return name, siblings(rpc_file).get(name)
 
@@ -174,7 +174,7 @@ def _dimap_names(stem: str) -> tuple[str, ...]:
     """Return RPC_x.xml for IMG_x, its tiles IMG_x_R1C1 and groups of bands IMG_x_P_R1C1, and the image's own stem."""
     image = stem.removeprefix("img_")
     product = _DIMAP_TILE.sub("", image)
-    of_all_bands = re.sub(r"_(p|ms|pms|rgb|ned)$", "", product)  # as the RPC file of Pleiades Neo is
+    of_all_bands = re.sub(r"_(p|ms|pms|rgb|ned)$", "", product)  # as for the RPC file of Pleiades Neo
     names = [f"rpc_{name}.xml" for name in (product, of_all_bands, image)]
     return tuple(dict.fromkeys([*names, f"{stem}_rpc.xml", f"{stem}.xml"]))
 
@@ -182,8 +182,8 @@ def _dimap_names(stem: str) -> tuple[str, ...]:
 def _find_dimap_tile(image_path: str, side_file: str) -> Origin | None:
     """Return the scene's (sample, line) of the first pixel of a tile ``IMG_x_R2C3``; None for other names.
 
-    The tile size stands in the product's ``DIM_x.XML``. Raises `InputError` where that is missing, but for the first
-    tile, which begins with its scene.
+    The tile size is in the product's ``DIM_x.XML``. Raises `InputError` if that is missing, except for the first tile,
+    which begins with its scene.
     """
     match = _DIMAP_TILE.search(os.path.splitext(os.path.basename(image_path))[0].lower())
     if match is None:
@@ -211,7 +211,7 @@ ENMAP_NAMES = {
 
 
 def read_enmap(image_path: str, path: str) -> RpcReading:
-    """Return the RPC of an image's first band, and its size; the first of SWIR for an image of that name."""
+    """Return the RPC of an image's first band, and its size; if the name is that of SWIR, the first band of SWIR."""
     root, swir = read_xml(path), os.path.splitext(image_path)[0].lower().endswith("_swir")
     bands = [band for model in root.iter("RPC") for band in model.iter("bandID")]
     if not bands:
@@ -250,9 +250,9 @@ ENMAP = RpcReader(
 
 
 def read_domain(path: str, domain: str) -> dict[str, str]:
-    """Return one metadata domain of the dataset (not of its bands), empty where there is none.
+    """Return one metadata domain of the dataset (not of its bands), empty if there is none.
 
-    Raises `InputError` where the file is not well-formed XML.
+    Raises `InputError` if the file is not well-formed XML.
     """
     for element in read_xml(path).findall("Metadata"):
         if element.get("domain") == domain:
@@ -261,7 +261,7 @@ def read_domain(path: str, domain: str) -> dict[str, str]:
 
 
 def without_domain(path: str, domain: str) -> bytes:
-    """Return the content of a ``.aux.xml`` file with one metadata domain left out."""
+    """Return the content of a ``.aux.xml`` file without one metadata domain."""
     root = read_xml(path)
     for element in root.findall("Metadata"):
         if element.get("domain") == domain:

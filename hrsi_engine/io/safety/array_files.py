@@ -1,6 +1,6 @@
-"""Files of arrays by name (``.npz``), which `numpy.load` reads: uncompressed, and nothing in them is executed.
+"""Files of arrays by name (``.npz``), which `numpy.load` reads: uncompressed, and without pickled objects.
 
-`PartStore` keeps results of finished parts of a long run, one file each, so that a run that was stopped continues.
+`PartStore` stores results of finished parts of a long run, one file each, so that a stopped run continues.
 """
 
 import io
@@ -18,12 +18,12 @@ from ..opening.budgets import require_size
 from ..opening.datasets import VIRTUAL, list_virtual, read_virtual, write_virtual
 from .replacing import replacing, sweep
 
-#: What reading a damaged file raises.
+#: Errors that reading a damaged file raises.
 DAMAGED = (KeyError, ValueError, OSError, MemoryError, EOFError, zipfile.BadZipFile, NotImplementedError)
 
 
 def write_arrays(path: str, arrays: Mapping[str, Any]) -> None:
-    """Write arrays by name, in one step; the same bytes for the same arrays, where `numpy.savez` writes the time."""
+    """Write arrays by name, in one step; equal arrays give equal bytes, unlike `numpy.savez`, which writes the time."""
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, array in arrays.items():
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
@@ -31,9 +31,9 @@ def write_arrays(path: str, arrays: Mapping[str, Any]) -> None:
 
 
 def read_arrays(file: str | BinaryIO) -> dict[str, np.ndarray]:
-    """Return the arrays of a file; one of `DAMAGED` where they cannot be read.
+    """Return the arrays of a file; raise one of `DAMAGED` if they cannot be read.
 
-    Nothing may take more memory than the file has bytes, so compressed ones are refused.
+    Memory must not exceed the size of the file, so compressed arrays are refused.
     """
     with zipfile.ZipFile(file) as archive:
         if any(part.compress_type != zipfile.ZIP_STORED for part in archive.infolist()):
@@ -45,9 +45,9 @@ def read_arrays(file: str | BinaryIO) -> dict[str, np.ndarray]:
 
 
 class PartStore:
-    """A folder of finished parts, made with the first: ``KEY.npz`` each. A file appears whole or not at all.
+    """A folder of finished parts, created with the first: ``KEY.npz`` each. A file is written completely or not at all.
 
-    It is on the disk, or in one of GDAL's virtual file systems that takes files (``/vsis3/bucket/run``).
+    It is on the disk, or in a writable virtual file system of GDAL (``/vsis3/bucket/run``).
     """
 
     def __init__(self, folder: str) -> None:
@@ -59,22 +59,22 @@ class PartStore:
     def __len__(self) -> int:
         try:
             names = list_virtual(str(self.folder)) if self.is_virtual else os.listdir(self.folder)
-        except OSError:  # not there yet, or never: `save` tells
+        except OSError:  # not created yet, or not possible: `save` reports
             return 0
         return sum(name.endswith(".npz") for name in names)
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
-        """Return the stored result of a key; None where the file is missing or damaged."""
+        """Return the stored result of a key; None if the file is missing or damaged."""
         path = str(self._path(key))
         try:
             require_size(path, "result")
             return read_arrays(io.BytesIO(read_virtual(path) or b"") if self.is_virtual else path)
-        except Exception:  # whatever zipfile, NumPy and the decoders raise of bytes that nobody wrote
+        except Exception:  # any error of zipfile, NumPy and the decoders for damaged bytes
             return None
 
     def save(self, key: str, result: dict[str, np.ndarray]) -> None:
-        """Keep a result under a key; raise `InputError` or `OutputError` where the folder takes no files."""
-        content = io.BytesIO()  # zipfile would complain of a full disk in its own way
+        """Store a result under a key; raise `InputError` or `OutputError` if the folder takes no files."""
+        content = io.BytesIO()  # zipfile would report a full disk differently
         np.savez(content, **result)
         if self.is_virtual:
             write_virtual(str(self._path(key)), [content.getvalue()])

@@ -1,11 +1,11 @@
-"""What tells one state of a file from another, for results that are kept and taken up again by a later run.
+"""Marks of the content of files, by which a later run recognises that stored results are still valid.
 
-Size and time of change do not: copies and archives keep the time, and so do tools that put it back. A file with all its
-side files up to `CONTENT_SAMPLING.whole_bytes` is hashed whole: any change is seen, and nothing else. Of larger ones,
-reading all would take longer than it saves: their beginnings and ends (headers, tags and tables of tiles stand there)
-are hashed, and some blocks spread over them. Every change that is longer than two distances of blocks is seen by that;
-a smaller one by the times of the last change of content and of the file's record, the second of which no tool can put
-back.
+Size and modification time are not sufficient: copies and archives keep the time, and so do tools that restore it. A
+file with all its side files up to `CONTENT_SAMPLING.whole_bytes` is hashed completely: every change is detected, and
+nothing else. Reading larger files completely would take longer than it saves: only their beginnings and ends (headers,
+tags and tile tables) and some blocks in between are hashed. This detects every change that is longer than two distances
+of blocks; a smaller one is detected by the times of the last change of content and of the inode, of which no tool can
+restore the second.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ from ..opening.datasets import open_dataset, read_virtual, virtual_status
 
 @thresholds
 class CONTENT_SAMPLING:
-    """Which parts of a file are hashed to tell its states from one another."""
+    """Parts of a file that are hashed to distinguish its states."""
 
     whole_bytes: int = threshold(
         64 * 2**20, "byte", "a file with its side files up to this size is hashed whole", "a larger one takes too long"
@@ -36,13 +36,13 @@ class CONTENT_SAMPLING:
 
 
 def content_mark(path: str) -> str:
-    """Return a text that differs when the content of a dataset differs: its file, side files, sources of a VRT.
+    """Return a text that differs if the content of a dataset differs: its file, side files, sources of a VRT.
 
-    Of a virtual path of GDAL into an archive the archive's own content counts; of a file in memory or behind a server
-    its size, time and beginning. 32 hexadecimal digits; all zeros where nothing can be read, as of a connection string.
+    For a virtual path of GDAL into an archive it is that of the archive; for a file in memory or on a server it depends
+    on size, time and beginning. 32 hexadecimal digits; all zeros if nothing can be read, as for a connection string.
     """
     if path.startswith("/vsi"):
-        # The file of this machine that the path leads into: behind /vsizip/ what follows is relative, or begins with /
+        # The local file that the path leads into: after /vsizip/ the rest is relative, or begins with /
         start = path.find("/", 1) + 1
         ends = [len(path), *(at for at in range(len(path) - 1, start, -1) if path[at] == "/")]
         archive = next((path[start:end] for end in ends if os.path.isfile(path[start:end])), None)
@@ -60,10 +60,10 @@ def content_mark(path: str) -> str:
 
 
 def files_mark(paths: Iterable[str], times: bool = True) -> str:
-    """Return the common fingerprint of files, by their contents; `content_mark` says how.
+    """Return the common mark of files, by their contents; see `content_mark`.
 
-    Without ``times`` copies of large files have the same mark, but a change between the blocks that count is not seen,
-    unless the format itself counts changes at its beginning, as SQLite's does.
+    Without ``times`` copies of large files have the same mark, but a change between the hashed blocks is not detected,
+    unless the format itself counts changes at its beginning, as SQLite does.
     """
     sizes = {name: os.path.getsize(name) for name in sorted({*map(os.path.abspath, paths)}) if os.path.isfile(name)}
     if not sizes:
@@ -81,17 +81,17 @@ def files_mark(paths: Iterable[str], times: bool = True) -> str:
 
 
 def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
-    """Return start and length of the blocks of a file that are hashed; ``share`` is its part of all that is read."""
+    """Return start and length of the blocks of a file that are hashed; ``share`` is its part of all hashed bytes."""
     edge = max(int(CONTENT_SAMPLING.edge_bytes * share), CONTENT_SAMPLING.least_edge_bytes)
     count = max(int(CONTENT_SAMPLING.blocks * share), 1)
-    # Not at equal distances: lines and tiles of an image have them too. Odd steps of the golden ratio are as even
+    # Not at equal distances, which lines and tiles of an image have too. Odd steps of the golden ratio are as even
     jitter = ((k * 0.6180339887498949) % 1.0 for k in range(count))
     within = [int((k + more) / count * size) for k, more in enumerate(jitter)]
     return [(0, edge), *((start, CONTENT_SAMPLING.block_bytes) for start in within), (max(size - edge, 0), edge)]
 
 
 def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[bytes]:
-    """Yield the bytes of an unbuffered file at these places (start, length), block by block."""
+    """Yield the bytes of an unbuffered file at these places (start, length), in blocks."""
     for start, length in places:
         file.seek(start)
         while length > 0 and (block := file.read(min(length, 2**20))):

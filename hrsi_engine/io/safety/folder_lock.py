@@ -1,7 +1,7 @@
-"""One writer at a time of a folder or image: locks that the system releases when their owner ends, however it ends.
+"""Locks, for one writer of a folder or image at a time; the system releases them when their owner ends in any way.
 
 A journal outlives the program: each entry is on the disk before the next one is made. It is a file of JSON lines in a
-folder of its own, which its program locks. What a program left that was killed is found by `find_orphan_journals`.
+folder of its own, which its program locks. Journals of killed programs are found by `find_orphan_journals`.
 """
 
 import contextlib
@@ -29,17 +29,17 @@ LOCK = ".hrsi-lock"
 
 @contextmanager
 def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None]:
-    """Lock a folder, and files that are written where they lie, against other runs.
+    """Lock a folder, and files that are changed in place, against other runs.
 
-    The folder is made where missing, and removed again where it stays empty; nothing is locked where it is None, or in
-    one of GDAL's virtual file systems. Raises `InputError` where another run writes there, or the folder cannot be
-    made.
+    The folder is created if it is missing, and removed again if it remains empty; nothing is locked for None, or in one
+    of GDAL's virtual file systems. Raises `InputError` if another run writes there, or the folder cannot be
+    created.
     """
     made: list[str] = []
     paths = [] if not folder or folder.startswith("/vsi") else [os.path.join(folder, LOCK)]
     with contextlib.ExitStack() as locks:
         try:
-            with holding_signals():  # one between making something and knowing of it would leave it behind
+            with holding_signals():  # a signal between creation and assignment would leave it behind
                 made = _make_folders(os.path.dirname(paths[0])) if paths else []
             for image in sorted({os.path.realpath(image) for image in images}):
                 paths.append(os.path.join(os.path.dirname(image), f"{LOCK}-{os.path.basename(image)}"))
@@ -50,13 +50,13 @@ def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None
             with holding_signals():
                 locks.close()
                 for path in reversed(made):
-                    with contextlib.suppress(OSError):  # it holds results
+                    with contextlib.suppress(OSError):  # it contains results
                         os.rmdir(path)
 
 
 @contextmanager
 def hold_lock(path: str, patience_s: float = REPLACING.lock_patience_s) -> Iterator[None]:
-    """Hold the lock whose file has this name; raise `InputError` where another run holds it for longer."""
+    """Lock the file of this name; raise `InputError` if another run still has the lock after ``patience_s`` seconds."""
     lock = None
     try:
         with holding_signals():
@@ -75,7 +75,7 @@ def hold_lock(path: str, patience_s: float = REPLACING.lock_patience_s) -> Itera
 
 
 def require_writable(folder: str) -> None:
-    """Raise `InputError` where a folder takes no files, or cannot be made; nothing is made to find that out."""
+    """Raise `InputError` if a folder takes no files or cannot be created; nothing is created to find that out."""
     if folder.startswith("/vsi"):
         return
     there = os.path.abspath(folder)
@@ -88,7 +88,7 @@ def require_writable(folder: str) -> None:
 
 
 def remove_dead_locks(folder: str) -> None:
-    """Remove the locks' files that killed runs left in a folder; those of living ones stay."""
+    """Remove the lock files of killed runs from a folder; those of running ones remain."""
     with contextlib.suppress(OSError):
         for name in os.listdir(folder):
             if name.startswith(LOCK) or (name.startswith(".hrsi-journal-") and name.endswith(".lock")):
@@ -97,7 +97,7 @@ def remove_dead_locks(folder: str) -> None:
 
 
 def _make_folders(folder: str) -> list[str]:
-    """Make a folder; return those that were made, the outermost first."""
+    """Create a folder; return the folders that were created, the outermost first."""
     missing, path = [], os.path.abspath(folder)
     while not os.path.lexists(path):
         missing.append(path)
@@ -107,7 +107,7 @@ def _make_folders(folder: str) -> list[str]:
 
 
 def _make_all(folder: str) -> None:
-    """Make a folder and those above it, whoever makes and removes it meanwhile."""
+    """Create a folder and its parents, even if other processes create and remove them at the same time."""
     while True:
         try:
             os.makedirs(folder, exist_ok=True)
@@ -115,18 +115,18 @@ def _make_all(folder: str) -> None:
         except FileExistsError:
             if os.path.lexists(folder) and not os.path.isdir(folder):
                 raise InputError(f"{folder} is a file: name a directory as `output_dir`") from None
-            # else it was there when it was to be made, and not when Python looked whether it is a folder
+            # else another process removed it between `makedirs` and its check that it is a folder
         except OSError as error:
             raise InputError(f"{folder} cannot be made ({error.strerror}): choose another `output_dir`") from None
 
 
 def _take_lock(path: str, patience_s: float) -> int | None:
-    """Return the descriptor of a lock's file, locked; None where the file system knows no locks."""
+    """Return the descriptor of a lock file, locked; None if the file system has no locks."""
     until = time.monotonic() + patience_s
     while True:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        except FileNotFoundError:  # another run made the folder, and removed it again
+        except FileNotFoundError:  # another run created and removed the folder
             _make_all(os.path.dirname(path))
             continue
         except OSError as error:
@@ -151,7 +151,7 @@ def _take_lock(path: str, patience_s: float) -> int | None:
                 else f"{os.path.dirname(path)}: another run writes there now: wait until it ends, or choose another "
                 "`output_dir`"
             ) from None
-        os.close(descriptor)  # its owner removed the file meanwhile: that lock keeps nobody out
+        os.close(descriptor)  # its owner removed the file meanwhile: a lock on it excludes no other process
 
 
 if sys.platform == "win32":
@@ -170,7 +170,7 @@ FILE = "journal.jsonl"
 
 
 class LineJournal:
-    """A journal in a new folder below ``root``, made with the first entry."""
+    """A journal in a new folder below ``root``, created with the first entry."""
 
     def __init__(self, root: str | Path) -> None:
         self._root = Path(root)
@@ -180,11 +180,11 @@ class LineJournal:
 
     @property
     def is_begun(self) -> bool:
-        """Whether there is an entry."""
+        """Whether the journal has an entry."""
         return self._file is not None
 
     def append(self, entry: dict[str, Any]) -> None:
-        """Write an entry; raise OSError or `InputError` where that cannot be done."""
+        """Write an entry to the disk; raise OSError or `InputError` if that fails."""
         if self._file is None:
             self._folder = self._root / f"{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:8]}"
             self._lock.enter_context(only_writer(str(self._folder)))
@@ -201,7 +201,7 @@ class LineJournal:
             remove_journal(self._folder)
 
     def leave(self) -> None:
-        """Close the journal and leave it on the disk for `find_orphan_journals`."""
+        """Close the journal and keep it on the disk for `find_orphan_journals`."""
         if self._file is not None:
             self._file.close()
         self._file = None
@@ -210,7 +210,7 @@ class LineJournal:
 
 @dataclass(frozen=True)
 class OrphanJournal:
-    """A journal that its program has left: the folder, the entries, and the time of the last one (s since 1970)."""
+    """A journal whose program has ended: the folder, the entries, and the time of the last one (s since 1970)."""
 
     folder: Path
     entries: list[dict[str, Any]]
@@ -218,18 +218,18 @@ class OrphanJournal:
 
 
 def find_orphan_journals(root: str | Path) -> list[OrphanJournal]:
-    """Return the journals below a folder whose programs have ended, the oldest first."""
+    """Return the journals below a folder whose programs have ended, in the order of their times of creation."""
     found = []
     for folder in sorted(Path(root).glob("*/")):
         try:
             with only_writer(str(folder)):
-                # The entries; the last line may have been cut off when the program ended
+                # Entries of complete lines: the last line may have been cut off when the program ended
                 path = folder / FILE
                 require_size(str(path), "journal")
                 with path.open(encoding="utf-8") as file:
                     entries = [json.loads(line) for line in file if line.endswith("\n")]
                 entries = [entry for entry in entries if isinstance(entry, dict)]
-        except (InputError, OSError, ValueError):  # another program is at work on it, or no journal
+        except (InputError, OSError, ValueError):  # in use by another program, or no journal
             continue
         if entries:
             found.append(OrphanJournal(folder, entries, (folder / FILE).stat().st_mtime))
@@ -237,5 +237,5 @@ def find_orphan_journals(root: str | Path) -> list[OrphanJournal]:
 
 
 def remove_journal(folder: Path) -> None:
-    """Remove a journal that its program has left."""
+    """Remove the journal of a program that has ended."""
     shutil.rmtree(folder, ignore_errors=True)

@@ -1,7 +1,7 @@
-"""Files that are replaced in one step: a killed process leaves the old file or the new one, never a torn one.
+"""Files that are replaced in one step: a killed process leaves the old file or the new one, never a partial one.
 
-A file that is being written has a hidden name that tells who writes it: the machine, the process and when that process
-began. So a later run can tell the work of a living process, which it must leave alone, from what a killed one left.
+The hidden name of a file that is being written identifies its writer: the machine, the process and its start time. So a
+later run can distinguish files of a running process, which it must not change, from those of a killed one.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from ...foundation.interruption import holding_signals
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
 
-WRITE_AHEAD_LOG = ("-wal", "-shm")  #: what follows the name of an SQLite file
+WRITE_AHEAD_LOG = ("-wal", "-shm")  #: suffixes of the name of an SQLite file
 
 
 @thresholds
@@ -45,10 +45,10 @@ class REPLACING:
 def replacing(path: str) -> Iterator[str]:
     """Provide a temporary name in the folder of ``path``; at the end the file is flushed and renamed to ``path``.
 
-    Anything raised inside removes the temporary file and leaves ``path`` as it was; failures of the disk become
-    `OutputError`. The temporary name keeps the extension, because GDAL and the readers choose by it, and begins
-    with a dot; it tells who writes. A symbolic link is followed: the file it points to is replaced, its permissions and
-    owner stay, and one that is read-only is refused by `InputError`.
+    After an exception the temporary file is removed and ``path`` is unchanged; errors of the disk become `OutputError`.
+    The temporary name keeps the extension, because GDAL and the readers use it, begins with a dot, and identifies the
+    writer. A symbolic link is followed: the file that it refers to is replaced, with the same permissions and owner; a
+    read-only file raises `InputError`.
     """
     path = os.path.realpath(path)
     require_not_read_only(path)
@@ -57,7 +57,7 @@ def replacing(path: str) -> Iterator[str]:
         yield temporary
         take_permissions(path, temporary)
         folder = os.path.dirname(path)
-        if is_unfinished(folder):  # whoever moves its files into place flushes them
+        if is_unfinished(folder):  # its files are flushed when they are moved into place
             os.replace(temporary, path)
         else:
             flush(temporary)
@@ -72,10 +72,10 @@ def replacing(path: str) -> Iterator[str]:
 
 
 def require_not_read_only(path: str) -> None:
-    """Raise `InputError` where a file is there that its permissions protect; renaming another over it would not ask."""
+    """Raise `InputError` for an existing read-only file, over which another file could be renamed without a message."""
     with contextlib.suppress(FileNotFoundError):
         mode = stat.S_IMODE(os.stat(path).st_mode)
-        if not mode & 0o222 or not os.access(path, os.W_OK):  # root may write everywhere
+        if not mode & 0o222 or not os.access(path, os.W_OK):  # root may write to every file
             raise InputError(
                 f"{path} is read-only (mode {mode:o}) and would be changed: give it write permission (chmod u+w), or "
                 "write elsewhere; nothing was changed"
@@ -83,17 +83,17 @@ def require_not_read_only(path: str) -> None:
 
 
 def take_permissions(path: str, temporary: str) -> None:
-    """Give a new file the mode bits and, as far as the system lets us, the owner of the file that it replaces."""
+    """Give a new file the mode bits and, if the system permits it, the owner of the file that it replaces."""
     with contextlib.suppress(FileNotFoundError):  # nothing is replaced
         old = os.stat(path)
         if hasattr(os, "chown"):
             with contextlib.suppress(OSError):
                 os.chown(temporary, old.st_uid, old.st_gid)
-        os.chmod(temporary, stat.S_IMODE(old.st_mode))  # behind the owner, whose change takes bits away
+        os.chmod(temporary, stat.S_IMODE(old.st_mode))  # after the owner, whose change clears bits
 
 
 def flush(path: str) -> None:
-    """Have a file or folder written to the disk itself."""
+    """Flush a file or folder to the disk."""
     # some network file systems, and Windows, cannot flush folders
     is_folder = os.path.isdir(path)
     with contextlib.suppress(OSError) if is_folder else contextlib.nullcontext():
@@ -105,8 +105,8 @@ def flush(path: str) -> None:
 
 
 def flush_files(paths: Sequence[str]) -> None:
-    """Have files written to the disk itself; of many all at once, where the system waits for that."""
-    if len(paths) > REPLACING.many_files and sys.platform == "linux":  # POSIX only promises to begin; Linux waits
+    """Flush files to the disk; many files at once by `os.sync`, if the system waits until that is complete."""
+    if len(paths) > REPLACING.many_files and sys.platform == "linux":  # POSIX does not wait; Linux does
         os.sync()
         return
     for path in paths:
@@ -114,7 +114,7 @@ def flush_files(paths: Sequence[str]) -> None:
 
 
 def copy_bytes(source_path: str, target_path: str, progress: Progress = silent, message: str = "") -> None:
-    """Copy a file byte for byte, with its permissions; shares the blocks where the file system can."""
+    """Copy a file byte for byte, with its permissions; the file system shares the blocks if it can."""
     total = max(os.path.getsize(source_path), 1)
     with open(source_path, "rb") as source, open(target_path, "wb") as target:
         done = 0
@@ -122,13 +122,13 @@ def copy_bytes(source_path: str, target_path: str, progress: Progress = silent, 
             done += moved
             advance(progress, min(done / total, 1.0), message)
     shutil.copymode(source_path, target_path)
-    os.chmod(target_path, os.stat(target_path).st_mode | 0o200)  # the copy of a read-only file is edited next
+    os.chmod(target_path, os.stat(target_path).st_mode | 0o200)  # a copy is edited next
 
 
 def _copy_part(source: int, target: int) -> int:
     """Copy the next part from one open file to the other; return its length in bytes, 0 at the end."""
     if hasattr(os, "copy_file_range"):
-        with contextlib.suppress(OSError):  # not across file systems of different kinds
+        with contextlib.suppress(OSError):  # not between all file systems
             return os.copy_file_range(source, target, REPLACING.copy_bytes)
     content = os.read(source, REPLACING.copy_bytes)
     written = 0
@@ -138,9 +138,9 @@ def _copy_part(source: int, target: int) -> int:
 
 
 def remove_write_ahead_log(path: str) -> None:
-    """Remove the write-ahead log of an SQLite file that is replaced: SQLite would play it into the new one.
+    """Remove the write-ahead log of an SQLite file that is replaced: SQLite would apply it to the new file.
 
-    QGIS leaves one beside every GeoPackage that it has open.
+    QGIS leaves such a log for every GeoPackage that it has open.
     """
     for suffix in WRITE_AHEAD_LOG:
         with contextlib.suppress(FileNotFoundError):
@@ -148,7 +148,7 @@ def remove_write_ahead_log(path: str) -> None:
 
 
 FOLDER_PREFIX = ".hrsi-unfinished-"
-_WRITER = r"([0-9a-f]{8})-(\d+)-(\d+)"  # machine, process, its beginning
+_WRITER = r"([0-9a-f]{8})-(\d+)-(\d+)"  # machine, process, its start time
 _NAMES = rf"{re.escape(FOLDER_PREFIX)}{_WRITER}-.*", rf"\..*\.{_WRITER}-[0-9a-f]{{8}}\.tmp.*"
 
 
@@ -160,7 +160,7 @@ def temporary_name(path: str) -> str:
 
 
 def temporary_folder(folder: str) -> str:
-    """Make a hidden folder inside ``folder``; raise `OutputError` where that is not possible."""
+    """Create a hidden folder inside ``folder``; raise `OutputError` if that is not possible."""
     try:
         return tempfile.mkdtemp(prefix=f"{FOLDER_PREFIX}{writer()}-", dir=folder)
     except OSError as error:
@@ -171,11 +171,11 @@ def temporary_folder(folder: str) -> str:
 def open_hidden_folder(folder: str) -> Iterator[str]:
     """Provide a temporary hidden folder inside ``folder``, which is removed with its content at the end.
 
-    Raises `OutputError` where the folder takes no files.
+    Raises `OutputError` if the folder takes no files.
     """
     hidden = None
     try:
-        with holding_signals():  # one between making it and knowing of it would leave it behind
+        with holding_signals():  # a signal in between would leave it behind
             hidden = temporary_folder(folder)
         yield hidden
     finally:
@@ -185,12 +185,12 @@ def open_hidden_folder(folder: str) -> Iterator[str]:
 
 
 def is_unfinished(folder: str) -> bool:
-    """Return whether a folder was made by `temporary_folder` and holds unfinished files."""
+    """Return whether a folder was created by `temporary_folder`, so that its files are unfinished."""
     return os.path.basename(folder).startswith(FOLDER_PREFIX)
 
 
 def sweep(folder: str) -> list[str]:
-    """Remove what dead writers left unfinished in a folder; return the names. What cannot be removed stays."""
+    """Remove unfinished files of ended writers from a folder; return their names. What cannot be removed remains."""
     try:
         names = [name for name in os.listdir(folder or ".") if name.startswith(".")]
     except OSError:
@@ -210,7 +210,7 @@ def sweep(folder: str) -> list[str]:
 
 
 def is_dead(path: str) -> bool:
-    """Return whether a name is that of an unfinished file or folder whose writer does not run any more."""
+    """Return whether a name is that of an unfinished file or folder whose writer is not running any more."""
     found = next((match for pattern in _NAMES if (match := re.fullmatch(pattern, os.path.basename(path)))), None)
     if found is None:
         return False
@@ -223,7 +223,7 @@ def is_dead(path: str) -> bool:
 
 
 def is_writer_running(words: str) -> bool:
-    """Return whether the process that `writer` names still runs; one of another machine is taken for running."""
+    """Return whether the process that `writer` identifies is running; on another machine it is assumed to be."""
     found = re.fullmatch(_WRITER, words)
     if found is None:
         return False
@@ -232,17 +232,17 @@ def is_writer_running(words: str) -> bool:
 
 
 def is_running(pid: int, began: int) -> bool:
-    """Return whether a process runs that has this number and began then (0: not known)."""
+    """Return whether a process with this number and start time is running (0: unknown)."""
     if pid == os.getpid():
         return began == _began_at(pid)
-    if sys.platform == "win32":  # signal 0 would end the process there; files in use cannot be removed anyway
+    if sys.platform == "win32":  # signal 0 would end it there; files in use cannot be removed anyway
         return False
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
     except OSError:
-        pass  # it runs for another user
+        pass  # it belongs to another user
     now = _began_at(pid)
     return not (began and now) or now == began
 
@@ -254,7 +254,7 @@ def writer() -> str:
 
 @cache
 def _words_of(own: int) -> str:
-    """Return the words of this process by its number, which a fork has another of; they never change."""
+    """Return the identifier of this process; cached by its number, which differs after a fork."""
     return f"{_machine_name()}-{own}-{_began_at(own)}"
 
 
@@ -264,7 +264,7 @@ def _machine_name() -> str:
 
 
 def _began_at(pid: int) -> int:
-    """Return the start time of a process in clock ticks since boot; 0 where the system does not state it."""
+    """Return the start time of a process in clock ticks since boot; 0 if the system does not state it."""
     try:
         with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as file:
             return int(file.read().rpartition(")")[2].split()[19])

@@ -1,13 +1,13 @@
-"""Changes of several files that happen all or not at all, whenever the process is killed.
+"""Changes of several files that are made completely or not at all, even if the process is killed at any time.
 
-New content is written under hidden names first. Then a journal of the renames and removals that are left is written
-and flushed to disk: from that moment on the change counts as made. Whoever finds the journal of a process that is gone
-carries out what is left of it (`recover_folders`), each step being harmless when it is done already; without a
-journal nothing was changed, and the hidden files are leftovers.
+New content is first written under hidden names. Then a journal of the remaining renames and removals is written and
+flushed to the disk: from then on the change is regarded as made. Any run that finds the journal of an ended process
+completes it (`recover_folders`); a step that is done already has no effect. Without a journal nothing was changed, and
+the hidden files are leftovers.
 
-The journal lies in one folder, beside the inputs that change where there are such: somebody may remove an unfinished
-result. Every other folder in which a file changes gets a signpost of the same name, so that a later run finds the
-journal from any of the files. Each transaction has a name of its own: several runs may write into one folder.
+The journal is in one folder: that of inputs that are changed, if there are any, because an unfinished result may be
+removed by the user. Every other folder in which a file changes gets a signpost of the same name, so that a later run
+finds the journal from any of the files. Each transaction has its own name: several runs may write into one folder.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _SIGNPOST_KEYS: dict[str, type] = {"writer": str, "journal": str}
 
 
 class Transaction:
-    """Collects changes; `commit` makes them. Left without a commit, nothing has changed and nothing is left.
+    """Collects changes, which `commit` makes. Without a commit, nothing is changed and no hidden file remains.
 
-    home : folder of the results; it gets the journal where nothing outside it changes
+    home : folder of the results; it gets the journal if nothing outside it changes
     """
 
     def __init__(self, home: str) -> None:
@@ -44,7 +44,7 @@ class Transaction:
         self._steps: list[tuple[str, str, str]] = []
         self._made: list[str] = []
         self._discarded: list[str] = []
-        self.is_under_way = False  #: the journal is written, and not all is done: what it names must stay
+        self.is_under_way = False  #: the journal is written, but not completed: its files must remain
 
     def __enter__(self) -> Transaction:
         return self
@@ -55,7 +55,7 @@ class Transaction:
         self.abandon()
 
     def new_file(self, path: str) -> str:
-        """Return a hidden name to write a file's new content to; `commit` gives it the name ``path``."""
+        """Return a hidden name for the new content of a file; `commit` renames it to ``path``."""
         path = os.path.realpath(path)
         temporary = file_replacing.temporary_name(path)
         self._made.append(temporary)
@@ -64,9 +64,9 @@ class Transaction:
 
     @contextmanager
     def replacing(self, path: str) -> Iterator[str]:
-        """Provide a hidden name as `new_file`; failures of the disk become `OutputError`s that name the file.
+        """Provide a hidden name as `new_file`; errors of the disk become `OutputError` with the file's name.
 
-        Raises `InputError` where that file is there and read-only.
+        Raises `InputError` if that file exists and is read-only.
         """
         file_replacing.require_not_read_only(path)
         try:
@@ -77,25 +77,25 @@ class Transaction:
             ) from None
 
     def rename(self, old: str, new: str) -> None:
-        """Have `commit` rename a file; what has the new name is replaced."""
+        """Schedule the renaming of a file by `commit`; an existing file of the new name is replaced."""
         self._steps.append(("rename", os.path.abspath(old), os.path.abspath(new)))
 
     def remove(self, path: str) -> None:
-        """Have `commit` remove a file."""
+        """Schedule the removal of a file by `commit`."""
         self._steps.append(("remove", os.path.abspath(path), ""))
 
     def discard(self, folder: str) -> None:
-        """Have `commit` remove a folder with all that it holds, where there is one."""
+        """Schedule the removal of a folder with its content by `commit`, if it exists."""
         if os.path.isdir(folder):
             self._discarded.append(file_replacing.temporary_name(os.path.abspath(folder)))
             self.rename(folder, self._discarded[-1])
 
     def commit(self) -> None:
-        """Make all changes, in the order in which they were asked for.
+        """Make all changes, in the order in which they were requested.
 
-        What replaces a file gets its mode bits and owner. Raises `InputError` where that file is read-only, and
-        `OutputError` where the journal cannot be written (then nothing has changed), or a step fails (then the next run
-        goes on).
+        A file that replaces another gets its mode bits and owner. Raises `InputError` if that file is read-only, and
+        `OutputError` if the journal cannot be written (then nothing is changed), or a step fails (then the next run
+        continues).
         """
         if not self._steps:
             return
@@ -105,7 +105,7 @@ class Transaction:
             shutil.rmtree(self._discarded.pop(), ignore_errors=True)
 
     def _commit(self) -> None:
-        if file_replacing.is_unfinished(self.home):  # whoever moves its files into place flushes them
+        if file_replacing.is_unfinished(self.home):  # its files are flushed when they are moved into place
             _do_steps(self._steps)
             self.abandon()
             return
@@ -136,7 +136,7 @@ class Transaction:
         self.abandon()
 
     def abandon(self) -> None:
-        """Forget the changes and remove the hidden files; what a journal names is left for the next run."""
+        """Discard the changes and remove the hidden files; those named in a journal remain for the next run."""
         for file in () if self.is_under_way else self._made:
             for leftover in (file, f"{file}.aux.xml"):
                 with contextlib.suppress(OSError):
@@ -147,11 +147,11 @@ class Transaction:
 def recover_folders(folders: Iterable[str]) -> list[str]:
     """Complete the committed changes of killed processes in these folders, and remove their hidden files.
 
-    Returns notices for the log. What belongs to a process that still runs is left alone.
+    Returns notices for the log. Files of a process that is still running are not changed.
     """
     notices: list[str] = []
     for folder in sorted({os.path.abspath(folder) for folder in folders}):
-        with contextlib.suppress(OSError):  # no folder, or none that may be read
+        with contextlib.suppress(OSError):  # no folder, or not readable
             for name in sorted(os.listdir(folder)):
                 if not re.fullmatch(r"\.hrsi-journal-.*-[0-9a-f]{8}\.json", name):
                     continue
@@ -161,24 +161,24 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
                 if signpost is None or os.path.exists(journal):
                     notices += _finish(journal)
                 elif not file_replacing.is_writer_running(signpost["writer"]):
-                    os.remove(own)  # the writer had not come to the journal: nothing was changed
+                    os.remove(own)  # the writer ended before the journal: nothing was changed
         file_replacing.sweep(folder)
         remove_dead_locks(folder)
     return notices
 
 
 def _finish(journal: str) -> list[str]:
-    """Carry out what is left of a journal, one process at a time, unless its writer runs; return notices."""
+    """Complete the steps of a journal, one process at a time, unless its writer is running; return notices."""
     left = _read_journal(journal, _JOURNAL_KEYS)
     if left is None or (left["writer"] != file_replacing.writer() and file_replacing.is_writer_running(left["writer"])):
-        return []  # one of this process is what failed: where it still goes on, doing a step twice harms nothing
+        return []  # a journal of this process has failed; repeating a step has no effect
     with hold_lock(f"{journal}.lock"):
-        if not os.path.exists(journal):  # another run has finished it, and may have changed the files since
+        if not os.path.exists(journal):  # completed by another run, which may have changed the files since
             return []
-        # Steps in the journal's own folder and in those with a signpost to it
+        # Steps in the journal's own folder, and in folders with a signpost to it
         home = os.path.dirname(journal)
 
-        def is_own(path: str) -> bool:  # new files of a folder lie in a hidden one inside
+        def is_own(path: str) -> bool:  # new files of a folder are in a hidden folder inside it
             folder = os.path.dirname(path)
             return any(place == home or _leads_to(place, journal) for place in (folder, os.path.dirname(folder)))
 
@@ -193,14 +193,14 @@ def _finish(journal: str) -> list[str]:
 
 
 def _leads_to(folder: str, journal: str, file: str = "") -> bool:
-    """Return whether a folder's signpost leads to this journal, and is this file where one is named."""
+    """Return whether a folder has a signpost to this journal, whose path is ``file`` if that is given."""
     path = os.path.join(folder, os.path.basename(journal))
     signpost = _read_journal(path, _SIGNPOST_KEYS)
     return signpost is not None and signpost["journal"] == journal and file in ("", path)
 
 
 def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[str]) -> None:
-    """Do the steps that are not done yet, flush the folders, and remove signposts and journal."""
+    """Make the steps that are not made yet, flush the folders, and remove signposts and journal."""
     try:
         _do_steps(steps)
         for folder in {os.path.dirname(path) for _, old, new in steps for path in (old, new) if path}:
@@ -217,7 +217,7 @@ def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[
 
 def _do_steps(steps: Iterable[tuple[str, str, str]]) -> None:
     for what, old, new in steps:
-        with contextlib.suppress(FileNotFoundError):  # done already, by a run that was interrupted
+        with contextlib.suppress(FileNotFoundError):  # made already, by an interrupted run
             if what == "rename":
                 os.replace(old, new)
             else:
@@ -238,7 +238,7 @@ def _write_journal(path: str, content: dict[str, object]) -> None:
 
 
 def _read_journal(path: str, keys: dict[str, type]) -> dict[str, Any] | None:
-    """Return a journal's or signpost's content; None where there is none, or one that is not whole."""
+    """Return the content of a journal or signpost; None if it does not exist or is incomplete."""
     try:
         content = read_json(path, "report")
     except InputError:
