@@ -1,4 +1,4 @@
-"""Measurement in images: matching, gravity centres, targets, tie points and control from a reference."""
+"""Measurement in images: image matching, gravity centres, targets, tie points and control from a reference."""
 
 from ..foundation.lazy_names import lazy_names
 

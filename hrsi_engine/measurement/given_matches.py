@@ -1,10 +1,10 @@
-"""Matches of another program, measured anew by least-squares matching and judged as those found here.
+"""Matches of another program, measured again by least-squares matching and tested like the program's own.
 
-Learned matchers match pairs on which others fail, with an accuracy of a pixel or two; half-precision files round their
-positions further. Their positions are therefore used as approximate values only. Matches that share keypoints are
-joined to tracks; the image of a track with the coarsest pixels is its reference, and the whole pixel next to its
-keypoint is matched in all other images. The results pass the tests of windows (`tile_matching`), pairs, links and
-tracks (`block_matching`).
+Learned matchers match pairs on which others fail, with an accuracy of one or two pixels, and half-precision files round
+their positions. They are therefore used as approximate positions only. Matches that share keypoints are joined to
+tracks; the image of a track with the coarsest pixels is its reference, and the pixel nearest to its keypoint is matched
+in all other images. The results pass the tests of windows (`tile_matching`), pairs, links and tracks
+(`block_matching`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,7 +36,7 @@ _LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 p
 
 @thresholds
 class EXTERNAL:
-    """Where given matches are measured anew, and how far they may be off."""
+    """Windows in which given matches are measured again, and their largest errors."""
 
     window_px: int = threshold(1024, "px", "side of the part of the reference that is matched at a time")
     border_px: int = threshold(40, "px", "read around matches: half a window of least-squares matching and some room")
@@ -57,7 +57,7 @@ class ExternalPair:
 
 @dataclass(frozen=True, eq=False)
 class ExternalMatchJob:
-    """A window of the block's image ``number``, and the matches of another program in it."""
+    """A window of image ``number`` of the block, and the matches of another program in it."""
 
     number: int
     reference: Image
@@ -69,9 +69,9 @@ def refine_given_matches(
     images: Sequence[Image], given: ImagePoints, options: TieOptions | None = None, progress: Progress = silent, *,
     scheduler: Scheduler | None = None,
 ) -> TiePoints:  # fmt: skip
-    """Measure given matches (tracks, to some pixels) anew and judge them; return tracks over two images or more.
+    """Measure given matches (tracks, accurate to a few pixels) again, test them, and return the resulting tracks.
 
-    Raises `InputError` where no match is between two images with pixels, `Cancelled` when ``progress`` asks to stop.
+    Raises `InputError` if no match is between two images with pixels, `Cancelled` if ``progress`` returns False.
     """
     options, scheduler = options or TieOptions(), scheduler or open_scheduler()
     jobs = list(_divide_into_jobs(images, given))
@@ -89,7 +89,7 @@ def refine_given_matches(
     good = joining.drop_contradictions(joining.drop_outliers(matches, images, options.dense), images)
     links = judge_links(good)
     good = drop_unsound_links(good, links)
-    room = dict.fromkeys(range(len(images)), options.per_cell or EVERY)  # what is given is kept, unless told otherwise
+    room = dict.fromkeys(range(len(images)), options.per_cell or EVERY)  # all are kept, unless an option limits them
     points, ground = joining.to_image_points(good, images, options.cells, room)
     tried: dict[tuple[int, int], int] = {}
     for job in jobs:
@@ -113,14 +113,14 @@ def refine_given_matches(
 
 
 def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[ExternalMatchJob]:
-    """Yield the windows of reference images, each with the matches in it."""
+    """Yield windows of reference images, each with the matches in it."""
     number_of = {image.id: number for number, image in enumerate(images) if image.raster is not None}
     given = given.select(np.isin(given.image_ids, list(number_of)))
     if not len(given):
         return
     _, track = np.unique(given.ids, return_inverse=True)
     number = np.array([number_of[name] for name in given.image_ids.tolist()])
-    # Of each track the coarsest image is the reference, the first of several such
+    # The reference of a track is its image with the coarsest pixels, of several such images the first
     rank = np.array([(-rank_resolution(image), k) for k, image in enumerate(images)])
     order = np.lexsort((*rank[number].T[::-1], track))
     heads = np.r_[True, track[order][1:] != track[order][:-1]]
@@ -143,7 +143,7 @@ def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[E
 
 
 def measure_external_matches(job: ExternalMatchJob) -> PartResult:
-    """Measure the matches of a job; return those found, in the columns of `block_matching.star.match_stars`."""
+    """Measure the matches of a job; return the results in the columns of `block_matching.star.match_stars`."""
     rows = []
     tile = read_tile(job.reference, job.window.grow(EXTERNAL.border_px))
     for pair in () if tile is None else job.pairs:
@@ -153,7 +153,7 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
         agreed = replace(pair, first_xy=pair.first_xy[good], second_xy=pair.second_xy[good])
         if not len(agreed.first_xy):
             continue
-        # Looked for where those lie that agree: one wrong match would have all of a large image read
+        # Read only the area of consistent matches: one wrong match could extend it to the complete image
         border = EXTERNAL.border_px * compute_resolution_step(job.reference, pair.image)
         low, high = np.floor(agreed.second_xy.min(axis=0)), np.floor(agreed.second_xy.max(axis=0)) + 1.0
         place = ImageWindow(*low.astype(int).tolist(), *(high - low).astype(int).tolist()).grow(border)
@@ -161,7 +161,7 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
         other = read_tile(pair.image, place, compute_resolution_step(job.reference, pair.image))
         if tile is None or other is None:
             continue
-        # The pair's geometry by its matches: range of heights, offset of the RPCs, and search margin
+        # Geometry of the pair from its matches: range of heights, offset of the RPCs, and search margin
         heights = compute_epipolar_miss(*rpcs, agreed.first_xy, agreed.second_xy, start).height_m
         low_m, high_m = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m
         away = agreed.second_xy - transfer(*rpcs, agreed.first_xy, heights)

@@ -1,10 +1,10 @@
-"""Tie points around laser points: where the cameras see a laser point, interest points are measured in all images.
+"""Tie points around laser points: interest points near a laser point, measured in all images that show it.
 
-Every laser point is projected into the image that looks at it most steeply. Interest points around it, some for each
-footprint, are then sought in the other images where their height puts them, and measured as tie points are, with sigmas
-by the same rule (`block_matching.joining`). Of large images only the windows that show laser points are read. Which
-ties lie at which laser point is not kept: the adjustment finds that out again, with the ties where they really are
-(`adjustment.held.laser_heights`).
+Every laser point is projected into the image with the smallest incidence angle. A few interest points around it are
+then searched in the other images at the position predicted with its height, and measured as other tie points, with
+sigmas by the same rule (`block_matching.joining`). Of large images only the windows with laser points are read. The
+assignment of tie points to laser points is not stored: the adjustment repeats it with the adjusted positions of the tie
+points (`adjustment.held.laser_heights`).
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ from .tile_matching.types import TilePairGeometry
 
 @thresholds
 class LASER_TIES:
-    """Where tie points are measured around laser points."""
+    """Selection of laser points, and of the tie points measured around them."""
 
     most_points: int = threshold(2000, "laser points", "looked up in all; more of a track add no information")
     window_px: int = threshold(384, "px", "side of the window whose laser points are looked up together")
@@ -45,11 +45,11 @@ class LASER_TIES:
 
 
 MATCHED_AT_LASER = TileMatchOptions(features=0, windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
-LASER_TIE_IDS, SOURCE = "L", "laser points"  # before the ids that ties have
+LASER_TIE_IDS, SOURCE = "L", "laser points"  # prefix of the tie point ids
 
 
 class _Window(NamedTuple):
-    """Laser points in one window of one image: positions ``(n, 2)`` in px, ellipsoidal heights ``(n,)``."""
+    """Laser points in one window of an image: positions ``(n, 2)`` in px, ellipsoidal heights ``(n,)``."""
 
     image: int
     window: ImageWindow
@@ -62,8 +62,8 @@ def measure_laser_ties(
 ) -> ImagePoints:
     """Return tie points around laser points, measured in all images that show them.
 
-    images : those with pixels are used; their cameras should fit one another to a pixel, and the ground to some metres
-    laser : points without a ``doubt`` are looked up, a bounded number, evenly along the tracks
+    images : those with pixels are used; the RPCs should agree to a pixel, and with the ground to a few metres
+    laser : a bounded number of points without a ``doubt`` is used, distributed evenly along the tracks
     """
     usable = [number for number, image in enumerate(images) if image.raster is not None]
     certain = np.flatnonzero(laser.doubt == "")
@@ -84,7 +84,7 @@ def measure_laser_ties(
 
 
 def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray) -> list[_Window]:
-    """Return the windows that show laser points, each in the image with the steepest view of them."""
+    """Return the windows with laser points that two or more images show, each in the image with the steepest view."""
     steep = np.full((len(images), len(ground)), -np.inf)
     place = np.zeros((len(images), len(ground), 2))
     for number in usable:
@@ -116,7 +116,7 @@ def _radius_px(image: Image, ground: np.ndarray) -> float:
 
 
 def _measure_window(images: Sequence[Image], usable: Sequence[int], task: _Window) -> list[PartnerMatches]:
-    """Return the matches of the interest points around a window's laser points with all other images."""
+    """Return the matches between the interest points around a window's laser points and all other images."""
     image = images[task.image]
     tile = read_tile(image, task.window)
     if tile is None:
@@ -125,7 +125,7 @@ def _measure_window(images: Sequence[Image], usable: Sequence[int], task: _Windo
     xy = tile.to_image(detect_tile_points(tile, MATCHED_AT_LASER))
     distance, nearest = cKDTree(task.xy).query(xy) if len(xy) else (np.zeros(0), np.zeros(0, np.int64))
     near = np.flatnonzero(distance <= _radius_px(image, ground[0]))
-    # The nearest ones of each laser point
+    # The nearest interest points of each laser point
     near = near[np.lexsort((distance[near], nearest[near]))]
     near = near[rank_in_groups(nearest[near]) < LASER_TIES.ties_per_point]
     xy, height = xy[near], task.height_m[nearest[near]]

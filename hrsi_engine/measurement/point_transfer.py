@@ -1,9 +1,9 @@
-"""A point measured on one image is measured on another, by the least-squares matcher that tie points are measured by.
+"""Measurement of an image point in another image, by the least-squares matching that is used for tie points.
 
-The second image is resampled into the geometry of the first around where the cameras put the point, so that turn, scale
-and slope of the view are gone. The window is looked for along the line on which the point lies at the heights that are
-possible (`search_windows`), measured to a part of a pixel there (`match_patches`), and measured back from the second
-image to the first: what does not come back, fits poorly, or has a rival is refused.
+The second image is resampled into the geometry of the first around the predicted position, so that differences of
+rotation, scale and view are removed. The window is searched along the epipolar segment of the possible heights
+(`search_windows`), measured with sub-pixel accuracy (`match_patches`), and measured back from the second image to the
+first. It is rejected if the reverse measurement differs, the correlation is low, or a second place is similar.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from .window_matching.windows import DONE, LsmOptions, MatchImage
 
 @thresholds
 class TRANSFER:
-    """When a point measured on one image is accepted on another."""
+    """Conditions for accepting a point measured in another image."""
 
     smoothing_px: float = threshold(0.7, "px", "Gaussian of both windows, as for tie points")
     half_px: int = threshold(15, "px", "half the side of the window that is searched")
@@ -42,7 +42,7 @@ class TRANSFER:
 
 @dataclass(frozen=True)
 class Transfer:
-    """Where a point is on another image: ``xy`` (sample, line), sigma (px), correlation; or the ``refusal``."""
+    """Position ``xy`` (sample, line) of a point in another image, its sigma (px), correlation; or the ``refusal``."""
 
     xy: tuple[float, float] = (np.nan, np.nan)
     sigma_px: float = np.nan
@@ -54,19 +54,19 @@ def transfer_point(
     first: Raster, xy: np.ndarray, second: Raster, line: np.ndarray, by_first: np.ndarray, margin_px: float = 0.0,
     around_px: int = 0,
 ) -> Transfer:  # fmt: skip
-    """Measure a point of one image on another; return its position there, or why there is none.
+    """Measure a point of one image in another; return its position there, or the reason of the refusal.
 
-    xy : (2,) where the point is on the first (sample, line)
-    line : (2, 2) where the second shows it at the lowest and at the highest height that it may have
-    by_first : (2, 2) derivatives of positions on the second image by those on the first
-    margin_px : how far the cameras may be off, in pixels of the second image
-    around_px : half the side of the surroundings, in pixels of the first, that must be alike too, and the window free
-        of parallaxes: for targets at ground level, seen long ago; 0: not looked at
+    xy : (2,) position in the first image (sample, line)
+    line : (2, 2) positions in the second image at the lowest and at the highest possible height
+    by_first : (2, 2) derivatives of positions in the second image by those in the first
+    margin_px : largest error of the predicted position, in pixels of the second image
+    around_px : half the side of the surroundings, in pixels of the first, that must be similar too, while the window
+        must have no parallaxes: for targets at ground level in old images; 0: no such test
     """
     scale = np.sqrt(abs(np.linalg.det(by_first)))
     if not np.isfinite(line).all() or not scale > 0.0:
         return Transfer(refusal="the cameras do not determine its position")
-    # A first image of smaller pixels is brought to about those of the second
+    # If the first image has smaller pixels, it is reduced to about those of the second
     step = max(1.0, float(TRANSFER.finest_px / scale))
     by_first, scale = by_first * step, scale * step
     middle, span = line.mean(axis=0), np.linalg.inv(by_first) @ (line[1] - line[0])
@@ -112,9 +112,9 @@ def transfer_point(
 
 
 def _correlate_surroundings(first: MatchImage | None, second: MatchImage | None) -> float:
-    """Return the correlation of gradient directions outside the windows that were matched; 0 without pixels.
+    """Return the correlation of gradient directions outside the matched windows; 0 without pixels.
 
-    Seasons change it less than that of grey values, and objects that look the same everywhere have no part in it.
+    It is less affected by seasons than that of grey values, and homogeneous areas do not contribute.
     """
     if first is None or second is None:
         return 0.0
@@ -127,7 +127,7 @@ def _correlate_surroundings(first: MatchImage | None, second: MatchImage | None)
 
 
 def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half: int) -> MatchImage | None:
-    """Return pixels around a place, ``middle + by_window @ offset`` for whole offsets up to ``half``; None outside."""
+    """Return the pixels at ``middle + by_window @ offset`` for integer offsets up to ``half``; None outside."""
     corners = middle + np.array([[i, j] for i in (-half, half) for j in (-half, half)]) @ by_window.T
     low, high = np.floor(corners.min(axis=0)).astype(int) - 3, np.ceil(corners.max(axis=0)).astype(int) + 4
     inside_low, inside_high = np.maximum(low, 0), np.minimum(high, raster.size)
@@ -137,7 +137,7 @@ def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half
     offset = np.arange(-half, half + 1)
     grid = np.stack(np.meshgrid(offset, offset), axis=-1) @ by_window.T + middle - inside_low
     at = [grid[..., 1], grid[..., 0]]
-    # The second image is low-passed where its pixels are smaller than the first one's
+    # Low-pass filter against aliasing if the window has larger pixels than the image
     finer = float(np.sqrt(abs(np.linalg.det(by_window))))
     source = np.where(valid, grey, float(np.mean(grey[valid])) if valid.any() else 0.0).astype(np.float64)
     if finer > 1.05:
@@ -147,5 +147,5 @@ def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half
     contrast = float(np.std(pixels[usable])) if usable.any() else 0.0
     if contrast < TRANSFER.texture:
         return None
-    # Sensors count in other grey values: of one contrast, the gain between windows says what is alike
+    # Scale to unit contrast, since sensors have different grey values and the gain between windows is tested
     return MatchImage((pixels / contrast).astype(np.float32), usable, TRANSFER.smoothing_px)

@@ -1,10 +1,10 @@
-"""Automatic tie points of a block: windows that overlap are matched where the RPCs predict, and joined into tracks.
+"""Automatic tie points of a block: overlapping windows are matched at positions predicted by the RPCs, and joined.
 
-Rounds of independent parts, run by any scheduler: features of every image at a low resolution; where more images
-overlap than can be matched with one another, probes of the pairs, which say who is matched with whom; how the images of
-every pair lie to one another; and the windows of every image with all its partners (`block_matching`). Links between
-images that contradict others are left out, and other pairs are tried in their place.
-Memory holds a few windows a thread and the matches found, whatever the size of the images.
+The work consists of rounds of independent parts, run by any scheduler: features of every image at a low resolution;
+test matches of pairs, if more images overlap than can be matched with each other, for the choice of pairs; the
+relative orientation of every pair; and the windows of every image with all its partners (`block_matching`). Links
+between images that contradict others are excluded, and replaced by other pairs.
+Memory contains a few windows per thread and the matches found, for any size of the images.
 """
 
 from collections.abc import Collection, Sequence
@@ -41,13 +41,13 @@ class TiePoints(NamedTuple):
     image_points : ImagePoints
         The measurements of all tracks.
     ground : (tracks, 3) ndarray
-        Approximate lon, lat, height, in the order of ids.
+        Approximate lon, lat, height of the tracks, in the order of ids.
     pairs : tuple of PairSummary
-        What was found between each two images.
+        Results of each pair of images.
     warnings : tuple of str
-        What a user should know.
+        Warnings for the user.
     holds : tuple of ImageHold
-        How each image with pixels is connected to the others.
+        Connection of each image with pixels to the others.
     """
 
     image_points: ImagePoints
@@ -72,36 +72,36 @@ def find_tie_points(
     images : sequence of Image
         At least two of them with pixels.
     options : TieOptions, optional
-        How to find them.
+        Options of the search.
     progress : Progress
         Callback; False cancels.
     surface : HeightSurface, optional
-        The ground, where it is known; else heights come out of the matching.
+        The terrain, if known; else heights are determined by the matching.
     scheduler : Scheduler, optional
-        Who does the work; threads without.
+        Runs the work; by default threads.
     keeper : Keeper, optional
-        Keeps the results of finished parts, so that a run that was stopped continues.
+        Stores the results of finished parts, so that an interrupted run can continue.
     earlier : collection of str
-        Ids of images that were matched with one another before: their pairs are left alone.
+        Ids of images that were already matched with each other; their pairs are not matched again.
 
     Returns
     -------
     TiePoints
-        Tracks over two images or more.
+        Tracks in two images or more.
 
     Raises
     ------
     InputError
         Fewer than two images have pixels, or no two of them overlap.
     Cancelled
-        When ``progress`` asks to stop.
+        ``progress`` returned False.
     """
     search = TieSearch(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper,
                        earlier=earlier)  # fmt: skip
     search.choose_pairs(stage(progress, 0.0, 0.3))
     search.match_pairs(stage(progress, 0.3, 0.85))
     good, links = search.judge()
-    # Links that came out false or weak make room for others, once; images that hang on few are matched thoroughly
+    # False or weak links are replaced by others, once; images with few links are matched more thoroughly
     replaced = search.replace_links(links, stage(progress, 0.85, 0.88))
     if replaced:
         search.match_pairs(stage(progress, 0.88, 0.92))
@@ -127,7 +127,7 @@ def find_tie_points(
         for pair in search.pairs
     )  # fmt: skip
     holds = summarise_holds(images, search.usable, links, search.count_trials(), search.reasons)
-    # Name the images without any tie point, and the pairs that overlap and gave nothing
+    # Warn of images without tie points, and of overlapping pairs without matches
     tied = set(points.image_ids.tolist())
     lonely = [hold.image for hold in holds if hold.image not in tied | search.earlier]
     reasons = {images[number].id: reason for number, reason in search.reasons.items()}
@@ -154,9 +154,9 @@ def find_overlapping_pairs(
     images: Sequence[Image], options: TieOptions | None = None, surface: HeightSurface | None = None,
     earlier: Collection[str] = (),
 ) -> list[tuple[str, str]]:  # fmt: skip
-    """Return the ids of the images that may show common ground, pair by pair, before any pixel is looked at.
+    """Return the ids of pairs of images that may show common ground, before any pixel is read.
 
-    Parameters are those of `find_tie_points`. Raises `InputError` where fewer than two images have pixels, or no two of
+    Parameters are those of `find_tie_points`. Raises `InputError` if fewer than two images have pixels, or no two of
     them overlap.
     """
     search = TieSearch(images, options or TieOptions(), surface, open_scheduler(), None, marked=False, earlier=earlier)

@@ -19,7 +19,7 @@ class CORNER_DETECTION:
 
 
 class StructureTensor(NamedTuple):
-    """Patch means of the products of the derivatives by sample (x) and line (y), each ``(lines, samples)``."""
+    """Means over a patch of the products of the derivatives by sample (x) and line (y), each ``(lines, samples)``."""
 
     xx: np.ndarray
     xy: np.ndarray
@@ -39,7 +39,7 @@ def compute_structure_tensor(grey: np.ndarray) -> StructureTensor:
 
 
 def make_gaussian_kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a Gaussian of unit sum and its derivative, float32; correlation with the latter gives the slope."""
+    """Return a Gaussian of sum 1 and its derivative, float32; correlation with the latter gives the gradient."""
     reach = int(np.ceil(3.5 * sigma_px))
     x = np.arange(-reach, reach + 1)
     smooth = np.exp(-0.5 * (x / sigma_px) ** 2)
@@ -49,12 +49,12 @@ def make_gaussian_kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_local_maxima(strength: np.ndarray, radius_px: float) -> np.ndarray:
-    """Return the mask of pixels that are positive and the largest within a radius."""
+    """Return the mask of pixels that are positive and the maximum within a radius."""
     return (strength > 0.0) & (strength >= largest_within(strength, radius_px))
 
 
 def mask_usable_surroundings(usable: np.ndarray, distance_px: int) -> np.ndarray:
-    """Return the mask of pixels without unusable pixels of the window within a distance (square)."""
+    """Return the mask of pixels without unusable pixels of the window within a (square) distance."""
     if usable.all():
         return usable
     return erode(usable, 2 * distance_px + 1)

@@ -1,9 +1,9 @@
 """Gravity centres of closed regions: roundabouts, tanks, roofs, pools, ponds, trees, plots.
 
-Every candidate region gets a sub-pixel outline, and the simplest shape that explains it within its tolerance: an
-ellipse, a rectangle, else the polygon of the edge points. The centre is the shape's; the grey-weighted centroid must
-agree with it. Regions without closed outline, of weak contrast or irregular shape are left out. An object is usually
-found at many levels and scales: the best of its centres is taken, and their number measures its stability.
+Every candidate region gets a sub-pixel outline, and the simplest shape that agrees with it within its tolerance: an
+ellipse, a rectangle, else the polygon of the edge points. The gravity centre is that of the shape; the grey-weighted
+centroid must agree with it. Regions without closed outline, with low contrast or irregular shape are rejected. An
+object is usually found at many levels and scales: its best centre is used, and their number measures its stability.
 """
 
 from dataclasses import dataclass, fields
@@ -23,7 +23,7 @@ from .windows import STATISTICS_HALO_PX, DetectionWindow, ImageStatistics, norma
 
 @thresholds
 class CENTRE:
-    """Which shapes have a gravity centre, and how their quality is scored."""
+    """Conditions for gravity centres, and scoring of their quality."""
 
     largest_gap: float = threshold(0.12, "", "largest share of the outline without a clear edge", SIMULATED_OBJECTS)
     centroid_agreement: tuple[float, float] = threshold(
@@ -47,8 +47,8 @@ class GravityCentre(NamedTuple):
     """A gravity centre.
 
     xy : (2,) sample, line; covariance_px2 : (2, 2); kind : ``ellipse``, ``rectangle`` or ``region``
-    size_px : (2,) longer and shorter diameter or side; azimuth_rad : of the longer one, +sample towards +line
-    rmse_px : of the outline about the shape; contrast : grey values inside - outside; quality : 0 … 1
+    size_px : (2,) longer and shorter diameter or side; azimuth_rad : of the longer one, from +sample towards +line
+    rmse_px : RMSE of the outline about the shape; contrast : grey values inside - outside; quality : 0 … 1
     outline : (k, 2) edge points
     """
 
@@ -64,13 +64,13 @@ class GravityCentre(NamedTuple):
 
     @property
     def sigma_px(self) -> float:
-        """Standard deviation of a coordinate (mean of the two axes)."""
+        """Standard deviation of a coordinate (quadratic mean of the two axes)."""
         return float(np.sqrt(np.trace(self.covariance_px2) / 2.0))
 
 
 @dataclass(eq=False)
 class _CentreCandidates:
-    """Centres of a window before those of one object are merged, columns of length n; ``row`` of its kind's shapes."""
+    """Centres of a window before merging, columns of length n; ``row`` is the index in the shapes of its ``kind``."""
 
     xy: np.ndarray
     size_px: np.ndarray
@@ -82,7 +82,7 @@ class _CentreCandidates:
 
 
 def compute_centre_halo_px(options: CentreOptions) -> int:
-    """Return how far a window must reach beyond its core."""
+    """Return the distance by which a window must extend beyond its core."""
     return STATISTICS_HALO_PX + int(np.ceil(options.largest_px / 2.0)) + CENTRE.object_margin_px
 
 
@@ -91,7 +91,7 @@ def find_gravity_centres(
 ) -> list[GravityCentre]:
     """Return the gravity centres in a window's core, in image pixels."""
     regions = find_compact_regions(normalise(window, statistics), window.usable, options.largest_px)
-    # The mask of regions (n, 2) whose shape's centre may lie inside the core
+    # Keep regions whose centre may be inside the core
     middle = regions.centres()
     low = np.array([window.core.left, window.core.top]) - window.origin - CENTRE.object_margin_px
     high = np.array([window.core.right, window.core.bottom]) - window.origin + CENTRE.object_margin_px
@@ -101,7 +101,7 @@ def find_gravity_centres(
         return []
     slopes = SlopeImage(window.grey, window.usable, statistics.noise)
     outlines = measure_outlines(slopes, regions)
-    # The mask of outlines with enough clear edges and no wide gap
+    # Keep outlines with a sufficient share of clear edges and without a wide gap
     share = outlines.found.sum(axis=1) / outlines.count
     column = np.arange(outlines.found.shape[1])
     real = column < outlines.count[:, None]
@@ -115,7 +115,7 @@ def find_gravity_centres(
     outlines, sign, support = _merge_outlines(
         outlines.select(closed), -regions.sign[closed].astype(np.float64), window.origin
     )
-    # The shapes of each of `SHAPES`, with the rows of the outlines that it is the first to explain
+    # The shapes of each of `SHAPES`, with the rows of the outlines for which it is the first suitable one
     open_rows = np.arange(len(sign))
     shapes = {}
     for kind, fit in SHAPES.items():
@@ -149,9 +149,9 @@ def find_gravity_centres(
 def _merge_outlines(
     outlines: Outlines, sign: np.ndarray, origin: np.ndarray
 ) -> tuple[Outlines, np.ndarray, np.ndarray]:
-    """Return the outlines that differ, with their sign and the number of regions that led to each.
+    """Return one of several equal outlines, with its sign and the number of regions with this outline.
 
-    Regions of one object at neighbouring levels end at the same edges; the outline with most of them stands for all.
+    Regions of an object at neighbouring levels have the same edges; the most complete outline is selected.
     """
     count = np.maximum(outlines.found.sum(axis=1), 1)
     middle = np.sum(outlines.found[..., None] * outlines.xy, axis=1) / count[:, None]
@@ -174,13 +174,13 @@ def _score_shapes(
     options: CentreOptions,
 ) -> _CentreCandidates:  # fmt: skip
     """Return the centres of one kind that pass all tests, with their scores."""
-    # The medians of the grey values half-way to the edge and beside it, ``(n,)``
+    # Median grey values half-way to the edge and outside it, ``(n,)``
     arm = shapes.edges - shapes.xy[:, None]
     length = np.maximum(np.linalg.norm(arm, axis=-1, keepdims=True), 1e-9)
     values = []
     for points in (shapes.xy[:, None] + 0.5 * arm, shapes.edges + CENTRE.surroundings_px * arm / length):
         grey = interpolate_bilinear(slopes.grey, points[..., 0], points[..., 1])
-        # The (lower) median of the used values of each row
+        # The (lower) median of the valid values of each row
         ordered = np.sort(np.where(shapes.found, grey, np.inf), axis=1)
         middle = np.maximum((shapes.found.sum(axis=1) - 1) // 2, 0)
         medians = np.asarray(ordered[np.arange(len(grey)), middle], dtype=np.float64)
@@ -191,7 +191,7 @@ def _score_shapes(
     keep = (shapes.size_px[:, 1] >= options.smallest_px) & (shapes.size_px[:, 0] <= options.largest_px)
     keep &= (relative >= options.contrast) & ((sign == EVEN) | (sign * contrast < 0.0))
     limit = CENTRE.centroid_agreement[0] + CENTRE.centroid_agreement[1] * np.sqrt(np.prod(shapes.size_px, axis=1))
-    # Grey-weighted centroids (n, 2) over the shapes' boxes, turned as they are
+    # Grey-weighted centroids (n, 2) over the rotated bounding boxes of the shapes
     step = np.linspace(-0.5, 0.5, CENTRE.centroid_samples)
     along, aside = (a.ravel() for a in np.meshgrid(step, step))
     box = shapes.size_px + 2.0 * CENTRE.box_margin_px
@@ -203,7 +203,7 @@ def _score_shapes(
     total = np.maximum(weight.sum(axis=1), 1e-9)
     away = np.stack([(weight * x).sum(axis=1) / total, (weight * y).sum(axis=1) / total], axis=1) - shapes.xy
     keep &= (sign == EVEN) | (np.hypot(away[:, 0], away[:, 1]) < limit)
-    # 0 … 1: how much a centre stands out, how well the outline keeps to its shape and tells the centre
+    # Scores 0 … 1: contrast, closed share of the outline, its fit to the shape, accuracy of the centre
     sigma = np.sqrt(np.trace(shapes.covariance_px2, axis1=1, axis2=2) / 2.0)
     scores = (
         relative / CENTRE.full_contrast,
@@ -219,11 +219,11 @@ def _score_shapes(
     )  # fmt: skip
 
 
-# ---- one centre an object --------------------------------------------------------------------------------------
+# ---- one centre per object -------------------------------------------------------------------------------------
 
 
 def _select_best_centres(found: _CentreCandidates, options: CentreOptions) -> tuple[list[int], list[float]]:
-    """Return the best centre of each object, and its quality; centres of the same place and similar size are one."""
+    """Return the best centre of each object and its quality; centres of equal position and similar size are merged."""
     if not len(found.xy):
         return [], []
     size = np.sqrt(np.prod(found.size_px, axis=1))

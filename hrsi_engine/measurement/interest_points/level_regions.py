@@ -1,15 +1,15 @@
-"""Candidate regions: compact areas that are brighter or darker than, or more even than, all around them.
+"""Candidate regions: compact areas that are brighter, darker or more homogeneous than their surroundings.
 
 Bright and dark regions are maximally stable extremal regions (Matas et al. 2002) of the image in local standard
-deviations; large ones are also looked for in the image reduced by 4. Even regions are those of the slope of the
-grey values, whatever lies around: a grey roof between bright crowns and dark shadows has no closed grey level but a
-closed edge. Only compact regions are kept: the second moments of an ellipse or a rectangle fit their area.
+deviations; large ones are also searched in the image reduced by 4. Homogeneous ("even") regions are those of the
+gradient magnitude, with any surroundings: a grey roof between bright crowns and dark shadows has no closed grey level
+but a closed edge. Only compact regions are kept: their second moments agree with the area of an ellipse or rectangle.
 
-Stable regions come from OpenCV, or where it is missing from a tree of all regions. A region is a connected part of the
-pixels that are at least as bright as a level. As the level falls, regions grow and merge, which makes a tree: a node is
+Stable regions are found by OpenCV, or without it from the component tree. A region is a connected component of the
+pixels that are at least as bright as a level. As the level falls, regions grow and merge, which forms a tree: a node is
 a region at the level of its darkest pixels, its parent the region that it grows into, its main part the largest of
-those that it grew from. A region changes by ``(outer - inner) / area``: the areas, up to so many levels further down
-the tree and up its main parts. It is stable where it changes no more than its parent and than any it grew from.
+those that it grew from. Its change is ``(outer - inner) / area``, with the areas ``delta`` levels further down the tree
+and up its main parts. It is stable if it changes no more than its parent and than any region it grew from.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BRIGHT, DARK, EVEN = 1, -1, 0
 
 @thresholds
 class REGION:
-    """Which stable regions of the grey levels and of the slopes are compact candidates of objects."""
+    """Selection of stable regions of grey levels and gradients as compact candidates of objects."""
 
     scales: tuple[int, int] = threshold((1, 4), "", "reductions of the image in which regions are searched")
     smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before levels are cut")
@@ -51,8 +51,8 @@ class REGION:
 class LevelRegions:
     """Compact regions of a window.
 
-    pixels : (k, 2) column, row of the pixels, region after region, in the window reduced by ``scale``
-    bounds : (n + 1,) where each region begins and ends in them; scale : (n,); sign : (n,) `BRIGHT`, `DARK` or `EVEN`
+    pixels : (k, 2) column, row of the pixels, sorted by region, in the window reduced by ``scale``
+    bounds : (n + 1,) first pixel of each region; scale : (n,); sign : (n,) `BRIGHT`, `DARK` or `EVEN`
     """
 
     pixels: np.ndarray
@@ -64,12 +64,12 @@ class LevelRegions:
         return len(self.scale)
 
     def centres(self) -> np.ndarray:
-        """Return the mean of each region's pixels in full-resolution pixels of the window, ``(n, 2)``."""
+        """Return the mean position of each region's pixels in full-resolution pixels of the window, ``(n, 2)``."""
         total = np.add.reduceat(self.pixels.astype(np.float64), self.bounds[:-1]) if len(self) else np.empty((0, 2))
         return (total / np.diff(self.bounds)[:, None] + 0.5) * self.scale[:, None] - 0.5
 
     def select(self, keep: np.ndarray) -> LevelRegions:
-        """Return some regions (mask)."""
+        """Return the selected regions (mask)."""
         counts = np.diff(self.bounds)
         bounds = np.r_[0, np.cumsum(counts[keep])]
         return LevelRegions(self.pixels[np.repeat(keep, counts)], bounds, self.scale[keep], self.sign[keep])
@@ -78,7 +78,7 @@ class LevelRegions:
 def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> LevelRegions:
     """Return the compact regions of a normalised image with sides up to ``largest_px``.
 
-    ``usable`` masks pixels: regions that contain others, or lie at the edge of the window, are left out.
+    Regions with pixels that are not ``usable``, or at the edge of the window, are excluded.
     """
     tables = []
     for scale in REGION.scales:
@@ -87,13 +87,13 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
         size, reach = (z.shape[1] // scale, z.shape[0] // scale), largest_px / scale
         closed = reduce_mask(usable, size) if scale > 1 else usable
         reduced = blur(reduce_by_area(z, size) if scale > 1 else z, REGION.smoothing_px)
-        # A normalised image in steps of `REGION.level_step`, 0 … 255
+        # The normalised image in steps of `REGION.level_step`, 0 … 255
         level = np.rint(np.clip(reduced / REGION.level_step + 128.0, 0.0, 255.0)).astype(np.uint8)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
             found = _find_stable_regions(steps, REGION.stable_steps, REGION.largest_change, reach)
             tables.append(_select_compact(found, closed, reach, scale, sign))
         if scale == REGION.scales[0]:
-            # 255 where a (smoothed) image has no slope, falling to 0 for very steep ones
+            # 255 where the smoothed image has no gradient, decreasing to 0 for very steep ones
             smooth, slope = make_gaussian_kernels(0.5)
             steepness = np.hypot(*slopes(reduced, smooth, slope, "reflect"))
             evenness = np.rint(255.0 * REGION.half_slope / (steepness + REGION.half_slope)).astype(np.uint8)
@@ -109,7 +109,7 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
 def _find_stable_regions(
     steps: np.ndarray, stable_steps: int, largest_change: float, reach: float
 ) -> tuple[list, np.ndarray]:
-    """Return pixels and boxes of the maximally stable regions that are brighter than their surroundings."""
+    """Return pixels and bounding boxes of the maximally stable regions that are brighter than their surroundings."""
     limits = MserLimits(stable_steps, REGION.fewest_pixels, int(reach**2), largest_change)
     find = find_mser_by_opencv if should_use_opencv() else find_mser_by_tree
     pixels = find(steps, limits)
@@ -123,7 +123,7 @@ def _find_stable_regions(
 def _select_compact(
     found: tuple[list, np.ndarray], usable: np.ndarray, reach: float, scale: int, sign: int
 ) -> LevelRegions:  # fmt: skip
-    """Return the regions of usable pixels, away from the edges, whose moments fit their area."""
+    """Return the regions of usable pixels, away from the edges, whose moments agree with their area."""
     pixels, boxes = found
     left, top, width, height = boxes.T
     count = np.array([len(p) for p in pixels], dtype=np.int64)
@@ -140,7 +140,7 @@ def _select_compact(
         np.concatenate(chosen), np.r_[0, np.cumsum(count[keep])], np.full(len(chosen), scale),
         np.full(len(chosen), sign),
     )  # fmt: skip
-    # Regions that erosion leaves something of are not slender
+    # Regions that vanish by an erosion of ``within_px`` are elongated
     within_px = REGION.even_inset_px if sign == EVEN else 0.0
     starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
@@ -163,7 +163,7 @@ def _select_compact(
 
 
 class MserLimits(NamedTuple):
-    """Levels to both sides over which a region must change little; its area in pixels; the largest change."""
+    """Number of levels over which a region must change little; its area limits in pixels; the largest change."""
 
     delta: int
     fewest: int
@@ -174,7 +174,7 @@ class MserLimits(NamedTuple):
 def find_mser_by_opencv(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
     """Return column and row ``(k, 2)`` of the pixels of each stable region that is brighter than its surroundings.
 
-    Pixels at the edges of the image belong to none.
+    Pixels at the edges of the image belong to no region.
     """
     import cv2
 
@@ -186,16 +186,16 @@ def find_mser_by_opencv(image: np.ndarray, limits: MserLimits) -> list[np.ndarra
 
 
 def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
-    """As `find_mser_by_opencv`, which decides otherwise here and there where two regions change alike."""
+    """As `find_mser_by_opencv`, except for some regions with equal changes."""
     inside = np.ascontiguousarray(image[1:-1, 1:-1])
     if not inside.size:
         return []
-    # Level by level, the pixels join the regions beside them
+    # Level by level, pixels are joined to the adjacent regions
     depth = (inside.max() - inside).ravel()
-    pixel = np.arange(inside.size).reshape(inside.shape)  # pairs of pixels that share a side
+    pixel = np.arange(inside.size).reshape(inside.shape)  # pairs of adjacent pixels
     first = np.concatenate([pixel[:, :-1].ravel(), pixel[:-1].ravel()])
     second = np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
-    later = depth[first] < depth[second]  # two neighbours are joined when the darker one enters
+    later = depth[first] < depth[second]  # two neighbours are joined when the darker one is added
     first, second = np.where(later, second, first), np.where(later, first, second)
     order = np.argsort(depth[first], kind="stable")
     first, second = first[order], second[order]
@@ -205,14 +205,14 @@ def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]
     pairs_at = np.searchsorted(depth[first], np.arange(len(levels) + 1))
 
     count, entered, place, slot = 0, np.full(depth.size, -1), *np.empty((2, depth.size), np.int64)
-    regions = np.empty((5, depth.size), np.int64)  # not more than pixels; all but a few never used, and take no memory
-    level_of, area, parent, main, ancestor = regions  # ancestor: leads to the largest region so far
+    regions = np.empty((5, depth.size), np.int64)  # upper limit; unused memory is not allocated
+    level_of, area, parent, main, ancestor = regions  # ancestor: towards the largest region so far
     for level in levels:
         new, pairs = pixels[new_at[level] : new_at[level + 1]], slice(pairs_at[level], pairs_at[level + 1])
         place[new] = np.arange(len(new))
         beside = second[pairs]
         is_new = entered[beside] < 0
-        old = _find_roots(ancestor, entered[beside[~is_new]])  # many times the same: it is joined with itself
+        old = _find_roots(ancestor, entered[beside[~is_new]])  # contains repetitions, which are joined with themselves
         slot[old] = np.arange(len(old))
         of_old = len(new) + np.arange(len(old))
         to = np.empty(len(beside), np.int64)
@@ -228,7 +228,7 @@ def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]
         np.add.at(area, into, area[old])
         parent[nodes] = main[nodes] = ancestor[nodes] = nodes
         parent[old] = ancestor[old] = into
-        by_area = np.argsort(area[old], kind="stable")  # the largest part comes last and stays
+        by_area = np.argsort(area[old], kind="stable")  # the largest part is written last
         main[into[by_area]] = old[by_area]
         count += made
     tree = _ComponentTree(level_of[:count], area[:count], parent[:count], main[:count], entered)
@@ -242,10 +242,10 @@ def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]
 
 
 class _ComponentTree(NamedTuple):
-    """All regions of an image, those at brighter levels first.
+    """All regions of an image, in the order of decreasing brightness of their levels.
 
-    depth : (n,) levels below the brightest; area : (n,) pixels; parent, main : (n,) the region itself where none;
-    entered : (pixels,) the first region that holds each pixel
+    depth : (n,) levels below the brightest; area : (n,) pixels; parent, main : (n,) the region itself if it has none;
+    entered : (pixels,) the first region that contains each pixel
     """
 
     depth: np.ndarray
@@ -256,14 +256,14 @@ class _ComponentTree(NamedTuple):
 
 
 def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
-    """Return the number of connected components of ``count`` nodes joined by pairs, and the component of each node."""
+    """Return the number of connected components of ``count`` nodes and given pairs, and the component of each node."""
     nodes = np.arange(count)
-    head = nodes.copy()  # of each node one of its component with a number not larger
+    head = nodes.copy()  # for each node, a node of its component with an equal or smaller index
     while len(first):
         one, other = head[first], head[second]
         apart = one != other
         first, second, one, other = first[apart], second[apart], one[apart], other[apart]
-        head[np.maximum(one, other)[::-1]] = np.minimum(one, other)[::-1]  # of several the first, mostly the least
+        head[np.maximum(one, other)[::-1]] = np.minimum(one, other)[::-1]  # of several, the first is kept
         while not ((further := head[head]) == head).all():
             head = further
     is_head = head == nodes
@@ -271,7 +271,7 @@ def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int
 
 
 def _find_roots(ancestor: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Return the largest regions so far that contain some; paths are shortened on the way (union-find)."""
+    """Return the largest regions so far that contain the given ones (union-find with path compression)."""
     at = region
     while not ((further := ancestor[at]) == at).all():
         ancestor[at] = ancestor[further]
@@ -281,26 +281,26 @@ def _find_roots(ancestor: np.ndarray, region: np.ndarray) -> np.ndarray:
 
 
 def _is_stable(tree: _ComponentTree, limits: MserLimits) -> np.ndarray:
-    """Return which regions are stable ``(n,)``."""
+    """Return which regions are maximally stable ``(n,)``."""
     itself = np.arange(len(tree.area))
     inner = outer = itself
-    for _ in range(limits.delta):  # a step of the tree is a level at least
+    for _ in range(limits.delta):  # one step of the tree is at least one level
         further = tree.main[inner]
         inner = np.where(tree.depth - tree.depth[further] <= limits.delta, further, inner)
         further = tree.parent[outer]
         outer = np.where(tree.depth[further] - tree.depth <= limits.delta, further, outer)
     change = (tree.area[outer] - tree.area[inner]) / tree.area
     has_parent, large = tree.parent != itself, tree.area >= limits.fewest
-    before = np.full(len(change), np.inf)  # the least change of those that it grew from
+    before = np.full(len(change), np.inf)  # smallest change of the regions that it grew from
     np.minimum.at(before, tree.parent[has_parent & large], change[has_parent & large])
     stable = large & (tree.area <= limits.most) & (change <= limits.largest_change)
     return stable & (change <= before) & (change <= change[tree.parent])
 
 
 def _sort_pixels_by_region(tree: _ComponentTree) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels in an order in which those of each region stand together, and where they begin ``(n,)``."""
+    """Return the pixels in an order in which those of each region are contiguous, and their first position ``(n,)``."""
     begin = np.zeros(len(tree.area), np.int64)
-    taken = np.bincount(tree.entered, minlength=len(tree.area))  # a region's own pixels come first
+    taken = np.bincount(tree.entered, minlength=len(tree.area))  # the region's own pixels are first
     by_level = np.split(np.arange(len(tree.area)), np.flatnonzero(np.diff(tree.depth)) + 1)
     for nodes in reversed(by_level):  # parents before their parts
         parts = nodes[tree.parent[nodes] != nodes]
@@ -309,5 +309,5 @@ def _sort_pixels_by_region(tree: _ComponentTree) -> tuple[np.ndarray, np.ndarray
         before = np.cumsum(tree.area[parts]) - tree.area[parts]
         _, first, which = np.unique(parents, return_index=True, return_inverse=True)
         begin[parts] = begin[parents] + taken[parents] + before - before[first][which]
-        np.add.at(taken, parents, tree.area[parts])  # parts from other levels come behind
+        np.add.at(taken, parents, tree.area[parts])  # parts from other levels follow
     return np.argsort(begin[tree.entered], kind="stable"), begin

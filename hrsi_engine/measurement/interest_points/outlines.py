@@ -1,8 +1,8 @@
-"""Sub-pixel outlines: from the pixels of a region to edge points where the grey values change fastest.
+"""Sub-pixel outlines: edge points at the maxima of the gradient near the outline of a region's pixels.
 
-The pixel outline is smoothed and cut into points of equal distance; along the normal of each the slope of the grey
-values (Gaussian derivative) is sampled, and the edge is the peak of the parabola through the largest slope. All regions
-of a window are measured in one go, large ones first in the reduced image that they were found in.
+The pixel outline is smoothed and divided into points of equal distance; along the normal of each the gradient of the
+grey values (Gaussian derivative) is sampled, and the edge is the peak of a parabola through the largest value. All
+regions of a window are measured together, large ones first in the reduced image in which they were found.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .level_regions import EVEN, REGION, LevelRegions
 
 @thresholds
 class OUTLINE_SAMPLING:
-    """How the outline of a region is sampled and its edge points are measured."""
+    """Sampling of a region's outline and measurement of its edge points."""
 
     slope_px: float = threshold(0.7, "px", "standard deviation of the Gaussian of the slope")
     step_px: float = threshold(0.5, "px", "distance of samples along a normal")
@@ -39,7 +39,7 @@ class OUTLINE_SAMPLING:
 
 @dataclass(frozen=True, eq=False)
 class SlopeImage:
-    """Grey values of a window, reduced by ``scale``, their slope and its noise; unusable pixels have no slope."""
+    """Grey values of a window, reduced by ``scale``, their gradient and its noise; unusable pixels have gradient 0."""
 
     grey: np.ndarray
     usable: np.ndarray
@@ -48,7 +48,7 @@ class SlopeImage:
 
     @cached_property
     def gradient(self) -> np.ndarray:
-        """Slope by column + 1j * slope by row, complex64."""
+        """Derivative by column + 1j * derivative by row, complex64."""
         smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
         by = np.empty((*self.grey.shape, 2), dtype=np.float32)
         by[..., 0], by[..., 1] = filters.slopes(self.grey, smooth, slope, "reflect")
@@ -58,11 +58,11 @@ class SlopeImage:
 
     @property
     def threshold(self) -> float:
-        """Smallest slope of a clear edge."""
+        """Smallest gradient of a clear edge."""
         return OUTLINE_SAMPLING.slope_to_noise * self.noise * compute_slope_noise()
 
     def reduce(self, scale: int) -> SlopeImage:
-        """Return the same of the image reduced by averaging ``scale`` x ``scale`` pixels."""
+        """Return the `SlopeImage` of the image reduced by averaging ``scale`` x ``scale`` pixels."""
         if scale == 1:
             return self
         size = self.grey.shape[1] // scale, self.grey.shape[0] // scale
@@ -72,10 +72,10 @@ class SlopeImage:
 
 @dataclass(frozen=True, eq=False)
 class Outlines(Columns):
-    """Edge points of n regions in order around each, padded to m points.
+    """Edge points of n regions, in order around each, padded to m points.
 
-    xy : (n, m, 2) in the window; normal : (n, m, 2) unit vectors outwards; slope : (n, m) grey values per px, of the
-    right sign positive; found : (n, m) mask of clear edges; count : (n,) points of each outline, the others are padding
+    xy : (n, m, 2) in the window; normal : (n, m, 2) unit vectors outwards; slope : (n, m) gradient in grey values per
+    px, positive for the expected sign; found : (n, m) mask of clear edges; count : (n,) number of points before padding
     """
 
     xy: np.ndarray
@@ -86,7 +86,7 @@ class Outlines(Columns):
 
 
 def compute_slope_noise() -> float:
-    """Return the standard deviation of the slope for noise of 1 grey value."""
+    """Return the standard deviation of the gradient for image noise of 1 grey value."""
     smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
     return float(np.sqrt(np.sum(smooth**2) * np.sum(slope**2)))
 
@@ -95,7 +95,7 @@ def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
     """Return the edge points of all regions."""
     points, normals, counts = _trace_pixel_outlines(regions)
     region = np.repeat(np.arange(len(regions)), counts)
-    sign = -regions.sign[region].astype(np.float64)  # of the slope outwards
+    sign = -regions.sign[region].astype(np.float64)  # of the gradient in outward direction
     scale = regions.scale[region]
     slope, found = np.zeros(len(points)), np.zeros(len(points), dtype=bool)
     for factor in np.unique(scale).tolist():
@@ -121,10 +121,10 @@ def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
 def find_edges_along(
     slopes: SlopeImage, points: np.ndarray, normals: np.ndarray, sign: np.ndarray, reach_px: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where along each normal the edge is ``(n, 2)``, its slope ``(n,)`` and whether it is clear ``(n,)``.
+    """Return the edge along each normal ``(n, 2)``, its gradient ``(n,)`` and whether it is clear ``(n,)``.
 
-    The edge is the largest slope of a ``sign``; where that is 0, the first one from inside that is nearly as large as
-    any, whatever its sign. It must lie inside the reach. Positions are pixels of the slopes' image.
+    The edge is the largest gradient of the given ``sign``; if that is 0, the first local maximum from inside that is
+    nearly as large as the largest, of any sign. It must be inside the search range. Positions are pixels of ``slopes``.
     """
     steps = np.arange(-reach_px, reach_px + OUTLINE_SAMPLING.step_px / 2.0, OUTLINE_SAMPLING.step_px)
     x = points[:, :1] + steps * normals[:, :1]
@@ -135,7 +135,7 @@ def find_edges_along(
     row, last = np.arange(len(points)), len(steps) - 1
     peak = along.copy()
     unsigned = sign == 0.0
-    # Without a sign: 1 at the first local maximum that is nearly the largest (`first_peak_share`), else 0
+    # Without a sign: 1 at the first local maximum above `first_peak_share` of the largest, else 0
     either, first_peak = along[unsigned], np.zeros((int(unsigned.sum()), len(steps)), dtype=np.float32)
     inner = either[:, 1:-1]
     large = inner >= OUTLINE_SAMPLING.first_peak_share * either.max(axis=1, initial=0.0)[:, None]
@@ -156,7 +156,7 @@ def find_edges_along(
 
 def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points around the regions and outward normals ``(k, 2)``, in pixels of their scale; counts ``(n,)``."""
-    # Middles of each region's outermost pixels, in order
+    # Centres of each region's outermost pixels, in order
     starts = regions.bounds[:-1]
     low = np.minimum.reduceat(regions.pixels, starts) - 1
     width, height = (np.maximum.reduceat(regions.pixels, starts) - low + 2).T
@@ -169,11 +169,11 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
         mask[place[first:last]] = True
         mask = mask.reshape(lines, samples)
         if last - first >= OUTLINE_SAMPLING.opened_pixels and (core := filters.apply_opening(mask, 3)).any():
-            # The largest part after an opening, which cuts thin bridges to the surroundings
+            # The largest part after an opening, which removes thin connections to the surroundings
             parts, count = ndimage.label(core, np.ones((3, 3)))
             mask = core if count == 1 else parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
         masks.append(mask)
-    # Points about 1 px apart along the closed contours, their numbers multiples of 4
+    # Points about 1 px apart along the closed contours; their numbers are multiples of 4
     contours = [contour + corner for contour, corner in zip(trace_contours(masks), low, strict=True)]
     lengths = np.array([len(contour) for contour in contours])
     starts = np.r_[0, np.cumsum(lengths)[:-1]]
@@ -181,7 +181,7 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     following = np.arange(len(every)) + 1
     following[starts + lengths - 1] = starts
     step = every[following] - every
-    way = np.r_[0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1]))]  # over all contours, one after the other
+    way = np.r_[0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1]))]  # cumulated length of all contours
     around = way[starts + lengths] - way[starts]
     counts = (
         4 * np.clip(np.rint(around / 4.0), OUTLINE_SAMPLING.fewest_points / 4, OUTLINE_SAMPLING.most_points / 4)
@@ -193,7 +193,7 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     share = (wanted - way[segment]) / np.maximum(way[segment + 1] - way[segment], 1e-9)
     points = every[segment] + share[:, None] * step[segment]
     starts = np.r_[0, np.cumsum(counts)[:-1]]
-    for count in np.unique(counts).tolist():  # smoothed by a Gaussian, in the frequency domain
+    for count in np.unique(counts).tolist():  # Gaussian smoothing in the frequency domain
         rows = starts[counts == count][:, None] + np.arange(count)
         gain = np.exp(-2.0 * (np.pi * OUTLINE_SAMPLING.smoothing_points * np.fft.fftfreq(count)) ** 2)
         smooth = np.fft.ifft(np.fft.fft(points[rows, 0] + 1j * points[rows, 1]) * gain)
@@ -207,20 +207,20 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     middle = np.add.reduceat(points, starts) / counts[:, None]
     outwards = np.add.reduceat(np.sum((points - middle[region]) * normal, axis=1), starts)
     normal *= np.where(outwards < 0.0, -1.0, 1.0)[region, None]
-    # the contour runs through pixel middles, the edge lies half a pixel outside, that of an even region farther
+    # the contour connects pixel centres; the edge is half a pixel outside, for even regions farther
     outside = np.where(regions.sign == EVEN, REGION.even_inset_px, 0.5)[region]
     return points + outside[:, None] * normal, normal, counts
 
 
-#: Steps (column, row) to the 8 neighbours, clockwise on the screen from the right one.
+#: Steps (column, row) to the 8 neighbours, clockwise as displayed, starting at the right one.
 _AROUND = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)])
 
 
 def trace_contours(masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return column and row ``(k, 2)`` of the outermost pixels of connected masks, in order around each.
 
-    The masks have a border of False. Moore's tracing: from each pixel on to the first neighbour clockwise after the
-    last one that was outside; all masks are followed together, step by step.
+    The masks have a border of False. Moore's tracing: from each pixel to the first neighbour inside, clockwise from the
+    last one outside; all masks are traced together, step by step.
     """
     width = np.array([mask.shape[1] for mask in masks], dtype=np.int64)
     begin = np.r_[0, np.cumsum([mask.size for mask in masks])[:-1]].astype(np.int64)
@@ -228,7 +228,7 @@ def trace_contours(masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     step = _AROUND[:, 0] + _AROUND[:, 1] * width[:, None]
     start = begin + np.array([mask.argmax() for mask in masks], dtype=np.int64)
     going, pixel = np.arange(len(masks)), start.copy()
-    outside = np.full(len(masks), 4)  # the neighbour on the left of the first pixel of the first row
+    outside = np.full(len(masks), 4)  # the left neighbour of the first pixel in the first row
     first_turn = np.full(len(masks), -1)
     regions, pixels = [], []
     while len(going):
@@ -252,7 +252,7 @@ def trace_contours(masks: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def interpolate_bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return an image at positions inside it (columns x, rows y); outside its border values go on."""
+    """Return an image interpolated bilinearly at columns x, rows y; outside it the values at the border."""
     x = np.clip(x, 0.0, image.shape[1] - 1.001)
     y = np.clip(y, 0.0, image.shape[0] - 1.001)
     column, row = x.astype(np.int64), y.astype(np.int64)

@@ -1,9 +1,9 @@
-"""Ellipses, rectangles and polygons through many outlines at once.
+"""Ellipses, rectangles and polygons fitted to many outlines together.
 
-A shape is first fitted to the outline of its region. Ellipses and rectangles are then measured once more: the edges are
-looked for along the shape's own normals, at points spread over it, so that the result no longer depends on the region.
-A rectangle is a parallelogram, as satellite images show it: two pairs of parallel lines. Points away from the curve
-lose their weight (Geman and McClure 1985).
+A shape is first fitted to the outline of its region. Ellipses and rectangles are then measured again: edges are
+searched along the normals of the shape, at evenly distributed points, so that the result is independent of the region.
+A rectangle is a parallelogram, as in satellite images: two pairs of parallel lines. Points away from the curve are
+down-weighted (Geman and McClure 1985).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .outlines import Outlines, SlopeImage, find_edges_along
 
 @thresholds
 class SHAPE:
-    """When an ellipse, a rectangle or a polygon explains an outline."""
+    """Conditions for an ellipse, a rectangle or a polygon to represent an outline."""
 
     closed_share: float = threshold(0.85, "", "smallest share of clear edge points on the shape", SIMULATED_OBJECTS)
     sides_share: float = threshold(0.72, "", "the same for the four sides of a rectangle together", SIMULATED_OBJECTS)
@@ -63,10 +63,10 @@ class SHAPE:
 class Shapes(NamedTuple):
     """Shapes of n outlines.
 
-    good : (n,) mask of those that explain their outline, the rest is undefined; xy : (n, 2) centre
+    good : (n,) mask of those that represent their outline, the other rows are undefined; xy : (n, 2) centre
     covariance_px2 : (n, 2, 2); size_px : (n, 2) longer and shorter diameter or side; azimuth_rad : (n,) of the longer
-    rmse_px : (n,) of the edge points; closed : (n,) share of them that is clear and on the shape; edges : (n, k, 2),
-    found : (n, k)
+    rmse_px : (n,) of the edge points; closed : (n,) share of clear edge points on the shape; edges : (n, k, 2) edge
+    points, found : (n, k) mask of those on the shape
     """
 
     good: np.ndarray
@@ -80,17 +80,17 @@ class Shapes(NamedTuple):
     found: np.ndarray
 
     def select(self, keep: np.ndarray) -> Shapes:
-        """Return some shapes (mask or indices)."""
+        """Return the selected shapes (mask or indices)."""
         return Shapes(*(column[keep] for column in self))
 
 
 def compute_size_tolerance(limits: tuple[float, float], size_px: np.ndarray) -> np.ndarray:
-    """Return the tolerable rmse ``(n,)`` of shapes of ``size_px (n, 2)``."""
+    """Return the largest permitted RMSE ``(n,)`` of shapes of ``size_px (n, 2)``."""
     return np.asarray(limits[0] + limits[1] * np.sqrt(np.prod(size_px, axis=1)))
 
 
 def _add_sigma_floor(covariance: np.ndarray) -> np.ndarray:
-    """Return covariances of at least `SHAPE.sigma_floor_px`."""
+    """Return covariances with the variance `SHAPE.sigma_floor_px` squared added."""
     return covariance + SHAPE.sigma_floor_px**2 * np.eye(2)
 
 
@@ -106,7 +106,7 @@ def _mean_of_rows(mask: np.ndarray, of: np.ndarray | float) -> np.ndarray:
 
 
 def fit_ellipses(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
-    """Return the ellipses through outlines; ``sign (n,)`` is that of the slope outwards, 0 for any."""
+    """Return the ellipses through outlines; ``sign (n,)`` is that of the outward gradient, 0 for any sign."""
     tried = _mean_of_rows(outlines.found, outlines.count) >= SHAPE.closed_share
     xy, weight = outlines.xy[tried], outlines.found[tried].astype(np.float64)
     centre, Q, good = fit_direct_ellipses(xy, weight)
@@ -116,7 +116,7 @@ def fit_ellipses(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
     good &= rmse < 1.5 * compute_size_tolerance(
         SHAPE.ellipse_tolerance, 2.0 * compute_axes(Q)[0]
-    )  # quick: most outlines are no ellipses
+    )  # rejects most outlines early
     tried[tried] = good
     return _expand_rows(_remeasure_ellipses(centre[good], Q[good], slopes, sign[tried]), tried)
 
@@ -156,7 +156,7 @@ def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: SlopeImage, s
 def _measure_edges(
     slopes: SlopeImage, points: np.ndarray, normals: np.ndarray, sign: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return edge points near points ``(n, k, 2)`` along their normals, and the mask of the clear ones ``(n, k)``."""
+    """Return edge points near points ``(n, k, 2)`` along their normals, and the mask of clear ones ``(n, k)``."""
     count = points.shape[1]
     edges, _, found = find_edges_along(
         slopes, points.reshape(-1, 2), normals.reshape(-1, 2), np.repeat(sign, count), SHAPE.fine_reach_px
@@ -165,7 +165,7 @@ def _measure_edges(
 
 
 def _expand_rows(shapes: Shapes, rows: np.ndarray) -> Shapes:
-    """Return shapes of the masked rows as a table of all rows."""
+    """Return the shapes of masked rows as a table of all rows."""
     table = [np.zeros((len(rows), *column.shape[1:]), dtype=column.dtype) for column in shapes]
     for full, column in zip(table, shapes, strict=True):
         full[rows] = column
@@ -176,7 +176,7 @@ def _expand_rows(shapes: Shapes, rows: np.ndarray) -> Shapes:
 
 
 def fit_rectangles(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
-    """Return the parallelograms through outlines: the normals fall into four directions, one for each side."""
+    """Return the parallelograms through outlines; normals of four directions belong to the four sides."""
     weight = outlines.found.astype(np.float64)
     angle = np.arctan2(outlines.normal[..., 1], outlines.normal[..., 0])
     fourfold = np.sum(weight * np.exp(4j * angle), axis=1) / np.maximum(weight.sum(axis=1), 1.0)
@@ -187,9 +187,9 @@ def fit_rectangles(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> 
     xy = np.broadcast_to(outlines.xy[good][:, None], (*sides.shape, 2))
     lines = _fit_sides(xy, (sides & outlines.found[good][:, None]).astype(np.float64), SHAPE.robust_px[:2])
     for _ in range(2):
-        # Points on the sides and outward normals, and whether all sides are usable
+        # Points on the sides and outward normals, and whether all sides are long enough
         c = lines.corners
-        starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k lies between corners k - 1 and k
+        starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k is between corners k - 1 and k
         length = np.linalg.norm(ends - starts, axis=-1)
         margin = np.clip(np.maximum(SHAPE.corner_share, SHAPE.corner_px / np.maximum(length, 1e-6)), 0.0, 0.4)
         t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SHAPE.side_points)
@@ -249,11 +249,11 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Sha
     on_side = found & (np.abs(lines.residual) < SHAPE.on_shape_px)
     counted = np.maximum(on_side.sum(axis=2), 1.0)
     variance = np.sum(on_side * lines.residual**2, axis=2) / np.maximum(counted - 1.5, 1.0)
-    variance /= np.maximum(on_side.mean(axis=2), 0.1) ** 4  # where many points lie off a side, the others may err too
+    variance /= np.maximum(on_side.mean(axis=2), 0.1) ** 4  # many outliers: the others are less accurate
     length = np.linalg.norm(lines.corners - np.roll(lines.corners, 1, axis=1), axis=-1)
     independent = np.clip(length / SHAPE.correlation_length_px, 1.0, counted)
     offset_variance = variance / independent
-    pair_variance = (offset_variance[:, :2] + offset_variance[:, 2:]) / 4.0  # of the middle of two sides
+    pair_variance = (offset_variance[:, :2] + offset_variance[:, 2:]) / 4.0  # of the centre line between two sides
     inverse = np.linalg.inv(np.where(lines.good[:, None, None], lines.normal, np.eye(2)))
     covariance = (inverse * pair_variance[:, None, :]) @ np.swapaxes(inverse, 1, 2)
     sides = (length[:, :2] + length[:, 2:]) / 2.0
@@ -277,7 +277,7 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Sha
 
 
 def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
-    """Return the polygons of the edge points: centroid, and the diameters of the ellipse with their moments."""
+    """Return the polygons of the edge points: centroid, and the diameters of the ellipse with equal moments."""
     count = outlines.found.sum(axis=1)
     order = np.argsort(~outlines.found, axis=1, kind="stable")
     xy = np.take_along_axis(outlines.xy, order[..., None], axis=1)
@@ -287,7 +287,7 @@ def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
     after = np.where(column + 1 < count[:, None], column + 1, 0)
     before = np.where(column > 0, column - 1, np.maximum(count - 1, 0)[:, None])
     following, preceding = (np.take_along_axis(xy, index[..., None], axis=1) for index in (after, before))
-    # Areas (n,), centroids (n, 2) and central second moments over the area (n, 2, 2), by Green's theorem
+    # Areas (n,), centroids (n, 2) and central second moments of the area (n, 2, 2), by Green's theorem
     origin = np.sum(used[..., None] * xy, axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
     x, y = np.moveaxis(np.where(used[..., None], xy - origin[:, None], 0.0), -1, 0)
     x1, y1 = np.moveaxis(np.where(used[..., None], following - origin[:, None], 0.0), -1, 0)
@@ -303,19 +303,19 @@ def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
     values, axes = np.linalg.eigh(moments)
     size = 4.0 * np.sqrt(np.maximum(values[:, ::-1], 1e-12))
     rough = np.sum((xy - (following + preceding) / 2.0) * normal, axis=-1)
-    rmse = np.sqrt(np.sum(used * rough**2, axis=1) / np.maximum(count, 1) / 1.5)  # of white errors: variance 1 + 2/4
-    variance = 2.0 * rmse**2 / SHAPE.independent_parts  # as of a circle
+    rmse = np.sqrt(np.sum(used * rough**2, axis=1) / np.maximum(count, 1) / 1.5)  # white noise: 1 + 2/4
+    variance = 2.0 * rmse**2 / SHAPE.independent_parts  # as for a circle
     azimuth = (np.arctan2(axes[:, 1, 1], axes[:, 0, 1]) + np.pi / 2.0) % np.pi - np.pi / 2.0
     closed = count / np.maximum(outlines.count, 1)
     fits = rmse <= compute_size_tolerance(SHAPE.polygon_tolerance, size)
     good = (closed >= SHAPE.closed_share) & (area > 1.0) & fits
     for row in np.flatnonzero(good):
         hull = ConvexHull(xy[row, : count[row]])
-        good[row] = area[row] >= SHAPE.solidity * hull.volume  # of two dimensions: the area
+        good[row] = area[row] >= SHAPE.solidity * hull.volume  # in two dimensions, `volume` is the area
     covariance = _add_sigma_floor(variance[:, None, None] * np.eye(2))
     return Shapes(good, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
 
 
 ShapeFit = Callable[[Outlines, SlopeImage, np.ndarray], Shapes]
-#: Shapes in the order in which they are tried; the key is the point's kind.
+#: Shapes in the order in which they are tried; the keys are the kinds of points.
 SHAPES: dict[str, ShapeFit] = {"ellipse": fit_ellipses, "rectangle": fit_rectangles, "region": fit_polygons}

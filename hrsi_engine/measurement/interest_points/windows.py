@@ -1,12 +1,12 @@
 """Images of any size in overlapping windows: each point belongs to the core of exactly one of them.
 
 Cores tile the image on a grid that starts at (0, 0) and whose step is a multiple of all cell sizes and pyramid factors,
-so that what is computed for a pixel does not depend on the window it is computed in. Windows reach beyond their cores
-by the support of the detector; only points inside the core are kept.
+so that the results at a pixel do not depend on the window. Windows extend beyond their cores by the support of the
+detector; only points inside the core are kept.
 
-Detectors work on ``(grey - local mean) / local standard deviation``, so that one set of thresholds suits forest, field
-and city. Local means and deviations come from cells on a fixed grid, averaged over 5 x 5 cells and interpolated
-between their middles; the deviation has a floor, so that noise on water does not become structure.
+Detectors use ``(grey - local mean) / local standard deviation``, so that the same thresholds are suitable for forests,
+fields and towns. Local means and deviations are computed for cells of a fixed grid, averaged over 5 x 5 cells and
+interpolated between their centres; the deviation has a lower limit, so that noise on water is not amplified.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class WINDOWS:
-    """Size of the windows that an image is read in, which pixels are saturated, and local means and deviations."""
+    """Size of the windows in which an image is read, saturated pixels, and local means and deviations."""
 
     core_px: int = threshold(1536, "px", "side of a core; with a halo of 256 a window has 2048 x 2048 pixels")
     grid_px: int = threshold(32, "px", "windows begin at multiples of it; side of the cells of local statistics")
@@ -37,7 +37,7 @@ class WINDOWS:
 
 @dataclass(frozen=True, eq=False)
 class Area:
-    """A rectangle of an image: first sample and line, and where it ends (not included)."""
+    """A rectangle of an image: first sample and line, and its end (not included)."""
 
     left: int
     top: int
@@ -62,7 +62,7 @@ class Area:
 class DetectionWindow:
     """Pixels around a core: ``grey`` float32 and ``usable`` bool ``(lines, samples)``, beginning at ``area``.
 
-    Not usable are invalid pixels, saturated areas and everything outside the image.
+    Invalid pixels, saturated areas and everything outside the image are not usable.
     """
 
     area: Area
@@ -106,14 +106,14 @@ def read_window(raster: Raster, core: Area, halo_px: int, saturation: float | No
 
 
 def find_saturated_areas(grey: np.ndarray, saturation: float | None) -> np.ndarray:
-    """Return the mask of areas of saturated pixels, with the pixels beside them."""
+    """Return the mask of areas of saturated pixels, dilated by one pixel."""
     if saturation is None:
         return np.zeros(grey.shape, dtype=bool)
     return dilate(apply_opening(grey >= saturation, WINDOWS.saturated_side_px), WINDOWS.saturated_side_px)
 
 
 def _fill_invalid(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Return the pixels with the invalid ones replaced by nearby valid ones, so that filters make no false edges."""
+    """Return the image with invalid pixels replaced by the mean of nearby valid ones, so that filters find no edges."""
     if valid.all() or not valid.any():
         return grey
     grey = np.where(valid, grey, np.float32(0.0))
@@ -122,13 +122,13 @@ def _fill_invalid(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return np.where(valid, grey, near.astype(np.float32))
 
 
-STATISTICS_HALO_PX = WINDOWS.grid_px * (WINDOWS.averaged_cells // 2 + 1)  # over which pixels influence a local mean
-_SECOND_DIFFERENCE = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
+STATISTICS_HALO_PX = WINDOWS.grid_px * (WINDOWS.averaged_cells // 2 + 1)  # reach of pixels in a local mean
+_SECOND_DIFFERENCE = (1.0, -2.0, 1.0)  # Immerkaer 1996: applied in both directions; the sum of squares is then 36
 
 
 @dataclass(frozen=True)
 class ImageStatistics:
-    """Grey value from which pixels are saturated (None: never), noise, and the floor of local deviations."""
+    """Grey value from which pixels are saturated (None: never), noise, and the lower limit of local deviations."""
 
     saturation: float | None
     noise: float
@@ -136,9 +136,9 @@ class ImageStatistics:
 
 
 def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool = True) -> ImageStatistics:
-    """Return the statistics of a region, from up to 4 x 4 windows of 512 x 512 pixels spread over it."""
+    """Return the statistics of a region, from up to 4 x 4 distributed windows of 512 x 512 pixels."""
     samples = [read_window(raster, core, 0, None) for core in choose_sample_areas(region)]
-    # The largest grey value is saturated where suspiciously many pixels share it
+    # The largest grey value is regarded as saturated if an implausibly large number of pixels has it
     greys = [window.grey[window.usable] for window in samples if window.usable.any()] if mask_saturated else []
     largest = max((float(grey.max()) for grey in greys), default=np.nan)
     many = WINDOWS.saturated_share * sum(grey.size for grey in greys)
@@ -153,7 +153,7 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
 
 
 def choose_sample_areas(region: Area) -> list[Area]:
-    """Return sample areas spread over a region; all of it where it is small."""
+    """Return sample areas distributed over a region, or the complete region if it is small."""
     side = WINDOWS.sample_px
     return [
         Area(x, y, min(x + side, region.right), min(y + side, region.bottom))
@@ -171,7 +171,7 @@ def _choose_starts(first: int, end: int) -> list[int]:
 
 
 def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
-    """Return the standard deviation of the noise: the lower quartile of robust cell values, away from texture."""
+    """Return the standard deviation of the noise: the lower quartile of robust values of cells, to exclude texture."""
     side = WINDOWS.grid_px
     lines, samples = (length // side * side for length in grey.shape)
     if not lines or not samples:
@@ -184,8 +184,8 @@ def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
 
 
 def normalise(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
-    """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 where there are no usable pixels."""
-    # Mean and deviation of the usable pixels in the cells around each cell
+    """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 for areas without usable pixels."""
+    # Mean and deviation of the usable pixels in the surrounding cells
     kernel = np.ones(WINDOWS.averaged_cells)
     sums = [filter_separable(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
     mean, deviation = (_interpolate_cells(values) for values in _compute_moments(*sums))
@@ -211,7 +211,7 @@ def _compute_moments(count: np.ndarray, total: np.ndarray, squares: np.ndarray) 
 
 
 def _interpolate_cells(cells: np.ndarray) -> np.ndarray:
-    """Return cell values at every pixel, bilinear between the cells' middles."""
+    """Return the values of cells at every pixel, interpolated bilinearly between cell centres."""
     known = np.isfinite(cells)
     filled = np.where(known, cells, np.mean(cells[known]) if known.any() else 0.0).astype(np.float32)
     return enlarge(filled, WINDOWS.grid_px)

@@ -1,1 +1,1 @@
-"""Targets measured to a fraction of a pixel: ellipses, corners of lines, edge points."""
+"""Targets measured with sub-pixel accuracy: ellipses, corners of lines, edge points."""

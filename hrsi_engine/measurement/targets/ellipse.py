@@ -1,9 +1,9 @@
-"""Ellipses through edge points: where the centre of a roundabout, tank or pool is, and how well it is known.
+"""Ellipses through edge points: the centre of a roundabout, tank or pool, and its covariance.
 
 The direct fit minimises the algebraic distance under the constraint that the conic is an ellipse (Halir and Flusser
-1998); it is what hand-measured edge points were evaluated with in chapter 2 of the thesis. The geometric fit starts
-there and minimises the distances of the points from the curve, so that its covariance is that of the centre. The curve
-is ``(x - c)^T Q (x - c) = 1``: unlike semi-axes and angle, ``Q`` is well determined for circles too.
+1998); it was used for manually measured edge points in chapter 2 of the thesis. The geometric fit starts from it and
+minimises the distances of the points from the curve, so that its covariance is that of the centre. The curve is ``(x -
+c)^T Q (x - c) = 1``: in contrast to semi-axes and angle, ``Q`` is well determined for circles too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class ELLIPSES:
-    """How ellipses are fitted."""
+    """Ellipse fits."""
 
     fewest_points: int = threshold(6, "points", "fewest edge points: five unknowns, redundancy 1", "theory")
     iterations: int = threshold(20, "steps", "most Gauss-Newton steps")
@@ -33,7 +33,7 @@ class Ellipse:
     centre : (2,) sample, line; semi_axes : (2,) px, the longer one first
     azimuth_rad : direction of the longer axis, from +sample towards +line, -pi/2 … pi/2
     covariance_px2 : (2, 2) of the centre, from the residuals
-    residual_px : (n,) signed distances of the points, outside positive; used : (n,) mask of points not left out
+    residual_px : (n,) signed distances of the points, positive outside; used : (n,) mask of points used in the fit
     """
 
     centre: np.ndarray
@@ -50,7 +50,7 @@ class Ellipse:
 
     @property
     def sigma_px(self) -> float:
-        """Standard deviation of a coordinate of the centre (mean of the two axes)."""
+        """Standard deviation of a coordinate of the centre (quadratic mean of the two axes)."""
         return float(np.sqrt(np.trace(self.covariance_px2) / 2.0))
 
     def outline(self, count: int = 72) -> np.ndarray:
@@ -64,20 +64,20 @@ class Ellipse:
 def fit_ellipse(xy: np.ndarray, method: str = "geometric") -> Ellipse:
     """Return the ellipse through edge points ``(n, 2)``; ``method`` is one of `FITS`.
 
-    Raises `SolveError` for fewer than six points and for points that do not lie along an ellipse.
+    Raises `SolveError` for fewer than six points and for points that are not along an ellipse.
     """
     return _fit_points(np.asarray(xy, dtype=np.float64), np.ones(len(xy), dtype=bool), FITS[method])
 
 
 def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = "geometric", seed: int = 1) -> Ellipse:
-    """Return the ellipse that most points agree with; the others (stray edges) are left out.
+    """Return the ellipse with the largest number of inliers; the other points (stray edges) are not used.
 
-    Ellipses through random sixes of points are tried, the one with most points within ``tolerance_px`` wins
-    (RANSAC, Fischler and Bolles 1981) and is fitted again to those points. Raises `SolveError` as `fit_ellipse` does.
+    Of the ellipses through random samples of six points, the one with most points within ``tolerance_px`` is selected
+    (RANSAC, Fischler and Bolles 1981) and fitted again to those points. Raises `SolveError` like `fit_ellipse`.
     """
     xy = np.asarray(xy, dtype=np.float64)
     _require_points(len(xy))
-    # The largest set of points near one ellipse; all points are the first trial
+    # The largest set of inliers of one ellipse; all points are the first trial
     rng, chosen = np.random.default_rng(seed), np.zeros((60, len(xy)))
     chosen[0] = 1.0
     for trial in chosen[1:]:
@@ -126,31 +126,31 @@ def _fit_points(xy: np.ndarray, used: np.ndarray, fit: EllipseFit) -> Ellipse:
 
 
 # ---- many ellipses at once -------------------------------------------------------------------------------------
-# Points are (n, m, 2), weights (n, m) with 0 for padding and points left out; results are centres (n, 2), forms
-# Q (n, 2, 2) and the mask (n,) of those that are ellipses.
+# Points are (n, m, 2), weights (n, m) with 0 for padding and unused points; results are centres (n, 2), forms
+# Q (n, 2, 2) and the mask (n,) of valid ellipses.
 
 
 def compute_axes(Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return semi-axes ``(…, 2)``, the longer one first, and its azimuth ``(…,)`` of forms ``(…, 2, 2)``."""
-    eigenvalues, axes = np.linalg.eigh(Q)  # ascending: the longer axis first
+    eigenvalues, axes = np.linalg.eigh(Q)  # in ascending order: the longer axis first
     azimuth = np.arctan2(axes[..., 1, 0], axes[..., 0, 0])
     return 1.0 / np.sqrt(eigenvalues), (azimuth + np.pi / 2.0) % np.pi - np.pi / 2.0
 
 
 def _compute_distances(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return signed distances from the curve to first order (Sampson 1982), and the gradient ``2 Q d``."""
+    """Return signed distances from the curve to first order (Sampson 1982), and the unit gradient of ``d' Q d``."""
     gradient = 2.0 * d @ Q
     length = np.maximum(np.hypot(gradient[..., 0], gradient[..., 1]), 1e-12)
     return (0.5 * np.sum(gradient * d, axis=-1) - 1.0) / length, gradient / length[..., None]
 
 
 def compute_ellipse_distances(xy: np.ndarray, centres: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Return the signed distances ``(n, m)`` of points from their ellipses, outside positive."""
+    """Return the signed distances ``(n, m)`` of points from their ellipses, positive outside."""
     return _compute_distances(xy - centres[:, None], Q)[0]
 
 
 def _linearise(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distances ``(n, m)``, and their derivatives by centre, Qxx, Qxy and Qyy ``(n, m, 5)``."""
+    """Return the distances ``(n, m)``, and their derivatives by the centre and Qxx, Qxy, Qyy ``(n, m, 5)``."""
     distance, normal = _compute_distances(d, Q)
     length = 2.0 * np.maximum(np.hypot(*np.moveaxis(d @ Q, -1, 0)), 1e-12)
     x, y = d[..., 0] / length, d[..., 1]
@@ -168,7 +168,7 @@ def compute_centre_covariances(xy: np.ndarray, weight: np.ndarray, centres: np.n
 
 
 def fit_direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return ellipses of least algebraic distance (Halir and Flusser 1998)."""
+    """Return the ellipses of minimum algebraic distance (Halir and Flusser 1998)."""
     total = weight.sum(axis=1)
     middle = np.sum(weight[..., None] * xy, axis=1) / total[:, None]
     d = np.where(weight[..., None] > 0.0, xy - middle[:, None], 0.0)
@@ -194,7 +194,7 @@ def fit_direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray,
 
 
 def fit_geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return ellipses of least squared distances, by Gauss-Newton from the direct fit."""
+    """Return the ellipses of minimum squared distances, by Gauss-Newton iteration from the direct fit."""
     centre, Q, good = fit_direct_ellipses(xy, weight)
     centre[good], Q[good] = iterate_ellipses(xy[good], weight[good], centre[good], Q[good])
     return centre, Q, good
@@ -203,9 +203,9 @@ def fit_geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarr
 def iterate_ellipses(
     xy: np.ndarray, weight: np.ndarray, centre: np.ndarray, Q: np.ndarray, iterations: int = ELLIPSES.iterations
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return centres and forms after so many Gauss-Newton steps towards least squared distances, or less."""
+    """Return centres and forms after at most ``iterations`` Gauss-Newton steps towards minimum squared distances."""
     centre, Q = centre.copy(), Q.copy()
-    rows = np.arange(len(xy))  # those still moving
+    rows = np.arange(len(xy))  # those that have not converged
     for _ in range(iterations):
         distance, A = _linearise(xy[rows] - centre[rows, None], Q[rows])
         scale = 1.0 / np.maximum(np.sqrt(np.sum(A**2, axis=1)), 1e-30)
@@ -213,7 +213,7 @@ def iterate_ellipses(
         weighted = np.swapaxes(weight[rows, :, None] * A, 1, 2)
         step = -scale * _solve_systems(weighted @ A, weighted @ distance[..., None])[..., 0]
         moved = Q[rows] + step[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
-        # short arcs may open into a hyperbola: what is there is as good as it gets
+        # if a short arc would become a hyperbola, the previous ellipse is kept
         closed = (np.linalg.det(moved) > 0.0) & (moved[:, 0, 0] > 0.0)
         rows, step, moved = rows[closed], step[closed], moved[closed]
         centre[rows] += step[:, :2]
@@ -225,7 +225,7 @@ def iterate_ellipses(
 
 
 def _solve_systems(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return solutions of systems ``(n, k, k)``; of least norm where one is singular."""
+    """Return the solutions of systems ``(n, k, k)``; those of minimum norm if one of them is singular."""
     try:
         return np.linalg.solve(A, b)
     except np.linalg.LinAlgError:
@@ -233,5 +233,5 @@ def _solve_systems(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 EllipseFit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
-#: Ways to fit ellipses to points with weights.
+#: Methods of fitting ellipses to weighted points.
 FITS: dict[str, EllipseFit] = {"geometric": fit_geometric_ellipses, "direct": fit_direct_ellipses}

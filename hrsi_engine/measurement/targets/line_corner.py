@@ -1,12 +1,12 @@
 """Corners as intersections of two straight edges, each fitted to three edge points or more (thesis section 2.3).
 
-A line is ``n · x = p`` with the unit normal ``n``; it minimises the points' distances (total least squares): it goes
-through their centroid, along the eigenvector of their scatter matrix with the larger eigenvalue. Its position across is
-known to sigma / sqrt(n) at the centroid and its direction to sigma / sqrt(sum t^2), t being the points' distances from
-the centroid along it; both propagate to the intersection, the less certain the flatter the lines meet.
+A line is ``n · x = p`` with the unit normal ``n``; it minimises the distances of the points (total least squares): it
+passes through their centroid in the direction of the eigenvector of their scatter matrix with the larger eigenvalue.
+The standard deviation of its offset at the centroid is sigma / sqrt(n), that of its direction sigma / sqrt(sum t^2),
+t being the distances of the points from the centroid along it. Both are propagated to the intersection.
 
-An edge point is where the slope of the grey values (Gaussian derivative) is largest along its own direction; the peak
-of a parabola gives the position. Segments are runs of edge points along one line with the same direction of slope.
+An edge point is a maximum of the gradient of the grey values (Gaussian derivative) in its own direction, interpolated
+by a parabola. Segments are runs of edge points along one line with the same gradient direction.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from ..interest_points.outlines import OUTLINE_SAMPLING, compute_slope_noise, in
 
 @thresholds
 class LINES:
-    """Which pixels are edge points, when these make a straight segment or a line, and two lines a corner."""
+    """Conditions for edge points, straight segments, lines, and corners of two lines."""
 
     fewest_points: int = threshold(3, "points", "fewest edge points of a line", "thesis section 2.3")
     smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of two lines that are intersected")
@@ -37,9 +37,9 @@ class LINES:
 class Line:
     """A line fitted to edge points.
 
-    centroid, direction, normal : (2,); cofactor : (2, 2) of distance at the centroid and of direction (radians)
-    residual_px : (n,) signed distances; used : (n,) mask of points not left out; reach_px : first and last used point
-    along the direction from the centroid
+    centroid, direction, normal : (2,); cofactor : (2, 2) of the offset at the centroid and of the direction (radians)
+    residual_px : (n,) signed distances; used : (n,) mask of points used in the fit; reach_px : positions of the first
+    and last used point along the direction, from the centroid
     """
 
     centroid: np.ndarray
@@ -51,7 +51,7 @@ class Line:
 
     @property
     def normal(self) -> np.ndarray:
-        """Unit normal, the direction turned by +90 degrees."""
+        """Unit normal, the direction rotated by +90 degrees."""
         return np.array([-self.direction[1], self.direction[0]])
 
     @property
@@ -62,7 +62,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class LineCorner:
-    """Where two lines meet: position (2,), covariance (2, 2) from the lines' residuals, angle between the lines."""
+    """Intersection of two lines: position (2,), covariance (2, 2) from their residuals, angle between them."""
 
     position: np.ndarray
     covariance_px2: np.ndarray
@@ -71,7 +71,7 @@ class LineCorner:
 
     @property
     def sigma_px(self) -> float:
-        """Standard deviation of a coordinate (mean of the two axes)."""
+        """Standard deviation of a coordinate (quadratic mean of the two axes)."""
         return float(np.sqrt(np.trace(self.covariance_px2) / 2.0))
 
     @property
@@ -82,7 +82,7 @@ class LineCorner:
 
 
 def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
-    """Return the line through edge points ``(n, 2)``; those farther than ``tolerance_px`` are left out.
+    """Return the line through edge points ``(n, 2)``; points farther away than ``tolerance_px`` are not used.
 
     Raises `SolveError` for fewer than three points, or points that coincide.
     """
@@ -116,9 +116,9 @@ def _fit_points(xy: np.ndarray, used: np.ndarray) -> Line:
 
 
 def intersect_lines(first: Line, second: Line) -> LineCorner:
-    """Return where two lines meet; raises `SolveError` where they are nearly parallel.
+    """Return the intersection of two lines; raises `SolveError` if they are nearly parallel.
 
-    The variance of an edge point comes from both lines' residuals together.
+    The variance of an edge point is estimated from the residuals of both lines together.
     """
     angle = float(np.degrees(np.arccos(np.clip(abs(first.direction @ second.direction), 0.0, 1.0))))
     if angle < LINES.smallest_angle_deg:
@@ -127,7 +127,7 @@ def intersect_lines(first: Line, second: Line) -> LineCorner:
     position = np.linalg.solve(normals, [line.normal @ line.centroid for line in (first, second)])
     redundancy = sum(int(line.used.sum()) - 2 for line in (first, second))
     squares = sum(float(np.sum(line.residual_px[line.used] ** 2)) for line in (first, second))
-    # The cofactor of each line's offset across its direction at the corner
+    # The cofactor of the offset of each line at the corner
     along = [float((position - line.centroid) @ line.direction) for line in (first, second)]
     offsets = [line.cofactor[0, 0] + t**2 * line.cofactor[1, 1] for line, t in zip((first, second), along, strict=True)]
     to_position = np.linalg.inv(normals)
@@ -136,10 +136,10 @@ def intersect_lines(first: Line, second: Line) -> LineCorner:
 
 
 def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
-    """Return the masks of the points on each of the two lines that explain most edge points ``(n, 2)``.
+    """Return the masks of the points on the two lines that contain most edge points ``(n, 2)``.
 
-    All pairs of points are tried for the first line, the same for the second among the rest; a point near both
-    belongs to the nearer one. Raises `SolveError` where no two lines have three points each.
+    Lines through pairs of points are candidates for the first line, and through pairs of the remaining points for the
+    second; a point close to both belongs to the nearer one. Raises `SolveError` if no two lines have three points each.
     """
     xy = np.asarray(xy, dtype=np.float64)
     best: tuple[tuple[int, float], np.ndarray, np.ndarray] | None = None
@@ -165,7 +165,7 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
 
 
 def _list_candidate_lines(xy: np.ndarray, most: int = 200) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return point and normal of lines through pairs of points; evenly chosen pairs where there are very many."""
+    """Return point and normal of lines through pairs of points; at most ``most``, evenly selected pairs."""
     i, j = np.triu_indices(len(xy), 1)
     if len(i) > most:
         chosen = np.linspace(0, len(i) - 1, most).astype(int)
@@ -183,7 +183,7 @@ def _compute_distance(xy: np.ndarray, line: tuple[np.ndarray, np.ndarray]) -> np
 
 @dataclass(frozen=True, eq=False)
 class EdgePoints:
-    """Edge points of a window: ``xy (n, 2)`` in its pixels, unit slopes ``(n, 2)`` towards brighter, and strengths."""
+    """Edge points of a window: ``xy (n, 2)`` in its pixels, unit gradients ``(n, 2)``, gradient magnitudes ``(n,)``."""
 
     xy: np.ndarray
     direction: np.ndarray
@@ -194,7 +194,7 @@ class EdgePoints:
 
 
 def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> EdgePoints:
-    """Return the sub-pixel edge points of grey values (float32) away from unusable pixels."""
+    """Return the sub-pixel edge points of grey values (float32), at a distance from unusable pixels."""
     smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
     by_x, by_y = slopes(grey, smooth, slope, "reflect")
     strength = np.hypot(by_x, by_y)
@@ -239,7 +239,7 @@ def find_straight_segments(points: EdgePoints, shortest_px: float, most: int = 4
 
 
 def _grow_segment(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray:
-    """Return the free points of the unbroken run along the line of a seed, refined once with all of its points."""
+    """Return the unassigned points of the run without gaps along the line of a seed, which is refined iteratively."""
     centre, normal = points.xy[seed], points.direction[seed]
     run = np.array([seed])
     for _ in range(3):

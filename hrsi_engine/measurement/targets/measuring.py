@@ -1,7 +1,7 @@
 """Targets near approximate positions: the sub-pixel centre of a round or closed object, or the corner of two edges.
 
-Every measurement comes with its covariance, or is refused with the reason: nothing is measured where the feature is
-not there. Hand-measured edge points are evaluated by the same fits.
+Every measurement has a covariance, or is refused with the reason: no result is returned if the feature is not visible.
+Manually measured edge points are evaluated by the same fits.
 """
 
 from collections.abc import Callable, Iterator
@@ -32,7 +32,7 @@ TARGET_CENTER, TARGET_CORNER = "center", "corner"
 
 @thresholds
 class TARGETS:
-    """Which measured centres and corners are refused, and which part of an edge is used."""
+    """Limits for refusing measured centres and corners, and the part of an edge that is used."""
 
     largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a coordinate")
     smallest_quality: float = threshold(0.4, "", "smallest quality of a region", "simulated targets, 2026-11-21")
@@ -49,28 +49,28 @@ class TARGETS:
 
 @dataclass(frozen=True, eq=False)
 class TargetMeasurement:
-    """Measured position of a target, or the reason of its refusal.
+    """Measured position of a target, or the reason for its refusal.
 
     Parameters
     ----------
     kind : str
         ``center`` or ``corner``.
     xy : (2,) ndarray
-        Sample, line, NaN where refused.
+        Sample, line; NaN if refused.
     covariance_px2 : (2, 2) ndarray
-        Of the position.
+        Covariance of the position.
     rmse_px : float
-        Of the edge points about the fitted curve.
+        RMSE of the edge points about the fitted curve.
     edges : (k, 2) ndarray
         The edge points.
     used : (k,) ndarray
-        True for those the fit kept.
+        True for edge points used in the fit.
     curves : tuple of (m, 2) ndarray
-        Polylines of the fit, to be drawn.
+        Polylines of the fitted curve, for drawing.
     quality : float
-        0 … 1, NaN where not known.
+        0 … 1, NaN if unknown.
     refusal : str
-        The reason, empty where measured.
+        Reason for the refusal, empty if measured.
     """
 
     kind: str
@@ -85,12 +85,12 @@ class TargetMeasurement:
 
     @property
     def sigma_px(self) -> float:
-        """Standard deviation of a coordinate (mean of the two axes)."""
+        """Standard deviation of a coordinate (quadratic mean of the two axes)."""
         return float(np.sqrt(np.trace(self.covariance_px2) / 2.0))
 
 
 def make_refusal(kind: str, reason: str) -> TargetMeasurement:
-    """Return a measurement that was not made."""
+    """Return a refused measurement."""
     nothing = np.empty((0, 2))
     return TargetMeasurement(
         kind, np.full(2, np.nan), np.full((2, 2), np.nan), np.nan, nothing, np.empty(0, bool), (), np.nan, reason
@@ -102,7 +102,7 @@ def measure_target(
 ) -> TargetMeasurement:
     """Measure the target nearest to an approximate position.
 
-    A target that is not there is a refusal in the result.
+    A target that is not found is a refusal in the result.
 
     Parameters
     ----------
@@ -113,17 +113,17 @@ def measure_target(
     kind : str
         One of `MEASURES`.
     options : TargetOptions, optional
-        Where and how large it may be.
+        Distance and size limits of the target.
 
     Returns
     -------
     TargetMeasurement
-        The target, or why not.
+        The target, or the reason why it was not measured.
 
     Raises
     ------
     InputError
-        The kind is not known.
+        The kind is unknown.
     """
     options = options or TargetOptions()
     if kind not in MEASURES:
@@ -138,7 +138,7 @@ def measure_target(
 
 
 def _clip_square(raster: Raster, middle: np.ndarray, half: float) -> Area:
-    """Return the square around a position, as far as the image goes."""
+    """Return the square around a position, clipped to the image."""
     low = np.maximum(np.floor(middle - half), 0).astype(int)
     high = np.minimum(np.ceil(middle + half) + 1, raster.size).astype(int)
     return Area(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
@@ -156,7 +156,7 @@ def _read_window(
 
 
 def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
-    """Return the gravity centre of the best closed region near a position; raises `SolveError` where there is none."""
+    """Return the gravity centre of the best closed region near a position; raises `SolveError` if there is none."""
     window, statistics = _read_window(
         raster, approximate, options.search_px, options.largest_px / 2.0 + 2.0 * CENTRE.object_margin_px
     )
@@ -165,7 +165,7 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
     wanted = CentreOptions(options.smallest_px, options.largest_px, quality=TARGETS.smallest_quality)
     found, worth = [], []
     for centre in find_gravity_centres(window, statistics, wanted):
-        # A weak object must cover the position: where the target is not visible, one beside it would be taken for it
+        # A weak object must cover the position, otherwise a neighbouring object is taken for an invisible target
         away, is_strong = float(np.hypot(*(centre.xy - approximate))), centre.quality >= CENTRE.strong_quality
         limit = options.search_px if is_strong else min(options.search_px, float(centre.size_px[0]) / 2.0)
         if away <= limit and centre.sigma_px <= TARGETS.largest_sigma_px:
@@ -177,7 +177,7 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
             f"{options.search_px:g} px"
         )
     best = found[int(np.argmax(worth))]
-    if best.kind == "ellipse":  # fitted again, robustly against stray edge points
+    if best.kind == "ellipse":  # fitted again, robust against stray edge points
         return _report_ellipse(fit_ellipse_robust(best.outline), best.outline, best.quality)
     is_used = np.ones(len(best.outline), dtype=bool)
     return TargetMeasurement(
@@ -201,7 +201,7 @@ def _close_ring(ring: np.ndarray) -> np.ndarray:
 
 
 def measure_corner(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
-    """Return where the two clearest straight edges near a position meet; raises `SolveError` where there are none."""
+    """Return the corner of the two clearest straight edges near a position; raises `SolveError` if there is none."""
     window, statistics = _read_window(raster, approximate, options.search_px + TARGETS.far_px + 4.0, 0.0)
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
@@ -224,7 +224,7 @@ def measure_corner(raster: Raster, approximate: np.ndarray, options: TargetOptio
 def _find_crossings(
     points: EdgePoints, segments: list[np.ndarray], approximate: np.ndarray, reach_px: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield the pairs of segments whose lines cross within a reach of a position, and where ``(2,)``."""
+    """Yield the pairs of segments whose lines intersect within a radius of a position, and the crossing ``(2,)``."""
     if len(segments) < 2:
         return
     lines = [fit_line(points.xy[segment]) for segment in segments]
@@ -244,9 +244,9 @@ def _rate_corner(
     points: EdgePoints, first: np.ndarray, second: np.ndarray, rough: np.ndarray, approximate: np.ndarray,
     search_px: float,
 ) -> tuple[float, LineCorner, np.ndarray] | None:  # fmt: skip
-    """Return score, corner and edge points of two segments that cross at a ``rough`` position near the approximate one.
+    """Return score, corner and edge points of two segments that intersect at ``rough``, near the approximate position.
 
-    None where they make no corner there.
+    None if they do not form a corner.
     """
     one, other = (_select_edge_part(points.xy[segment], rough) for segment in (first, second))
     if one is None or other is None:
@@ -271,7 +271,7 @@ def _rate_corner(
 
 
 def _measure_turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> float:
-    """Return by how much the slope turns along an edge near its corner: chords of a circle are no edges of a corner."""
+    """Return the change of gradient direction along an edge near its corner, which is large for chords of a circle."""
     distance = np.hypot(*(points.xy[segment] - corner).T)
     near = distance <= TARGETS.far_px
     direction = points.direction[segment][near]
@@ -283,13 +283,13 @@ def _measure_turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarra
 
 
 def _select_edge_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
-    """Return a segment's points at the right distances from the corner, None where it does not begin or end there."""
+    """Return the points of a segment at usable distances from the corner, None if it does not end there."""
     distance = np.hypot(*(xy - corner).T)
     if distance.min() > TARGETS.end_px:
         return None
     direction = xy[np.argmax(distance)] - corner
     one_side = (xy - corner) @ direction > 0.0
-    if np.sum(~one_side & (distance > TARGETS.end_px)) > 0.3 * len(xy):  # the edge goes on: a crossing, not a corner
+    if np.sum(~one_side & (distance > TARGETS.end_px)) > 0.3 * len(xy):  # the edge continues: a crossing
         return None
     chosen = one_side & (distance >= TARGETS.near_px) & (distance <= TARGETS.far_px)
     part = xy[chosen]
@@ -298,7 +298,7 @@ def _select_edge_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
 
 def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) -> TargetMeasurement:
     used, curves = np.concatenate([line.used for line in corner.lines]), []
-    for line in corner.lines:  # from the corner to the farther end of the line's used part
+    for line in corner.lines:  # from the corner to the far end of the used part of the line
         ends = line.centroid + np.outer(line.reach_px, line.direction)
         curves.append(
             np.array([corner.position, max(ends, key=lambda end: np.hypot(*(end - corner.position)))]) + origin
@@ -311,20 +311,20 @@ def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) ->
 
 
 Measure = Callable[[Raster, np.ndarray, TargetOptions], TargetMeasurement]
-#: How a target of each kind is measured on the image.
+#: The measuring function for each kind of target.
 MEASURES: dict[str, Measure] = {TARGET_CENTER: measure_centre, TARGET_CORNER: measure_corner}
 
 
-# ---- hand-measured edge points ---------------------------------------------------------------------------------
+# ---- manually measured edge points -----------------------------------------------------------------------------
 
 
 def fit_centre_to_edges(edges: np.ndarray, method: str = "direct") -> TargetMeasurement:
-    """Return the ellipse centre of hand-measured edge points; raises `SolveError` where they give none."""
+    """Return the ellipse centre of manually measured edge points; raises `SolveError` if they do not determine it."""
     return _report_ellipse(fit_ellipse(edges, method), edges, np.nan)
 
 
 def fit_corner_to_edges(edges: np.ndarray) -> TargetMeasurement:
-    """Return the intersection of the two lines of hand-measured edge points; raises `SolveError`."""
+    """Return the intersection of the two lines of manually measured edge points; raises `SolveError`."""
     first, second = split_into_lines(edges)
     corner = intersect_lines(fit_line(edges[first]), fit_line(edges[second]))
     return _report_corner(corner, np.concatenate([edges[first], edges[second]]), np.zeros(2))
@@ -337,7 +337,7 @@ EDGE_FITS: dict[str, Callable[[np.ndarray], TargetMeasurement]] = {
 
 
 def measure_edges(edges: np.ndarray, kind: str = TARGET_CENTER) -> TargetMeasurement:
-    """Measure the target of hand-measured edge points.
+    """Measure the target given by manually measured edge points.
 
     Parameters
     ----------
@@ -354,7 +354,7 @@ def measure_edges(edges: np.ndarray, kind: str = TARGET_CENTER) -> TargetMeasure
     Raises
     ------
     InputError
-        The kind is not known.
+        The kind is unknown.
     """
     if kind not in EDGE_FITS:
         raise InputError(f"target kind {kind!r} is not one of {', '.join(EDGE_FITS)}: correct it")
