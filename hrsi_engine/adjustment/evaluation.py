@@ -1,4 +1,4 @@
-"""How well cameras that stay as they are fit image points: strict leave-one-out prediction, pairs, ground points.
+"""Fit of fixed cameras to image points: strict leave-one-out prediction, image pairs, ground points.
 
 Each track (one ground point on several images) is intersected by least squares, weights W = 1 / sigma². With B the
 derivatives of its image points by the ground (px per metre) and e the residuals, leaving the image point i out changes
@@ -7,13 +7,13 @@ its own residual to (e.g. Cook and Weisberg, 1982, section 2.2.3)::
     H_ii = B_i (B' W B)^-1 B_i' w_i
     e_i without i = (I - H_ii)^-1 e_i          covariance sigma_i² (I - H_ii)^-1
 
-so one intersection serves all predictions of a track; the cameras are linear over the few pixels of a residual. What
-only an image point itself determines has no prediction: where the others see the point from nearly one direction, the
-factor (I - H_ii)^-1/2 by which they enlarge the noise passes every bound, and the prediction is not used.
+so that one intersection is enough for all predictions of a track; the cameras are linear over the few pixels of a
+residual. A quantity that only the image point itself determines has no prediction: if the other rays are nearly
+parallel, the factor (I - H_ii)^-1/2 by which they enlarge the noise is very large, and the prediction is not used.
 
-Two rays leave one condition, that they meet: the left null vector n of the pair's B (4, 3), n'n = 1. Their residual
+Two rays have one condition, that they intersect: the left null vector n of the pair's B (4, 3), n'n = 1. Their residual
 across the epipolar lines is n'e, whatever the ground point at which e was computed. With n = (n1, n2) of the two
-images, the image points lie n'e / |n1| and n'e / |n2| from each other's epipolar lines.
+images, the distances of the image points from each other's epipolar lines are n'e / |n1| and n'e / |n2|.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ from .observations import Observations, select_points
 
 @thresholds
 class PREDICTION:
-    """Which predictions of image points from the other images are used."""
+    """Limits for predictions of image points from the other images."""
 
     most_enlargement: float = threshold(10.0, "", "times its own noise that a prediction may have")
     trend_limit: float = threshold(3.0, "robust sigma", "residuals farther from an image pair's trend do not count")
@@ -42,19 +42,18 @@ class PREDICTION:
 
 
 TREND_ROUNDS = 6
-PARALLEL_SINE = 1e-5  # of the angle between rays that are parallel: 0.1 px of 0.5 m is 5 km of height there
+PARALLEL_SINE = 1e-5  # of the angle below which rays count as parallel: 0.1 px of 0.5 m is 5 km in height
 
 
 @dataclass(frozen=True, eq=False)
 class TrackFit:
-    """How tracks fit one set of cameras; rows as in the observations, NaN where a point cannot be intersected.
+    """Fit of tracks to one set of cameras; rows as in the observations, NaN where a point cannot be intersected.
 
-    ground : (m, 3) where all rays of each point meet best
+    ground : (m, 3) least-squares intersection of all rays of each point
     by_ground : (n, 2, 3) derivatives of the image points by the ground, px per metre
     fit_px : (n, 2) observed - computed at that position
     predicted_px : (n, 2) observed - predicted from the other images alone; NaN where these do not determine it
-    enlargement : (n,) standard deviation of that residual over the image point's own, root mean square of both
-    coordinates
+    enlargement : (n,) standard deviation of that residual over the image point's own, RMS of both coordinates
     """
 
     ground: np.ndarray
@@ -66,11 +65,11 @@ class TrackFit:
 
 @dataclass(frozen=True, eq=False)
 class PairFit:
-    """How the rays of two images (indices) miss each other.
+    """Fit of the rays of two images (indices) to each other.
 
     points : (k,) indices of their common points among the tracks
     across_px : (k,) residuals of these across the epipolar lines, shared by both images
-    left_px : (k,) the same without their affine trend over the first image: the noise of one image coordinate
+    left_px : (k,) the same without their affine trend over the first image: noise of an image coordinate
     epipolar_px : (k, 2) distances of the first and of the second image's points from the epipolar lines of the others
     """
 
@@ -85,8 +84,8 @@ class PairFit:
 def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit]:
     """Intersect points with the block's cameras and predict each of their image points from the others.
 
-    Returns the rows that the fit's arrays refer to, and the fit. What is known of the points' positions is not used;
-    ``chosen (points,)`` is True for those that take part, each on two images or more.
+    Returns the observations that the fit's rows refer to, and the fit. Surveyed positions are not used; ``chosen
+    (points,)`` is True for the points that are used, each on two images or more.
     """
     observations = select_points(block, chosen)
     none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
@@ -97,7 +96,7 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
         here = rows[there[observations.point[rows]]]
         computed, by_ground[here] = image.rpc.project_with_metric_jacobian(ground[observations.point[here]])
         fit[here] = observations.xy[here] - computed
-    # B' W B of each point, and what of each image point's noise its own prediction holds
+    # B' W B of each point, and the part of each image point's noise that its own prediction contains
     weight = observations.sigma_px**-2.0
     own = np.einsum("n,nki,nkj->nij", weight, by_ground, by_ground)
     normal = np.add.reduceat(own, observations.first[:-1], axis=0) if len(own) else np.zeros((0, 3, 3))
@@ -118,7 +117,7 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
 
 
 def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
-    """Return how the rays of each two images that share points miss each other."""
+    """Return the fit of each two images with common points: residuals of their rays across the epipolar lines."""
     usable = np.flatnonzero(finite_rows(fit.fit_px))
     point, count = observations.point[usable], len(observations.images)
     ones, others = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
@@ -129,7 +128,7 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
         ones.append(np.where(turned, other, one))
         others.append(np.where(turned, one, other))
     first, second = np.concatenate(ones), np.concatenate(others)
-    # rays that are parallel never miss each other
+    # parallel rays have no distance across an epipolar line
     ray = np.cross(fit.by_ground[:, 0], fit.by_ground[:, 1])
     apart = np.linalg.norm(np.cross(ray[first], ray[second]), axis=1)
     crossing = apart > PARALLEL_SINE * np.linalg.norm(ray[first], axis=1) * np.linalg.norm(ray[second], axis=1)
@@ -141,7 +140,7 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     first, second, key = first[order], second[order], key[order]
     begin = np.flatnonzero(np.diff(key, prepend=-1))
     group = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(key)))
-    # The left null vectors, signed 3 x 3 minors of B (n, 4, 3), those of a pair of images to one side
+    # The left null vectors, signed 3 x 3 minors of B (n, 4, 3), with the same sign for all points of a pair of images
     both = np.concatenate([fit.by_ground[first], fit.by_ground[second]], axis=1)
     normal = np.stack([(-1.0) ** row * np.linalg.det(np.delete(both, row, axis=1)) for row in range(4)], axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
@@ -180,11 +179,11 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
 
 
 def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFit]], reject: float) -> np.ndarray:
-    """Return a mask ``(m,)`` of tracks that are wrong whichever cameras are right.
+    """Return a mask ``(m,)`` of tracks that are wrong with every set of cameras.
 
-    What cameras are off by is smooth: it is the trend of a pair's residuals. A track is wrong where under *every* set
-    of cameras two of its rays miss each other by ``reject`` times what is typical, trends apart. So no set gains or
-    loses by what is left out.
+    Errors of cameras are smooth: they are the trend of a pair's residuals. A track is wrong if with *every* set of
+    cameras the distance of two of its rays, without the trend, is ``reject`` times the typical one. So rejecting
+    favours no set.
 
     sets : the pairs of each set of cameras; reject : in robust standard deviations; 0 leaves nothing out
     """
@@ -199,7 +198,7 @@ def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFi
 
 
 def compute_survey_residuals_px(block: Block) -> np.ndarray:
-    """Return observed - projected ``(n, 2)`` of the image points of surveyed points, NaN of all others."""
+    """Return observed - projected ``(n, 2)`` of the image points of surveyed points; NaN for all others."""
     rows = block.measurements
     residual = np.full((len(rows), 2), np.nan)
     usable = (block.known & finite_rows(block.points.ground))[rows.point]
@@ -210,9 +209,9 @@ def compute_survey_residuals_px(block: Block) -> np.ndarray:
 
 
 def compute_survey_differences_m(block: Block) -> np.ndarray:
-    """Return survey - intersected ``(points, 3)`` east, north, up of the surveyed points.
+    """Return survey - intersected position ``(points, 3)`` east, north, up of the surveyed points.
 
-    Of a point on one image it is the distance in plan from its ray at the surveyed height; NaN where there is none.
+    For a point on one image it is the distance in plan from its ray at the surveyed height; NaN where undefined.
     """
     difference = np.full((len(block.points), 3), np.nan)
     rays = block.rays_per_point()

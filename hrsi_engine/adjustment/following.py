@@ -1,14 +1,14 @@
-"""An adjustment that follows its user: what a few points say now changes the whole block at once.
+"""Interactive update of an adjustment: the whole block is solved again at once when a few points are edited.
 
-At the minimum the other points' equations stay as they are. The reduced equations S da = n of the cameras therefore
-change by nothing but what the edited points j put into them::
+At the minimum the equations of the other points do not change. The reduced equations S da = n of the cameras therefore
+change only by the contributions of the edited points j::
 
     S' = S - sum S_j(before) + sum S_j(now)        n' = n - sum n_j(before) + sum n_j(now)
 
-and da' = S'^-1 n' is a step of Gauss-Newton over the whole block with the measurements as they are now, at the price of
-some points: the camera corrections are so nearly linear that no second one is needed. Weights, priors and what was left
-out stay as the adjustment found them; nothing is tested anew. It is what recursive least squares does with a batch of
-observations that are taken away and added.
+and da' = S'^-1 n' is a Gauss-Newton step over the whole block with the present measurements, at the cost of a few
+points: the camera corrections are so nearly linear that a second step is not needed. Weights, priors and rejected
+observations are those of the adjustment; nothing is tested again. This is recursive least squares with a batch of
+observations that are removed and added.
 """
 
 from collections.abc import Collection
@@ -34,7 +34,7 @@ from .solver import run_adjuster
 
 
 class _PointEquations(NamedTuple):
-    """What some points put into the equations, weighted as ``weighting`` says, seen from ``ground``."""
+    """Observations of some points with their weights and ground positions, for their part of the normal equations."""
 
     observations: Observations
     weighting: Weighting
@@ -43,12 +43,12 @@ class _PointEquations(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BlockUpdate:
-    """The block with the edited points as they are now.
+    """Result of an update: the block with the edited points.
 
-    values : (images, p) parameters of the model of the adjustment that is followed
-    ground : (points, 3) positions of the watched points of that adjustment's block; NaN for all others, and for those
-    edited
-    edited_ground : (k, 3) positions of the points of the block of edited points; NaN for what cannot be computed
+    values : (images, p) parameters of the adjustment's model
+    ground : (points, 3) positions of the watched points of the adjustment's block; NaN for all others and for edited
+        ones
+    edited_ground : (k, 3) positions of the edited points; NaN for those that cannot be computed
     """
 
     values: np.ndarray
@@ -57,16 +57,16 @@ class BlockUpdate:
 
 
 class Follower:
-    """Goes on from an adjustment (``result``), however many points are edited, as often as wanted.
+    """Updates an adjustment (``result``) for any number of edited points, repeatedly.
 
-    The positions of known points are followed, and those of points with the ids ``watched``.
+    Positions are updated for known points, and for points with the ids ``watched``.
     """
 
     def __init__(
         self, block: Block, options: AdjustOptions | None = None, progress: Progress = silent,
         watched: Collection[str] = (),
     ) -> None:  # fmt: skip
-        """Adjust a block; raises what `adjust` raises."""
+        """Adjust a block; raises the errors of `adjust`."""
         self.result, adjuster = run_adjuster(block, options, progress)
         self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution
         squares = compute_drift_squares(self._problem, self._last)
@@ -80,16 +80,16 @@ class Follower:
         self._watched = self._prepare_reintersection(watched)
 
     def follow(self, edited: Collection[str], block: Block) -> BlockUpdate:
-        """Return the block with some points as they are now.
+        """Return the update of the block for its edited points.
 
-        edited : ids of all points that are others than in the adjustment: moved, measured anew, added or removed
-        block : the images of the adjustment in their order, and those of the edited points that there are now
+        edited : ids of all points that differ from the adjustment: moved, measured again, added or removed
+        block : the images of the adjustment in their order, and the edited points that exist now
 
-        Raises `SolveError` where the equations are singular now.
+        Raises `SolveError` if the equations are singular now.
         """
         is_edited = np.isin(self._ids, list(edited))
         now = self._select_now(block)
-        # room in the reduced equations for pairs of cameras that had no common point before
+        # extend the pattern by pairs of cameras that had no common point before
         pattern = self._pattern.extend_by(now.observations)
         if pattern.blocks != self._pattern.blocks:
             wider = np.zeros((pattern.blocks, *self._blocks.shape[1:]))
@@ -97,7 +97,7 @@ class Follower:
             self._pattern, self._blocks, self._system = pattern, wider, choose_camera_system(pattern)
         prior, values = self._loop.prior_weight, self._last.state.values
         blocks, right = self._blocks, self._last.normals.right - np.where(np.isinf(prior), 0.0, prior) * values
-        # What the edited points put into the equations before
+        # Contributions of the edited points in the adjustment
         same = self._taken_out is not None and np.array_equal(self._taken_out[0], is_edited)
         if not same or self._taken_out is None or self._taken_out[1] is not self._pattern:
             self._taken_out = is_edited, self._pattern, self._form_normals(self._select_before(is_edited))
@@ -124,13 +124,13 @@ class Follower:
         return BlockUpdate(delivered[self._problem.observations.camera_of_image], ground, edited_ground)
 
     def _deliver(self, values: np.ndarray) -> np.ndarray:
-        """Return cameras as the result has them: their drift absorbed, a free block where its RPCs put it."""
+        """Return final camera values as in the result: drift absorbed, a free block at the position by its RPCs."""
         return absorb_drift(values, self._gain) + self._kept
 
     # ---- equations -------------------------------------------------------------------------------------------------
 
     def _select_before(self, edited: np.ndarray) -> _PointEquations:
-        """Return what the points ``edited (m,)`` said in the adjustment."""
+        """Return the observations of the points ``edited (m,)`` as they were in the adjustment."""
         observations, weighting = self._problem.observations, self._last.weighting
         priors = weighting.points
         mixed = priors.mixed[edited] if priors.correlated else priors.mixed
@@ -143,7 +143,7 @@ class Follower:
         )
 
     def _select_now(self, block: Block) -> _PointEquations:
-        """Return what the points of a block say; a measurement that is as it was weighs what it weighed."""
+        """Return the observations of a block's points; unchanged measurements keep their weights of the adjustment."""
         whole = self._problem.observations
         selected = select_observations(block, self._problem.options.check_as_ties)
         observations = replace(selected, camera_of_image=whole.camera_of_image)
@@ -161,7 +161,7 @@ class Follower:
             if same is not None and np.array_equal(whole.survey_weight[same], survey[point]):
                 priors = self._last.weighting.points
                 survey[point] = np.where(priors.observed[same] & (survey[point] > 0.0), priors.weight[same], 0.0)
-        # The adjustment's positions, of other points where their rays meet
+        # Initial positions of the adjustment; those of new points by intersection
         start = estimate_start_positions(observations)
         place = np.array([self._place_of.get(name, -1) for name in names.tolist()], dtype=np.int64)
         start[place >= 0] = self._last.state.ground[place[place >= 0]]
@@ -174,7 +174,7 @@ class Follower:
         return _PointEquations(observations, Weighting(weight, priors_now, contributes), start)
 
     def _form_normals(self, share: _PointEquations) -> Normals | None:
-        """Return what points put into the reduced equations, None without any."""
+        """Return the points' contributions to the reduced normal equations, None without any."""
         if not share.observations.count:
             return None
         equations = NormalEquations(share.observations, self._problem.camera, self._pattern, threads=1)
@@ -186,9 +186,9 @@ class Follower:
     def _prepare_reintersection(
         self, others: Collection[str]
     ) -> tuple[NormalEquations, State, np.ndarray, Normals] | None:
-        """Return equations of the known points and some others by the delivered cameras; None without any.
+        """Return the equations of the known points and some others with the final cameras; None without any.
 
-        With them come the state, the weights ``(n,)`` of the image points and the normals there.
+        They are followed by the state, the weights ``(n,)`` of the image points and the normal equations there.
         """
         problem, points = self._problem, self._problem.observations.points
         wanted = problem.block.known[points] | np.isin(self._ids, list(others))
@@ -202,7 +202,7 @@ class Follower:
         normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
         return equations, state, weighting.image, normals
 
-    # ---- looking up ------------------------------------------------------------------------------------------------
+    # ---- look-up tables --------------------------------------------------------------------------------------------
 
     @cached_property
     def _place_of(self) -> dict[str, int]:
@@ -210,7 +210,7 @@ class Follower:
 
     @cached_property
     def _row_of(self) -> dict[tuple[str, int], int]:
-        """Where each measurement stands, by the point's id and the image's index."""
+        """Row of each measurement, by the point's id and the image's index."""
         observations = self._problem.observations
         keys = zip(self._ids[observations.point].tolist(), observations.image.tolist(), strict=True)
         return {key: row for row, key in enumerate(keys)}

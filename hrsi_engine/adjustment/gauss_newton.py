@@ -1,8 +1,8 @@
-"""The damped Gauss-Newton loop on the reduced camera system, reweighted for robustness.
+"""The damped Gauss-Newton iterations on the reduced camera system, with robust reweighting.
 
 Unknowns are the model's values of each camera and a metric step of each point. One pass eliminates the points, solves
-for the cameras and substitutes back; the normal equations at the new state are those of the next pass. Which steps
-count and how they are damped is `foundation.levenberg_marquardt`'s, as for single images.
+for the cameras and substitutes back; the normal equations at the new state are those of the next pass. Acceptance and
+damping of steps are those of `foundation.levenberg_marquardt`, as for single images.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ from .weights import WEIGHTS, least_squares
 
 @thresholds
 class CONVERGENCE:
-    """When iterations that are not the last end."""
+    """Limits at which iterations other than the final ones end."""
 
     before_snooping: float = threshold(0.05, "", "relative decrease of the cost before a round of data snooping")
     robust: float = threshold(1e-4, "", "… of reweighted iterations: what is left moves single blunders only")
@@ -32,11 +32,11 @@ class CONVERGENCE:
 
 @dataclass(frozen=True, eq=False)
 class Weighting:
-    """What the observations weigh at present; data snooping and variance components change it.
+    """Current weights of the observations; data snooping and variance components change them.
 
     image : (n,) 1/px², 0 for a measurement that is left out
-    points : priors of the points' positions, surveys among them
-    contributes : (m,) whether a point has a say in the cameras
+    points : priors of the points' positions, including surveys
+    contributes : (m,) True for points that are used to determine the cameras
     """
 
     image: np.ndarray
@@ -45,15 +45,15 @@ class Weighting:
 
 
 class PositionObservations(Protocol):
-    """What holds points beside their surveys, and is weighted by how well it fits."""
+    """External observations of point positions (heights, plan), re-weighted by their fit in each iteration."""
 
     def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
-        """Return the priors with it at positions ``(m, 3)``, whose ``cofactors (m, 3, 3)`` are under the ``priors``."""
+        """Return the priors with these observations, at ``ground (m, 3)``, whose ``cofactors`` are by ``priors``."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where the loop stands or ended: state, equations there, robust factors (n,), cost, and how it went."""
+    """State of the iterations or their result: state, equations there, robust factors (n,), cost, and convergence."""
 
     state: State
     weighting: Weighting
@@ -65,19 +65,19 @@ class Solution:
 
     @property
     def weight(self) -> np.ndarray:
-        """Weights of the image points, robust factors included."""
+        """Weights of the image points, including robust factors."""
         return self.weighting.image * self.factor
 
 
 @dataclass(eq=False)
 class GaussNewton:
-    """The loop over one set of equations.
+    """The iterations for one set of equations.
 
-    prior_weight : (cameras, p), infinite for a parameter that stays at its start
+    prior_weight : (cameras, p), infinite for a fixed parameter
     rows_per_point : (m,) numbers of image points
-    held : what holds points, judged in every pass: heights of a DEM or of laser points, places of a reference
-    earlier : what an earlier adjustment says of cameras
-    common : what holds the drifts that move images alike
+    held : external observations, tested in every pass: heights of a DEM or of laser points, places of a reference
+    earlier : prior of the cameras from an earlier adjustment
+    common : priors of the drifts common to all images
     """
 
     equations: NormalEquations
@@ -97,41 +97,41 @@ class GaussNewton:
 
     @property
     def joint(self) -> tuple[JointPrior | CommonDrift, ...]:
-        """The priors of several cameras together."""
+        """The priors that connect several cameras."""
         return (*self.common, *([] if self.earlier is None else [self.earlier]))
 
     def set_prior_weight(self, prior_weight: np.ndarray, common: Sequence[CommonDrift] = ()) -> None:
-        """Take other weights of the parameters' priors, each by itself and those of `common` drifts."""
+        """Set other weights of the parameters' priors: of single parameters, and of the `common` drifts."""
         self.prior_weight, self.common = prior_weight, common
         self._finite_prior = np.where(np.isinf(prior_weight), 0.0, prior_weight)
 
     def iterate(
         self, state: State, weighting: Weighting, robust: str, tolerance: float, progress: Progress
     ) -> Solution:
-        """Iterate from a state until the decrease of the cost that is left falls below ``tolerance`` of the cost.
+        """Iterate from a state until the expected decrease of the cost is below ``tolerance`` of the cost.
 
-        The history grows over all runs, one row for every step.
+        The history has one row for every step of all runs.
         """
         unweighed = np.ones(len(weighting.image))
         return self._descend(lambda: self.form_solution(state, weighting, unweighed), robust, tolerance, progress)
 
     def continue_from(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
-        """Iterate from a solution with its own weights: what has changed are the priors (`set_prior_weight`)."""
+        """Iterate from a solution with its own weights, after a change of the priors (`set_prior_weight`)."""
 
         def begin() -> Solution:
-            if self.common:  # they are in the equations
+            if self.common:  # their priors are part of the equations
                 return self.form_solution(last.state, last.weighting, last.factor)
             return replace(last, cost=self.compute_cost(last))
 
         return self._descend(begin, robust, tolerance, progress)
 
     def compute_camera_cofactors(self, solution: Solution) -> np.ndarray | None:
-        """Return the cofactors of the cameras on the pattern, None if they are not known."""
+        """Return the cofactors of the cameras on the pattern, or None if the system cannot compute them."""
         self.system.factorise(solution.normals.blocks, self.prior_weight)
         return self.system.compute_cofactors()
 
     def _descend(self, begin: Callable[[], Solution], robust: str, tolerance: float, progress: Progress) -> Solution:
-        """Descend from the solution that ``begin`` makes: none here holds its equations when it is left behind."""
+        """Iterate from the solution that ``begin`` makes: a function, so that no reference keeps old equations."""
         robustly = WEIGHTS[robust]
         tolerance = max(tolerance, CONVERGENCE.robust) if robustly is not least_squares else tolerance
         first = len(self.history)
@@ -147,14 +147,14 @@ class GaussNewton:
                 State(at.state.values + by_values, move_ground(at.state.ground, by_ground)), at.weighting, at.factor
             )
             braked = 0.5 * self.system.compute_damping_cost(by_values)
-            # what the points would bring with the cameras as they are
+            # the decrease of the cost by the points with fixed cameras
             of_points = np.einsum("mi,mij,mj->m", at.normals.point_right, at.normals.inverse, at.normals.point_right)
             by_points = float(of_points @ at.weighting.contributes)
             promised = 0.5 * (float(np.sum(right * by_values)) + by_points) + braked
             self.history.append(Iteration(at.cost, promised, damping))
             return Step(ahead, promised, braked)
 
-        # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
+        # The first pass corrects the cameras: before it, residuals are the vendor's bias and are not used for weights.
         reweighting = robustly is not least_squares or bool(self.held)
         ended = descend(
             begin(), step, lambda at: max(1.0, 2.0 * at.cost / self.count_redundancy(at.weighting)),
@@ -163,10 +163,10 @@ class GaussNewton:
         return replace(ended.at, converged=ended.converged, status=ended.status)
 
     def _reweight(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
-        """Return the same state with robust factors from its residuals and from what holds points."""
+        """Return the same state with new robust factors and new weights of the external observations."""
         weighting = at.weighting
         for held in self.held:
-            # a coordinate is held by one of them only, so that of another still has the weight of the cofactors
+            # only one of them observes a coordinate: the others' priors still belong to the cofactors
             points = held.add_to_priors(weighting.points, at.state.ground, at.normals.inverse)
             weighting = replace(weighting, points=points)
         t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
@@ -188,14 +188,14 @@ class GaussNewton:
         return 0.5 * (self.sum_of_squares(at) + weak + own) + joint
 
     def sum_of_squares(self, at: Solution) -> float:
-        """Return the weighted sum of squares of image points and surveys that have a say in the cameras."""
+        """Return the weighted sum of squares of image points and surveys that are used to determine the cameras."""
         contributes, residual = at.weighting.contributes, at.normals.residual
         lengths = np.einsum("nc,nc->n", residual, residual) * at.weight
         used = np.repeat(contributes, self.rows_per_point)
         return float(lengths @ used) + at.weighting.points.sum_of_squares(at.state.ground, contributes)
 
     def count_redundancy(self, weighting: Weighting) -> float:
-        """Return the redundancy, 1 where there is none; priors of the cameras are left out of it."""
+        """Return the redundancy, at least 1; priors of the cameras are not counted as observations."""
         rows = int(((weighting.image > 0.0) & np.repeat(weighting.contributes, self.rows_per_point)).sum())
         surveyed = int(weighting.points.observed[weighting.contributes].sum())
         unknowns = 3 * int(weighting.contributes.sum()) + int((self._finite_prior > 0.0).sum())

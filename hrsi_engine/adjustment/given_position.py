@@ -1,17 +1,17 @@
-"""The position of a part of a block that nothing but its RPCs holds: that of the RPCs as given.
+"""The position of a part of a block that only its RPCs determine: the mean one of the RPCs before adjustment.
 
-Let the ground of such a part move by t (east, north, up). Corrections of its images absorb that, but for their drift,
-and of the drift of all images together tie points tell next to nothing: what they seem to tell of t are errors that
-neighbouring matches share, and the contradictions between the RPCs. A free network keeps the mean position of its
+Let the ground of such a part move by t (east, north, up). Corrections of its images absorb that, except for their
+drift, and tie points hardly determine the drift common to all images: their information on t consists of errors that
+neighbouring matches share, and of contradictions between the RPCs. A free network keeps the mean position of its
 approximate coordinates instead (inner constraints; Baarda 1973, S-transformations). Here these are the RPCs: with the
 corrections h of the images at their middles, their a priori covariances C, and B = dh / dt, ::
 
     t(x) = M^-1 sum B' C^-1 h        M = sum B' C^-1 B
 
-is the translation that the corrections x amount to, and 0 where their weighted sum of squares is smallest. A priori its
-covariance is M^-1, by the adjustment A Q A' (A = dt / dx, Q the cofactors of x). In directions where the latter is
-smaller by less than `GIVEN_POSITION.most_share` (L the shares, V the directions, in units of M^-1/2), "t = 0" takes
-the place of what the ties say, and all else follows as they ask for::
+is the translation that corresponds to the corrections x, and 0 where their weighted sum of squares is smallest. A
+priori its covariance is M^-1, by the adjustment A Q A' (A = dt / dx, Q the cofactors of x). In directions where the
+latter is smaller by less than `GIVEN_POSITION.most_share` (L the shares, V the directions, in units of M^-1/2), "t = 0"
+replaces the estimate from tie points, and all other unknowns follow by their correlations::
 
     F = V' M^1/2 A        D = Q F' (I - L)^-1        x - D F x        Q + D L D'
 
@@ -34,7 +34,7 @@ from .statistics.precision import Precision
 
 @thresholds
 class GIVEN_POSITION:
-    """Which parts of a block keep the position of their RPCs."""
+    """Limit for the parts of a block that keep the position of their RPCs."""
 
     most_share: float = threshold(
         0.05, "", "share of tie points in the variance of a direction that they do not determine",
@@ -45,9 +45,9 @@ class GIVEN_POSITION:
 def keep_given_position(
     problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision
 ) -> tuple[Solution, Precision]:
-    """Return solution and precision with parts that only RPCs hold where these put them on average."""
+    """Return solution and precision with the parts that only RPCs determine moved to the RPCs' mean position."""
     shape, found = (*solution.state.values.shape, 3), []
-    right = np.zeros(shape)  # of all parts at once: they have no unknowns in common
+    right = np.zeros(shape)  # for all parts at once: they have no common unknowns
     for part in problem.parts if precise.cameras is not None else ():
         translation = _describe_translation(problem, loop, part)
         if translation is not None:
@@ -83,7 +83,7 @@ def keep_given_position(
 def _describe_translation(problem: Problem, loop: GaussNewton, part: Part) -> tuple[np.ndarray, np.ndarray] | None:
     """Return a part's cameras (k,), and the translation of the part by their parameters, ``M^1/2 A`` ``(k, p, 3)``.
 
-    None where something else than the RPCs holds the part, or nothing is corrected.
+    None if other observations than the RPCs determine the part's position, or parameters are fixed.
     """
     observations, options = problem.observations, problem.options
     others = options.laser is not None or options.sigma_dem_m is not None or problem.earlier is not None

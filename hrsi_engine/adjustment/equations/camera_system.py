@@ -209,12 +209,12 @@ class IterativeSystem(_UnitDiagonal):
         return np.asarray(rows @ self.solve(right).reshape(self.scale.size, -1))
 
     def compute_cofactors(self) -> None:
-        """Return None: the inverse is not known."""
+        """Return None: an iterative solution has no inverse."""
 
 
 CameraSystem = DirectSystem | IterativeSystem
 
 
 def choose_camera_system(pattern: Pattern) -> CameraSystem:
-    """Return the solver that suits the number of cameras."""
+    """Return the solver for the pattern's number of cameras."""
     return DirectSystem(pattern) if pattern.cameras <= SYSTEM.most_factored else IterativeSystem(pattern)

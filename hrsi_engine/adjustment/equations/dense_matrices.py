@@ -1,14 +1,14 @@
-"""Dense matrices by the BLAS and LAPACK that SciPy brings, called at their addresses: other Python threads go on.
+"""Dense matrices by SciPy's BLAS and LAPACK, called at their addresses, without Python's global lock.
 
-The wheels of NumPy and SciPy each bring their own library. That of NumPy 1.26 does not know processors of the last
-years and falls back to instructions of 2004: 16 instead of 65 billion operations a second with the one of SciPy 1.13.
-SciPy's functions for Python keep Python's lock while they work; `scipy.linalg.cython_blas` and `cython_lapack` offer
-the addresses of the same routines to compiled code, and so to `ctypes`, which lets go of it. The threads of the library
-wait for one another by spinning and make it ten times slower where the machine has other work: callers limit them
+The wheels of NumPy and SciPy each contain their own library. That of NumPy 1.26 does not recognise recent processors
+and falls back to instructions of 2004: 16 instead of 65 billion operations a second with the one of SciPy 1.13. SciPy's
+functions for Python hold Python's lock while they run; `scipy.linalg.cython_blas` and `cython_lapack` offer the
+addresses of the same routines to compiled code, and so to `ctypes`, which releases it. The library's threads wait for
+one another by spinning, which makes it ten times slower on a busy machine: callers limit them
 (`threads.one_thread_calls`).
 
-Matrices are rows of float64 that lie in order (or parts of such), and what is symmetric or triangular is its lower
-triangle. The routines count by columns: to them each matrix is its transpose, with the upper triangle.
+Matrices are contiguous rows of float64 (or parts of such matrices); of symmetric and triangular ones the lower triangle
+is used. The routines have column order: to them each matrix is its transpose, with the upper triangle.
 """
 
 import ctypes
@@ -52,7 +52,7 @@ _dpotrf, _dtrtri, _dlauum = (_routine(cython_lapack, name) for name in ("dpotrf"
 
 
 def multiply_dense(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return ``first (i, j)`` times ``second (j, k)``; either may be a transpose."""
+    """Return ``first (i, j)`` times ``second (j, k)``; either can be a transposed view."""
     (rows, inner), columns = first.shape, second.shape[1]
     result = np.zeros((rows, columns))
     if first.size and second.size:

@@ -1,8 +1,8 @@
-"""Elimination of points with NumPy: products of small matrices (`elimination_kernels` does the same, compiled).
+"""Elimination of points with NumPy: products of small matrices (`elimination_kernels` is the compiled version).
 
-Points that were measured by the same cameras stand together. The sum over such a *group* of k cameras,
-``sum W V^-1 W'``, is one matrix product of (k p, 3 m) with its counterpart, which is what processors are quick at;
-small groups are multiplied point by point instead.
+Points that were measured by the same cameras are processed together. The sum over such a *group* of k cameras, ``sum W
+V^-1 W'``, is one product of a matrix (k p, 3 m) with its transpose, which is fast; small groups are multiplied point by
+point instead.
 """
 
 from functools import cached_property
@@ -17,11 +17,11 @@ from .pattern import Pattern
 from .states import Cofactors, Normals, PointPriors
 
 ROWS_PER_CHUNK = 60_000  # image points whose products are in memory at once
-SMALL_GROUP = 6  # points; fewer are not worth a matrix product of their own
+SMALL_GROUP = 6  # points; fewer are multiplied point by point
 
 
 class Chunk(NamedTuple):
-    """Points with k image points each: ``rows (m, k)``, their cameras, and where groups of equal cameras begin."""
+    """Points with k image points each: ``rows (m, k)``, their cameras, and first points of groups of equal cameras."""
 
     points: np.ndarray
     rows: np.ndarray
@@ -30,19 +30,19 @@ class Chunk(NamedTuple):
 
 
 class NumpyElimination:
-    """Elimination of the points part by part; ``weight (n,)`` are those of all image points of the block.
+    """Elimination of the points by parts of the block; ``weight (n,)`` are those of all image points of the block.
 
-    This is the way with NumPy, which takes the whole block as one part and derivatives by the parameters as they are.
+    This version uses NumPy, with the whole block as one part and the derivatives by the parameters.
     """
 
-    compiled = False  # whether derivatives come as `Structure` composes them
+    compiled = False  # True: derivatives are factored as in `Structure`
 
     def __init__(self, observations: Observations, pattern: Pattern) -> None:
         self.observations, self.pattern = observations, pattern
 
     @cached_property
     def _chunks(self) -> list[Chunk]:
-        """The points by their number of image points, those of the same cameras together."""
+        """The points by their number of image points; points of the same cameras are adjacent."""
         observations, chunks = self.observations, []
         for length, points in observations.by_length.items():
             camera = observations.camera[observations.first[points][:, None] + np.arange(length)]
@@ -57,14 +57,14 @@ class NumpyElimination:
         return chunks
 
     def list_parts(self) -> list[Portion]:
-        """Return the parts that together are the block."""
+        """Return the parts of the block: here only one, the whole block."""
         return [take_whole_block(self.observations)]
 
     def eliminate_points(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
         contributes: np.ndarray, sums: Normals,
     ) -> None:  # fmt: skip
-        """Add the part to the sums, blocks (b, t t, q q) and right (cameras, q t), and write what is per point."""
+        """Add the part to the sums ``blocks (b, t t, q q)`` and ``right (cameras, q t)``; write its points' results."""
         observations, pattern, p = self.observations, self.pattern, sums.right.shape[1]
         sums.residual[:] = linear.residual
         matrix, point_right = _point_normals(part, linear, weight, ground, priors)
@@ -85,7 +85,7 @@ class NumpyElimination:
         self, chunk: Chunk, linear: Linearisation, weight: np.ndarray, lower: np.ndarray, sums: Normals,
         blocks: np.ndarray,
     ) -> None:  # fmt: skip
-        """Subtract W V^-1 W' and W V^-1 m of a chunk, by ``lower (k, 3, 3)``, the L^-1 of its points."""
+        """Subtract W V^-1 W' and W V^-1 m of a chunk from the sums; ``lower (k, 3, 3)`` are the L^-1 of its points."""
         p = sums.right.shape[1]
         count, length = chunk.rows.shape
         weighted = linear.by_ground[chunk.rows] * weight[chunk.rows][..., None, None]
@@ -124,7 +124,7 @@ class NumpyElimination:
     def solve_points(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
     ) -> np.ndarray:
-        """Return the points' steps ``(k, 3)`` in metres with the cameras as they are."""
+        """Return the points' steps ``(k, 3)`` in metres with fixed cameras."""
         rows, _ = self.observations.find_rows(part.points)
         matrix, right = _point_normals(part, linear, weight[rows], ground, priors)
         return np.einsum("mij,mj->mi", np.linalg.inv(matrix), right)
@@ -168,7 +168,7 @@ class NumpyElimination:
 
 
 def _compose_derivatives(linear: Linearisation) -> np.ndarray:
-    """Return the derivatives by the parameters, which cameras that are evaluated by image give as they are."""
+    """Return the derivatives by the parameters, as cameras that are evaluated by image have them."""
     if linear.by_quantity is None:
         raise ValueError("cameras that are evaluated by image give derivatives by their parameters: there are none")
     return linear.by_quantity
@@ -177,7 +177,7 @@ def _compose_derivatives(linear: Linearisation) -> np.ndarray:
 def _point_normals(
     part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return V and m of the points of a part; ``weight`` of its image points."""
+    """Return V and m of the points of a part; ``weight`` are those of its image points."""
     first = part.place[:-1]
     matrix, right = np.empty((len(first), 3, 3)), np.empty((len(first), 3))
     weighted = linear.by_ground * weight[:, None, None]

@@ -1,23 +1,23 @@
-"""Elimination of points, compiled: what `elimination` does, point by point (needs numba).
+"""Elimination of points, compiled: the same results as `elimination`, point by point (needs numba).
 
-With the derivatives composed as `refinement.model.Structure` says, A = G (x) t', each image point a of a point gives
+With the derivatives composed as in `refinement.model.Structure`, A = G (x) t', each image point a of a point gives
 ``W_a = w_a G_a' B_a`` and, with V = L L', ``U_a = W_a L^-T`` (q, 3), and each pair of image points adds to the
 reduced matrix ::
 
     S (x) t_a t_b'        S = delta_ab w_a G_a' G_a - U_a U_b'      (q, q)
 
-V^-1 itself would not do: along rays that are almost parallel it is large, and its rounding errors everywhere with it.
+V^-1 is not used directly: for almost parallel rays it is large, and so are its rounding errors in all elements.
 
-A block is kept as t t matrices of q q numbers, so that the innermost loop runs over all of S at once
-(`Structure.fold` brings it into the order of the parameters). It is symmetric, or the transpose of the one that is
-kept, so the image point of the lower camera comes first. Where ``by_quantity`` is None, G is the identity (sample and
-line are the quantities): numba compiles loops of their own for that. The kernels release the interpreter's lock; the
-caller gives ranges of points to threads.
+A block is stored as t t matrices of q q numbers, so that the innermost loop runs over all of S at once
+(`Structure.fold` converts it to the order of the parameters). Only blocks with row <= column are stored, so the image
+point of the lower camera comes first. Where ``by_quantity`` is None, G is the identity (sample and line are the
+quantities): numba compiles separate loops for that. The kernels release the interpreter's lock; the caller gives
+ranges of points to threads.
 
 Arguments that the kernels share
     rows : points (k,), place (k + 1,) of the image points of each in the linearised arrays, first (m + 1,), weight (n,)
     linear : residual (r, 2), by_ground (r, 2, 3), terms (r, t); by_quantity (r, 2, q) or None
-    camera (n,) : which set of parameters an image point has
+    camera (n,) : index of each image point's camera
     prior : target, weight (m, 3), mixed (m, 3) or (1, 3) of the points' positions (`PointPriors`)
     start, columns : of the pattern
 """
@@ -37,7 +37,7 @@ from .states import Cofactors, Normals, PointPriors
 
 register(*ellipsoid.ELLIPSOID_FORMULAS)
 
-ROWS_PER_PART = 4096  # image points whose equations stay in a processor's cache
+ROWS_PER_PART = 4096  # image points whose equations fit in a processor's cache
 
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
@@ -82,7 +82,7 @@ def _invert(n: Six, out: np.ndarray, k: int) -> Six:
 def _form_point_normal(
     point: int, begin: int, end: int, row0: int, weight: np.ndarray, linear: Arrays, ground: np.ndarray, prior: Arrays
 ) -> tuple[Six, Three]:
-    """Return V (its upper triangle by rows) and m of a point, its prior included."""
+    """Return V (its upper triangle by rows) and m of a point, including its prior."""
     residual, by_ground, _ = linear
     target, target_weight, mixed = prior
     n00, n01, n02, n11, n12, n22, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -169,7 +169,7 @@ def eliminate_points(
     prior: Arrays, contributes: np.ndarray, start: np.ndarray, columns: np.ndarray,
     blocks: np.ndarray, right: np.ndarray, out: Arrays,
 ) -> None:  # fmt: skip
-    """Add points to ``blocks (b, t t, q q)`` and ``right (cameras, q t)``; write what is per point.
+    """Add points to ``blocks (b, t t, q q)`` and ``right (cameras, q t)``; write the results of each point.
 
     ``out`` : residual (n, 2), inverse (m, 3, 3), point right-hand sides (m, 3) of the whole block. Only points that
     contribute enter the sums.
@@ -212,7 +212,7 @@ def eliminate_points(
 
 @njit(**OPTIONS)
 def solve_points(rows: Arrays, linear: Arrays, ground: np.ndarray, prior: Arrays, out: np.ndarray) -> None:
-    """Write the steps ``(k, 3)`` in metres of points whose cameras stay as they are."""
+    """Write the steps ``(k, 3)`` in metres of points with fixed cameras."""
     points, place, first, weight = rows
     inverse = np.empty((1, 3, 3))
     for number in range(len(points)):

@@ -1,8 +1,8 @@
-"""Linearisation observation equations of any part of a block, for every model.
+"""Linearised observation equations of any part of a block, for all models.
 
-Models whose formula is compiled are evaluated when and where they are needed, a few thousand image points at a time,
-and nothing is kept but what is dear (pseudo sensors): it is asked for again when the points are solved for. All
-others are evaluated image by image with NumPy, the whole block at once, and the last state is kept.
+Models with a compiled formula are evaluated when needed, a few thousand image points at a time; only equations that are
+costly (pseudo sensors) are cached, because they are needed again when the points are solved for. All others are
+evaluated image by image with NumPy, the whole block at once, and the equations of the last state are cached.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .states import State
 
 
 class Portion(NamedTuple):
-    """Points ``(k,)`` of a block, and where the image points of each begin in the part's arrays, ``place (k + 1,)``.
+    """Points ``(k,)`` of a block, and the first row of each one's image points in the arrays, ``place (k + 1,)``.
 
-    ``number`` is that of a part of the block's own division, which stays the same; None for any other.
+    ``number`` identifies a part of the block's fixed division; None for any other selection of points.
     """
 
     points: np.ndarray
@@ -29,7 +29,7 @@ class Portion(NamedTuple):
 
     @classmethod
     def select(cls, observations: Observations, points: np.ndarray) -> Portion:
-        """Return the part of some points."""
+        """Return the part that consists of the given points (indices)."""
         lengths = observations.first[points + 1] - observations.first[points]
         return cls(points, np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(lengths)]))
 
@@ -39,7 +39,7 @@ class Linearisation(NamedTuple):
 
     residual : (r, 2) observed - computed, px
     by_ground : (r, 2, 3) px per metre east, north, up
-    by_quantity : (r, 2, q), None where the quantities are sample and line; terms : (r, t): see `Structure`
+    by_quantity : (r, 2, q), None if the quantities are sample and line; terms : (r, t): see `Structure`
     """
 
     residual: np.ndarray
@@ -59,7 +59,7 @@ def take_whole_block(observations: Observations) -> Portion:
 class NumbaCameras:
     """Cameras of a family that has a compiled loop (`refinement.compiled_cameras`)."""
 
-    by_parts = True  # a part is evaluated when it is asked for, at the ground as it then is
+    by_parts = True  # parts are evaluated on request, with the ground at that time
 
     def __init__(self, observations: Observations, model: Any) -> None:
         from ...refinement.compiled_cameras import FAMILIES, rpc_tables  # need numba, and take a second
@@ -68,7 +68,7 @@ class NumbaCameras:
         self.structure: Structure = model.structure
         self._model, self._camera_of_image = model, observations.camera_of_image
         self._loop, self._table = family.loop, family.table(model)
-        self._is_costly = family.columns > 0  # to evaluate: its equations are worth keeping
+        self._is_costly = family.columns > 0  # costly to evaluate: its equations are cached
         self._rpcs = rpc_tables([image.rpc for image in images])
         self._constants = np.stack([model.constants(image) for image in images])
         rays = np.empty((observations.count, family.columns))
@@ -80,7 +80,7 @@ class NumbaCameras:
     def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
         """Return the function that linearises parts of the block at a state.
 
-        With ``keep`` the equations of this state will be asked for again, and may be kept until then.
+        ``keep`` announces that the equations of this state are needed again, and permits to cache them.
         """
         if self._kept is not None and self._kept[0].values is state.values and self._kept[0].ground is state.ground:
             kept = self._kept[1]
@@ -110,10 +110,10 @@ class NumbaCameras:
 class CamerasByImage:
     """Cameras of any model, image by image with NumPy.
 
-    structure : how the derivatives by the parameters are composed
+    structure : of the derivatives by the parameters
     """
 
-    by_parts = False  # all is evaluated at once
+    by_parts = False  # the whole block is evaluated at once
 
     def __init__(self, observations: Observations, model: RefinementModel) -> None:
         count = len(model.parameters)
@@ -126,9 +126,9 @@ class CamerasByImage:
         self._last: tuple[State, Linearisation] | None = None
 
     def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
-        """Return the function that linearises parts of the block at a state, which is kept in any case."""
+        """Return the function that linearises parts of the block at a state; its equations are always cached."""
         if self._last is None or self._last[0].values is not state.values or self._last[0].ground is not state.ground:
-            self._last = None  # before the new one, so that only one is in memory
+            self._last = None  # frees memory before the next is computed
             self._last = state, self._linearise_all(state)
         whole = self._last[1]
 

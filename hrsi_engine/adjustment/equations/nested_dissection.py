@@ -1,9 +1,9 @@
 """Sparse Cholesky factors of block matrices by nested dissection, with dense fronts (multifrontal method).
 
 The graph of the cameras is cut in two by a small separator, each half again, and so on; a part small enough becomes a
-leaf. Eliminating the leaves first and the separators last keeps the fill to O(n log n) for blocks that are flat, as
-those of images on the ground are (George 1973). Each node of the tree is a *front*: the dense matrix of its own
-unknowns and of its border, the unknowns of separators above that it touches::
+leaf. Eliminating the leaves first and the separators last limits the fill to O(n log n) for planar graphs, which those
+of images on the ground nearly are (George 1973). Each node of the tree is a *front*: the dense matrix of its own
+unknowns and of its border, the connected unknowns of separators above it::
 
     | F11  .  |   own       L11 L11' = F11,   B = F21 L11^-T,   update to the parent: F22 - B B'
     | F21 F22 |   border
@@ -13,9 +13,8 @@ The same tree gives the inverse on the fill pattern, from the root down, without
 
     Z21 = -Z22 K,    Z11 = (L11 L11')^-1 + K' Z22 K
 
-Of all these matrices the lower triangle is made. The cameras of a border stand in the order of their elimination, so
-that a border's lower triangle lies in that of the parent's front. Fronts that do not need each other are worked on side
-by side.
+Only the lower triangles of these matrices are computed. The cameras of a border are in the order of their elimination,
+so that a border's lower triangle is part of that of the parent's front. Independent fronts are processed in parallel.
 """
 
 from __future__ import annotations
@@ -35,20 +34,20 @@ from ...foundation.large_arrays import allocate_zeros
 from ...foundation.workers.threads import are_one_thread_calls, thread_count
 from . import dense_matrices as dense
 
-LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
+LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: calls would cost more than arithmetic
 WORTH_THREADS = 8  # fronts
 MIRRORED_AT_ONCE = 64  # rows
 
-Runs = Sequence[tuple[slice, slice]]  # parts of a matrix's rows, and where they stand in another
+Runs = Sequence[tuple[slice, slice]]  # parts of a matrix's rows, and their rows in another matrix
 
 
 @dataclass(frozen=True, eq=False)
 class FrontEntries:
-    """The blocks of the matrix that a front takes up, in its lower triangle.
+    """The blocks of the matrix that are assembled in a front, in its lower triangle.
 
-    row, column : (k,) where they stand among the front's cameras (own, border)
-    number : (k,) of the blocks
-    transposed : (k,) whether the front has the block's transpose
+    row, column : (k,) indices into the front's cameras (own, border)
+    number : (k,) indices of the blocks
+    transposed : (k,) True if the front contains the block's transpose
     """
 
     row: np.ndarray
@@ -59,10 +58,10 @@ class FrontEntries:
 
 @dataclass(eq=False)
 class Front:
-    """A node of the tree: the cameras it eliminates, those on its border, its children; L11^-1 and B as numbers.
+    """A node of the tree: the cameras that it eliminates, those of its border, its children; L11^-1 and B as values.
 
-    place : of the border's unknowns in the parent's front
-    runs : unknowns of the border that follow one another in the parent's front, too: where they are, and where there
+    place : indices of the border's unknowns in the parent's front
+    runs : ranges of the border's unknowns that are contiguous in the parent's front too: in the border, and in there
     """
 
     own: np.ndarray
@@ -78,8 +77,8 @@ class Front:
 def dissect_graph(graph: sparse.csr_matrix, leaf: int, position: np.ndarray) -> list[Front]:
     """Return the fronts of a symmetric graph in the order of elimination: children before parents.
 
-    ``leaf`` is the number of cameras up to which a part is not cut further; ``position (n, 2)`` says where they lie:
-    a straight cut across a block leaves the shortest separator.
+    ``leaf`` is the number of cameras up to which a part is not cut further; ``position (n, 2)`` are their positions: a
+    straight cut across a block leaves the shortest separator.
     """
     fronts: list[Front] = []
     pending: list[tuple[np.ndarray, Front | None]] = [(np.arange(graph.shape[0]), None)]
@@ -96,10 +95,10 @@ def dissect_graph(graph: sparse.csr_matrix, leaf: int, position: np.ndarray) -> 
 
 
 def _cut_part(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return a separator of a part and the pieces that it leaves."""
+    """Return a separator of a part (indices of cameras) and the pieces that remain."""
     inside = graph[part][:, part]
     count, label = csgraph.connected_components(inside, directed=False)
-    if count > 1:  # unconnected components as two heaps of similar size
+    if count > 1:  # unconnected components: two groups of similar size
         size = np.bincount(label, minlength=count)
         heap, weight = np.zeros(count, dtype=int), [0, 0]
         for component in np.argsort(-size):
@@ -119,7 +118,7 @@ def _cut_part(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) 
 
 
 class SingularSystemError(SolveError):
-    """Normal equations that do not determine the parameters of some ``cameras (k,)``, by their numbers."""
+    """Error: the normal equations do not determine the parameters of some ``cameras (k,)`` (indices)."""
 
     def __init__(self, message: str, cameras: np.ndarray) -> None:
         super().__init__(message)
@@ -127,11 +126,10 @@ class SingularSystemError(SolveError):
 
 
 def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], from_root: bool = False) -> None:
-    """Call ``work`` for all fronts, given children before parents: in that order, or ``from_root`` the other way.
+    """Call ``work`` for all fronts, given children before parents: in this order, or ``from_root`` in reverse.
 
-    Where calls of BLAS make no threads of their own, fronts that wait for no other are worked on by threads, one for
-    each processor. The next one is always that which comes first in the order of one thread, so that little is kept
-    for later.
+    If BLAS calls use one thread, independent fronts are processed in parallel, by one thread for each processor. The
+    next front is always the first in the sequential order, so that few intermediate results are in memory.
     """
     order = list(reversed(fronts)) if from_root else list(fronts)
     threads = thread_count(0) if are_one_thread_calls() and len(order) >= WORTH_THREADS else 1
@@ -164,7 +162,7 @@ def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], 
 
 
 def find_runs(place: np.ndarray) -> Runs:
-    """Return the parts of some places that follow one another: where they are, and which places they are."""
+    """Return the contiguous ranges of some places: as slices of the array, and as slices of the places."""
     ends = [*(np.flatnonzero(np.diff(place) != 1) + 1).tolist(), len(place)]
     begins = [0, *ends[:-1]]
     return [
@@ -173,9 +171,9 @@ def find_runs(place: np.ndarray) -> Runs:
 
 
 def list_lower_parts(runs: Runs) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice]]]:
-    """Yield the parts of a small lower triangle, and those of the large one in which ``runs`` say that it stands.
+    """Yield the parts of a small lower triangle, and their parts in a large one, at the places given by ``runs``.
 
-    Runs ascend. A few slices are moved four times as fast as single rows and columns.
+    Runs are ascending. A few slices are copied four times as fast as single rows and columns.
     """
     for number, (rows, places) in enumerate(runs):
         for columns, others in runs[: number + 1]:
@@ -188,7 +186,7 @@ class SparseFactor:
     graph : symmetric adjacency of the n cameras
     start, columns : compressed rows of the upper blocks
     size : p, unknowns of a camera
-    position : (n, 2) where the cameras lie, any unit
+    position : (n, 2) of the cameras, in any unit
     """
 
     def __init__(
@@ -200,7 +198,7 @@ class SparseFactor:
         self._order = np.empty(self.cameras, dtype=np.int64)
         for number, front in enumerate(self.fronts):
             self._order[front.own] = number
-        # a symmetric matrix of the numbers of the blocks (+1; negative where it is to be transposed)
+        # a symmetric matrix of the indices of the blocks (plus 1; negative for blocks to be transposed)
         block = np.arange(1, len(columns) + 1, dtype=np.int64)
         upper = sparse.csr_matrix((block, columns, start), shape=graph.shape)
         index = sparse.csr_matrix(upper - sparse.triu(upper, 1).T)
@@ -209,13 +207,13 @@ class SparseFactor:
             reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
             later = reached[self._order[reached] > number].astype(np.int64)
             front.border = later[np.argsort(self._order[later], kind="stable")]
-            # Where the front's blocks stand in it, and the borders of its children
+            # Positions of the front's blocks in it, and of the borders of its children
             cameras = np.concatenate([front.own, front.border])
             order = np.argsort(cameras)
             rows = index[front.own]
             column = order[np.minimum(np.searchsorted(cameras[order], rows.indices), len(cameras) - 1)]
             row = np.repeat(np.arange(len(front.own)), np.diff(rows.indptr))
-            here = (cameras[column] == rows.indices) & (column >= row)  # each once, and turned into the lower triangle
+            here = (cameras[column] == rows.indices) & (column >= row)  # each once, in the lower triangle
             entry = rows.data[here]
             front.entries = FrontEntries(
                 column[here], row[here], np.abs(entry) - 1, (entry > 0) & (column[here] > row[here])
@@ -224,7 +222,7 @@ class SparseFactor:
                 child.place = self._number_unknowns(order[np.searchsorted(cameras[order], child.border)])
                 child.runs = find_runs(child.place)
 
-    # ---- numbers -------------------------------------------------------------------------------------------------
+    # ---- values --------------------------------------------------------------------------------------------------
 
     def factorise(self, blocks: np.ndarray) -> None:
         """Compute the factors of ``blocks (blocks, p, p)``; raises `SolveError` where not positive definite."""
@@ -246,7 +244,7 @@ class SparseFactor:
         work_through_fronts(self.fronts, eliminate)
 
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
-        """Return a front's matrix, its lower triangle that is."""
+        """Return a front's assembled matrix (its lower triangle)."""
         cameras, p = len(front.own) + len(front.border), self.size
         matrix = allocate_zeros((cameras, p, cameras, p))
         entries = front.entries
@@ -278,12 +276,12 @@ class SparseFactor:
     def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
         """Return ``R A^-1 R' (k, k)`` of sparse ``rows R (k, u)``.
 
-        With the factors L of A it is Y' Y for L Y = R'. A row takes part only in the fronts from its own unknowns up to
-        the root, so that rows from all over a block cost little more than the fronts that they share.
+        With the factors L of A it is Y' Y for L Y = R'. A row is used only in the fronts from its own unknowns up to
+        the root, so that rows of the complete block cost little more than the fronts that they share.
         """
         result, adding = allocate_zeros((rows.shape[0],) * 2), threading.Lock()
         by_unknown = rows.tocsc()
-        borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # rows, and what they bring to a front's border
+        borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # rows, and their contributions to a front's border
 
         def add(front: Front) -> None:
             own = len(front.own) * self.size
@@ -302,7 +300,7 @@ class SparseFactor:
                     result[place] += square[part]
 
         work_through_fronts(self.fronts, add)
-        for begin in range(0, len(result), MIRRORED_AT_ONCE):  # parts that the processor's cache holds
+        for begin in range(0, len(result), MIRRORED_AT_ONCE):  # parts that fit in the processor's cache
             end = min(begin + MIRRORED_AT_ONCE, len(result))
             own = np.tril(result[begin:end, begin:end])
             result[begin:end, begin:end] = own + np.tril(own, -1).T
@@ -312,7 +310,7 @@ class SparseFactor:
     def invert_on_pattern(self) -> np.ndarray:
         """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern."""
         result = np.empty((len(self._columns), self.size, self.size))
-        above: dict[int, np.ndarray] = {}  # by child: the inverse over the cameras of its parent, the lower triangle
+        above: dict[int, np.ndarray] = {}  # by child: the inverse for its parent's cameras, lower triangle
 
         def invert(front: Front) -> None:
             cameras, own = len(front.own) + len(front.border), len(front.own) * self.size

@@ -7,15 +7,14 @@ Per image point, with residual v = observed - computed and weight w = (robust we
     | N  W | |da|   |n|      N  blocks (p, p) of the cameras,   V  blocks (3, 3) of the points,
     | W' V | |dx| = |m|      W  one block (p, 3) per image point
 
-The points are eliminated one by one: (N - W V^-1 W') da = n - W V^-1 m, then dx = V^-1 (m - W' da). No matrix over
-all observations is ever formed. For every model the same happens: the cameras are linearised (`linearisation`), part
-of the block by part, and the points of each part are eliminated, by compiled loops (`elimination_kernels`) in threads
-or, without numba, with NumPy (`elimination`).
+The points are eliminated one by one: (N - W V^-1 W') da = n - W V^-1 m, then dx = V^-1 (m - W' da). No matrix over all
+observations is formed. The steps are the same for all models: the cameras are linearised (`linearisation`) for one part
+of the block after the other, and the points of each part are eliminated, by compiled loops (`elimination_kernels`) in
+threads or, without numba, with NumPy (`elimination`).
 
-Compiled code needs numba (the extra ``fast``). numba compiles the loops once, in about half a minute, and keeps them
-in the package's ``__pycache__`` or, where that is not writable, in the user's cache. Small blocks are done by NumPy in
-less time than loading numba takes. The environment variable HRSI_COMPILED=0 turns compiled code off, 1 asks for it
-whatever the size.
+Compiled code needs numba (the extra ``fast``). numba compiles the loops once, in about half a minute, and stores them
+in the package's ``__pycache__`` or, if that is not writable, in the user's cache. For small blocks NumPy takes less
+time than loading numba. The environment variable HRSI_COMPILED=0 disables compiled code, 1 enables it for any size.
 """
 
 import threading
@@ -39,7 +38,7 @@ from .states import Cofactors, Normals, PointPriors, State
 
 @thresholds
 class POINT_STEPS:
-    """When an intersection of rays is settled."""
+    """Limits for the convergence of intersections, and for the use of compiled loops."""
 
     closure_m: float = threshold(1e-4, "m", "step below which a point is settled: far below any measurement")
     start_closure_m: float = threshold(10.0, "m", "step at which an image's centre is settled, a start")
@@ -47,19 +46,19 @@ class POINT_STEPS:
     worth_compiling: int = threshold(20_000, "image points", "from here on points are eliminated by compiled loops")
 
 
-MOST_SUMS_BYTES = 2**29  # of the threads' own sums of the reduced matrix: fewer threads for very large ones
+MOST_SUMS_BYTES = 2**29  # memory of the threads' sums of the reduced matrix: it limits the number of threads
 INTERSECT_STEPS = 15
 
 
 class NormalEquations:
-    """What the solver asks of the normal equations; ``weight (n,)`` in 1/px², 0 for image points without a say.
+    """Interface of the normal equations for the solver; ``weight (n,)`` in 1/px², 0 for image points that are not used.
 
     observations : measurements and points, in the solver's order
-    model : of the cameras' corrections
-    pattern : which cameras share points
-    threads : of compiled loops; 0 takes all processors
-    cameras : those of the same observations and model, where there are some already; else they are made
-    drawn_from : image points of the block that these are drawn from: one that needs compiled loops has them anyway
+    model : the cameras' correction model
+    pattern : pairs of cameras with common points
+    threads : number for compiled loops; 0 for all processors
+    cameras : existing ones of the same observations and model; otherwise they are made
+    drawn_from : image points of the complete block, if these are a part: its compiled loops are used for the part, too
     """
 
     def __init__(self, observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0,
@@ -73,7 +72,7 @@ class NormalEquations:
             self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)
         else:
             self._elimination, self.threads = NumpyElimination(observations, pattern), 1
-        if cameras is None and self._elimination.compiled:  # only some models are of a compiled family
+        if cameras is None and self._elimination.compiled:  # not all models have compiled loops
             from ...refinement.compiled_cameras import FAMILIES
 
             cameras = NumbaCameras(observations, model) if type(model) in FAMILIES else None
@@ -120,7 +119,7 @@ class NormalEquations:
         return total
 
     def compute_point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
-        """Return the points' steps ``(m, 3)`` in metres for the cameras' ``step (cameras, p)``."""
+        """Return the points' steps ``(m, 3)`` in metres that follow from the cameras' ``step (cameras, p)``."""
         linearise, out = self.cameras.linearise_at(state), np.empty_like(state.ground)
         by_coefficient = np.ascontiguousarray(step @ self.cameras.structure.mixing.T)
 
@@ -150,11 +149,11 @@ class NormalEquations:
     def intersect(
         self, state: State, weight: np.ndarray, priors: PointPriors, points: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the positions ``(m, 3)`` of the points for the cameras as they are; NaN where there is none.
+        """Return the positions ``(m, 3)`` of the points intersected with fixed cameras; NaN if there is none.
 
-        Only some ``points`` (indices) move, if given.
+        If ``points`` (indices) are given, only these are intersected.
         """
-        ground = state.ground.copy()  # points move in it while others are still computed from it
+        ground = state.ground.copy()  # changed in place while other points are computed
         moving = self.cameras.linearise_at(State(state.values, ground))
 
         def move(part: Portion, _: int) -> None:
@@ -178,7 +177,7 @@ class NormalEquations:
     def _for_parts(
         self, work: Callable[[Portion, int], None], threads: int = 0, parts: Sequence[Portion] | None = None
     ) -> None:
-        """Call ``work(part, thread)`` for all parts; the threads take them in turn."""
+        """Call ``work(part, thread)`` for all parts; each thread takes the next waiting part."""
         parts = self._parts if parts is None else parts
         threads = min(threads or self.threads, len(parts))
         waiting, lock = iter(parts), threading.Lock()

@@ -1,7 +1,7 @@
-"""Which cameras share points: the block pattern of the reduced normal equations.
+"""Block pattern of the reduced normal equations: pairs of cameras with common points.
 
 The reduced matrix has a block for every pair of cameras that measured a common point, and one on the diagonal for
-every camera. It is symmetric, so only the blocks with row <= column are kept, in the order of the rows.
+every camera. It is symmetric, so only the blocks with row <= column are stored, in the order of the rows.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ..observations import Observations
 class Pattern:
     """Upper block pattern in compressed rows: row i has the columns ``columns[start[i]:start[i + 1]]``.
 
-    The first column of a row is its diagonal. ``parameters`` is the size p of a block, ``position (cameras, 2)`` says
-    about where the cameras' scenes lie (the factors' order follows from it).
+    The first column of a row is its diagonal. ``parameters`` is the size p of a block, ``position (cameras, 2)`` are
+    approximate positions of the scenes (for the order of elimination).
     """
 
     cameras: int
@@ -47,19 +47,19 @@ class Pattern:
         return self.start[:-1]
 
     def find_blocks(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """Return the indices of existing blocks, ``row <= column``."""
+        """Return the indices of existing blocks at ``row`` and ``column``, ``row <= column``."""
         keys = self.rows.astype(np.int64) * self.cameras + self.columns
         return np.searchsorted(keys, row.astype(np.int64) * self.cameras + column)
 
     @cached_property
     def graph(self) -> sparse.csr_matrix:
-        """Symmetric adjacency of the cameras, the diagonal included."""
+        """Symmetric adjacency matrix of the cameras, including the diagonal."""
         shape = (self.cameras, self.cameras)
         upper = sparse.csr_matrix((np.ones(self.blocks, dtype=np.int8), self.columns, self.start), shape=shape)
         return sparse.csr_matrix(upper + sparse.triu(upper, 1).T)
 
     def extend_by(self, observations: Observations) -> Pattern:
-        """Return the pattern with the pairs of cameras, too, that measured a common point of other observations."""
+        """Return the pattern extended by the pairs of cameras that measured a common point of other observations."""
         shared = _count_common_points(observations)
         wide = sparse.csr_matrix(sparse.triu(self.graph.astype(np.float32) + shared))
         if wide.nnz == self.blocks:
@@ -88,7 +88,7 @@ def find_pattern(
 
 
 def _count_common_points(observations: Observations) -> sparse.csr_matrix:
-    """Return which cameras measured a common point, each with itself."""
+    """Return the numbers of common points of all pairs of cameras, with one more for each camera with itself."""
     count, points = observations.cameras, len(observations.points)
     incidence = sparse.csr_matrix(
         (np.ones(observations.count, dtype=np.float32), observations.camera, observations.first), shape=(points, count)
@@ -97,6 +97,6 @@ def _count_common_points(observations: Observations) -> sparse.csr_matrix:
 
 
 def make_diagonal_pattern(cameras: int, parameters: int) -> Pattern:
-    """Return the pattern of cameras that share nothing."""
+    """Return the pattern of cameras without common points."""
     number = np.arange(cameras + 1, dtype=np.int64)
     return Pattern(cameras, parameters, number, number[:-1].astype(np.int32), np.zeros((cameras, 2)))

@@ -1,4 +1,4 @@
-"""Unknowns of a block, what is known of the points beforehand, and the sums and cofactors that equations give."""
+"""Unknowns of a block, priors of its points, and the normal equations and cofactors that are formed with them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...foundation.large_arrays import any_of_rows
 from ...ground.geodesy import metres_per_degree, wrap_degrees
 from ..observations import COORDINATE_PAIRS, Observations
 
-FREE_POINT_SIGMA_M = 1e4  # prior of a point without survey about its start (C_G): only keeps V regular
+FREE_POINT_SIGMA_M = 1e4  # prior of a point without survey at its start (C_G): only keeps V regular
 
 
 class State(NamedTuple):
-    """Where the iteration stands: values (cameras, p) and ground (m, 3)."""
+    """State of the iteration: parameter values (cameras, p) and ground positions (m, 3)."""
 
     values: np.ndarray
     ground: np.ndarray
@@ -24,13 +24,12 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PointPriors:
-    """Observed positions of the points: surveys, DEM heights, and a weak prior about the start for all others.
+    """Observed positions of the points: surveys, DEM heights, and a weak prior at the start for all others.
 
     target : (m, 3) lon, lat, height
     weight : (m, 3) diagonal of the weight matrices in 1/m² east, north, up, above zero everywhere
-    observed : (m, 3) which of them are observations; the weak priors are none and do not count
-    mixed : (m, 3) the rest of the weight matrices: east-north, east-up, north-up; one row of zeros where no survey
-        has correlations
+    observed : (m, 3) True for observations, False for weak priors, which add no redundancy
+    mixed : (m, 3) off-diagonal weights: east-north, east-up, north-up; one row of zeros if no survey has correlations
     """
 
     target: np.ndarray
@@ -42,7 +41,7 @@ class PointPriors:
     def from_surveys(
         cls, observations: Observations, start: np.ndarray, weight: np.ndarray | None = None
     ) -> PointPriors:
-        """Return the surveys where their ``weight (m, 3)`` is above zero; elsewhere the start with its weak prior."""
+        """Return the surveys where ``weight (m, 3)`` is above zero, and weak priors at the start elsewhere."""
         weight = observations.survey_weight if weight is None else weight
         given = weight > 0.0
         free = 1.0 / FREE_POINT_SIGMA_M**2
@@ -50,7 +49,7 @@ class PointPriors:
         correlation = observations.survey_correlation
         if correlation is None:
             return priors
-        # A coordinate that is not observed (any more) drops out of the covariance, so the others keep their sigmas
+        # The covariance without unobserved coordinates is inverted, so that the others keep their sigmas
         row, column = COORDINATE_PAIRS
         both = given[:, row] & given[:, column]
         points = np.flatnonzero((both & (correlation != 0.0)).any(axis=1))
@@ -63,11 +62,11 @@ class PointPriors:
 
     @property
     def correlated(self) -> bool:
-        """Whether any weight matrix is more than its diagonal."""
+        """True if a weight matrix has elements outside its diagonal."""
         return len(self.mixed) == len(self.weight)
 
     def build_weight_matrices(self, points: np.ndarray | slice = slice(None), observed: bool = False) -> np.ndarray:
-        """Return the weight matrices ``(k, 3, 3)`` of some points; zero for what is not observed, if asked for."""
+        """Return the weight matrices ``(k, 3, 3)`` of some points; with ``observed``, zero for weak priors."""
         diagonal = self.weight[points]
         matrix = np.zeros((len(diagonal), 3, 3))
         matrix[:, range(3), range(3)] = np.where(self.observed[points], diagonal, 0.0) if observed else diagonal
@@ -88,17 +87,17 @@ class PointPriors:
         return difference * metres_per_degree(ground)
 
     def sum_of_squares(self, ground: np.ndarray, counting: np.ndarray) -> float:
-        """Return the weighted sum of squares of the observed coordinates of the points ``counting (m,)``."""
+        """Return the weighted sum of squares of the observed coordinates of points in the mask ``counting (m,)``."""
         points = np.flatnonzero(self.held & counting)
         miss = self.compute_misclosures_m(ground[points], points)
         return float(np.einsum("ki,kij,kj->", miss, self.build_weight_matrices(points, observed=True), miss))
 
     def sum_weak_squares(self, ground: np.ndarray, counting: np.ndarray) -> float:
-        """Return that of the weak priors: no observations, but in the equations, and so in the cost that they lower."""
+        """Return the weighted sum of squares of the weak priors: no observations, but part of the cost function."""
         difference = self.target - ground
         difference[:, 0] = wrap_degrees(difference[:, 0])
         squares = np.einsum("ki,ki,ki->k", self._weak_weights, difference, difference)
-        if self.correlated:  # a surface holds east and north together, as one observation of many points
+        if self.correlated:  # a surface observes east and north together, once for many points
             metres = metres_per_degree(self.target) * np.where(self.observed, 0.0, difference)
             squares += 2.0 * self.mixed[:, 0] * metres[:, 0] * metres[:, 1]
         return float(squares[counting].sum())
@@ -129,7 +128,7 @@ class Cofactors(NamedTuple):
     """Cofactors of the adjusted quantities.
 
     points : (m, 3, 3) of the positions, m²
-    computed : (n, 2, 2) of the computed image points, px²: prior cofactor minus this is that of the residual
+    computed : (n, 2, 2) of the computed image points, px²; subtracted from the prior cofactor, that of the residual
     """
 
     points: np.ndarray

@@ -1,17 +1,18 @@
-"""Heights of the ground as observations of the tie points' heights: a DEM's, those of laser points; robustly, together.
+"""Heights of a DEM and of laser points as robustly weighted observations of the tie points' heights.
 
-The height that holds a point is the one at its present position. Trees, buildings, clouds and holes make some of these
-heights wrong by many standard deviations, which hardly shows in weak geometry: the point simply follows. So each height
-is judged against the one that the rays alone give. With the cofactor q of the adjusted height, in which all heights
-that hold the point have the weight w, that of the rays alone is q / (1 - q w), and with t for the mean of these heights
+The observed height of a point is the one at its present position. Trees, buildings, clouds and holes make some of these
+heights wrong by many standard deviations, which residuals hardly show in weak geometry: the point follows the height.
+So each height is compared with that from the rays alone. With the cofactor q of the adjusted height, in which all
+observed heights of the point have the weight w, that of the rays alone is q / (1 - q w), and with the mean t of these
+heights
 
     height by rays = adjusted - (t - adjusted) q w / (1 - q w)        variance q / (1 - q w)
 
-An observation (of a *source*) is a height for one point, or for the mean of several that stand around it, each with
-its share. Its difference from the rays' height has the variance sigma² + q (q of the mean): in weak geometry most of
-that is the rays', so a doubtful height gets a variance that makes up for it. How well observations fit and how far they
-count, alone, in groups and over all sources, is judged by `shared_errors`. Where a DEM is there to hold single points
-whose rays hardly tell a height, it keeps its weight there: the cameras have little from these.
+An observation (of a *source*) is a height for one point, or for the mean of several points around it, each with its
+share. Its difference from the rays' height has the variance sigma² + q (q of the mean), most of which is that of the
+rays in weak geometry; a doubtful height has its variance increased accordingly. `shared_errors` determines weights by
+fit: alone, in groups, over all sources. A DEM that has to determine single points, whose rays hardly have a height,
+keeps its weight there: they have little effect on the cameras.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from .shared_errors import (
 
 @thresholds
 class HEIGHTS:
-    """Which heights can be judged."""
+    """Limits for the test of observed heights."""
 
     least_by_rays: float = threshold(1e-4, "", "share of a height from rays that judges the observed height")
     dem_whole: float = threshold(
@@ -55,9 +56,10 @@ class HEIGHTS:
 
 
 class HeightRows(NamedTuple):
-    """Observed heights at the points as they lie: one row for each point that an observation speaks of.
+    """Observed heights at the points' present positions: one row for each point of each observation.
 
-    point, of : (r,) index of the point and of the observation; share : (r,) of the observation's mean, their sum 1
+    point, of : (r,) index of the point and of the observation; share : (r,) of the point in the observation's mean,
+        their sum 1
     height : (r,) ellipsoidal, at the point
     sigma_m, group : (o,) of the observations, and their group
     """
@@ -71,15 +73,15 @@ class HeightRows(NamedTuple):
 
 
 class HeightSource(ErrorSource, Protocol):
-    """Where heights come from."""
+    """Interface of a source of heights."""
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
-        """Return the heights for points at ``ground (m, 3)``."""
+        """Return the observed heights at the points' positions ``ground (m, 3)``."""
 
 
 @dataclass(frozen=True, eq=False)
 class DemHeights:
-    """The heights of a DEM: which points ``(k,)`` it may hold, and with what standard deviation."""
+    """The heights of a DEM: the points ``(k,)`` for which they can be used, and their standard deviation."""
 
     dem: HeightSurface
     points: np.ndarray
@@ -92,7 +94,7 @@ class DemHeights:
 
     @classmethod
     def select_points(cls, dem: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float) -> DemHeights:
-        """Return the heights of a DEM for ``points (k,)`` of ``ground (m, 3)``, in parts of the area."""
+        """Return the heights of a DEM for ``points (k,)`` of ``ground (m, 3)``, grouped by parts of the area."""
         part, names = divide_area(ground[points])
         return cls(dem, points, sigma_m, part, names)
 
@@ -110,7 +112,7 @@ class DemHeights:
         return float(np.hypot(HEIGHTS.dem_whole * self.sigma_m, self.overall_m))
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
-        """Return the heights of the DEM where the points lie."""
+        """Return the heights of the DEM at the points' positions."""
         height = surface_heights(self.dem, ground[self.points, :2])
         known = np.flatnonzero(np.isfinite(height))
         count = len(known)
@@ -121,27 +123,27 @@ class DemHeights:
 
 
 class RpcHeights(NamedTuple):
-    """Where the RPCs as given put points: their indices and heights ``(k,)``, and the standard deviation of all."""
+    """Heights of points by the original RPCs: indices, heights ``(k,)``, and their common standard deviation."""
 
     points: np.ndarray
     height: np.ndarray
     sigma_m: float
 
     def compare_with(self, ground: np.ndarray) -> OtherOffsets:
-        """Return by how much, in the median, that is above ``ground (m, 3)``."""
+        """Return the median height difference RPCs - ``ground (m, 3)``, with its variance."""
         offset = np.array([np.median(self.height - ground[self.points, 2])])
         return OtherOffsets(offset, np.array([self.sigma_m**2]), CommonError(self.sigma_m, True))
 
 
 @dataclass(frozen=True, eq=False)
 class HeightObservations:
-    """All sources of heights that hold points of a block.
+    """All sources of heights for the points of a block.
 
-    free : (m,) which points may be held: those whose height no survey gives
-    estimate : whether the sources' sigmas are estimated
-    by_rpcs : what the RPCs say of the block's height, where sources contradict one another; None: nothing
-    surveyed : (g,) points with surveyed heights. Each of them has a say where sources contradict: a DEM may be wrong as
-        a whole, and two GCPs that agree outvote it
+    free : (m,) True for points without surveyed height, for which heights can be observed
+    estimate : True if the sources' sigmas are estimated
+    by_rpcs : the block's height by the RPCs, used if sources contradict one another; None: not used
+    surveyed : (g,) points with surveyed heights, which are compared with contradicting sources: a DEM can be wrong as a
+        whole, and two GCPs that agree have more weight
     """
 
     sources: tuple[HeightSource, ...]
@@ -156,9 +158,9 @@ class HeightObservations:
     ) -> PointPriors:
         """Return the priors with the sources' heights at positions ``(m, 3)``, weighted by how well they fit.
 
-        ``cofactors (m, 3, 3)`` are those of the positions, for the cameras as they are, under the ``priors``. With
-        ``alone`` each height has the weight of its own sigma, less the median deviation of its source: for errors of
-        the images that change along their lines. Heights do not share these, and deviate by them.
+        ``cofactors (m, 3, 3)`` are those of the positions for fixed cameras, with the ``priors``. With ``alone`` each
+        height has the weight of its own sigma, after the median deviation of its source is subtracted: for the
+        estimation of image errors that change along the lines, by which heights deviate, but which they do not share.
         """
         count = len(ground)
         information, moment = np.zeros(count), np.zeros(count)
@@ -170,7 +172,7 @@ class HeightObservations:
                 used, off_m = np.ones_like(used), float(np.median(one.miss_m))
                 weights = 1.0 / (one.sigma_factor * rows.sigma_m) ** 2
             weight = rows.share * weights[rows.of]
-            if alone:  # neighbours err alike, and count as one
+            if alone:  # the heights of one cell share their error and count as one
                 cell = np.floor(ground[rows.point] * metres_per_degree(ground[rows.point]) / HEIGHTS.alike_m)[:, :2]
                 _, number, count_of = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
                 weight = weight / count_of[number]
@@ -182,7 +184,7 @@ class HeightObservations:
         free = 1.0 / FREE_POINT_SIGMA_M**2
         gone = priors.observed[:, 2] & self.free & ~seen
         weights[gone, 2], observed[gone, 2] = free, False
-        # The weak priors that only keep equations regular follow the block: from afar they would pull, and cost nothing
+        # The weak priors that keep the equations regular are moved to the points: from a distance they would bias them
         regular = ~observed & (weights == free)
         target[regular] = ground[regular]
         target[seen, 2] = ground[seen, 2] + moment[seen] / np.maximum(information[seen], free)
@@ -193,7 +195,7 @@ class HeightObservations:
     def fit_sources(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray
     ) -> list[SourceFit[HeightRows]]:
-        """Return what the sources say at positions ``(m, 3)``, and how well each observation fits; as `apply`."""
+        """Return each source's observations at positions ``(m, 3)``, with the fit of each; as `add_to_priors`."""
         judged: list[SourceFit[HeightRows]] = []
         for source in self.sources:
             rows = source.observe_heights(ground)
@@ -210,13 +212,13 @@ class HeightObservations:
                 one.sigma_factor = estimate_sigma_factor(one)
             one.weigh_by_fit(np.ones(count, dtype=bool))
             judged.append(one)
-        # What the surveyed heights that take part say of the block's height, against the rays alone
+        # Differences of the surveyed heights that are used from the height by the rays alone
         points = self.surveyed[priors.observed[self.surveyed, 2]]
         points = points[:: -(-len(points) // HEIGHTS.most_gcps) or 1]
         q, w = cofactors[points, 2, 2], priors.weight[points, 2]
         by_rays = np.maximum(1.0 - q * w, HEIGHTS.least_by_rays)
         miss, variance = (priors.target[points, 2] - ground[points, 2]) / by_rays, q / by_rays + 1.0 / w
-        if len(points) > 2:  # stated sigmas of surveys are guesses: what they scatter by counts
+        if len(points) > 2:  # sigmas of surveys are often guesses: their scatter is used
             variance = variance * max(float(robust_sigma((miss - np.median(miss)) / np.sqrt(variance))), 1.0) ** 2
         surveys = OtherOffsets(miss, variance, CommonError(HEIGHTS.least_common_m, False))
         off = compare_groups(
@@ -230,9 +232,9 @@ class HeightObservations:
     def find_unweighted_variance(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray
     ) -> np.ndarray:
-        """Return the variances ``(m,)`` of heights by what a DEM is off as a whole, beyond what its weights say.
+        """Return the variances ``(m,)`` of heights from a DEM's common error, as far as its weights do not include it.
 
-        It counts as far as the DEM holds the cameras; ``precise (m, 3, 3)`` are cofactors with those of the cameras.
+        It is scaled by the DEM's share in the cameras' position; ``precise (m, 3, 3)`` are cofactors with the cameras'.
         """
         of_cameras, variance = np.maximum(precise[:, 2, 2] - cofactors[:, 2, 2], 0.0), np.zeros(len(ground))
         for one in self.fit_sources(priors, ground, cofactors):
@@ -244,9 +246,9 @@ class HeightObservations:
     def summarise_sources(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray
     ) -> tuple[tuple[HeightAgreement, ...], list[SourceFit[HeightRows]]]:
-        """Return how each source agrees with the adjusted points, and what was thought of its observations.
+        """Return the agreement of each source with the adjusted points, and the fit of its observations.
 
-        ``precise (m, 3, 3)`` are the cofactors of the positions with those of the cameras.
+        ``precise (m, 3, 3)`` are the cofactors of the positions including those of the cameras.
         """
         judged = self.fit_sources(priors, ground, cofactors)
         total = sum(one.weight for one in judged)
@@ -261,7 +263,7 @@ class HeightObservations:
 def _summarise_source(
     one: SourceFit[HeightRows], ground: np.ndarray, total: float, of_points: np.ndarray, of_cameras: np.ndarray
 ) -> HeightAgreement:
-    """Return how a source agrees; variances ``(m,)`` of the points by themselves, and by cameras that they share."""
+    """Return a source's agreement; variances ``(m,)`` of the points with fixed cameras, and from the cameras."""
     rows, used = one.rows, one.factor > 0.0
     count = len(one.miss_m)
     at = np.bincount(rows.of, rows.share * (ground[rows.point, 2] - rows.height), count)

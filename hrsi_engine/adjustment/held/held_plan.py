@@ -1,14 +1,14 @@
 """Places of a reference orthoimage as observations of points' positions in plan.
 
-A place is a point of the block, measured on one image or more, whose height its rays or a DEM tell. With the cofactors
-Q of the adjusted point, the weights W of its observed plan and the place p of the reference
+A place is a point of the block, measured on one image or more, whose height follows from its rays or a DEM. With the
+cofactors Q of the adjusted point, the weights W of its observed plan and the position p in the reference
 
     plan by rays = x - Q' W (p - x)        with Q' = (Q^-1 - W)^-1, of which the plan is the variance
 
-so the reference differs from the rays by ``(I + Q' W) (p - x)``. East and north are judged each by themselves, as
-heights are (`shared_errors`); a place is as good as the worse of the two, and a part of the reference that lies off in
-one of them is left out in both. Unlike surveyed GCPs, the places do not outweigh the RPCs' own accuracy by their
-number: most of a reference's error is the same in all of them.
+so the reference differs from the rays by ``(I + Q' W) (p - x)``. East and north are tested separately, as heights are
+(`shared_errors`); a place has the lower weight of the two, and a part of the reference with an outlying offset in one
+of them is left out in both. Unlike surveyed GCPs, the number of places does not give them more weight than the RPCs:
+most of a reference's error is common to all.
 """
 
 from dataclasses import dataclass, field, replace
@@ -35,10 +35,10 @@ class PlaceRows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PlanObservations:
-    """A reference that holds points in plan.
+    """The places of a reference as observations of points in plan.
 
-    places : the places; points : (k,) indices of the adjusted points that they are
-    estimate : whether the sigma is estimated
+    places : the places; points : (k,) indices of their adjusted points
+    estimate : True if the sigma is estimated
     """
 
     places: ReferencePlaces
@@ -70,7 +70,7 @@ class PlanObservations:
     weighed_m = overall_m
 
     def enter_start(self, priors: PointPriors) -> None:
-        """Enter the places into the priors of the start, before anything judges them."""
+        """Enter the places into the initial priors, before they are tested."""
         count = len(self.points)
         weight = 1.0 / ((ORTHOIMAGE.independent * self.places.sigma_m) ** 2 + count * self.overall_m**2)
         for axis in EAST_NORTH:
@@ -79,7 +79,7 @@ class PlanObservations:
             priors.observed[self.points, axis] = True
 
     def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
-        """Return the priors with the places, weighted by how well they fit; as `HeightObservations.apply`."""
+        """Return the priors with the places, weighted by their fit; as `HeightObservations.add_to_priors`."""
         target, weight, observed = priors.target.copy(), priors.weight.copy(), priors.observed.copy()
         for axis, one in zip(EAST_NORTH, self.fit_places(priors, ground, cofactors), strict=True):
             weight[self.points, axis] = np.maximum(one.weights, 1.0 / FREE_POINT_SIGMA_M**2)
@@ -88,12 +88,12 @@ class PlanObservations:
         return replace(priors, target=target, weight=weight, observed=observed)
 
     def fit_places(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> list[SourceFit[PlaceRows]]:
-        """Return what the places say, east and north, and how well each fits."""
+        """Return the observations of the places in east and in north, each with the fit of each place."""
         weight = np.zeros((len(self.points), 3, 3))
         weight[:, EAST_NORTH, EAST_NORTH] = np.where(priors.observed[self.points], priors.weight[self.points], 0.0)[
             :, EAST_NORTH
         ]
-        # one ray without a height leaves nothing along it: a little of the place's own weight keeps that regular
+        # one ray without height has no information along it: a little of the place's own weight keeps it regular
         by_rays = np.linalg.inv(np.linalg.inv(cofactors[self.points]) - (1.0 - HEIGHTS.least_by_rays) * weight)
         away = np.zeros((len(self.points), 3))
         away[:, EAST_NORTH] = self._away_m(ground)
@@ -116,9 +116,9 @@ class PlanObservations:
     def summarise_places(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray, rpcs_m: float
     ) -> PlanAgreement:
-        """Return how the places agree with the adjusted points; ``rpcs_m`` is how well RPCs alone place the block.
+        """Return the places' agreement with the adjusted points; ``rpcs_m`` is the sigma of the block by RPCs alone.
 
-        ``precise (m, 3, 3)`` are the cofactors of the positions with those of the cameras.
+        ``precise (m, 3, 3)`` are the cofactors of the positions including those of the cameras.
         """
         judged = self.fit_places(priors, ground, cofactors)
         east, north = judged
@@ -132,7 +132,7 @@ class PlanObservations:
         weight = 0.5 * (east.weight + north.weight)
         own_m = (
             ORTHOIMAGE.independent * self.places.sigma_m * east.sigma_factor
-        )  # what places scatter by; the rest is shared
+        )  # scatter of single places; the other parts are shared
         return PlanAgreement(
             source=self.name,
             observations=len(self.points),

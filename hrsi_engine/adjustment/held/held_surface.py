@@ -1,18 +1,18 @@
-"""A surface as three-dimensional control of a block that no GCP holds: its relief tells where the block lies in plan.
+"""A surface as control of a block without GCPs: its relief determines the block's position in plan, too.
 
 The tie points of a part of the block are matched with the surface as a whole (`surface.matching`): before the
-adjustment from where the RPCs as given see them, over all displacements that are searched, and in every pass from where
-the rays alone put them. With the cofactors Q of the adjusted points, their weights W and targets p these are
+adjustment from their positions by the original RPCs, over all displacements in the search range, and in every pass from
+their positions by the rays alone. With the cofactors Q of the adjusted points, their weights W and targets p these are
 
     x - Q' W (p - x)        with Q' = (Q^-1 - W)^-1
 
-The displacement d that is left, with the covariance C of the matching and the surface's own error H in plan, is one
-observation of the block's place: of its k points each is observed at ``x + d`` with the weight matrix
-``(C + H)^-1 / k``, so that all of them together weigh what one displacement is worth. Heights are held by the surface
-at the places where the points come to lie (`held_heights`).
+The remaining displacement d, with the covariance C of the matching and the surface's own error H in plan, is one
+observation of the block's position: each of its k points is observed at ``x + d`` with the weight matrix ``(C + H)^-1 /
+k``, so that together they have the weight of one displacement. Heights are observed by the surface at the new positions
+of the points (`held_heights`).
 
-RPCs that are displaced by more than is believed of them have priors that are too narrow, and would pull the block
-back: these are widened by the square of how far the displacement exceeds them (a redescending prior).
+If the displacement exceeds the a priori accuracy of the RPCs, their priors are too narrow and would pull the block
+back: they are widened by the square of the ratio (a redescending prior).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from .held_heights import HEIGHTS
 
 @thresholds
 class SURFACE_FIT:
-    """How a surface holds a block in plan."""
+    """Limits for the use of a surface for a block's position in plan."""
 
     cells_off: float = threshold(
         0.1, "cells", "standard deviation of a DEM's place along each axis", "GLO-30: CE90 6 m, or 2.8 m of 30 m"
@@ -58,12 +58,12 @@ class SURFACE_FIT:
 
 @dataclass(eq=False)
 class SurfacePlan:
-    """The relief under the tie points of a part of a block.
+    """Observation of the plan position of a part of a block by the relief under its tie points.
 
     images : ids of the part's images; points : (k,) indices of its tie points
-    sigma_m : standard deviation of the surface's heights; pointing_m : of the images' place in plan by their RPCs
-    before : (k, 3) the points by the RPCs as given; first : how these lie on the surface
-    relief_m : robust standard deviation of their heights
+    sigma_m : standard deviation of the surface's heights; pointing_m : of the images' plan position by their RPCs
+    before : (k, 3) the points by the original RPCs; first : their match with the surface
+    relief_m : robust standard deviation of the points' heights
     """
 
     images: tuple[str, ...]
@@ -89,7 +89,7 @@ class SurfacePlan:
         cls, images: Sequence[Image], surface: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float,
         kind: str, search_m: float,
     ) -> SurfacePlan | None:  # fmt: skip
-        """Return the relief under ``points (k,)`` of ``ground (m, 3)``, searched; None where it is not there."""
+        """Return the relief under ``points (k,)`` of ``ground (m, 3)``, after its search; None if there is no match."""
         at = ground[points]
         first = match_surface(at, surface, search_m, kind, SURFACE_FIT.noise_share * sigma_m)
         if first is None:
@@ -103,7 +103,7 @@ class SurfacePlan:
 
     @property
     def why_open(self) -> str:
-        """Why the relief does not hold the block in plan; empty where it does."""
+        """Reason why the relief does not determine the block's position in plan; empty if it does."""
         match = self.first
         if match.scatter_m > max(SURFACE_FIT.left_of_relief * self.relief_m, SURFACE_FIT.left_sigmas * self.sigma_m):
             return f"it does not show this terrain (a scatter of {match.scatter_m:.1f} m remains)"
@@ -123,7 +123,7 @@ class SurfacePlan:
 
     @property
     def covariance_m2(self) -> np.ndarray:
-        """Covariance ``(3, 3)`` of the block's place by the surface, with that of the surface's own place."""
+        """Covariance ``(3, 3)`` of the block's position by the surface, including the surface's own position error."""
         datum_m, vertical_m = largest_sigma_m(getattr(self.surface, "operations", ()))
         shared_m2, cells_m2 = (HEIGHTS.dem_whole * self.sigma_m) ** 2, (SURFACE_FIT.cells_off * self.cell_m) ** 2
         own_m2 = np.array([cells_m2 + datum_m**2, cells_m2 + datum_m**2, shared_m2 + vertical_m**2])
@@ -131,27 +131,27 @@ class SurfacePlan:
 
     @property
     def widening(self) -> float:
-        """Factor of the prior standard deviations of the images' pointing that the displacement asks for, 1 or more.
+        """Factor of the prior standard deviations of the images' pointing by the displacement, at least 1.
 
-        Where images are off one by one, as their priors say, the part is off by less than each of them.
+        The priors are independent errors of single images, so that the expected error of the part is smaller.
         """
         return 1.0 if self.why_open else max(1.0, self._beyond(self.pointing_m / np.sqrt(len(self.images))) ** 2)
 
     def _beyond(self, pointing_m: float) -> float:
-        """Return the length of the displacement in plan in standard deviations of itself and of the RPCs' place."""
+        """Return the displacement in plan in units of its standard deviation (including that of the RPCs)."""
         away = self.first.displacement_m[:2]
         expected = self.covariance_m2[:2, :2] + pointing_m**2 * np.eye(2)
         return float(np.sqrt(away @ np.linalg.solve(expected, away)))
 
     def enter_start(self, priors: PointPriors, ground: np.ndarray) -> PointPriors:
-        """Return the priors of the start with the observed plan."""
+        """Return the initial priors with the observed plan position."""
         return priors if self.why_open else self._observe(priors, ground, self.first.displacement_m)
 
     def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
-        """Return the priors with the plan as the surface sees it; as `HeightObservations.add_to_priors`."""
+        """Return the priors with the plan position by the surface; as `HeightObservations.add_to_priors`."""
         if self.why_open:
             return priors
-        # The points as the rays alone put them, and the variances of their heights
+        # The points by the rays alone, and the variances of their heights
         at, Q = ground[self.points], cofactors[self.points]
         W = (1.0 - HEIGHTS.least_by_rays) * priors.build_weight_matrices(self.points)
         by_rays = np.linalg.inv(np.linalg.inv(Q) - W)
@@ -159,7 +159,7 @@ class SurfacePlan:
         return self._observe(priors, ground, self._match_again(*(move_ground(at, -pulled), by_rays[:, 2, 2])))
 
     def _match_again(self, by_rays: np.ndarray, variance_m2: np.ndarray) -> np.ndarray:
-        """Return the displacement ``(3,)`` that is left; it is estimated anew where the block has moved."""
+        """Return the remaining displacement ``(3,)``; it is estimated again if the block has moved."""
         usable = finite_rows(by_rays) & (variance_m2 < self.search_m**2)
         now = np.median(by_rays, axis=0)
         moved = np.zeros(3) if self._at is None else ground_difference_m(now[None], self._at[None])[0]
@@ -176,13 +176,13 @@ class SurfacePlan:
         return start
 
     def _strays(self, now: np.ndarray, found: SurfaceMatch, start: np.ndarray) -> bool:
-        """Return whether a match of points whose middle is ``now (3,)`` leaves the search, or the minimum it is in."""
+        """Return True if a match of points with median ``now (3,)`` leaves the search range or its last minimum."""
         away = ground_difference_m(now[None], np.median(self.before, axis=0)[None])[0] + found.displacement_m
         expected = replace(self.last, displacement_m=start)
         return bool(np.abs(away[:2]).max() > self.search_m + self.cell_m) or found.is_apart_from(expected, self.cell_m)
 
     def _observe(self, priors: PointPriors, ground: np.ndarray, left_m: np.ndarray) -> PointPriors:
-        """Return the priors with each point observed in plan at ``left_m (3,)`` from where it lies."""
+        """Return the priors with each point observed in plan at ``left_m (3,)`` from its present position."""
         target, weight = priors.target.copy(), priors.weight.copy()
         mixed = priors.mixed.copy() if priors.correlated else np.zeros_like(weight)
         each = np.linalg.inv(self.covariance_m2[:2, :2]) / len(self.points)
@@ -192,7 +192,7 @@ class SurfacePlan:
         return replace(priors, target=target, weight=weight, mixed=mixed)
 
     def summarise(self, points: np.ndarray) -> SurfaceOutcome:
-        """Return what the surface says of the part; ``points (m,)`` are those of all positions in the block."""
+        """Return the surface's result for the part; ``points (m, 3)`` are the positions of all points of the block."""
         return SurfaceOutcome(
             self.images, self.first, self.last.displacement_m, self.covariance_m2, self.why_open, self.pointing_m,
             self._beyond(self.pointing_m), self.surface, points[self.points], self.before,

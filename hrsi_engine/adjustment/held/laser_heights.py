@@ -1,17 +1,17 @@
 """Laser points as heights of the tie points around them.
 
-A laser point tells the mean height of the ground in its footprint, and no tie point lies just there. The ties within
-some metres give the ground's shape: their heights z, at d from the laser point, are a plane with blunders (roofs,
-treetops)::
+A laser point is the mean height of the ground in its footprint, where there is no tie point. The tie points within some
+metres determine the ground's shape: their heights z, at d from the laser point, are a plane with blunders (roofs,
+canopy)::
 
     z_i = a + s d_i + e_i        s ~ N(0, slope sigma²)        e_i ~ N(0, scatter² + (roughness |d_i|)²)
 
-solved for the level a and the slope s by iterated reweighting. The laser height h then says of each of these ties that
-it lies at ``h + s d_i``, and of their mean, with the shares ``1 / var e_i``, that it has the height of the laser. Its
-variance is the laser's own (as its file states it, and what no file states) and that of the ground between: the slope's
-uncertainty times the mean distance, what the laser's place is uncertain by times the slope, and the ground's roughness.
+solved for the level a and the slope s by iterated reweighting. The laser height h then observes each of these tie
+points at ``h + s d_i``, and their mean, with the shares ``1 / var e_i``, at the height of the laser. Its variance is
+the laser's own (as stated in its file, and a common part) and that of the ground between: the slope's standard
+deviation times the mean distance, that of the laser's plan position times the slope, and the ground's roughness.
 
-Planes are found again when the block has moved.
+Planes are estimated again when the block has moved.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ NAME = "laser"
 
 @thresholds
 class LASER_FIT:
-    """How ground and laser points are related."""
+    """Limits for the relation of ground and laser points."""
 
     ties: int = threshold(12, "tie points", "nearest tie points that determine the ground around a laser point")
     slope_sigma: float = threshold(0.2, "m/m", "a priori standard deviation of the ground's slope")
@@ -55,7 +55,7 @@ MISFIT = "does not fit the block"
 
 
 class Planes(NamedTuple):
-    """The ground around places: slope (n, 2), its covariance (n, 2, 2), shares of the points (n, k), scatter (n,)."""
+    """Planes of the ground: slope (n, 2), its covariance (n, 2, 2), shares of the points (n, k), scatter (n,)."""
 
     slope: np.ndarray
     covariance: np.ndarray
@@ -64,9 +64,9 @@ class Planes(NamedTuple):
 
 
 def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Planes:
-    """Return the planes through points ``away_m (n, k, 2)`` from places, ``height_m (n, k)`` high, those ``near``.
+    """Return the planes through the points ``near`` (mask) at ``away_m (n, k, 2)`` from places, ``height_m (n, k)``.
 
-    Points off the plane by more than `LASER_FIT.cut` times their scatter lose their weight.
+    Points that deviate from the plane by more than `LASER_FIT.cut` times their scatter lose their weight.
     """
     distance = np.linalg.norm(away_m, axis=2)
     rough = (LASER_FIT.roughness * distance) ** 2
@@ -93,11 +93,11 @@ def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Pl
 
 @dataclass(eq=False)
 class LaserHeights:
-    """The heights of laser points, for the tie points around them.
+    """The heights of laser points as observations of the tie points around them.
 
-    laser : the points; usable : (n,) indices of those that nothing speaks against
-    ties : (k,) indices of the points of the adjustment that they may hold
-    reach_m : how far from a laser point; sigma_m : of every laser height, beside what its file states
+    laser : the points; usable : (n,) indices of those without reasons against their use
+    ties : (k,) indices of the points of the adjustment that they may observe
+    reach_m : largest distance from a laser point; sigma_m : of every laser height, added to that of its file
     """
 
     laser: LaserPoints
@@ -109,8 +109,8 @@ class LaserHeights:
     holds_points: bool = False
     can_be_biased_as_a_whole: bool = False
     common_m: float = LASER_FIT.track_sigma_m
-    chosen: np.ndarray = field(init=False)  #: (o,) indices of the laser points that have ties, in the order of `rows`
-    uneven: np.ndarray = field(init=False)  #: (…,) indices of those whose ties have no common height
+    chosen: np.ndarray = field(init=False)  #: (o,) indices of the laser points with tie points, in the order of `rows`
+    uneven: np.ndarray = field(init=False)  #: (…,) indices of those whose tie points have no common height
     _planned: _TiesOfPoints | None = None
 
     def __post_init__(self) -> None:
@@ -125,7 +125,7 @@ class LaserHeights:
     weighed_m = overall_m
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
-        """Return the laser heights where the points lie."""
+        """Return the observed laser heights at the points' positions."""
         plan = self._planned
         if plan is None or plan.shift_m(ground) > LASER_FIT.moved_m:
             plan = self._planned = self._find_ties(ground)
@@ -137,7 +137,7 @@ class LaserHeights:
         return HeightRows(plan.point, plan.of, plan.share, height, plan.sigma_m, self._track[plan.laser])
 
     def report_points(self, judged: SourceFit[HeightRows], ground: np.ndarray) -> LaserOutcome:
-        """Return what became of each laser point, as its observation was ``judged`` for points at ``ground (m, 3)``."""
+        """Return the result of each laser point, by the fit ``judged`` of its observation to ``ground (m, 3)``."""
         count, rows = len(self.laser), judged.rows
         reason = self.laser.doubt.astype("U64")
         reason[self.usable] = NO_TIES_NEAR
@@ -154,7 +154,7 @@ class LaserHeights:
         return LaserOutcome(self.laser, reason, ties, residual, sigma)
 
     def _find_ties(self, ground: np.ndarray) -> _TiesOfPoints:
-        """Return which ties each laser point speaks of, and the ground between."""
+        """Return the tie points that each laser point observes, and the planes of the ground between them."""
         laser = self.laser.ground[self.usable]
         placed = self.ties[finite_rows(ground[self.ties])]
         if not len(laser) or not len(placed):
@@ -187,7 +187,7 @@ class LaserHeights:
 
 
 class _TiesOfPoints(NamedTuple):
-    """Which ties the laser points speak of: point, of, share (r,); laser, slope, sigma_m (o, …), and where all lay."""
+    """Tie points that laser points observe: point, of, share (r,); laser, slope, sigma_m (o, …); mean position."""
 
     laser: np.ndarray
     uneven: np.ndarray
@@ -201,12 +201,12 @@ class _TiesOfPoints(NamedTuple):
 
     @classmethod
     def make_empty(cls, ground: np.ndarray) -> _TiesOfPoints:
-        """Return a plan without observations."""
+        """Return an empty assignment of tie points."""
         none = np.zeros(0, dtype=np.int64)
         return cls(none, none, none, none, np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.full(3, np.nan), none)
 
     def shift_m(self, ground: np.ndarray) -> float:
-        """Return by how much the ties have moved in plan since; without ties, infinitely far."""
+        """Return the distance in plan by which the tie points have moved since; infinite without tie points."""
         if not len(self.placed):
             return np.inf
         away = (ground[self.placed, :2].mean(axis=0) - self.middle[:2]) * metres_per_degree(ground[:1])[0, :2]
