@@ -1,8 +1,8 @@
 """Tie points of a block: overlapping pairs, their relative geometry, matching of windows, tracks and links.
 
-`search` goes through the rounds. `overlaps` finds pairs at the true height of the terrain, `pair_choice` those worth
-matching, `overview` and `coarse` what the RPCs are off and how high the ground is, `star` plans the windows and does
-the work of each, `joining` makes tracks, `links` judges which hold. `relative_cameras` puts all together to find what
-single pairs miss. Work goes through `hrsi_engine.foundation.workers.scheduling` as independent parts, each of which
-needs nothing but what it carries.
+`search` controls the rounds. `overlaps` finds overlapping pairs at the height of the terrain, `pair_choice` selects
+those to be matched, `overview` and `coarse` estimate the offsets of the RPCs and the heights of the ground, `star`
+plans and matches windows, `joining` forms tracks, `links` tests the links between images. `relative_cameras` uses all
+matches to predict positions in images that single pairs cannot connect. The work consists of independent parts with
+complete input, run by `hrsi_engine.foundation.workers.scheduling`.
 """

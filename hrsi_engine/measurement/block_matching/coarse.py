@@ -1,13 +1,13 @@
 """Relative geometry of two images from their overviews: the offset between their RPCs and the heights of the ground.
 
-Features of the two overviews are matched within bands along the epipolar lines; the band's width is what the RPCs may
-be off, and grows where nothing is found. What agrees with one offset across the lines gives that offset, and by
-its place along the lines the heights of the ground: *apparent* heights, which take up what the RPCs are off along the
-lines. A DEM gives their shape, where there is one.
+Features of the two overviews are matched within bands along the epipolar lines; the width of the band is the error of
+the RPCs, and is increased if nothing is found. Matches that agree with one offset across the lines determine this
+offset, and their positions along the lines the heights of the ground: *apparent* heights, which contain the errors of
+the RPCs along the lines. If there is a DEM, it provides the shape of the ground.
 
-Where too few features agree the second image may be a negative of the first, or of another band, in which some of what
-is light is dark: its features are then compared as those of its negative, and both ways together. The descriptors of a
-negative follow from those of the image, so that this costs no second look at the pixels.
+If too few features agree, the second image may be a negative of the first, or of another band, in which some bright
+objects are dark: its features are then compared as those of its negative, and of both together. The descriptors of a
+negative follow from those of the image, without reading its pixels again.
 """
 
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ _CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
 
 @thresholds
 class COARSE:
-    """When the features of two overviews agree, and what follows for the pair."""
+    """Conditions for agreement of the features of two overviews, and properties of the pair derived from them."""
 
     enough: int = threshold(60, "matches", "that agree, from which no other contrast is tried", _CONTRASTS)
     enough_share: float = threshold(
@@ -63,7 +63,7 @@ class CoarseJob:
     steps: tuple[int, int]
     heights: GroundRange
     margin_px: float
-    terrain_m: np.ndarray | None = None  #: by a DEM at `place_height_nodes` of the first image, NaN where unknown
+    terrain_m: np.ndarray | None = None  #: heights of a DEM at `place_height_nodes` of the first image, NaN if unknown
 
 
 def place_height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
@@ -75,21 +75,21 @@ def place_height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, in
 
 
 def sample_terrain(image: Image, surface: HeightSurface) -> np.ndarray:
-    """Return the heights of a surface at an image's nodes; NaN where it has none."""
+    """Return the heights of a surface at an image's height nodes; NaN for nodata."""
     ground, status = intersect_surface(image.rpc, place_height_nodes(image.known_size)[0], surface)
     return np.where(status == Status.FOUND, ground[:, 2], np.nan)
 
 
 def reduce_rpc(rpc: RPC, step: int) -> RPC:
-    """Return the RPC of an image's overview, whose pixels are means of ``step`` x ``step``."""
+    """Return the RPC of an image's overview, whose pixels are means of ``step`` x ``step`` pixels."""
     middle = (step - 1) / 2.0
     return rpc.resample((step, step), (middle, middle))
 
 
 def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
-    """Return ``first_xy``, ``second_xy (n, 2)`` (full-resolution px) of the matches that agree, and ``contrasts``.
+    """Return ``first_xy``, ``second_xy (n, 2)`` (full-resolution px) of the consistent matches, and ``contrasts``.
 
-    Where the overviews have too little in common, windows of a finer resolution are compared.
+    If the overviews have too few, windows of a higher resolution are compared.
     """
     found = _match_in_any_contrast(job, first, second)
     if len(found["first_xy"]) < COARSE.fewest and max(job.steps) > 1:
@@ -100,7 +100,7 @@ def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
 
 
 def _match_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
-    """Return the consistent matches with the second image; where they are few, with its negative or with both."""
+    """Return the consistent matches with the second image; if they are few, also with its negative or with both."""
     found = _match_features(job, first, second) | {"contrasts": np.array([1])}
     fewer = min(len(first["xy"]), len(second["xy"]))
     if len(found["first_xy"]) >= max(COARSE.enough, COARSE.enough_share * fewer):
@@ -124,7 +124,7 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
     best = np.empty((0, 2), dtype=np.int64)
     for growth in COARSE.band_growth:
         margin = growth * job.margin_px / job.steps[1] + COARSE.floor_px
-        # Lines that pass through the second image, and its points where they pass
+        # Lines that intersect the second image, and its features near them
         low, high = lines.bounds(margin)
         here = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
         least, most = low[here].min(axis=0, initial=np.inf), high[here].max(axis=0, initial=-np.inf)
@@ -144,7 +144,7 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
 
 
 def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
-    """Return the features of windows of the first image and of the parts of the second that may show them."""
+    """Return the features of windows of the first image and of the parts of the second that can show them."""
     geometry = TilePairGeometry(
         job.first.rpc, job.second.rpc, *job.heights,
         margin_px=(COARSE.band_growth[1] * job.margin_px, COARSE.band_growth[1] * job.margin_px),
@@ -166,7 +166,7 @@ def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
 
 
 def compute_epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRange) -> EpipolarLines:
-    """Return the epipolar lines of points between two heights; NaN where a point has no ground there."""
+    """Return the epipolar lines of points between two heights; NaN for points without a ground position there."""
     low, high = (transfer(first, second, xy, height) for height in heights)
     along = 0.5 * (high - low)
     reach = np.linalg.norm(along, axis=1)
@@ -178,14 +178,14 @@ def compute_epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: Gro
 
 
 class PairEstimate(NamedTuple):
-    """The estimated geometry of a pair, and the number of matches that it is estimated from."""
+    """The estimated geometry of a pair, and the number of matches used for it."""
 
     geometry: TilePairGeometry
     matches: int
 
 
 def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
-    """Return the offset and the heights estimated from matches; None where there are too few of them."""
+    """Return the offset and the heights estimated from matches; None if there are too few."""
     first_xy, second_xy = found["first_xy"], found["second_xy"]
     if len(first_xy) < COARSE.fewest:
         return None
@@ -195,7 +195,7 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
     noise_px = COARSE.floor_px * max(job.steps)
     stretch, contrasts = float(np.median(miss.stretch)), tuple(found["contrasts"].tolist())
     if stretch * (job.heights.high_m - job.heights.low_m) < COARSE.same_view_px:
-        # No parallax: an offset in both directions, and any height
+        # No parallax: an offset in both directions, and no information on heights
         away = second_xy - transfer(first, second, first_xy, middle)
         offset = np.nanmedian(away, axis=0)
         margin = COARSE.safety * MAD_TO_SIGMA * float(np.nanmedian(np.abs(away - offset))) + noise_px
@@ -222,7 +222,7 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
 
 
 def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[HeightGrid, float]:
-    """Return apparent heights over the first image, from matches or from the DEM moved to them, and their sigma (m)."""
+    """Return apparent heights over the first image, from matches or from a DEM shifted to them, and their sigma (m)."""
     nodes, shape, spacing = place_height_nodes(job.first.known_size)
     candidates = [interpolate_median(xy, height_m, nodes)]
     if job.terrain_m is not None and np.isfinite(job.terrain_m).any():
@@ -238,7 +238,7 @@ def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -
 def interpolate_median(
     xy: np.ndarray, values: np.ndarray, places: np.ndarray, count: int = COARSE.neighbours, skipped: int = 0
 ) -> np.ndarray:
-    """Return at each place the median of the ``count`` nearest values, without the ``skipped`` nearest of them."""
+    """Return at each place the median of the ``count`` nearest values, without the ``skipped`` nearest ones."""
     count = min(count + skipped, len(xy))
     _, near = cKDTree(xy).query(places, k=np.arange(1, count + 1))
     return np.asarray(np.median(values[near[:, min(skipped, count - 1) :]], axis=1))

@@ -1,22 +1,22 @@
-"""Tracks from the matches of all windows: outliers, contradictions and repetitions are dropped, the rest is thinned.
+"""Tracks from the matches of all windows: outliers, contradictions and duplicates are removed, the rest is thinned.
 
-Two tests see two kinds of wrong matches. *Across* the epipolar line of its pair a match may be off only by what the
-RPCs are off, which changes slowly over the image: the deviations are compared with a polynomial trend, fitted robustly
-(`drop_outliers`). *Along* the line every deviation looks like a height h; but the pairs of one reference must agree
-on it. A match of a pair whose views are s px per metre of height apart tells h with the weight s^2, so the heights of
-a track are compared with their mean
+Two tests detect two kinds of wrong matches. *Across* the epipolar line the deviation of a match is that of the RPCs,
+which changes slowly over the image: the deviations are compared with a polynomial trend, fitted robustly
+(`drop_outliers`). *Along* the line a deviation is equivalent to a height h, but the pairs of a reference must agree on
+it. In a pair with a parallax of s px per metre of height, a match determines h with the weight s^2, so the heights of a
+track are compared with their mean
 
     h_mean = sum(s^2 h) / sum(s^2),        away = s (h - h_mean)  in px,
 
-after each pair's own trend, again what the RPCs are off, has been taken from its heights (`drop_contradictions`).
+after a trend of each pair, again due to its RPCs, has been subtracted from its heights (`drop_contradictions`).
 
-**Sigmas.** That of a match is of the difference between two image points: the grey values of both windows are noisy. So
-each end has its root of one half, and what cameras do from point to point beside it (vibration, the RPC's fit), c px::
+**Sigmas.** That of a match refers to the difference between two image points, since the grey values of both windows
+have noise. Each end has the share 1 / sqrt(2), and the random camera errors (vibration, fit of the RPC) of c px::
 
     deviation across the line: variance s^2 + 2 c^2        image point: variance s^2 / 2 + c^2
 
-c is one number a block, such that the median of the squared deviations over their variances is that of chi squared
-(`estimate_camera_sigma`). On real images s / sqrt(2) is what residuals show from the best to the worst match
+c is constant in a block, such that the median of the squared deviations over their variances is that of chi squared
+(`estimate_camera_sigma`). For real images s / sqrt(2) agrees with the residuals, from the best to the worst matches
 (docs/tie_sigmas.md).
 """
 
@@ -44,7 +44,7 @@ _CLIFFS = "simulated cliffs, clouds, water, bands: nearly all false, 1 of 200 go
 
 @thresholds
 class TESTS:
-    """Which matches of a pair and of a track contradict the others, and what sigma the rest has."""
+    """Rejection of matches of a pair or track that contradict the others, and sigmas of the rest."""
 
     least_camera_px: float = threshold(0.0125, "px", "added by cameras at least", _RELIEF)
     most_camera_px: float = threshold(0.2, "px", "added by cameras at most; drift is the adjustment's")
@@ -68,7 +68,7 @@ MEDIAN_CHI_SQUARED = 0.4549  # with one degree of freedom
 class BlockMatches(Columns):
     """All matches of a block, one row each; ``track`` numbers the points of all references from 0.
 
-    Row k says that point ``track[k]``, at ``first_xy[k]`` of image ``first[k]``, is at ``second_xy[k]`` of
+    In row k, point ``track[k]`` is at ``first_xy[k]`` of image ``first[k]`` and at ``second_xy[k]`` of image
     ``second[k]``, with the apparent height ``height_m[k]`` of that pair.
     """
 
@@ -87,7 +87,7 @@ class BlockMatches(Columns):
 
 
 def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
-    """Put the results of all star jobs together; each comes with the number of its reference."""
+    """Concatenate the results of all star jobs, each given with the index of its reference."""
     names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
     used = [(number, result) for number, result in results if len(result["partner"])]
     if not used:
@@ -99,7 +99,7 @@ def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
     first = np.repeat([number for number, _ in used], [len(result["partner"]) for _, result in used])
     place = np.column_stack([first, columns["first_xy"]])
     _, track = np.unique(place, axis=0, return_inverse=True)
-    once = np.unique(np.column_stack([track, second]), axis=0, return_index=True)[1]  # the same point of two windows
+    once = np.unique(np.column_stack([track, second]), axis=0, return_index=True)[1]  # one of two windows
     return BlockMatches(track, first, second, **columns).select(once)
 
 
@@ -107,11 +107,11 @@ def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
 
 
 def drop_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool = False) -> BlockMatches:
-    """Drop the matches that leave the smooth offset which a pair's RPCs have across the epipolar lines.
+    """Drop outliers of each pair from the smooth trend of its deviations across the epipolar lines.
 
-    And those far less precise than the pair's others: their windows hold two surfaces, as at a cliff, or what moved.
-    And small islands of another height than all around, which a pattern that repeats itself makes; towers are such
-    islands too, and stay with ``islands``.
+    Also those far less precise than the pair's others, since their windows contain two surfaces or moving objects, and
+    small islands whose height differs from all surroundings, as from repeated patterns; towers are such islands too,
+    and are kept with ``islands``.
     """
     keep = np.zeros(len(matches), dtype=bool)
     for rows in group_by_pair(matches).values():
@@ -127,18 +127,18 @@ def drop_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool 
 
 
 def _compute_pair_miss(matches: BlockMatches, rows: np.ndarray, images: Sequence[Image]) -> EpipolarMiss:
-    """Return the misses of one pair's matches from their epipolar lines, at their median height."""
+    """Return the deviations of one pair's matches from their epipolar lines, at their median height."""
     first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
     middle = float(np.median(matches.height_m[rows]))
     return compute_epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
 
 
 def _find_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
-    """Return which matches are connected with many others by steps that terrain and houses explain."""
+    """Return the mask of matches that are connected with many others by height steps of terrain and buildings."""
     if len(xy) <= TESTS.island_neighbours:
         return np.ones(len(xy), dtype=bool)
     distance, near = cKDTree(xy).query(xy, k=TESTS.island_neighbours + 1)
-    # Over a gap the slope would excuse any step: where a pattern repeats itself, what is left of it lies beyond gaps
+    # The length of a step is limited: over a large gap any height difference would be plausible
     widest = TESTS.island_gap * float(np.median(distance[:, -1]))
 
     def is_plausible_step(step: np.ndarray, way: np.ndarray) -> np.ndarray:
@@ -150,14 +150,14 @@ def _find_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     many = np.asarray(np.bincount(part)[part] >= TESTS.island_share * len(xy))
     if many.all() or not many.any():
         return many
-    # A part beyond water or a cloud has all its neighbours in itself: most of it must fit the nearest of the mainland
+    # An isolated part (behind water or a cloud) is accepted if most of it fits the nearest matches of the mainland
     distance, near = cKDTree(xy[many]).query(xy[~many])
     fits = is_plausible_step(parallax[~many] - parallax[many][near], distance)
     return many | (2 * np.bincount(part[~many], fits, part.max() + 1) > np.bincount(part))[part]
 
 
 def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> float:
-    """Return the standard deviation (px) that cameras add to an image point, by the misses across epipolar lines."""
+    """Return the standard deviation (px) of random camera errors of image points, from deviations across the lines."""
     deviation, variance = [], []
     for rows in group_by_pair(matches).values():
         if len(rows) < TESTS.fewest:
@@ -180,7 +180,7 @@ def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> flo
 
 
 def group_by_pair(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
-    """Return the rows of each pair of images (numbers)."""
+    """Return the row indices of each pair of images (indices)."""
     order = np.lexsort((matches.second, matches.first))
     pairs = np.column_stack([matches.first, matches.second])[order]
     if not len(pairs):
@@ -191,14 +191,14 @@ def group_by_pair(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
 
 
 def _build_trend_design(xy: np.ndarray) -> np.ndarray:
-    """Return the columns of a quadratic trend over an image; of a plane where there are few points."""
+    """Return the design matrix of a quadratic trend over an image; of a plane if there are few points."""
     x, y = ((xy - xy.mean(axis=0)) / (np.ptp(xy, axis=0).max() + 1.0)).T
     columns = [np.ones(len(xy)), x, y] + ([x * x, x * y, y * y] if len(xy) >= 60 else [])
     return np.column_stack(columns)
 
 
 def _find_trend_inliers(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
-    """Return which values agree with a smooth trend, fitted robustly: within the tolerance or so many robust sigmas."""
+    """Return which values agree with a robust smooth trend, within the tolerance or the robust outlier limit."""
     good = np.isfinite(values)
     if good.sum() < TESTS.fewest:
         return np.zeros(len(values), dtype=bool)
@@ -221,9 +221,9 @@ def _robust_sigma(values: np.ndarray) -> float:
 
 
 def drop_contradictions(matches: BlockMatches, images: Sequence[Image]) -> BlockMatches:
-    """Drop the matches whose height the other matches of their track contradict; both where only two disagree.
+    """Drop matches whose height contradicts the other matches of their track; both if only two disagree.
 
-    Apparent heights of pairs differ by a smooth field over the reference, which is found and taken off.
+    Apparent heights of pairs differ by a smooth function over the reference, which is estimated and subtracted.
     """
     keep = np.ones(len(matches), dtype=bool)
     for number in np.unique(matches.first):
@@ -234,7 +234,7 @@ def drop_contradictions(matches: BlockMatches, images: Sequence[Image]) -> Block
 
 def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
     """Return the mask of the matches of one reference whose heights agree with those of their tracks."""
-    # Px per metre of height along the epipolar lines of each match, by its pair's mean
+    # Parallax along the epipolar lines in px per metre of height, the mean of each pair
     stretch = np.zeros(len(matches))
     for (first, second), rows in group_by_pair(matches).items():
         few = rows[:: max(1, len(rows) // 16)]
@@ -259,7 +259,7 @@ def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
             terms = _build_trend_design(matches.first_xy[shared])
             height[shared] -= terms @ np.linalg.lstsq(terms[fits], away[fits], rcond=1e-10)[0]
     keep = np.ones(len(matches), dtype=bool)
-    for _ in range(2):  # the worst of each track first: it spoils the mean of the others
+    for _ in range(2):  # the worst match of each track first, since it biases the mean of the others
         away_px = np.abs(height - _average_by_group(point, height, weight * (good & keep))[point]) * stretch
         away_px[~keep | ~good] = 0.0
         worst = np.zeros(len(mean))
@@ -286,10 +286,10 @@ def _average_by_group(group: np.ndarray, values: np.ndarray, weight: np.ndarray)
 def to_image_points(
     matches: BlockMatches, images: Sequence[Image], cells: int, per_cell: Mapping[int, int]
 ) -> tuple[ImagePoints, np.ndarray]:
-    """Return the image points of the chosen tracks and the ground positions ``(tracks, 3)`` they have by the RPCs.
+    """Return the image points of the selected tracks and their approximate ground positions ``(tracks, 3)``.
 
-    Every cell of an image's grid of ``cells`` x ``cells`` keeps about ``per_cell[image]`` tracks: those on many
-    images first, then the best. Point ids are in the order of the tracks.
+    Every cell of an image's grid of ``cells`` x ``cells`` keeps about ``per_cell[image]`` tracks: those in most images
+    first, then the best. Point ids are in the order of the tracks.
     """
     if not len(matches):
         return ImagePoints.create([], [], np.empty((0, 2))), np.empty((0, 3))
@@ -298,11 +298,11 @@ def to_image_points(
     own, camera = matches.sigma_px / np.sqrt(2.0), estimate_camera_sigma(matches, images)
     sigma = np.sqrt(np.bincount(track, own**2) / np.bincount(track))
     quality = np.bincount(track, matches.quality) / np.bincount(track)
-    # The measurements: one of each track in its reference, one a match in the others
+    # The measurements: one of each track in its reference, one for each match in the other images
     of_track, image = np.r_[np.arange(len(names)), track], np.r_[matches.first[head], matches.second]
     xy = np.concatenate([matches.first_xy[head], matches.second_xy])
-    rank = quality - np.sqrt(2.0) * sigma  # both matter: a sharp point of a clear match
-    # Which tracks stand beside a better one on two images or more: one place, found from two references
+    rank = quality - np.sqrt(2.0) * sigma  # prefers accurate points of distinct matches
+    # Of tracks that are close to each other in two images or more, found from two references, the better one is kept
     length = np.bincount(of_track, minlength=len(rank))
     beside: list[np.ndarray] = []
     for number in np.unique(image):
@@ -328,7 +328,7 @@ def to_image_points(
     for number in np.unique(first):
         here = first == number
         ground[here] = images[number].rpc.localize(matches.first_xy[head][here], height[here]).ground
-    # Image points `T1`, `T2` …, by track and image
+    # Image points `T1`, `T2` …, sorted by track and image
     rows = np.flatnonzero(chosen[of_track])
     rows = rows[np.lexsort((image[rows], of_track[rows]))]
     ids = np.char.zfill(np.cumsum(chosen)[of_track[rows]].astype(str), len(str(int(chosen.sum()))))
@@ -341,10 +341,10 @@ def to_image_points(
 
 
 def build_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.ndarray) -> np.ndarray:
-    """Return the track number of each node (keypoint), -1 for nodes without one.
+    """Return the track number of each node (keypoint), -1 for nodes without a track.
 
-    Matches join nodes ``first[i]`` and ``second[i]``; connected nodes form a track. A track that meets an image twice
-    contradicts itself and is dropped whole. Numbers run from 0.
+    Matches connect the nodes ``first[i]`` and ``second[i]``; a connected component is a track. A track with two nodes
+    in one image is contradictory and dropped completely. Numbers start at 0.
     """
     count = len(image_of_node)
     graph = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
@@ -360,13 +360,13 @@ def build_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.ndarra
 def select_tracks_by_cell(
     track: np.ndarray, image: np.ndarray, xy: np.ndarray, quality: np.ndarray, cell_px: np.ndarray, per_cell: np.ndarray
 ) -> np.ndarray:
-    """Return a mask of tracks to keep so that no image's grid cell gets more than it needs.
+    """Return a mask of tracks to keep, so that no grid cell of an image gets more than needed.
 
-    Longer tracks come first, then those of higher quality. A track is kept when at least one of its cells still has
+    Longer tracks are first, then those of higher quality. A track is kept if at least one of its cells still has
     room, so that images with few points keep theirs.
 
     track, image : (n,) of each measurement; xy : (n, 2); quality : (tracks,); cell_px : (images, 2) cell sizes;
-    per_cell : (images,) tracks that a cell of an image has room for
+    per_cell : (images,) number of tracks wanted in a cell of an image
     """
     tracks = len(quality)
     length = np.bincount(track, minlength=tracks)

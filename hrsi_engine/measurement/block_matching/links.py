@@ -1,15 +1,15 @@
 """Reliability of the links between images: closures of triangles, weak links, bridges, connections of each image.
 
-A link is a pair with matches. Three links i-j, j-k, i-k close: a point p of i that is matched at q in j and at r in k
-must be where the link j-k says that q is. The matches of j-k near q tell that, by the displacement that they have in
-common there. The median of the closures of many points is near 0 where all three links are right, and anything where
-one of them is false, as repeated patterns make it. A link is left out where two triangles more stay open than close;
-the worst goes first, and takes its open triangles with it.
+A link is a pair with matches. Three links i-j, j-k, i-k form a triangle: a point p of i that is matched at q in j and
+at r in k must be at the position that the link j-k predicts for q, from the common displacement of its matches near q.
+The median of the closures of many points is near 0 if all three links are correct, and arbitrary if one of them is
+false, for example because of repeated patterns. A link is excluded if two more of its triangles are open than closed;
+the worst is excluded first, together with its open triangles.
 
-A link on no loop (a bridge of the graph of links) is checked by nothing. An image that hangs on such a link alone, with
-few matches, is left out: they lie in a part of it, and say little of the rest. Bridges are found by random numbers
-(Pritchard and Thurimella, 2011): each link outside a spanning tree has one, which is added modulo 2 to all links of the
-tree between its ends; a link of the tree whose sum is 0 is on no loop.
+A link without a loop (a bridge of the graph of links) is not checked. An image that is connected only by such a link
+with few matches is excluded, since they are in one part of it only. Bridges are found by random numbers (Pritchard and
+Thurimella, 2011): each link outside a spanning tree has one, which is added modulo 2 to all links of the tree between
+its ends; a link of the tree whose sum is 0 is not in a loop.
 """
 
 from collections import Counter
@@ -32,7 +32,7 @@ _YEAR = "simulated year, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
 
 @thresholds
 class LINKS:
-    """Which links between images hold a block together."""
+    """Conditions for links between images to be used."""
 
     near_px: float = threshold(40.0, "px", "from a point to the matches of the third link that predict it")
     neighbours: int = threshold(5, "matches", "of the third link that predict a point")
@@ -48,9 +48,9 @@ class LINKS:
 
 
 class ImageLink(NamedTuple):
-    """A link by the numbers of its images.
+    """A link by the indices of its images.
 
-    matches : that were kept; closed, open : triangles that it takes part in; sound : whether its matches are used
+    matches : number of matches kept; closed, open : number of its triangles; sound : whether its matches are used
     """
 
     first: int
@@ -62,10 +62,10 @@ class ImageLink(NamedTuple):
 
 
 class ImageHold(NamedTuple):
-    """How an image is connected to the others of its block.
+    """Connection of an image to the others of its block.
 
-    links : number of its sound links; images : connected with it directly or through others, itself among them
-    tried : number of its pairs that were tried; reason : why it has no sound link; empty where it has one
+    links : number of its reliable links; images : number of images connected to it directly or indirectly, with itself
+    tried : number of its pairs that were tried; reason : why it has no reliable link; empty if it has one
     """
 
     image: str
@@ -76,7 +76,7 @@ class ImageHold(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The verdict in words."""
+        """The connection as a sentence."""
         if not self.links:
             return f"{self.image}: connected to no other image ({self.reason})"
         others = "1 other image" if self.links == 1 else f"{self.links} other images"
@@ -84,9 +84,9 @@ class ImageHold(NamedTuple):
 
 
 def judge_links(matches: BlockMatches) -> list[ImageLink]:
-    """Return all links with the numbers of their closed and open triangles, and whether they are sound."""
+    """Return all links with the numbers of their closed and open triangles, and whether they are reliable."""
     rows = group_by_pair(matches)
-    # Triangles of links that stay open and that close; those with too few points are in neither
+    # Open and closed triangles of links; those with too few common points are in neither list
     open_: list[tuple[NumberPair, ...]] = []
     closed: list[tuple[NumberPair, ...]] = []
     stars: dict[int, list[int]] = {}
@@ -124,7 +124,7 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
 
 
 def _count_triangles(triangles: Sequence[tuple[NumberPair, ...]]) -> Counter[NumberPair]:
-    """Return how many of the triangles each link takes part in."""
+    """Return the number of the given triangles that contain each link."""
     return Counter(pair for triangle in triangles for pair in triangle)
 
 
@@ -132,7 +132,7 @@ def _compute_closure(
     matches: BlockMatches, first: np.ndarray, second: np.ndarray, third: NumberPair, between: np.ndarray,
     trees: dict[NumberPair, cKDTree],
 ) -> float | None:  # fmt: skip
-    """Return the median closure of a triangle in px; None where too few points are in all three links."""
+    """Return the median closure of a triangle in px; None if too few points are in all three links."""
     _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
     q, r = matches.second_xy[first[a]], matches.second_xy[second[b]]
     if len(a) < LINKS.fewest_closures:
@@ -147,7 +147,7 @@ def _compute_closure(
     if usable.sum() < LINKS.fewest_closures:
         return None
     step = matches.second_xy[between] - matches.first_xy[between]
-    # Rotation between the images: the displacement is carried by the local affine map of the whole link
+    # Local displacement relative to the affine map of the complete link, because of rotations between the images
     terms = np.column_stack([np.ones(len(between)), matches.first_xy[between]])
     affine = np.linalg.lstsq(terms, step, rcond=None)[0]
     left = step - terms @ affine
@@ -158,9 +158,9 @@ def _compute_closure(
 
 
 def cut_weak_bridges(links: Sequence[ImageLink]) -> list[ImageLink]:
-    """Return the links; bridges (on no loop) that alone connect an image, by few matches, are not sound.
+    """Return the links; bridges with few matches that alone connect an image are marked as not reliable.
 
-    What then hangs together in pairs only, beside a larger block, is cut too.
+    Parts that are then too small, next to a larger block, are also excluded.
     """
     sound = [link for link in links if link.sound]
     loops = _LinkGraph(sound)
@@ -178,7 +178,7 @@ def cut_weak_bridges(links: Sequence[ImageLink]) -> list[ImageLink]:
 
 
 def find_bridges(links: Sequence[ImageLink]) -> list[tuple[ImageLink, list[int]]]:
-    """Return the sound links that no loop checks, each with the images of the smaller side that it holds."""
+    """Return the reliable links without a loop, each with the images of the smaller part that it connects."""
     sound = [link for link in links if link.sound]
     found = []
     for place in np.flatnonzero(_LinkGraph(sound).bridge).tolist():
@@ -191,11 +191,11 @@ def find_bridges(links: Sequence[ImageLink]) -> list[tuple[ImageLink, list[int]]
 
 
 class _LinkGraph:
-    """The graph of links: its bridges, and its connected components with and without them.
+    """The graph of links: its bridges, and its connected components with and without bridges.
 
-    bridge : (links,) of each link, whether no loop has it
-    size : of each image, how many hang together with it by links on loops
-    part, together : of each image, the block that it is in by all links, and how many images that has
+    bridge : (links,) whether the link is a bridge
+    size : by image, the number of images in its component without bridges
+    part, together : by image, its connected component, and the number of images in it
     """
 
     def __init__(self, links: Sequence[ImageLink]) -> None:
@@ -203,7 +203,7 @@ class _LinkGraph:
         numbers, ends = np.unique(pairs, return_inverse=True)
         ends, count = ends.reshape(-1, 2), len(numbers)
         _, part = connected_components(_build_adjacency(ends, count), directed=False)
-        # A root above one image of every block makes one tree of all
+        # An additional root connected to one image of every component makes one tree of all
         heads = np.unique(part, return_index=True)[1]
         rooted = np.concatenate([ends, np.column_stack([np.full(len(heads), count), heads])])
         order, parent = breadth_first_order(_build_adjacency(rooted, count + 1), count, directed=False)
@@ -227,7 +227,7 @@ def _build_adjacency(pairs: np.ndarray, count: int) -> coo_matrix:
 
 
 def drop_unsound_links(matches: BlockMatches, links: Sequence[ImageLink]) -> BlockMatches:
-    """Return the matches of the sound links only, whichever of the two images is the reference."""
+    """Return the matches of reliable links only, in both orders of the images."""
     sound = {frozenset(link[:2]) for link in links if link.sound}
     keep = np.zeros(len(matches), dtype=bool)
     for pair, rows in group_by_pair(matches).items():
@@ -236,10 +236,10 @@ def drop_unsound_links(matches: BlockMatches, links: Sequence[ImageLink]) -> Blo
 
 
 def find_displaced_images(offsets_px: Mapping[NumberPair, float]) -> dict[int, float]:
-    """Return the images whose RPCs lie far beside those of all others, and by how many pixels.
+    """Return the images whose RPCs differ strongly from those of all others, and the difference in pixels.
 
-    ``offsets_px`` is how far the RPCs of each pair are off across the epipolar lines. An image is displaced where most
-    of its offsets are several times those of the block; its partners' are then its own fault, and do not count.
+    ``offsets_px`` are the offsets of the RPCs of each pair across the epipolar lines. An image is displaced if the
+    median of its offsets is several times that of the block; its pairs are then removed for the test of the others.
     """
     left: dict[NumberPair, float] = dict(offsets_px)
     displaced: dict[int, float] = {}
@@ -263,7 +263,7 @@ def summarise_holds(
     images: Sequence[Image], usable: Sequence[int], links: Sequence[ImageLink], tried: Mapping[int, int],
     reasons: Mapping[int, str],
 ) -> tuple[ImageHold, ...]:  # fmt: skip
-    """Return for each usable image its sound links, and the number of images connected with it."""
+    """Return for each usable image its number of reliable links, and the number of images connected with it."""
     sound = [link for link in links if link.sound]
     count = Counter(number for link in sound for number in link[:2])
     together = _LinkGraph(sound).together

@@ -1,8 +1,8 @@
 """Overlapping pairs of a block's images, at the true height of the ground, without a test of every pair.
 
-Polygons hold what an image may see between its lowest and highest ground; those that touch are found through a tree,
-and only of those pairs the footprints are intersected. Where no DEM tells how high the ground is, a pair counts at the
-height where it overlaps most: matching finds the true one.
+Polygons contain the area that an image can show between its lowest and highest ground; those that touch are found by a
+spatial index, and footprints are intersected for these pairs only. Without a DEM, the overlap of a pair is that at the
+height where it is largest; the height is determined later by matching.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ _YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
 
 @thresholds
 class CHOICE:
-    """Which of many overlapping pairs are probed and matched."""
+    """Selection of the pairs to be probed and matched, if many images overlap."""
 
     features: int = threshold(600, "features", "of an image that are compared", _YEAR)
     agreeing_px: float = threshold(4.0, "px of the overview", "between offsets across the lines that are one")
@@ -58,7 +58,7 @@ SEA_LEVEL_TO_EVEREST_M = (-500.0, 9000.0)
 
 
 class Overlap(NamedTuple):
-    """Two images (indices) and the larger of the two shares (0 to 1) that one sees of the other."""
+    """Two images (indices) and the larger one of their two overlap shares (0 to 1)."""
 
     first: int
     second: int
@@ -66,9 +66,9 @@ class Overlap(NamedTuple):
 
 
 def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, margin_m: float) -> list[GroundRange]:
-    """Return the range of heights under each image: by the surface with a margin, else the RPC's own.
+    """Return the range of heights of each image: that of the surface with a margin, else the RPC's own.
 
-    Raises `InputError` where the surface has no height below any image.
+    Raises `InputError` if the surface has no height in any image.
     """
     ranges: list[GroundRange | None] = []
     for image in images:
@@ -90,13 +90,13 @@ def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, m
 
 
 def find_candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> list[tuple[int, int]]:
-    """Return index pairs of images whose footprints touch, anywhere between their heights."""
+    """Return index pairs of images whose footprints touch at any of their heights."""
     hulls = [compute_footprint_hull(image, *heights) for image, heights in zip(images, ranges, strict=True)]
     return find_touching_pairs(hulls)
 
 
 def _compute_footprint(image: Image, surface: HeightSurface, heights: GroundRange) -> Polygon:
-    """Return the footprint on a surface: each point's height is looked up where it lies at that height."""
+    """Return the footprint on a surface; the height of each outline point is iterated three times."""
     outline = image.outline_px(OUTLINE_PER_SIDE)
     height = np.full(len(outline), 0.5 * (heights.low_m + heights.high_m))
     for _ in range(3):
@@ -108,7 +108,7 @@ def _compute_footprint(image: Image, surface: HeightSurface, heights: GroundRang
 def find_likely_overlaps(
     images: list[Image], ranges: Sequence[GroundRange], surface: HeightSurface | None, smallest: float
 ) -> list[Overlap]:
-    """Return the pairs that share at least ``smallest``; of images that touch very many, those that may be probed."""
+    """Return pairs that overlap by at least ``smallest``; for images with very many, those selected for probes."""
     candidates = find_candidate_pairs(images, ranges)
     are_many = 2 * len(candidates) > CHOICE.measured_partners * len(images)
     if are_many or surface is None:
@@ -120,7 +120,7 @@ def find_likely_overlaps(
         angle_deg = compute_convergence_deg(compute_central_views(images), first, second)
         rows = choose_probes(rough, angle_deg, CHOICE.measured_partners)
         candidates = [candidates[row] for row in rows.tolist()]
-    # Pairs that share at least so much of one of them
+    # Pairs that overlap by the smallest share or more of one of the images
     if surface is not None:
         outlines = [_compute_footprint(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
     found = []
@@ -135,9 +135,9 @@ def find_likely_overlaps(
 
 
 def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CHOICE.partners) -> np.ndarray:
-    """Return the indices of the overlaps that are probed: of each image those that overlap most and look most alike.
+    """Return the indices of the overlaps to be probed: of each image those with the largest prior of similarity.
 
-    So the cost grows with the number of images, not with that of their pairs.
+    The prior is overlap times a function of the angle. The cost grows with the number of images, not of pairs.
     """
     first, second = (np.array([getattr(pair, name) for pair in overlaps], np.int64) for name in ("first", "second"))
     prior = np.array([pair.share for pair in overlaps]) * np.exp(-angle_deg / CHOICE.angle_scale_deg)
@@ -147,7 +147,7 @@ def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CH
 
 
 def compute_central_views(images: list[Image]) -> np.ndarray:
-    """Return unit vectors ``(n, 3)`` east, north, up from the middle of each image's ground to its satellite."""
+    """Return unit vectors ``(n, 3)`` east, north, up from the centre of each image's ground to its satellite."""
     found = []
     for image in images:
         ground = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
@@ -157,7 +157,7 @@ def compute_central_views(images: list[Image]) -> np.ndarray:
 
 
 def compute_convergence_deg(directions: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the angles between the lines of sight of pairs of images."""
+    """Return the angles in degrees between the lines of sight of pairs of images."""
     cosine = np.einsum("nk,nk->n", directions[first], directions[second])
     return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
@@ -166,7 +166,7 @@ def compute_convergence_deg(directions: np.ndarray, first: np.ndarray, second: n
 
 
 def mean_ground_sample_m(image: Image) -> float:
-    """Return the side of a square as large as a pixel on the ground, in the middle of an image."""
+    """Return the side (m) of a square with the ground area of a pixel, at the centre of an image."""
     ground = image.rpc.localize(image.centre_px[None], image.middle_height_m).ground
     if not np.isfinite(ground).all():
         return 1.0
@@ -174,10 +174,10 @@ def mean_ground_sample_m(image: Image) -> float:
 
 
 def rank_resolution(image: Image) -> int:
-    """Return a rank of an image's pixel size, in factors of two: of a pair the coarser image is the reference."""
+    """Return a rank of an image's pixel size, in factors of two; the image with the larger rank is the reference."""
     return round(np.log2(mean_ground_sample_m(image)))
 
 
 def compute_resolution_step(first: Image, second: Image) -> int:
-    """Return how many pixels of the second image make one as large as the first's."""
+    """Return the ratio of the pixel sizes of two images as an integer, at least 1."""
     return max(1, round(mean_ground_sample_m(first) / mean_ground_sample_m(second)))

@@ -1,6 +1,6 @@
-"""Features of whole images at a low resolution, and their matches within bands along epipolar lines.
+"""Features of complete images at a low resolution, and their matches within bands along epipolar lines.
 
-They give the relative geometry of pairs. Matches are mutual nearest neighbours that pass the ratio test in their band.
+They determine the relative geometry of pairs. Matches are mutual nearest neighbours with a ratio test in their band.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SPEED = "measured for speed, 2026-11-22"
 
 @thresholds
 class OVERVIEW:
-    """Resolution of overviews, the features that are kept of them, and their comparison within bands."""
+    """Resolution and features of overviews, and comparison of features within bands."""
 
     smallest_px: int = threshold(1024, "px", "least longer side of an overview, where the image has it")
     largest_px: int = threshold(2048, "px", "greatest longer side of an overview")
@@ -41,33 +41,33 @@ class OVERVIEW:
 
 @dataclass(frozen=True, eq=False)
 class OverviewJob:
-    """Read an image at a lower resolution and find its features."""
+    """Read an image at a low resolution and detect its features."""
 
     image: Image
     step: int
 
 
 def choose_overview_step(size: tuple[int, int]) -> int:
-    """Return the pixels per pixel of an image's overview: an eighth of the resolution, within sensible sizes."""
+    """Return the reduction factor of an image's overview: about 8, limited by the sizes in `OVERVIEW`."""
     longest = max(size)
     return max(1, round(longest / min(max(longest / 8.0, OVERVIEW.smallest_px), OVERVIEW.largest_px)))
 
 
 def detect_overview_features(job: OverviewJob) -> PartResult:
-    """Return positions ``xy (k, 2)`` in full-resolution pixels and SIFT descriptors ``(k, 128)`` of 8 bit."""
+    """Return positions ``xy (k, 2)`` in full-resolution pixels and SIFT descriptors ``(k, 128)``, uint8."""
     return detect_features(read_overview(job.image, job.step), OVERVIEW.features)
 
 
 def hand_over(features: PartResult) -> PartResult:
-    """Return features that were found before: a part of the work whose result other parts need."""
+    """Return features that were detected before: the function of a part whose result other parts need."""
     return features
 
 
 class OverviewFeatures:
-    """Features of the overviews of many images, found once for the probes and all pairs by ``parts``, one an image.
+    """Features of the overviews of many images, detected once for probes and pairs by ``parts``, one for each image.
 
-    Memory holds the strongest of each image, which probes compare; all of them where there is no keeper, else they are
-    in its files.
+    The strongest ones of each image, for the probes, are kept in memory. The others are in the files of the keeper, or
+    also in memory if there is none.
     """
 
     def __init__(self, parts: Sequence[WorkPart], scheduler: Scheduler, keeper: Keeper | None) -> None:
@@ -77,7 +77,7 @@ class OverviewFeatures:
         self.strongest: list[PartResult] = []
 
     def find(self, most: int, progress: Progress) -> None:
-        """Find the features, so many images at a time; ``most`` of each are the strongest."""
+        """Detect the features in batches of images; the ``most`` strongest of each image are kept in memory."""
         for start in range(0, len(self._parts), OVERVIEW.batch):
             chosen = self._parts[start : start + OVERVIEW.batch]
             ends = (min(start + done, len(self._parts)) / len(self._parts) for done in (0, OVERVIEW.batch))
@@ -88,14 +88,14 @@ class OverviewFeatures:
                 self._held |= found
 
     def part(self, index: int) -> WorkPart:
-        """Return the part of the work that hands over an image's features, or finds them anew where files are gone."""
+        """Return the part that returns an image's features, or detects them again if their file is missing."""
         part = self._parts[index]
         features = self._held.get(part.key) or (self._keeper.load(part.key) if self._keeper is not None else None)
         return part if features is None else WorkPart(part.key, hand_over, features, keep=False)
 
 
 def detect_features(tile: ImageTile, most: int) -> PartResult:
-    """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest everywhere first."""
+    """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest of each cell first."""
     found, side, border = [], OVERVIEW.tile_px, OVERVIEW.border_px
     for row, column in product(*(range(0, length, side) for length in tile.pixels.shape)):
         left, top = max(column - border, 0), max(row - border, 0)
@@ -105,7 +105,7 @@ def detect_features(tile: ImageTile, most: int) -> PartResult:
         own = ((xy >= begin) & (xy < begin + side)).all(axis=1)
         found.append((xy[own], part.strength[own], part.descriptors[own]))
     xy, response, descriptors = (np.concatenate(part) for part in zip(*found, strict=True))
-    # Of at most so many features, the strongest of every part of the image come first
+    # Limit the number: the strongest ones of every cell of the image are kept
     cell_px = (np.array(tile.pixels.shape[1::-1]) + 1.0) / OVERVIEW.cells
     cell = np.floor(xy / cell_px).astype(np.int64) @ (1, OVERVIEW.cells)
     order = np.lexsort((-response, cell))
@@ -114,18 +114,18 @@ def detect_features(tile: ImageTile, most: int) -> PartResult:
 
 
 class EpipolarLines(NamedTuple):
-    """Epipolar lines in the second image: a point, a unit direction, and the stretch that is searched, (n, …)."""
+    """Epipolar lines in the second image: a point, a unit direction, and half the searched length, (n, …)."""
 
     origin: np.ndarray
     direction: np.ndarray
     reach: np.ndarray
 
     def select(self, rows: np.ndarray) -> EpipolarLines:
-        """Return some of the lines."""
+        """Return the selected lines."""
         return EpipolarLines(*(column[rows] for column in self))
 
     def bounds(self, margin_px: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the first and last sample and line of each line's band, ``(n, 2)``."""
+        """Return the smallest and largest sample and line of the band of each line, ``(n, 2)``."""
         size = np.abs(self.direction)
         reach = self.reach[:, None] * size + margin_px * size.sum(axis=1, keepdims=True)
         return self.origin - reach, self.origin + reach
@@ -134,9 +134,9 @@ class EpipolarLines(NamedTuple):
 def match_in_bands(
     first: np.ndarray, second: np.ndarray, lines: EpipolarLines, second_xy: np.ndarray, margin_px: float
 ) -> np.ndarray:
-    """Return index pairs ``(k, 2)`` of descriptors that are each other's nearest within a band along their lines.
+    """Return index pairs ``(k, 2)`` of descriptors that are mutual nearest neighbours within bands along their lines.
 
-    The ratio test compares with the next best in the same band, so that it is the stricter the less is known.
+    The ratio test uses the second best in the same band, so that it is stricter if the band is wide.
     """
     nothing = np.empty((0, 2), dtype=np.int64)
     if len(first) < 2 or len(second) < 2:
@@ -151,18 +151,18 @@ def match_in_bands(
         columns = np.flatnonzero(((second_xy >= low.min(axis=0)) & (second_xy <= high.max(axis=0))).all(axis=1))
         if not len(columns):
             continue
-        # Similarity of the features of these lines (rows) and of the points around (columns), -1 outside the bands
+        # Similarity of the features of these lines (rows) and of nearby points (columns), -1 outside the bands
         similarity = roots[0][rows] @ roots[1][columns].T
         origin, direction, reach = (part.astype(np.float32) for part in near)
         x, y = (second_xy[columns, axis].astype(np.float32) - origin[:, axis, None] for axis in (0, 1))
         along, across = direction[:, :1] * x + direction[:, 1:] * y, direction[:, :1] * y - direction[:, 1:] * x
         similarity[(np.abs(across) > margin) | (np.abs(along) > reach[:, None] + margin)] = -1.0
-        # Of each point the most similar line, unless one of an earlier group is more similar
+        # The most similar line of each point, over all groups
         line = similarity.argmax(axis=0)
         value = similarity[line, np.arange(len(columns))]
         better = value > back_best[columns]
         back_best[columns[better]], back[columns[better]] = value[better], rows[line[better]]
-        # Of each line the most similar point, and the similarity of the next
+        # The most similar point of each line, and the similarity of the next one
         place, row = similarity.argmax(axis=1), np.arange(len(rows))
         best[rows] = similarity[row, place]
         nearest[rows] = np.where(best[rows] > -1.0, columns[place], -1)
@@ -175,7 +175,7 @@ def match_in_bands(
 
 
 def _group_neighbours(lines: EpipolarLines) -> Iterator[np.ndarray]:
-    """Yield the rows of lines that are near one another; lines without finite positions are left out."""
+    """Yield the row indices of groups of neighbouring lines; lines without finite positions are excluded."""
     known = np.flatnonzero(np.isfinite(lines.origin).all(axis=1) & np.isfinite(lines.reach))
     strips = max(1, round(np.sqrt(len(known) / OVERVIEW.line_batch)))
     for strip in np.array_split(known[np.argsort(lines.origin[known, 0], kind="stable")], strips):

@@ -1,18 +1,18 @@
-"""Choice of the pairs of a block that are matched: by probes, such that every image has several links.
+"""Choice of the pairs of a block that are matched: by probes, so that every image has several links.
 
-Each of K spanning trees over the images, none of whose pairs another one has, holds the block together by itself: an
-image then hangs on K pairs at least, and K pairs must fail before the block falls apart. The trees are those with the
-most agreeing features, one after the other (Kruskal, 1956). Pairs that fail are taken out and the trees are made anew,
-with those that were found already; so failed pairs are replaced by the next best. What geometry wants besides, a pair
-with an angle for heights and all parts of an image covered, is added.
+Each of K edge-disjoint spanning trees over the images connects the block by itself: every image then has K pairs or
+more, and K pairs must fail before the block is divided. The trees are chosen one after the other by the largest number
+of agreeing features (Kruskal, 1956). Pairs that fail are removed and the trees are computed again, with preference for
+pairs already found; failed pairs are thus replaced by the next best. Further pairs are added where geometry requires
+them: a pair with a sufficient convergence angle, and pairs that cover all parts of an image.
 
-The number of pairs tried is bounded by a multiple of the number of images.
+The number of pairs tried is limited to a multiple of the number of images.
 
-**Probes** tell how well two images will match, hundreds of times cheaper than matching. The strongest features of both
-overviews are compared within bands along the epipolar lines, as wide as the RPCs may be off. Right matches share one
-offset across the lines, wrong ones lie anywhere in the band: the largest number of matches whose offsets lie within
-4 px of one another tells how many right ones there are. Sun, season, view angles and overlap all act on that number,
-known or not.
+**Probes** predict how well two images will match, at a small fraction of the cost of matching. The strongest features
+of both overviews are compared within bands along the epipolar lines, as wide as the errors of the RPCs. Correct matches
+have one common offset across the lines, wrong ones are anywhere in the band: the largest number of matches with offsets
+within 4 px of each other is the estimate of the number of correct matches. Sun, season, view angles and overlap all
+influence this number, even if they are unknown.
 """
 
 from collections.abc import Iterable, Sequence
@@ -35,8 +35,8 @@ from .overview import match_in_bands
 class Probe(NamedTuple):
     """Result of the probe of a pair.
 
-    agreeing : features that agree with one offset; convergence_deg : angle between the lines of sight
-    cells : parts of the first and of the second image with agreeing features, a bit for each
+    agreeing : number of features with one common offset; convergence_deg : angle between the lines of sight
+    cells : bit masks of the parts of the first and of the second image that contain agreeing features
     """
 
     first: int
@@ -48,18 +48,18 @@ class Probe(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ProbeJob:
-    """An image and those it is compared with, with the steps of their overviews and their strongest features."""
+    """An image and its candidates, with the reduction factors of their overviews and their strongest features."""
 
     first: Image
     others: tuple[Image, ...]
-    steps: tuple[int, ...]  #: of the first and the others
+    steps: tuple[int, ...]  #: of the first and the other images
     heights: tuple[GroundRange, ...]
     margin_px: float
-    features: tuple[PartResult, ...]  #: of the first and the others
+    features: tuple[PartResult, ...]  #: of the first and the other images
 
 
 def probe_pairs(job: ProbeJob) -> PartResult:
-    """Return ``agreeing (k,)`` and ``cells (k, 2)`` of the first image with each of the others."""
+    """Return ``agreeing (k,)`` and ``cells (k, 2)`` for the first image and each of the others."""
     agreeing = np.zeros(len(job.others), dtype=np.int64)
     cells = np.zeros((len(job.others), 2), dtype=np.int64)
     first_rpc = reduce_rpc(job.first.rpc, job.steps[0])
@@ -94,10 +94,10 @@ NumberPair = tuple[int, int]
 
 
 class PairChoice:
-    """Chooses the pairs of a block round by round.
+    """Chooses the pairs of a block in rounds.
 
-    images : their number; probes : what is known of pairs that overlap
-    trees : number of edge-disjoint spanning trees; most_pairs : that are tried in all
+    images : their number; probes : probes of overlapping pairs
+    trees : number of edge-disjoint spanning trees; most_pairs : limit of the number of pairs tried
     """
 
     def __init__(self, images: int, probes: Sequence[Probe], trees: int, most_pairs: int) -> None:
@@ -114,15 +114,15 @@ class PairChoice:
 
     @property
     def room(self) -> int:
-        """Number of pairs that may still be tried."""
+        """Number of pairs that can still be tried."""
         return self.most_pairs - self.tried
 
     def choose_round(self) -> list[NumberPair]:
-        """Return the pairs to try now, the most promising first; none where the choice is done."""
+        """Return the pairs to be tried next, the most promising first; empty if the choice is complete."""
         self.rounds += 1
         if self.rounds > CHOICE.rounds or self.room <= 0:
             return []
-        # The spanning trees of greatest worth, no pair in two of them
+        # Edge-disjoint spanning trees with the largest sum of ratings
         left = [pair for pair, probe in self.probes.items()
                 if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)]  # fmt: skip
         wanted: set[NumberPair] = set()
@@ -131,13 +131,13 @@ class PairChoice:
                 break
             worth = np.array([self._rate_pair(pair) + CHOICE.found_worth * (pair in self.found) for pair in left])
             first, second = np.array(left).T
-            cost = 2.0 * CHOICE.found_worth - worth  # positive: a cost of 0 would be no edge
+            cost = 2.0 * CHOICE.found_worth - worth  # positive, since a cost of 0 means no edge
             graph = coo_matrix((cost, (first, second)), shape=(self.images, self.images))
             forest = minimum_spanning_tree(graph).tocoo()
             wanted |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))
             left = [pair for pair in left if pair not in wanted]
         wanted |= self._choose_by_geometry(wanted)
-        # Pairs of the images that no probe gives hope: the probe may be wrong
+        # Pairs of images without a significant probe, since the probe can be wrong
         of_image, chosen = self._group_by_image(self.probes), self._group_by_image(wanted)
         more: set[NumberPair] = set()
         for number, pairs in of_image.items():
@@ -151,7 +151,7 @@ class PairChoice:
         return sorted(new, key=lambda pair: (-self._rate_pair(pair), pair))[: self.room]
 
     def tell(self, pair: NumberPair, found: bool) -> None:
-        """Record whether a pair matched; a pair that matched may fail later."""
+        """Record whether a pair matched; a pair recorded as matched can be changed to failed later."""
         self.found.discard(pair)
         self.failed.discard(pair)
         (self.found if found else self.failed).add(pair)
@@ -166,7 +166,7 @@ class PairChoice:
         return probe.agreeing * (CHOICE.narrow_worth if probe.convergence_deg < CHOICE.narrow_deg else 1.0)
 
     def _choose_by_geometry(self, wanted: set[NumberPair]) -> set[NumberPair]:
-        """Return a pair for each image that has none with an angle, and one for each that is not covered."""
+        """Return a pair with a convergence angle for images without one, and pairs that cover more parts of images."""
         more: set[NumberPair] = set()
         of_image = self._group_by_image(pair for pair in self.probes if pair not in self.failed)
         chosen = self._group_by_image(wanted)

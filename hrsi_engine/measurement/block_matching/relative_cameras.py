@@ -1,17 +1,17 @@
-"""Relative shifts of a block's cameras, from the matches found so far: hard pairs are searched near predicted places.
+"""Relative shifts of a block's cameras, estimated from all matches, for the prediction of points in unmatched images.
 
-Where image b shows the point that image a shows at p follows from both RPCs, the height h of the point and the shifts
-s that the images have to what their RPCs say::
+The position in image b of a point at p in image a follows from both RPCs, the height h of the point and the shifts s of
+the images relative to their RPCs::
 
     q = project_b(localize_a(p - s_a, h)) + s_b  ~  transfer(p, h0) - J s_a + s_b + t dh
 
-with J the change of the transfer by p and t that by the height, one each for a pair. All matches of a point share dh:
-with U the unit columns of the t of each point, and A those of the shifts, its elimination leaves
+J is the derivative of the transfer by p and t that by the height, each constant for a pair. All matches of a point have
+the same dh. With U the unit columns of the t of each point, and A those of the shifts, its elimination leads to
 
     (A'A - A'U U'A) s = (A' - A'U U') r,        r = q - transfer(p, h0),
 
-to which a weak prior is added, as a block may move as a whole. Shifts are all that is estimated: over an image cameras
-drift by less than the search that follows looks around.
+with a weak prior, since the block as a whole is not fixed. Only shifts are estimated: the drift of a camera over an
+image is smaller than the range of the search that follows.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from .joining import BlockMatches, group_by_pair
 
 @thresholds
 class CAMERAS:
-    """Shifts of a block's cameras to one another, and how far around a predicted place is searched."""
+    """Estimation of the relative shifts of cameras, and the range of the search around predicted positions."""
 
     prior_px: float = threshold(30.0, "px", "a priori standard deviation of a camera's shift")
     rounds: int = threshold(3, "rounds", "of reweighting")
@@ -46,11 +46,11 @@ class CAMERAS:
 
 @dataclass(frozen=True, eq=False)
 class RelativeCameras:
-    """Shifts of images to what their RPCs say, and the ground that they see.
+    """Shifts of images relative to their RPCs, and ground points of the tracks.
 
-    shift_px : (images, 2); sigma_px : (images,) what a place predicted by them may be off
-    tracks : (n,) in order; partners : (n,) images besides the reference that show them
-    ground : (n, 3) their points on the ground
+    shift_px : (images, 2); sigma_px : (images,) search range of the positions predicted by them
+    tracks : (n,) ascending track numbers; partners : (n,) number of images besides the reference that show them
+    ground : (n, 3) their ground positions
     """
 
     shift_px: np.ndarray
@@ -60,7 +60,7 @@ class RelativeCameras:
     ground: np.ndarray
 
     def estimate(self, job: CoarseJob, first: int, second: int) -> PairEstimate | None:
-        """Return where points of one image (number) appear in another; None where no known ground lies in the first."""
+        """Return the predicted geometry of two images (indices); None if too few ground points are in the first one."""
         xy = job.first.rpc.project(self.ground) + self.shift_px[first]
         margin = float(np.hypot(self.sigma_px[first], self.sigma_px[second]))
         inside = ((xy > -margin) & (xy < np.array(job.first.known_size) + margin)).all(axis=1)
@@ -69,7 +69,7 @@ class RelativeCameras:
         xy, height = xy[inside], self.ground[inside, 2]
         nodes, shape, spacing = place_height_nodes(job.first.known_size)
         grid = HeightGrid(interpolate_median(xy, height, nodes, CAMERAS.neighbours).reshape(shape), (0.0, 0.0), spacing)
-        # What a point's neighbours, itself left out, are off: how well the ground between points is known
+        # Accuracy of interpolated heights: deviations of points from their neighbours
         sigma = max(float(robust_sigma(height - interpolate_median(xy, height, xy, CAMERAS.neighbours, 1))), 0.5)
         reach = CAMERAS.safety * sigma
         turn, _ = _linearise_transfer(job.first, job.second, xy, height)
@@ -84,7 +84,7 @@ class RelativeCameras:
 def _linearise_transfer(
     first: Image, second: Image, xy: np.ndarray, height_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean change ``(2, 2)`` of a transfer by the place and that ``(2,)`` by the height."""
+    """Return the mean derivatives of a transfer by the position ``(2, 2)`` and by the height ``(2,)``."""
     few = np.linspace(0, len(xy) - 1, min(CAMERAS.sampled, len(xy))).astype(int)
     here, height = xy[few], height_m[few]
 
@@ -97,7 +97,7 @@ def _linearise_transfer(
 
 
 def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> RelativeCameras | None:
-    """Return the shifts of a block's images by its matches; None without matches."""
+    """Return the relative shifts of a block's images estimated from its matches; None without matches."""
     if not len(matches):
         return None
     names, point = np.unique(matches.track, return_inverse=True)
@@ -106,7 +106,7 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
     for (a, b), rows in rows_of.items():
         xy, heights = matches.first_xy[rows], matches.height_m[rows]
         turn[rows], climb[rows] = _linearise_transfer(images[a], images[b], xy, heights)
-    # One height for all matches of a point: the mean by what they tell of it
+    # One height for all matches of a point: the mean weighted by their sensitivity to it
     weight = np.maximum(np.sum(climb**2, axis=1), EPIPOLAR.least_stretch**2)
     height = (np.bincount(point, weight * matches.height_m) / np.bincount(point, weight))[point]
     left = np.empty((len(matches), 2))
@@ -114,7 +114,7 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
         predicted = transfer(images[a].rpc, images[b].rpc, matches.first_xy[rows], height[rows])
         left[rows] = matches.second_xy[rows] - predicted
     equation = 2 * np.arange(len(matches))[:, None] + [0, 1]
-    # The derivatives (2 n, 2 images) of the transfers by the shifts
+    # Derivatives (2 n, 2 images) of the transfers by the shifts
     by_first = np.broadcast_to((2 * matches.first[:, None] + [0, 1])[:, None, :], turn.shape)
     column = np.concatenate([by_first.ravel(), (2 * matches.second[:, None] + [0, 1]).ravel()])
     entries = np.concatenate([-turn.ravel(), np.ones(equation.size)])
@@ -149,7 +149,7 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
 
 
 def _extend_to_all_images(matches: BlockMatches, shift: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return shifts and sigmas of all images: those without matches may be off as all others are."""
+    """Return shifts and search ranges of all images; those without matches get median and spread of the others."""
     known = np.unique(np.r_[matches.first, matches.second])
     sigma = np.full(len(shift), CAMERAS.margin_px)
     sigma[known] += CAMERAS.safety * float(robust_sigma(away.ravel()))

@@ -1,4 +1,4 @@
-"""The rounds of a search for tie points: which pairs are matched, with which options, and which links are accepted."""
+"""The rounds of a search for tie points: pairs to be matched, their options, and accepted links."""
 
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -24,15 +24,15 @@ from .relative_cameras import estimate_relative_cameras
 from .star import Partner, StarJob, TransferJob, is_matched_everywhere, match_stars, plan_cells, transfer_star
 from .windows import PyramidRaster
 
-EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
+EVERY = 1_000_000  # larger than any number of points in a cell, or of cells in an image
 
 
 def choose_match_options(
     options: TieOptions, image: Image, linked: bool = False, predicted: bool = False
 ) -> TileMatchOptions:
-    """Return how windows of a reference image are matched.
+    """Return the options for matching windows of a reference image.
 
-    linked : its block has many pairs to choose from; predicted : points are looked for where the pair's geometry says
+    linked : its block has many pairs to choose from; predicted : points are searched at predicted positions only
     """
     if options.dense:
         return options.match_dense
@@ -43,7 +43,7 @@ def choose_match_options(
 
 
 def count_points_per_cell(options: TieOptions, image: Image) -> int:
-    """Return how many points a cell of an image is to have."""
+    """Return the number of points wanted in a cell of an image."""
     if options.per_cell != AUTOMATIC_CELLS:
         return options.per_cell
     if options.dense:
@@ -52,7 +52,7 @@ def count_points_per_cell(options: TieOptions, image: Image) -> int:
 
 
 class PairCandidate(NamedTuple):
-    """A pair by the numbers of its images, and what is known of it; no estimate where nothing agrees."""
+    """A pair by the indices of its images, with its estimated geometry; None if the overviews have too few matches."""
 
     job: coarse.CoarseJob
     first: int
@@ -61,7 +61,7 @@ class PairCandidate(NamedTuple):
 
 
 class TieSearch:
-    """State and rounds of one search."""
+    """State and rounds of one search for tie points."""
 
     def __init__(
         self, images: Sequence[Image], options: TieOptions, surface: HeightSurface | None, scheduler: Scheduler,
@@ -75,22 +75,22 @@ class TieSearch:
                 "refine-rpc; of a block give image files, or measured points (`tie_points`, or `tracks` of evaluate)"
             )
         self._scheduler, self._keeper = scheduler, keeper
-        self.earlier = frozenset(earlier)  #: ids of images that were matched with one another before
-        self._marks = {}  # what tells an image from another one, and from itself after a change of its file
+        self.earlier = frozenset(earlier)  #: ids of images that were already matched with each other
+        self._marks = {}  # identify an image and the state of its file
         for index in self.usable if marked else ():
             image = images[index]
             content = image.raster.content_mark() if isinstance(image.raster, PyramidRaster) else ""
             self._marks[index] = digest(image.id, image.path, image.size, image.rpc, content)
-        self._features: OverviewFeatures | None = None  # of the overviews, where pairs are probed
+        self._features: OverviewFeatures | None = None  # features of the overviews, if pairs are probed
         self._terrain: dict[int, np.ndarray] = {}
         self._results: list[tuple[int, PartResult]] = []
-        self._matched = 0  # pairs whose windows were matched
-        self.choice: PairChoice | None = None  #: who chooses the pairs, where there are more than can be matched
+        self._matched = 0  # number of pairs whose windows were matched
+        self.choice: PairChoice | None = None  #: chooses the pairs, if there are too many to match all
         self.pairs: list[PairCandidate] = []
-        self.reasons: dict[int, str] = {}  #: why images are left out
+        self.reasons: dict[int, str] = {}  #: reasons for excluding images
 
     def find_overlaps_of_images(self) -> list[overlaps.Overlap]:
-        """Return the pairs of usable images that overlap; raise `InputError` where there are none."""
+        """Return the pairs of usable images that overlap; raise `InputError` if there are none."""
         images = [self.images[index] for index in self.usable]
         self._ranges = overlaps.find_ground_ranges(images, self.surface, TIE_SEARCH.dem_margin_m)
         found = find_likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
@@ -104,7 +104,7 @@ class TieSearch:
         return found
 
     def choose_pairs(self, progress: Progress) -> None:
-        """Find the pairs to match, with what is known of each; raise `InputError` where there are none."""
+        """Find the pairs to be matched and estimate their geometry; raise `InputError` if there are none."""
         found = self.find_overlaps_of_images()
         images = [self.images[index] for index in self.usable]
         self._coarseness = [overlaps.rank_resolution(image) for image in images]
@@ -127,12 +127,12 @@ class TieSearch:
         self.pairs = [pair for pair in self.pairs if not {pair.first, pair.second} & set(self.reasons)]
 
     def _order_pair(self, first: int, second: int) -> tuple[int, int]:
-        """Return two usable images with the coarser one, the reference, first."""
+        """Return two usable images with the coarser one first, as the reference."""
         a, b = sorted((first, second), key=lambda index: (-self._coarseness[index], index))
         return a, b
 
     def _make_overview_part(self, index: int) -> WorkPart:
-        """Return the part that finds a usable image's features, or hands over those that were found."""
+        """Return the part that detects a usable image's features, or returns those already detected."""
         if self._features is not None:
             return self._features.part(index)
         image, step = self.images[self.usable[index]], self._steps[index]
@@ -141,7 +141,7 @@ class TieSearch:
         return WorkPart(key, detect_overview_features, job, keep=False, label=f"looking at {image.id}")
 
     def _probe_overlaps(self, found: list[overlaps.Overlap], progress: Progress) -> PairChoice:
-        """Probe the overlapping pairs that may be worth it; return who chooses among them."""
+        """Probe the promising ones of the overlapping pairs; return the chooser of pairs."""
         images = [self.images[index] for index in self.usable]
         parts = [self._make_overview_part(index) for index in range(len(images))]
         self._features = OverviewFeatures(parts, self._scheduler, self._keeper)
@@ -175,7 +175,7 @@ class TieSearch:
         return PairChoice(len(images), probes, trees, (trees + 1) * len(images))
 
     def _estimate_pairs(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
-        """Compare the overviews of pairs of usable images, and enter what was found."""
+        """Compare the overviews of pairs of usable images, and append the results to ``pairs``."""
         for start in range(0, len(pairs), TIE_SEARCH.pair_batch):
             ends = (min(start + done, len(pairs)) / len(pairs) for done in (0, TIE_SEARCH.pair_batch))
             jobs = {(a, b): self._make_job(a, b) for a, b in pairs[start : start + TIE_SEARCH.pair_batch]}
@@ -200,7 +200,7 @@ class TieSearch:
                     self.choice.tell((a, b), estimate is not None)
 
     def _make_job(self, a: int, b: int) -> coarse.CoarseJob:
-        """Return the comparison of two usable images."""
+        """Return the job of comparing the overviews of two usable images."""
         first, second = (self.images[self.usable[index]] for index in (a, b))
         if self.surface is not None and a not in self._terrain:
             self._terrain[a] = coarse.sample_terrain(first, self.surface)
@@ -209,7 +209,7 @@ class TieSearch:
         return coarse.CoarseJob(first, second, steps, heights, self.options.margin_px, self._terrain.get(a))
 
     def replace_links(self, links: Sequence[ImageLink], progress: Progress) -> bool:
-        """Take other pairs for those whose links are not sound; tell whether there are any."""
+        """Replace pairs whose links are not reliable by others; return whether there are any."""
         if self.choice is None:
             return False
         place = {number: index for index, number in enumerate(self.usable)}
@@ -222,7 +222,7 @@ class TieSearch:
         return bool(new)
 
     def count_trials(self) -> dict[int, int]:
-        """Return how many pairs of each image were tried."""
+        """Return the number of tried pairs of each image."""
         if self.choice is None:
             numbers = [number for pair in self.pairs for number in (pair.first, pair.second)]
         else:
@@ -230,19 +230,19 @@ class TieSearch:
         return dict(Counter(numbers))
 
     def judge(self) -> tuple[joining.BlockMatches, list[ImageLink]]:
-        """Return the matches that pass the tests of pairs and heights, and the links that they make."""
+        """Return the matches that pass the tests of pairs and heights, and the links formed by them."""
         matches = joining.collect_matches(self._results)
         fitting = joining.drop_outliers(matches, self.images, self.options.dense)
         good = joining.drop_contradictions(fitting, self.images)
         return good, judge_links(good)
 
     def match_pairs(self, progress: Progress) -> None:
-        """Match the windows of all pairs that were not matched yet."""
+        """Match the windows of all pairs that are not yet matched."""
         self._match_windows(self.pairs[self._matched :], self.choice is not None, progress)
         self._matched = len(self.pairs)
 
     def match_weak_images(self, links: Sequence[ImageLink], progress: Progress) -> bool:
-        """Match the pairs of images that few links hold as those of small blocks are; tell whether there are any."""
+        """Match pairs of images with few links with the options of small blocks; return whether there are any."""
         if self.choice is None:
             return False
         sound = [(link.first, link.second) for link in links if link.sound]
@@ -256,7 +256,7 @@ class TieSearch:
         return self._match_windows(hard, False, progress)
 
     def match_by_cameras(self, good: joining.BlockMatches, links: Sequence[ImageLink], progress: Progress) -> bool:
-        """Match images that few links hold with those that look most alike, where all matches so far put them."""
+        """Match images with few links with their most similar images, at positions predicted from all matches."""
         if self.choice is None:
             return False
         cameras = estimate_relative_cameras(drop_unsound_links(good, links), self.images)
@@ -284,8 +284,8 @@ class TieSearch:
         return self._match_windows(list(pairs.values()), False, progress, predicted=True)
 
     def complete(self, good: joining.BlockMatches, progress: Progress) -> bool:
-        """Look for points that images miss where all matches so far put them; tell whether there are any."""
-        # The images of the pairs that matched, either one first, where both are matched everywhere
+        """Search points in images without them, at positions predicted from all matches; return whether any were."""
+        # Matched pairs of images that are matched everywhere, in both orders
         places = {}
         for pair in self.pairs:
             both = self.images[pair.first], self.images[pair.second]
@@ -324,7 +324,7 @@ class TieSearch:
     def _match_windows(
         self, pairs: Sequence[PairCandidate], linked: bool, progress: Progress, predicted: bool = False
     ) -> bool:
-        """Match the windows of pairs, as far as they were estimated; tell whether there are any."""
+        """Match the windows of pairs with an estimated geometry; return whether there are any."""
         partners: dict[int, list[Partner]] = {}
         for pair in pairs:
             if pair.estimate is not None:

@@ -1,19 +1,19 @@
-"""The work on windows of one image: match each with all images that see it.
+"""Matching of the windows of one image with all images that show them.
 
 The image is the *reference*: its interest points depend on it alone, so that a point found in several partners is one
-point on many images, a star. What some partners show and others do not give at once is looked for there again, at the
-place where the known height puts it.
+point in many images, a star. Points found in some partners are searched again in the others, at the position predicted
+with their height.
 
-**Windows.** An image up to 2048 px is matched everywhere. Of a larger one every cell of a grid gets a small window, and
-further ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
+**Windows.** An image up to 2048 px is matched everywhere. In a larger one every cell of a grid gets a small window, and
+further ones if the first yields too few points (water, cloud, nodata): only a fraction of the pixels is read.
 
-**Local geometry.** Where a point of the first image at some height appears in the second is a smooth function of
-sample, line and height. Over a window it is a cubic to far less than a thousandth of a pixel (checked at every window),
-and evaluating that, some fifty times at a few points each, costs a tenth of localizing and projecting.
+**Local geometry.** The position in the second image of a point of the first is a smooth function of sample, line and
+height. Over a window it is a cubic polynomial with an error far below 0.001 pixel (checked for every window). About
+fifty evaluations of it, for a few points each, take a tenth of the time of localizing and projecting.
 
-**Completion.** An image is the reference of the pairs with images after it, so a point that a later image's star has on
-two others is not looked for in the earlier ones; and what failed where a pair alone predicted it may succeed where
-three images do. So points are searched in the images that lack them, where all cameras together predict them.
+**Completion.** An image is the reference of its pairs with later images. A point of a later image's star in two others
+is therefore not searched in earlier images, and a failed prediction from one pair may succeed with three images. So
+points are searched in the images without them, at positions predicted from all cameras together.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,7 +33,7 @@ from ..tile_matching.pair_matching import match_tile, transfer_points
 from ..tile_matching.types import ImageTile, TileMatches, TilePairGeometry
 from .windows import TIE_WINDOWS, ImageWindow, compute_height_limits, predict_window, read_tile
 
-_AXIS = -np.cos(np.pi * np.arange(5) / 4.0)  # Chebyshev nodes, ends included
+_AXIS = -np.cos(np.pi * np.arange(5) / 4.0)  # Chebyshev nodes, including the ends
 _NODES = np.stack(np.meshgrid(_AXIS, _AXIS, _AXIS), axis=-1).reshape(-1, 3)
 _TERMS = monomials(_NODES.T)
 _FIT = np.linalg.pinv(_TERMS.T)
@@ -41,7 +41,7 @@ _FIT = np.linalg.pinv(_TERMS.T)
 
 @dataclass(frozen=True, eq=False)
 class _LocalTransfer:
-    """Stands for both RPCs: ground is sample, line and height of the first image, projected by a cubic of them."""
+    """Replaces both RPCs: its ground is sample, line and height of the first image, projected by a cubic polynomial."""
 
     height_range: tuple[float, float]
     middle: np.ndarray
@@ -58,9 +58,9 @@ class _LocalTransfer:
 
 
 def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int = 32) -> TilePairGeometry:
-    """Return the geometry of a pair as polynomials that hold in a window of the first image and around its heights.
+    """Return the geometry of a pair as polynomials that are valid in a window of the first image and at its heights.
 
-    The pair's own geometry comes back where a cubic is not enough.
+    The geometry of the pair is returned unchanged if a cubic polynomial is not accurate enough.
     """
     corners = np.array([(window.sample, window.line), (window.sample + window.samples, window.line + window.lines)])
     low, high = compute_height_limits(geometry, corners.astype(np.float64))
@@ -80,7 +80,7 @@ def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: 
 
 @dataclass(frozen=True, eq=False)
 class Partner:
-    """An image that sees windows of the reference: its number in the block, where it sees them, at what resolution."""
+    """An image that shows windows of the reference: its index in the block, its geometry and reduction factor."""
 
     number: int
     image: Image
@@ -90,20 +90,20 @@ class Partner:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A part of the reference that wants points: windows to try one after the other, until one gives ``enough``.
+    """A part of the reference: windows that are matched one after the other, until one yields ``enough`` points.
 
-    own : of each window, the part whose points count: windows overlap, their own parts do not
+    own : of each window, the part whose points are used: windows overlap, their own parts do not
     """
 
     windows: tuple[ImageWindow, ...]
     own: tuple[ImageWindow, ...]
     enough: int
-    most: int  #: points that are kept of a window, 0 for all
+    most: int  #: limit of the points kept of a window, 0 for all
 
 
 @dataclass(frozen=True, eq=False)
 class StarJob:
-    """Cells of one reference image and the images that may see them."""
+    """Cells of one reference image and the images that may show them."""
 
     number: int
     reference: Image
@@ -121,17 +121,17 @@ class PartnerMatches(NamedTuple):
 
 
 def match_stars(job: StarJob) -> PartResult:
-    """Return all matches of a job as columns, one row a match.
+    """Return all matches of a job as columns, one row for each match.
 
-    ``first_xy``, ``second_xy (n, 2)``, ``partner (n,)`` the number of the second image, ``sigma_px``, ``quality``,
-    ``kind``, ``height_m (n,)`` apparent heights of the pair. PartnerMatches with equal ``first_xy`` are one point.
+    ``first_xy``, ``second_xy (n, 2)``, ``partner (n,)`` index of the second image, ``sigma_px``, ``quality``,
+    ``kind``, ``height_m (n,)`` apparent heights of the pair. Matches with equal ``first_xy`` are of one point.
     """
     options = {partner.number: job.options for partner in job.partners}
     return stack_matches([row for cell in job.cells for row in _match_cell(job, cell, options)])
 
 
 def stack_matches(rows: Sequence[PartnerMatches]) -> PartResult:
-    """Return matches of windows with partners as the columns that `match_stars` tells of."""
+    """Return matches of windows with partners as the columns described in `match_stars`."""
     if not rows:
         nothing = np.empty(0)
         return {"first_xy": np.empty((0, 2)), "second_xy": np.empty((0, 2)), "partner": np.empty(0, np.int64),
@@ -144,16 +144,16 @@ def stack_matches(rows: Sequence[PartnerMatches]) -> PartResult:
 
 
 def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) -> Iterator[PartnerMatches]:
-    """Match the windows of a cell in turn, each with the partners that still lack points in the cell.
+    """Match the windows of a cell in turn, each with the partners that still have too few points in the cell.
 
-    ``options`` are those of each partner: the band chosen in one window is used in the others.
+    ``options`` are those of each partner; the band selected in one window is used in the following ones.
     """
     lacking = list(job.partners)
     for window, own in zip(cell.windows, cell.own, strict=True):
         if not lacking:
             return
         near = [replace(partner, geometry=fit_local_geometry(partner.geometry, window)) for partner in lacking]
-        # The windows of partners that show this window, where they show a useful part of it
+        # Windows of the partners that show a sufficient part of this window
         seen = []
         for partner in near:
             border = TIE_WINDOWS.border_px * partner.step
@@ -173,7 +173,7 @@ def _match_window(
     tile: ImageTile, own: ImageWindow, places: Sequence[tuple[Partner, ImageWindow]],
     options: dict[int, TileMatchOptions],
 ) -> list[PartnerMatches]:  # fmt: skip
-    """Match one window with its places in partners, then transfer what only some of them gave."""
+    """Match one window with its predicted windows in partners, then transfer points found in only some of them."""
     shown = [(partner, read_tile(partner.image, place, partner.step)) for partner, place in places]
     tiles = [(partner, other) for partner, other in shown if other is not None]
     found = []
@@ -181,7 +181,7 @@ def _match_window(
         how = options[partner.number]
         ways = [match_tile(tile, other.times(c), partner.geometry, how) for c in partner.geometry.contrasts]
         matches = join_tile_matches(ways) if len(ways) > 1 else ways[0]
-        if len(ways) > 1:  # of a point in both contrasts, the better match
+        if len(ways) > 1:  # if a point is matched in both contrasts, the better match is kept
             best = np.argsort(-matches.quality, kind="stable")
             _, first = np.unique(_make_keys(matches.first_xy[best]), return_index=True)
             matches = matches.select(np.sort(best[first]))
@@ -204,7 +204,7 @@ def _complete_partner(
     index: int, tile: ImageTile, tiles: Sequence[tuple[Partner, ImageTile]], found: Sequence[TileMatches],
     options: TileMatchOptions,
 ) -> TileMatches:  # fmt: skip
-    """Return a partner's matches with those added that the others' heights lead to."""
+    """Return a partner's matches, with points added that were found at heights determined by other partners."""
     own = found[index]
     others = [_transfer_heights(own, matches) for k, matches in enumerate(found) if k != index and len(matches)]
     if not others:
@@ -222,9 +222,9 @@ def _complete_partner(
 
 
 def _transfer_heights(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points of another partner with their heights as this pair would see them.
+    """Return the points of another partner with their heights converted to apparent heights of this pair.
 
-    Apparent heights of two pairs differ by what the RPCs are off along the lines; common points tell how much.
+    Apparent heights of two pairs differ by the errors of the RPCs along the lines; the median of common points is used.
     """
     _, mine, theirs = np.intersect1d(_make_keys(own.first_xy), _make_keys(other.first_xy), return_indices=True)
     shift = np.median(own.height_m[mine] - other.height_m[theirs]) if len(mine) >= TIE_WINDOWS.fewest_common else 0.0
@@ -232,19 +232,19 @@ def _transfer_heights(own: TileMatches, other: TileMatches) -> tuple[np.ndarray,
 
 
 def _make_keys(xy: np.ndarray) -> np.ndarray:
-    """Return positions ``(n, 2)`` as one number each; they are whole pixels or halves of them."""
+    """Return positions ``(n, 2)`` as one number each; they are multiples of half a pixel."""
     return np.round(2.0 * xy[:, 0]) * 2.0**32 + np.round(2.0 * xy[:, 1])
 
 
 def join_tile_matches(tables: Sequence[TileMatches]) -> TileMatches:
-    """Return the rows of several matches of the same pair in one."""
+    """Return the concatenated rows of several matches of the same pair."""
     names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
     columns = {name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
     return TileMatches(**columns, bias_px=tables[0].bias_px, band=tables[0].band)
 
 
 def _limit_points(rows: list[PartnerMatches], most: int) -> list[PartnerMatches]:
-    """Keep the points of a window that most partners show, then the best: at most ``most`` of each partner."""
+    """Return at most ``most`` points of each partner: those found in most partners first, then the best."""
     if not most or not rows:
         return rows
     keys = np.concatenate([_make_keys(row.matches.first_xy) for row in rows])
@@ -278,7 +278,7 @@ class TransferJob:
 
 
 def transfer_star(job: TransferJob) -> PartResult:
-    """Return the points that are found, in the columns of `match_stars`."""
+    """Return the points that were found, in the columns of `match_stars`."""
     rows, other = [], job.partner
     for window in job.windows:
         inside = window.contains(job.xy)
@@ -294,14 +294,14 @@ def transfer_star(job: TransferJob) -> PartResult:
 
 
 def is_matched_everywhere(image: Image, step: int = 1) -> bool:
-    """Tell whether all of an image is matched."""
+    """Return whether all windows of an image are matched."""
     return max(image.known_size) <= TIE_WINDOWS.full_px * step
 
 
 def plan_cells(image: Image, cells: int, per_cell: int, step: int = 1) -> list[list[Cell]]:
-    """Return the cells of an image, a list for each row of them: rows share the lines that are read.
+    """Return the cells of an image, as a list for each row of cells; the cells of a row share the lines that are read.
 
-    step : pixels per pixel that windows are read at; windows cover ``step`` times as many pixels
+    step : reduction factor of the windows; they cover ``step`` times as many pixels
     """
     size, side, everywhere = image.known_size, TIE_WINDOWS.window_px * step, is_matched_everywhere(image, step)
     counts = (
@@ -329,7 +329,7 @@ def plan_cells(image: Image, cells: int, per_cell: int, step: int = 1) -> list[l
 def _place_windows(
     left: int, right: int, top: int, bottom: int, side: int, size: tuple[int, int]
 ) -> list[tuple[int, int]]:
-    """Return where windows of a cell are tried: the file's tile in the middle first, then others far from it."""
+    """Return the positions of a cell's windows: the file's tile at the centre first, then others far from it."""
     samples, lines = (
         [at for at in range(first // side * side, last, side) if at >= first - side // 2 and at + side // 2 <= last]
         or [max(0, min((first + last - side) // 2, most - side))]
@@ -339,7 +339,7 @@ def _place_windows(
     places = [(sample, line) for line in lines for sample in samples]
     places.sort(key=lambda place: (place[0] - middle[0]) ** 2 + (place[1] - middle[1]) ** 2)
     chosen = places[:1]
-    while len(chosen) < min(TIE_WINDOWS.attempts, len(places)):  # the one farthest from those that are chosen
+    while len(chosen) < min(TIE_WINDOWS.attempts, len(places)):  # the one farthest from those selected
         rest = [place for place in places if place not in chosen]
         chosen.append(max(rest, key=lambda place: min((place[0] - s) ** 2 + (place[1] - t) ** 2 for s, t in chosen)))
     return chosen

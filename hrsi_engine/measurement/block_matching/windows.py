@@ -1,4 +1,4 @@
-"""Reading windows of images as tiles, at full or lower resolution."""
+"""Reading of image windows as tiles, at full or reduced resolution."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..tile_matching.types import ImageTile, TilePairGeometry
 
 @thresholds
 class TIE_WINDOWS:
-    """Which windows of an image are matched with which parts of others, and how they are read."""
+    """Windows of an image and of its partners, and reading of them."""
 
     height_safety: float = threshold(3.0, "sigma", "of the height, to which a window is searched")
     strip_lines: int = threshold(1024, "lines", "read at a time of an image without a pyramid")
@@ -41,7 +41,7 @@ class ImageWindow(NamedTuple):
     lines: int
 
     def inside(self, size: tuple[int, int]) -> ImageWindow:
-        """Return the part that lies in an image of a size; without samples or lines where there is none."""
+        """Return the intersection with an image of a size; without samples or lines if it is empty."""
         sample, line = max(self.sample, 0), max(self.line, 0)
         right, bottom = min(self.sample + self.samples, size[0]), min(self.line + self.lines, size[1])
         return ImageWindow(sample, line, max(right - sample, 0), max(bottom - line, 0))
@@ -51,24 +51,24 @@ class ImageWindow(NamedTuple):
         return ImageWindow(self.sample - border, self.line - border, self.samples + 2 * border, self.lines + 2 * border)
 
     def contains(self, xy: np.ndarray) -> np.ndarray:
-        """Tell which positions ``(n, 2)`` lie in the window."""
+        """Return which positions ``(n, 2)`` are in the window."""
         away = xy - (self.sample, self.line)
         return np.asarray(((away >= -0.5) & (away < np.array([self.samples, self.lines]) - 0.5)).all(axis=1))
 
 
 @runtime_checkable
 class PyramidRaster(Raster, Protocol):
-    """A raster of a file: it knows a cheap way to its lower resolutions, and tells states of the file apart."""
+    """A raster of a file with efficient access to reduced resolutions and a mark of the file's content."""
 
     def content_mark(self) -> str:
-        """Return a text that differs when the content of the file or of its side files differs."""
+        """Return a text that changes when the content of the file or of its sidecar files changes."""
 
     def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the whole image as means of ``step`` x ``step`` pixels, and where they are valid."""
+        """Return the complete image as means of ``step`` x ``step`` pixels, and the mask of valid ones."""
 
 
 def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | None:
-    """Return a window's pixels, means of ``step`` x ``step`` of them; None where it holds no valid pixel."""
+    """Return the means of ``step`` x ``step`` pixels in a window; None if it contains no valid pixel."""
     here = window.inside(image.known_size)
     if here.samples < step or here.lines < step:
         return None
@@ -82,7 +82,7 @@ def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | N
 
 
 def read_overview(image: Image, step: int) -> ImageTile:
-    """Return a whole image as means of ``step`` x ``step`` pixels."""
+    """Return a complete image as means of ``step`` x ``step`` pixels."""
     raster, size = image.pixels, image.known_size
     origin = ((step - 1) / 2.0, (step - 1) / 2.0)
     if isinstance(raster, PyramidRaster):
@@ -96,7 +96,7 @@ def read_overview(image: Image, step: int) -> ImageTile:
 
 
 def average_blocks(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the means of blocks of ``step`` x ``step`` pixels and whether all their pixels are valid."""
+    """Return the means of blocks of ``step`` x ``step`` pixels and whether all pixels of each block are valid."""
     lines, samples = grey.shape[0] // step, grey.shape[1] // step
     inner = np.s_[: lines * step, : samples * step]
     shape = (lines, step, samples, step)
@@ -106,7 +106,7 @@ def average_blocks(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.n
 
 
 def predict_window(geometry: TilePairGeometry, window: ImageWindow, border: int) -> ImageWindow:
-    """Return the window of the second image that shows a window of the first; empty where it is nowhere."""
+    """Return the window of the second image that shows a window of the first; empty if there is none."""
     corners = np.array(
         [(window.sample + s * (window.samples - 1), window.line + t * (window.lines - 1))
          for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)]
@@ -122,7 +122,7 @@ def predict_window(geometry: TilePairGeometry, window: ImageWindow, border: int)
 
 
 def compute_height_limits(geometry: TilePairGeometry, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest heights ``(n,)`` that points of the first image may have."""
+    """Return the lowest and highest possible heights ``(n,)`` of points of the first image."""
     if geometry.heights is None or geometry.height_sigma_m is None:
         return np.full(len(xy), geometry.lowest_m), np.full(len(xy), geometry.highest_m)
     height, reach = geometry.heights_at(xy), TIE_WINDOWS.height_safety * geometry.height_sigma_m
