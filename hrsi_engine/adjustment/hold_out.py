@@ -1,10 +1,10 @@
-"""Held-out tie points: a share of the tracks that takes no part in an adjustment and judges the cameras that it makes.
+"""Held-out tie points: a share of the tracks that is not adjusted, and verifies the adjusted cameras.
 
-The share is taken from every part of every image alike: tracks are put in order by their first image, the cell of it in
-which they lie, and the place in that cell, and every n-th is taken (systematic sampling of a stratified population,
-Cochran 1977, chapter 8). No random number is involved, so that a second run holds out the same tracks. Where a pair of
-images would lose too many of its common tracks, these stay in the adjustment: no link between images rests on tracks
-that do not adjust.
+The share is taken equally from every part of every image: tracks are sorted by their first image, their cell in it, and
+the position in that cell, and every n-th is taken (systematic sampling of a stratified population, Cochran 1977,
+chapter 8). No random number is used, so that a second run holds out the same tracks. If a pair of images would lose too
+many of its common tracks, these stay in the adjustment: no connection of images depends on tracks that are not
+adjusted.
 """
 
 from dataclasses import replace
@@ -17,9 +17,9 @@ from .options import HOLD_OUT
 
 
 def hold_out_ties(block: Block, share: float) -> Block:
-    """Return the block with some of its tie points as `Role.HELD_OUT`; those of an earlier run, where it has such.
+    """Return the block with some of its tie points as `Role.HELD_OUT`; if it has some already, it is unchanged.
 
-    share : of the tie tracks to hold out, of blocks with more than `HOLD_OUT.fewest_tracks`; 0 holds out none
+    share : of the tie tracks to hold out, in blocks with more than `HOLD_OUT.fewest_tracks`; 0 holds out none
     """
     role = block.points.role.copy()
     tracks = (role == Role.TIE) & (block.rays_per_point() >= 2)
@@ -27,14 +27,14 @@ def hold_out_ties(block: Block, share: float) -> Block:
         role[role == Role.HELD_OUT] = Role.TIE
     elif not (role == Role.HELD_OUT).any() and np.count_nonzero(tracks) > HOLD_OUT.fewest_tracks:
         chosen = sample_tracks(block, tracks, share)
-        # How many tracks each pair of images has in common, and how many of them would stay
+        # Number of common tracks of each pair of images, and number of those that would stay
         rows = block.measurements
         here = np.flatnonzero(tracks[rows.point])
         seen = sparse.csr_matrix(
             (np.ones(len(here), dtype=np.int32), (rows.point[here], rows.image[here])),
             (len(block.points), len(block.images)),
         )
-        seen.data[:] = 1  # of a point that was measured twice on an image
+        seen.data[:] = 1  # for points measured twice on an image
         common, lost = seen.T @ seen, seen[chosen].T @ seen[chosen]
         pairs = lost.tocoo()
         every = np.asarray(common[pairs.row, pairs.col]).ravel()
@@ -48,7 +48,7 @@ def hold_out_ties(block: Block, share: float) -> Block:
 
 
 def sample_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:
-    """Return the indices of a share of the ``tracks`` (mask over the points), evenly over the cells of the images."""
+    """Return the indices of a share of the ``tracks`` (mask over the points), evenly from the cells of the images."""
     rows = block.measurements
     head = np.flatnonzero(tracks[rows.point])
     head = head[np.unique(rows.point[head], return_index=True)[1]]  # of each track, its row on its first image

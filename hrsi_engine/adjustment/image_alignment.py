@@ -1,18 +1,18 @@
-"""A start in which the images meet: a shift of each image, from the tie points, by the ground points eliminated.
+"""Initial shifts of the images from the tie points, so that rays intersect before anything is tested.
 
-RPCs point to tens of pixels. Rays of neighbouring frames are almost parallel: there 50 px place their point tens of
-kilometres above the ground, where nothing that is linearised holds and right measurements look wrong. So the block is
-made consistent before anything is tested:
+RPCs have errors of tens of pixels. Rays of neighbouring frames are almost parallel: there an error of 50 px places the
+point tens of kilometres above the ground, where linearised equations are invalid and correct measurements appear wrong.
+So the block is made consistent before anything is tested:
 
-1. Points that join each pair of images, a few dozen, are intersected near the ground: a height has the standard
-   deviation of the RPC's height range here.
-2. Measurements that disagree with the others of their points (`consensus`) are left out: that test needs no
+1. A few dozen points that connect each pair of images are intersected near the ground: a height has the standard
+deviation of the RPC's height range here. 2. Measurements that disagree with the others of their points (`consensus`)
+are left out: that test needs no
    cameras.
 3. A shift of each image is estimated with the points, robustly and from coarse to fine: the scale of the weights
    falls from that of the residuals to a few standard deviations of a measurement (graduated non-convexity, Blake and
-   Zisserman 1987). A pair of images all of whose matches are wrong is outvoted where others join them.
+   Zisserman 1987). A pair of images with only wrong matches has no effect if other pairs connect these images.
 
-The shifts are linear in the image, so that nothing is lost by beginning with them, whatever the model is.
+The shifts are linear in the image, so that they are a suitable start for every model.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ from .weights import cauchy
 
 @thresholds
 class IMAGE_ALIGNMENT:
-    """How images are brought together before measurements are judged."""
+    """Limits for the alignment of images before measurements are tested."""
 
     points_per_pair: int = threshold(64, "points", "that join two images, as many as choose a pair's parallax plane")
     points_per_image: int = threshold(96, "points", "of an image that many others join, shared among its pairs")
@@ -51,15 +51,15 @@ def align_images(
     observations: Observations, model: RefinementModel, shift_weight: np.ndarray, prior_weight: np.ndarray,
     threads: int = 0,
 ) -> np.ndarray:  # fmt: skip
-    """Return values of a model ``(cameras, p)`` by which the images meet in the tie points; zero without any.
+    """Return values of a model ``(cameras, p)`` with which the rays of tie points intersect; zero without tie points.
 
-    Surveys take no part: a wrong one would bend what the ties say of each other.
+    Surveys are not used: a wrong one would distort the alignment.
 
     observations : measurements of the block
     model : of the corrections
     shift_weight, prior_weight : (cameras, 2) in 1/px² and (cameras, p), of a shift's and of the model's parameters;
-        infinite for those that stay as they are
-    threads : of compiled loops; 0 takes all processors
+        infinite for fixed parameters
+    threads : number for compiled loops; 0 for all processors
     """
     chosen = _choose_points(observations)
     if not chosen.any():
@@ -80,7 +80,7 @@ def align_images(
         weighting = Weighting(weight * factor, priors, usable)
         found = loop.iterate(state, weighting, "none", IMAGE_ALIGNMENT.settled, silent)
         if scale == IMAGE_ALIGNMENT.finest:
-            # Values that correct the image points as shifts do, but for their priors
+            # Values of the model with the same effect on the image points as the shifts, except for their priors
             p = len(model.parameters)
             normal, right = np.zeros((few.cameras, p, p)), np.zeros((few.cameras, p))
             for index, rows in enumerate(few.by_image):
@@ -100,12 +100,12 @@ def align_images(
         coarse = float(np.quantile(sigmas[agreeing], IMAGE_ALIGNMENT.coarse_share)) if np.isinf(scale) else scale
         scale = max(IMAGE_ALIGNMENT.finer * coarse, IMAGE_ALIGNMENT.finest)
         factor, state = agreeing * cauchy(sigmas, scale), found.state
-        if scale == IMAGE_ALIGNMENT.finest:  # heights of all points together would hold the block in their middle
+        if scale == IMAGE_ALIGNMENT.finest:  # their sum would constrain the block's mean height
             priors = set_point_priors(few, state.ground, None, None)[0]
 
 
 def bound_heights(observations: Observations, ground: np.ndarray) -> PointPriors:
-    """Return the surveys as priors, and free heights near those of ``ground (m, 3)`` as the RPCs' height ranges say."""
+    """Return surveys as priors, and free heights as those of ``ground (m, 3)`` with the RPCs' height range as sigma."""
     priors = PointPriors.from_surveys(observations, ground)
     reach = np.array([abs(one.rpc.height_scale) for one in observations.images])
     sigma = np.maximum(reach, IMAGE_ALIGNMENT.least_height_m)[observations.image[observations.first[:-1]]]
@@ -114,9 +114,9 @@ def bound_heights(observations: Observations, ground: np.ndarray) -> PointPriors
 
 
 def _choose_points(observations: Observations) -> np.ndarray:
-    """Return a mask of tie points ``(m,)`` that join two images, a few of each pair, evenly over all of them."""
+    """Return a mask of tie points ``(m,)`` that connect two images, a few of each pair, evenly distributed."""
     cameras, tie = observations.cameras, observations.contributing_points & ~observations.located
-    first = np.flatnonzero(observations.point[1:] == observations.point[:-1])  # rows that the next one's point shares
+    first = np.flatnonzero(observations.point[1:] == observations.point[:-1])  # rows whose next row has the same point
     first = first[tie[observations.point[first]]]
     one, other = observations.camera[first].astype(np.int64), observations.camera[first + 1].astype(np.int64)
     key = np.minimum(one, other) * cameras + np.maximum(one, other)

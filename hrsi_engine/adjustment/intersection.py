@@ -1,8 +1,8 @@
-"""Ground points from measurements on images whose cameras stay as they are (space intersection).
+"""Ground points from measurements on images with fixed cameras (space intersection).
 
 The same equations as in the block, with the image parameters fixed: each point is its own 3 x 3 system. The start is
-the first measurement carried from its image's centre by the camera's derivatives, at a height near the known points or
-in the middle of the RPC's height range: the cameras are nearly linear, a few steps close the rest.
+the first measurement, extrapolated from its image's centre by the camera's derivatives, at the median height of known
+points or in the middle of the RPC's height range: the cameras are nearly linear, a few steps suffice.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ CENTRE_STEPS = 6
 
 
 def estimate_start_positions(observations: Observations) -> np.ndarray:
-    """Return approximate positions ``(m, 3)``; surveyed coordinates at their survey."""
+    """Return approximate positions ``(m, 3)``; surveyed coordinates are taken from the survey."""
     first = observations.first[:-1]
     if not len(first):
         return np.empty((0, 3))
@@ -40,7 +40,7 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
         step[:, :2] = (outwards[moving] @ (centre_px[moving] - at)[:, :, None])[:, :, 0]
         centre[moving] = move_ground(centre[moving], step)
         moving = moving[~(np.abs(step).max(axis=1) < POINT_STEPS.start_closure_m)]
-    for number in moving.tolist():  # slower, and safer with odd RPCs
+    for number in moving.tolist():  # slower, but robust with unusual RPCs
         centre[number] = rpcs[number].localize(centre_px[number][None], centre[number, 2]).ground[0]
     step = np.zeros((len(first), 3))
     step[:, :2] = (outwards[image] @ (observations.xy[first] - centre_px[image])[:, :, None])[:, :, 0]
@@ -53,7 +53,7 @@ def intersect_points(
 ) -> np.ndarray:
     """Return the least-squares positions ``(m, 3)`` of all points for fixed ``values (images, p)``.
 
-    ``ground`` is the start. Points that cannot be computed come out as NaN.
+    ``ground`` is the start. Points that cannot be computed are NaN.
     """
     return form_point_equations(observations, model).intersect(
         State(values, ground), 1.0 / observations.sigma_px**2, PointPriors.from_surveys(observations, ground)
@@ -63,7 +63,7 @@ def intersect_points(
 def compute_intersection_cofactors(
     observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:
-    """Return the cofactors ``(m, 3, 3)`` m² of such positions: what the image points' sigmas make of them."""
+    """Return the cofactors ``(m, 3, 3)`` m² of positions intersected with fixed cameras, by the image sigmas."""
     priors, nobody = PointPriors.from_surveys(observations, ground), np.zeros(len(ground), dtype=bool)
     weight, state = 1.0 / observations.sigma_px**2, State(values, ground)
     return form_point_equations(observations, model).form_normals(state, weight, priors, nobody).inverse
@@ -77,7 +77,7 @@ def compute_image_residuals(
 
 
 def form_point_equations(observations: Observations, model: RefinementModel, threads: int = 0) -> NormalEquations:
-    """Return the equations of points alone."""
+    """Return the equations of the points alone, with fixed cameras."""
     return NormalEquations(
         observations, model, make_diagonal_pattern(observations.cameras, len(model.parameters)), threads
     )

@@ -1,14 +1,13 @@
-"""What an earlier adjustment says of its cameras together: a prior with the correlations between them.
+"""The cameras of an earlier adjustment as a prior, with the correlations between them.
 
 An adjustment ends with the reduced normal matrix S of its cameras (`equations`), priors included, at the values c. For
-whatever is measured later on other points, that is all that the earlier observations say: their cost beyond its minimum
-is
+later measurements of other points this is all information of the earlier observations: their cost above its minimum is
 
     (x - c)' S (x - c) / 2
 
-as far as the equations are linear. S has a block for every pair of cameras that share a point and nothing else, while
-its inverse, the covariance, is full: so S is what is kept. Added to the normal equations of the new points it makes of
-two adjustments the one of everything at once.
+as far as the equations are linear. S has blocks only for pairs of cameras that share a point, while its inverse, the
+covariance, is full: therefore S is stored. Added to the normal equations of the new points, it gives the result of one
+adjustment of all observations.
 """
 
 from __future__ import annotations
@@ -25,16 +24,16 @@ from .observations import Observations
 
 @dataclass(frozen=True, eq=False)
 class JointCameras:
-    """What is known of k images with c cameras of p parameters, the drift that their model does not follow included.
+    """Estimates of k images with c cameras of p parameters, including the drift that their model does not contain.
 
     images : (k,) ids
     camera : (k,) number of each image's camera
     parameters : (p,) names
-    values : (c, p) where S stands
+    values : (c, p) at which S was formed
     rows, columns, blocks : (b,), (b,), (b, p, p) of the upper half of S, diagonal blocks first in each row
     fixed : (c, p) parameters that were not estimated
     squares : (c, p, p) weighted squares of the derivatives at the measurements (`delivery`)
-    gcps : (k,) GCPs that hold the part of the block in which an image is
+    gcps : (k,) number of GCPs of the part of the block that contains the image
     """
 
     images: tuple[str, ...]
@@ -51,14 +50,14 @@ class JointCameras:
 
 @dataclass(frozen=True, eq=False)
 class JointPrior:
-    """Earlier cameras as a prior of those of a new block; ``camera (c,)`` says which of its cameras each is."""
+    """Earlier cameras as a prior in a new block; ``camera (c,)`` are their indices among its cameras."""
 
     known: JointCameras
     camera: np.ndarray
 
     @classmethod
     def select_cameras(cls, known: JointCameras, observations: Observations) -> JointPrior:
-        """Return the prior for a block; raises `InputError` where it has not all of the images."""
+        """Return the prior for a block; raise `InputError` if images of the earlier adjustment are missing in it."""
         place = {image.id: index for index, image in enumerate(observations.images)}
         missing = [name for name in known.images if name not in place]
         if missing:
@@ -69,12 +68,12 @@ class JointPrior:
 
     @property
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cameras that it connects, with each of them itself: rows and columns, ``row <= column``."""
+        """Pairs of connected cameras, each with itself included: rows and columns, ``row <= column``."""
         rows, columns = self.camera[self.known.rows], self.camera[self.known.columns]
         return np.minimum(rows, columns), np.maximum(rows, columns)
 
     def require_parameters(self, parameters: tuple[str, ...]) -> None:
-        """Raise `InputError` where the cameras are others than those that are known."""
+        """Raise `InputError` if the block's cameras have other parameters than the earlier ones."""
         if parameters != self.known.parameters:
             raise InputError(
                 f"the earlier cameras have the parameters {', '.join(self.known.parameters)}, the block's are "
@@ -83,25 +82,25 @@ class JointPrior:
             )
 
     def enter_start(self, start: np.ndarray, prior_weight: np.ndarray) -> None:
-        """Enter its values into ``start (cameras, p)``; and no ``prior_weight (cameras, p)`` of its cameras."""
+        """Enter the values into ``start (cameras, p)``, and remove these cameras' own ``prior_weight (cameras, p)``."""
         start[self.camera] = self.known.values
         fixed_again = np.isinf(prior_weight[self.camera]) | self.known.fixed
         prior_weight[self.camera] = np.where(fixed_again, np.inf, 0.0)
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
-        """Add the prior to reduced normal equations at ``values (cameras, p)``."""
+        """Add the prior at ``values (cameras, p)`` to the reduced normal equations."""
         known, (rows, columns), blocks = self.known, self.pairs, self._turn_blocks()
-        merged = (rows == columns) & (known.rows != known.columns)  # two cameras that are one now
+        merged = (rows == columns) & (known.rows != known.columns)  # two cameras that share parameters now
         blocks[merged] += blocks[merged].transpose(0, 2, 1)
         np.add.at(normals.blocks, pattern.find_blocks(rows, columns), blocks)
         np.subtract.at(normals.right, self.camera, self._gradient(values))
 
     def compute_cost(self, values: np.ndarray) -> float:
-        """Return half the weighted sum of squares at ``values (cameras, p)``."""
+        """Return half the weighted sum of squares of the prior at ``values (cameras, p)``."""
         return 0.5 * float(np.sum((values[self.camera] - self.known.values) * self._gradient(values)))
 
     def count_parameters(self, cofactors: np.ndarray, pattern: Pattern) -> float:
-        """Return how many of the parameters come from the prior: the trace of S Q, for ``cofactors`` on the pattern."""
+        """Return the number of parameters determined by the prior: trace of S Q, for ``cofactors`` on the pattern."""
         known = self.known
         rows, columns = self.pairs
         both = np.einsum("bij,bij->b", self._turn_blocks(), cofactors[pattern.find_blocks(rows, columns)])

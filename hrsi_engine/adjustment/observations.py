@@ -1,9 +1,8 @@
-"""Which measurements and points take part in an adjustment, in the order the solver wants.
+"""The measurements and points that are used in an adjustment, in the order for the solver.
 
-A point takes part when its position can follow from the observations: measured on two images, or a GCP (whose
-surveyed position is itself an observation). Check points and held-out tie points ride along: their positions are
-intersected in every pass, with full precision, but by default they have no say in the cameras, so that they check
-independently.
+A point is used if the observations determine its position: measured on two images, or a GCP (whose surveyed position is
+itself an observation). Positions of check points and held-out tie points are computed in every pass, with full
+precision, but by default these points do not contribute to the cameras, so that they are an independent check.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ class Observations:
     points : (m,) indices of the adjusted points in the block
     point, image : (n,) index of each measurement's point (into ``points``) and image
     first : (m + 1,) measurements ``first[i]:first[i + 1]`` belong to point i
-    survey, survey_weight : (m, 3) surveyed positions of GCPs and their weights 1/m²; weight 0 where a coordinate is
+    survey, survey_weight : (m, 3) surveyed positions of GCPs and their weights 1/m²; weight 0 for coordinates that are
         not surveyed (an infinite sigma makes a point horizontal or height control only)
     survey_correlation : (m, 3) of east-north, east-height, north-height of each survey; None: all zero
-    referenced : (m,) places of a reference, which hold in plan as they are judged (`held_plan`); None: there are none
-    alike : (m,) GCPs of a reference that carry a survey, most of whose error all of them share; None: there are none
-    contributes : (n,) whether the measurement has a say in the cameras
-    camera_of_image : (images,) which set of parameters an image has; images of one strip may share one
+    referenced : (m,) True for places of a reference, whose plan is observed (`held_plan`); None: there are none
+    alike : (m,) True for GCPs by matching with a reference, which share most of their error; None: there are none
+    contributes : (n,) True for measurements that are used to determine the cameras
+    camera_of_image : (images,) index of each image's set of parameters; images of one strip may share one
     """
 
     images: tuple[Image, ...]
@@ -65,12 +64,12 @@ class Observations:
 
     @cached_property
     def camera(self) -> np.ndarray:
-        """Set of parameters of each measurement, ``(n,)``."""
+        """Index of the set of parameters of each measurement, ``(n,)``."""
         return self.camera_of_image[self.image]
 
     @cached_property
     def places(self) -> np.ndarray:
-        """Position of each measurement in its image, -1 to 1 in sample and line, ``(n, 2)``."""
+        """Position of each measurement in its image, scaled to -1 to 1 in sample and line, ``(n, 2)``."""
         middle = np.array([image.centre_px for image in self.images]).reshape(-1, 2)
         half = np.array([image.half_size_px for image in self.images]).reshape(-1, 2)
         return np.asarray((self.xy - middle[self.image]) / half[self.image])
@@ -82,7 +81,7 @@ class Observations:
 
     @property
     def located(self) -> np.ndarray:
-        """Mask of the points that one ray is enough for: those with a survey, and places of a reference."""
+        """Mask of the points for which one ray is enough: those with a survey, and places of a reference."""
         return self.surveyed if self.referenced is None else self.surveyed | self.referenced
 
     @property
@@ -94,7 +93,7 @@ class Observations:
 
     @cached_property
     def contributing_points(self) -> np.ndarray:
-        """Mask of the points that have a say in the cameras."""
+        """Mask of the points that are used to determine the cameras."""
         return self.contributes[self.first[:-1]]
 
     @cached_property
@@ -106,14 +105,14 @@ class Observations:
 
     @cached_property
     def by_length(self) -> dict[int, np.ndarray]:
-        """Track length k -> indices of the points with k measurements."""
+        """Indices of the points with k measurements, by track length k."""
         lengths = np.diff(self.first)
         return {int(k): np.flatnonzero(lengths == k) for k in np.unique(lengths)}
 
     def count_rays(self, used: np.ndarray) -> np.ndarray:
-        """Return the number of rays of each point ``(m,)`` by measurements that are ``used (n,)``.
+        """Return the number of rays of each point ``(m,)``, from the measurements that are ``used (n,)``.
 
-        Tiles and bands of one exposure see a point by one ray.
+        Tiles and bands of one exposure have one common ray to a point.
         """
         exposure = number_exposures(self.images)
         if exposure.max(initial=-1) + 1 == len(exposure):
@@ -122,7 +121,7 @@ class Observations:
         return np.bincount(rays[:, 0], minlength=len(self.points))
 
     def find_rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the measurements of some points in order, and where each point's begin among them."""
+        """Return the measurements of some points in order, and the first row of each point among them."""
         lengths = self.first[points + 1] - self.first[points]
         place = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(lengths)])
         rows = np.arange(place[-1]) + np.repeat(self.first[points] - place[:-1], lengths)
@@ -148,8 +147,8 @@ def select_observations(
 ) -> Observations:
     """Return the measurements of every point whose position can be computed.
 
-    ``check_as_ties`` lets the image points of check points (not their survey) take part in the cameras' estimation.
-    GCPs that are places of a ``reference`` carry no survey; those that matching with one gave as GCPs carry theirs.
+    With ``check_as_ties`` the image points of check points (not their survey) are used to determine the cameras. GCPs
+    that are places of a ``reference`` have no survey here; GCPs from matching with a reference have theirs.
     """
     control = block.points.role == Role.GCP
     usable = control | (block.rays_per_point() >= 2)
@@ -167,13 +166,13 @@ def select_points(
 ) -> Observations:
     """Return the observations of the ``usable`` points (masks over the block's points).
 
-    ``surveyed`` points carry their survey (default: none), ``contributing`` ones have a say in the cameras
-    (default: all).
+    ``surveyed`` points have their survey as observation (default: none), ``contributing`` ones are used to determine
+    the cameras (default: all).
     """
     surveyed = np.zeros(len(block.points), dtype=bool) if surveyed is None else surveyed
     contributing = np.ones(len(block.points), dtype=bool) if contributing is None else contributing
     rows = np.flatnonzero(usable[block.measurements.point])
-    every = len(rows) == len(block.measurements)  # then its columns serve as they are, without a copy
+    every = len(rows) == len(block.measurements)  # then its columns are used without a copy
     chosen = block.measurements if every else block.measurements.select(rows)
     taking_part = np.zeros(len(block.points), dtype=bool)
     taking_part[chosen.point] = True

@@ -1,4 +1,4 @@
-"""How to adjust a block."""
+"""Options of an adjustment."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 MODEL_NAMES = (*RULE_NAMES, *BLOCK_MODEL_NAMES)
 #: Weight functions (`weights.WEIGHTS`).
 WEIGHT_NAMES = ("none", "huber", "cauchy", "tukey")
-#: What tells image points apart (`variance_components.GROUPINGS`).
+#: Criteria by which image points are grouped (`variance_components.GROUPINGS`).
 GROUPING_NAMES = ("kind-sensor", "kind", "sensor", "image", "kind-image")
 
 
-#: What `jitter` may be beside a number.
+#: Values of `jitter` other than a number.
 JITTER_CHOICES = ("auto", "none")
-#: Whether a surface is that of the ground with what stands on it, or of the ground alone.
+#: Kinds of surfaces: with buildings and vegetation (DSM), or of the ground alone (DTM).
 SURFACE_KINDS = ("dsm", "dtm")
 
 
 def surface_search_option() -> Any:
-    """Return the field of how far the relief of a surface is looked for."""
+    """Return the option of the search distance for the relief of a surface."""
     return option(
         100.0,
         "Search distance in plan for the relief of a surface that constrains a block without GCPs; 0: the surface "
@@ -39,7 +39,7 @@ def surface_search_option() -> Any:
 
 
 def surface_kind_option() -> Any:
-    """Return the field of what a surface is that of."""
+    """Return the option of the kind of a surface."""
     return option(
         SURFACE_KINDS[0], "Whether the heights of the DEM or surface include trees and buildings (dsm) or not (dtm)",
         choices=SURFACE_KINDS, advanced=True,
@@ -48,7 +48,7 @@ def surface_kind_option() -> Any:
 
 @thresholds
 class HOLD_OUT:
-    """Which tracks may be held out."""
+    """Limits for holding out tracks."""
 
     fewest_tracks: int = threshold(500, "tracks", "blocks with no more tie tracks need all of them to adjust")
     cells: int = threshold(8, "cells", "along each side of an image, from each of which the share is taken")

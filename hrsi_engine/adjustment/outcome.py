@@ -1,4 +1,4 @@
-"""From the last solution to an `Adjustment`: arrays in the order of the block, sigma0, and what is to be said."""
+"""From the last solution to an `Adjustment`: arrays in the order of the block, sigma0, and warnings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -34,12 +34,12 @@ from .statistics.precision import Precision, compute_deletion_tests
 from .statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts
 from .weak_geometry import RAY_GEOMETRY
 
-ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
+ROWS_AT_ONCE = 200_000  # image points whose tests are computed together
 
 
 @thresholds
 class RESULT_WARNINGS:
-    """What an adjustment warns of."""
+    """Limits for the warnings of an adjustment."""
 
     many_heights_left_out: float = threshold(0.02, "", "share of a source's heights that do not fit")
     many_places_left_out: float = threshold(0.1, "", "share of a reference's places that do not fit")
@@ -55,9 +55,9 @@ WHAT_STANDS_OUT = {
 
 @dataclass(eq=False)
 class RoundFindings:
-    """What the rounds of an adjustment found.
+    """Findings of the rounds of an adjustment.
 
-    Verdicts (n,), values of the tests that failed (n,), the tie points' variance factor, findings and more;
+    Decisions (n,), values of failed tests (n,), the tie points' variance factor, findings, warnings, tests of sigmas;
     ``left_out_surveys`` are the normalised squares and degrees of freedom of the GCPs' leave-one-out errors.
     """
 
@@ -77,14 +77,14 @@ class RoundFindings:
 def assemble_adjustment(
     problem: Problem, loop: GaussNewton, found: RoundFindings, solution: Solution, precise: Precision
 ) -> Adjustment:
-    """Return the result of an adjustment."""
+    """Return the result of an adjustment from its last solution, findings and precision."""
     observations, block, sums = problem.observations, problem.block, _count_sums(problem, loop, solution, precise)
     solution, precise = keep_given_position(problem, loop, solution, precise)
-    own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
+    own = slice(len(problem.model.parameters))  # followed by the drift that the model does not contain
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own]
     cameras = deliver_cameras(problem, loop, solution)
     points, camera = observations.points, observations.camera_of_image
-    # check points ride along; a point that lost its measurements has no position
+    # check points have positions, too; a point whose measurements were all rejected has none
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
     alike = _count_points_alike(problem, loop)
     shared = _propagate_shared_errors(problem, loop, solution)
@@ -141,31 +141,31 @@ def _scale_covariances(
     problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, cameras: CameraDelivery,
     sigma0: float, alike: np.ndarray, placed: np.ndarray, shared: tuple[np.ndarray, np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
-    """Return the one set of covariances, in m², from which sigmas, ellipses, predictions and the headline follow.
+    """Return the covariances in m² from which sigmas, ellipses and predicted accuracies are derived.
 
-    They are those of the block's points ``(points, 3, 3)``, NaN without position and where a survey was left out as
-    wrong; standard deviations ``(points, 3)`` with the errors of coordinate operations; covariances of the points in
-    solver order ``(m, 3, 3)``, GCPs without their own survey, with those errors; the variance factor of each image's
-    parameters ``(images,)``; and the factor of predicted standard deviations by the GCPs' leave-one-out errors.
-    ``alike (images,)`` is what the share of the cameras in the points' cofactors has beside the variance factor.
+    They are those of the block's points ``(points, 3, 3)``, NaN without position or with a survey rejected as wrong;
+    standard deviations ``(points, 3)`` with the errors of coordinate operations; covariances of the points in solver
+    order ``(m, 3, 3)``, GCPs without their own survey, with those errors; the variance factor of each image's
+    parameters ``(images,)``; and the factor of predicted standard deviations by the GCPs' leave-one-out errors. ``alike
+    (images,)`` is a further factor of the cameras' share in the points' cofactors (`common_drift`).
     """
     observations = problem.observations
     image = observations.image[observations.first[:-1]]
-    # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit. A sigma0
-    # below 1 is the image points' own too: it makes no survey better than it was said to be.
+    # Without GCPs the RPCs' error terms determine a part, and these do not depend on the residuals of image points. A
+    # sigma0 below 1 is also that of the image points: it makes no survey better than stated.
     of_part = np.array([max(sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])
     factor = of_part[_number_parts(problem)]
     of_point, beside = factor[image, None, None], np.zeros_like(precise.points)
     by_cameras = np.flatnonzero(alike[image] > 1.0)
     of_cameras = precise.points[by_cameras] - solution.normals.inverse[by_cameras]
     beside[by_cameras] = ((alike - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
-    without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
+    without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # a known error that remains
     beside += without_drift[:, :, None] * without_drift[:, None, :]
     if problem.held_heights is not None:
         beside[:, 2, 2] += problem.held_heights.find_unweighted_variance(
             solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
         )
-    left_out = observations.surveyed & ~solution.weighting.points.held  # as wrong: what is left of it tells nothing
+    left_out = observations.surveyed & ~solution.weighting.points.held  # wrong surveys: their covariances are not valid
     known = (placed & ~left_out)[:, None, None]
     covariance = np.where(known, of_point * precise.points + beside, np.nan)
     others = of_point * predict_without_surveys(problem, solution, precise) + beside
@@ -185,7 +185,7 @@ def _scale_covariances(
 
 
 def _count_points_alike(problem: Problem, loop: GaussNewton) -> np.ndarray:
-    """Return by how much the cameras' priors were scaled for image points that err alike, ``(images,)``."""
+    """Return the factors of the cameras' priors for image points that share errors, ``(images,)``."""
     alike = np.ones(problem.observations.cameras)
     for one in loop.common:
         alike[one.camera] = one.points_alike
@@ -195,16 +195,16 @@ def _count_points_alike(problem: Problem, loop: GaussNewton) -> np.ndarray:
 def _propagate_shared_errors(
     problem: Problem, loop: GaussNewton, solution: Solution
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return what errors of coordinate operations and of the pointing of passes do to points, None without any.
+    """Return the effect on points of errors of coordinate operations and of the pointing of passes, None without any.
 
-    Further columns are of what is not known of jitter. That is by how much one standard deviation of each error moves a
-    point, ``(m, 3, e)``; and what the covariances hold
-    of them already, as if they were independent, ``(m, 3, 3)``.
+    Further columns are the uncertainty of jitter. The results are the movement of each point by one standard deviation
+    of each error, ``(m, 3, e)``; and the part of these errors in the covariances, where they are treated as
+    independent, ``(m, 3, 3)``.
     """
     observations = problem.observations
     of_surveys = problem.block.points.operation_shifts_m(observations.points)
     operations, passes = of_surveys[observations.surveyed].any(), []
-    # The cameras of each pass that has several, where only what is believed of its pointing holds them
+    # The cameras of each pass with several images, if only their a priori pointing determines them
     believed = np.isfinite(problem.prior_weight).all(axis=1) & (problem.prior_weight > 0.0).all(axis=1)
     for part in problem.parts:
         if part.gcps or part.places:
@@ -212,7 +212,7 @@ def _propagate_shared_errors(
     for images in find_passes(observations.images):
         cameras = np.unique(observations.camera_of_image[images])
         cameras = cameras[believed[cameras]]
-        believed[cameras] = False  # tiles of one camera may begin at different seconds
+        believed[cameras] = False  # tiles of one camera can have different start times
         passes += [cameras] if len(cameras) > 1 else []
     jitter = problem.options.jitter_estimate
     if not operations and not passes and jitter is None:
@@ -235,7 +235,7 @@ def _propagate_shared_errors(
 def _join_cameras(
     problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray, alike: np.ndarray
 ) -> JointCameras:
-    """Return what the adjustment says of its cameras together; ``alike (images,)`` scaled their normal equations."""
+    """Return the cameras' joint normal equations for later adjustments; they are divided by the factors ``alike``."""
     pattern, observations, fixed = loop.pattern, problem.observations, np.isinf(loop.prior_weight)
     blocks = solution.normals.blocks.copy()
     own = np.arange(pattern.parameters)
@@ -257,13 +257,12 @@ def _describe_measurements(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the fields of an `Adjustment` that have a row for each measurement of the block.
 
-    ``residual (n, 2)`` are those by the delivered cameras; ``placed (n,)`` says whether a measurement's point has a
-    position.
+    ``residual (n, 2)`` are those by the final cameras; ``placed (n,)`` is True if a measurement's point has a position.
     """
     block, rows, count = problem.block, problem.observations.rows, len(problem.block.measurements)
     kept = (solution.weight > 0.0) & placed
-    # Redundancy numbers, and test values in standard deviations by the tie points' own variance factor; NaN where a
-    # measurement has no say
+    # Redundancy numbers, and test values in standard deviations by the tie points' own variance factor; NaN for
+    # measurements that are not used
     judged = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[problem.observations.point])
     redundancy_numbers = np.full((len(rows), 2), np.nan, dtype=np.float32)
     statistic = np.full(len(rows), np.nan, dtype=np.float32)
@@ -276,7 +275,7 @@ def _describe_measurements(
     if found.failed is not None:
         statistic = np.where(np.isnan(statistic), found.failed, statistic)
     estimate = None
-    if problem.camera is not problem.model:  # the drift that the model does not follow was estimated beside it
+    if problem.camera is not problem.model:  # the drift that the model does not contain was estimated, too
         estimate = _expand_rows(count, rows, np.where(kept[:, None], solution.normals.residual, np.nan))
     sigma = None
     if found.sigma_px is not None and not np.array_equal(found.sigma_px, block.measurements.sigma_px[rows]):
@@ -294,7 +293,7 @@ def _describe_measurements(
 
 
 def _expand_rows(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
-    """Return an array of ``length`` rows with ``values`` at ``where``; the values themselves where that is all."""
+    """Return an array of ``length`` rows with ``values`` at ``where``; the values themselves if they are all rows."""
     if len(values) == length:
         return values
     result = np.full((length, *values.shape[1:]), empty, dtype=values.dtype)
@@ -303,13 +302,13 @@ def _expand_rows(length: int, where: np.ndarray, values: np.ndarray, empty: floa
 
 
 def _compute_prior_share(loop: GaussNewton, variances: np.ndarray) -> np.ndarray:
-    """Return how much of each parameter comes from its prior ``(cameras, p)``; all of it where it is fixed."""
+    """Return the share of each parameter that follows from its prior ``(cameras, p)``; 1 for fixed ones."""
     fixed = np.isinf(loop.prior_weight)
     return np.where(fixed, 1.0, np.where(fixed, 0.0, loop.prior_weight) * variances)
 
 
 def _count_observations(problem: Problem, solution: Solution) -> tuple[int, int]:
-    """Return the numbers of observations that were not left out and of the unknowns of their points."""
+    """Return the number of observations that were not left out, and the number of unknowns of their points."""
     weighting, contributes = solution.weighting, solution.weighting.contributes
     rows = int(((weighting.image > 0.0) & contributes[problem.observations.point]).sum())
     return 2 * rows + int(weighting.points.observed[contributes].sum()), 3 * int(contributes.sum())
@@ -318,9 +317,9 @@ def _count_observations(problem: Problem, solution: Solution) -> tuple[int, int]
 def compute_redundancy(
     problem: Problem, loop: GaussNewton, solution: Solution, variances: np.ndarray, cofactors: np.ndarray | None
 ) -> float:
-    """Return the redundancy of a solution; priors count as far as the parameters follow from them.
+    """Return the redundancy of a solution; parameters are counted by the share that does not follow from priors.
 
-    ``variances (cameras, p)`` are the parameters' cofactors, ``cofactors`` those on the pattern, where they are known.
+    ``variances (cameras, p)`` are the parameters' cofactors, ``cofactors`` those on the pattern, if they are known.
     """
     observed, positions = _count_observations(problem, solution)
     unknown = float(np.sum(1.0 - np.nan_to_num(_compute_prior_share(loop, variances))))
@@ -330,7 +329,7 @@ def compute_redundancy(
 
 
 def _count_sums(problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision) -> dict[str, Any]:
-    """Return the fields of an `Adjustment` that count what was not left out, and the sigma0 that follows."""
+    """Return the fields of an `Adjustment` that count observations and unknowns, and the sigma0 that follows."""
     observed, positions = _count_observations(problem, solution)
     redundancy = compute_redundancy(problem, loop, solution, precise.parameters, precise.cameras)
     return {
@@ -341,7 +340,7 @@ def _count_sums(problem: Problem, loop: GaussNewton, solution: Solution, precise
 
 
 def _number_parts(problem: Problem) -> np.ndarray:
-    """Return the number of each image's part of the block."""
+    """Return the index of each image's part of the block."""
     part_of_image = np.zeros(len(problem.observations.images), dtype=np.int64)
     for number, part in enumerate(problem.parts):
         part_of_image[part.images] = number
@@ -349,9 +348,9 @@ def _number_parts(problem: Problem) -> np.ndarray:
 
 
 def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) -> list[str]:
-    """Name parameters of images with control that nevertheless come from their priors.
+    """Return warnings of parameters of images with GCPs that follow from their priors.
 
-    Not those whose prior was estimated from the block: these are as good as the block can say.
+    Parameters whose prior was estimated from the block are not included.
     """
     names, observations = problem.model.parameters, problem.observations
     prior = problem.prior_weight[:, : prior_share.shape[1]]
@@ -374,7 +373,7 @@ def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: n
 def _judge_heights(
     problem: Problem, solution: Solution, precise: Precision
 ) -> tuple[tuple[HeightAgreement, ...], LaserOutcome | None]:
-    """Return how the heights that hold points agree with them, and what became of each laser point."""
+    """Return the agreement of the external heights with the points, and the result of each laser point."""
     held = problem.held_heights
     if held is None:
         return (), None
@@ -389,11 +388,11 @@ def _judge_heights(
 
 
 def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> PlanAgreement | None:
-    """Return how the places of a reference agree with the adjusted points; None without them."""
+    """Return the agreement of the places of a reference with the adjusted points; None without them."""
     held = problem.held_plan
     if held is None:
         return None
-    # How well the block lies in plan by its RPCs: with a part of its own for each image
+    # Standard deviation of the block in plan by its RPCs, with independent errors of the images
     pointing = [estimate_pointing(image).sigma_m for image in problem.observations.images]
     over = held.places.over_rpcs or problem.observations.surveyed.any()
     rpcs_m = np.inf if over else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))
@@ -403,7 +402,7 @@ def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> Pla
 
 
 def _measure_rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, float, float] | None:
-    """Return by how much the tie points move from where they are to where the RPCs as given see them."""
+    """Return the median shift of the tie points from their adjusted positions to those by the original RPCs."""
     observations = problem.observations
     if not problem.held:
         return None
@@ -416,7 +415,7 @@ def _measure_rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, 
 
 
 def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
-    """Name parts of a reference that contradict the others, and a reference many of whose places do not fit."""
+    """Return warnings of parts of a reference that contradict the others, and of many places that do not fit."""
     if plan is None:
         return []
     warnings = []
@@ -437,7 +436,7 @@ def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
 
 
 def _warn_of_parallel_rays(parts: Sequence[DatumPart]) -> list[str]:
-    """Name the points on nearly parallel rays that the predicted accuracy leaves out, where they are many."""
+    """Return warnings of many points on nearly parallel rays, which the predicted accuracy leaves out."""
     return [
         f"the rays of {len(part.parallel)} of {part.points + len(part.parallel)} points converge by less than "
         f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: their heights are uncertain and not included in the predicted "
@@ -448,7 +447,7 @@ def _warn_of_parallel_rays(parts: Sequence[DatumPart]) -> list[str]:
 
 
 def _warn_of_heights(heights: Sequence[HeightAgreement]) -> list[str]:
-    """Name sources many of whose heights do not fit the block, and groups of heights that contradict the others."""
+    """Return warnings of sources many of whose heights do not fit, and of groups that contradict the others."""
     warnings = []
     for one in heights:
         whole = len(one.groups) > 1 and one.contradicts

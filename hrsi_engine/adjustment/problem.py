@@ -1,7 +1,7 @@
-"""A block made ready for adjustment: who takes part, what is known beforehand, and what is not determined.
+"""A block prepared for adjustment: observations, priors, and warnings of parts that are not determined.
 
-Cameras that share points belong together. Each such *part* of a block is held by its GCPs or, without any, by the
-priors of its images' RPCs; a part has its own priors accordingly, and is named where the user should know of it.
+Cameras that share points belong together. Each such *part* of a block is determined by its GCPs or, without any, by the
+priors of its images' RPCs; it has its own priors accordingly, and warnings name parts without GCPs.
 """
 
 from collections.abc import Collection, Sequence
@@ -52,16 +52,16 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything that stays the same while a block is adjusted.
+    """Everything that does not change while a block is adjusted.
 
-    model : the refinement that is asked for, and delivered
-    camera : what is estimated: the model, and the drift that it does not follow behind it
-    guessed : (p,) parameters that are drifts of which nothing tells how large they are but what is usual
-    usual_drift : (cameras, p) a priori standard deviations of the drifts, by what is known of the sensors
-    choice : why the model is what it is, where a rule chose it
-    earlier : what an earlier adjustment says of cameras
-    common : the drifts that move all images of a part alike, of parts without GCPs that show them
-    held_surfaces : the relief that holds parts without GCPs in plan
+    model : the requested refinement model, that of the final cameras
+    camera : the estimated model: the requested one, followed by the drift that it does not contain
+    guessed : (p,) True for drifts with nothing but a usual value as a priori standard deviation
+    usual_drift : (cameras, p) a priori standard deviations of the drifts, by their sensors
+    choice : reason for the model, if a rule chose it
+    earlier : prior of the cameras from an earlier adjustment
+    common : the drifts common to all images of a part, for parts without GCPs to determine them
+    held_surfaces : the relief that determines parts without GCPs in plan
     """
 
     block: Block
@@ -84,7 +84,7 @@ class Problem:
     held_surfaces: tuple[SurfacePlan, ...] = ()
 
     def loop(self) -> GaussNewton:
-        """Return a Gauss-Newton loop over the problem."""
+        """Return Gauss-Newton iterations for the problem."""
         return GaussNewton(
             self.equations, self.pattern, self.prior_weight, np.diff(self.observations.first),
             self.options.max_iterations, self.held, self.earlier,
@@ -92,7 +92,7 @@ class Problem:
 
     @property
     def held(self) -> tuple[PositionObservations, ...]:
-        """What holds points beside surveys, and is judged anew in every round."""
+        """External observations other than surveys, which are tested again in every round."""
         others = tuple(held for held in (self.held_heights, self.held_plan) if held is not None)
         return (*others, *self.held_surfaces)
 
@@ -110,7 +110,7 @@ class Problem:
 
     @cached_property
     def held_heights(self) -> HeightObservations | None:
-        """The heights of a DEM and of laser points that hold points, None without them."""
+        """The heights of a DEM and of laser points that are observations of points, None without them."""
         options, observations = self.options, self.observations
         free = observations.survey_weight[:, 2] == 0.0
         sources: list[HeightSource] = []
@@ -126,10 +126,10 @@ class Problem:
         return HeightObservations(tuple(sources), free, estimate, self._locate_by_rpcs(), surveyed)
 
     def _locate_by_rpcs(self) -> RpcHeights | None:
-        """Return what the RPCs say of the heights of tie points; None where others hold the block, or nothing does.
+        """Return the heights of tie points by the RPCs; None without tie points, or if others determine the block.
 
-        Each image is off in plan by itself: rays that lean by t (east and north over up) tell the heights with the
-        cofactor of the normals of ``(1, 0, -t_east)`` and ``(0, 1, -t_north)``.
+        Plan errors of the images are independent: rays with slopes t (east and north over up) determine the heights
+        with the cofactor of the normal equations of ``(1, 0, -t_east)`` and ``(0, 1, -t_north)``.
         """
         observations = self.observations
         rays = np.diff(observations.first)
@@ -142,14 +142,14 @@ class Problem:
             up = compute_view_directions(rpc, np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))[0]
             lean = np.array([[1.0, 0.0, -up[0] / up[2]], [0.0, 1.0, -up[1] / up[2]]])
             normal += lean.T @ lean / estimate_pointing(image).sigma_m ** 2
-        # of the images of the block, a point is on some
+        # a point is measured on some of the block's images
         normal *= float(np.median(rays[ties])) / len(observations.images)
         variance = float(np.linalg.inv(normal + np.eye(3) * FREE_POINT_SIGMA_M**-2)[2, 2])
         return RpcHeights(ties, self.start.ground[ties, 2], float(np.sqrt(variance)))
 
     @cached_property
     def laser(self) -> LaserHeights | None:
-        """The laser points, for the ties that several rays place; None without them."""
+        """The laser points, for tie points with two rays or more; None without them."""
         options, observations = self.options, self.observations
         if options.laser is None:
             return None
@@ -160,8 +160,8 @@ class Problem:
     def survey_weighting(self, image: np.ndarray, survey: np.ndarray, before: PointPriors | None = None) -> Weighting:
         """Return a weighting with other weights of image points ``(n,)`` and of surveys ``(m, 3)``.
 
-        Points that are left with fewer than two measurements and no survey lose their say. Heights that hold points are
-        as they were judged ``before``.
+        Points with fewer than two measurements and no survey do not contribute. External heights have the weights of
+        ``before``.
         """
         points = self.weighting.points if before is None else before
         surveyed = self.observations.survey_weight > 0.0
@@ -181,7 +181,7 @@ class Problem:
 def find_determinable_points(
     observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray
 ) -> np.ndarray:
-    """Return which points have a survey or measurements of any weight on two exposures, ``(m,)``."""
+    """Return True for points with a survey, or with measurements of any weight on two exposures, ``(m,)``."""
     rays = observations.count_rays(image_weight > 0.0)
     located = any_of_rows(survey_weight > 0.0)
     if observations.referenced is not None:
@@ -190,7 +190,7 @@ def find_determinable_points(
 
 
 def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
-    """Return the problem; ``values (images, p)`` is a warm start. Raises what `solver.adjust` says."""
+    """Return the problem; ``values (images, p)`` are initial values. Raises the errors of `solver.adjust`."""
     choice = None
     block = replace(block, images=tuple(join_named_bands(block.images, options.shared_images)))
     if options.model in RULES:
@@ -252,7 +252,7 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
 
 
 def _require_known_names(block: Block, options: AdjustOptions) -> None:
-    """Raise `InputError` where options name what there is not."""
+    """Raise `InputError` if options contain unknown names."""
     tables: dict[str, tuple[Collection[str], str]] = {
         "model": (MODELS, options.model), "robust weight function": (WEIGHTS, options.robust),
         "grouping of image points": (GROUPINGS, options.variance_groups),
@@ -273,7 +273,7 @@ def _find_images(block: Block, ids: Sequence[str], what: str) -> list[int]:
 
 
 def _number_cameras(block: Block, shared: Sequence[Sequence[str]]) -> np.ndarray:
-    """Return the set of parameters of each image; the images of a group, or the tiles of a scene, have one."""
+    """Return the index of each image's set of parameters; images of a group, or tiles of a scene, share one."""
     representative = np.arange(len(block.images))
     for group in (*shared, *group_tiles(block.images, shared)):
         members = _find_images(block, group, "a group of images with shared parameters")
@@ -282,7 +282,7 @@ def _number_cameras(block: Block, shared: Sequence[Sequence[str]]) -> np.ndarray
 
 
 def _find_parts(observations: Observations, earlier: JointPrior | None) -> tuple[Part, ...]:
-    """Return the connected parts, those with most images first; every image belongs to one."""
+    """Return the connected parts of the block, those with most images first; every image belongs to one."""
     rows = np.flatnonzero(observations.contributes)
     shape = (len(observations.points), observations.cameras)
     incidence = sparse.csr_matrix(

@@ -1,21 +1,21 @@
-"""External heights and positions whose errors are correlated: weights by fit, joint weights, outlying groups.
+"""External heights and positions with correlated errors: weights by fit, joint weights, outlying groups.
 
-An observation is judged against the position by the rays alone (`miss_m`, with the variance of the rays). The variance
-of the difference is sigma² + that of the rays. Its weight, the inverse of that variance, stays as it is up to `fitting`
-standard deviations and falls to zero at `wrong` (thresholds: `SOURCE_FIT`). Differences are counted from the median of
-their source: a block without control may lie off as a whole, which must not silence a DEM.
+An observation is compared with the position by the rays alone (`miss_m`, with the variance of the rays). The variance
+of the difference is sigma² + that of the rays. Its weight, the inverse of that variance, is unchanged up to `fitting`
+standard deviations and falls to zero at `wrong` (thresholds: `SOURCE_FIT`). Differences are relative to the median of
+their source: an offset of a block without GCPs must not exclude a DEM.
 
 Observations come in *groups* with a common error: the points of one laser track, the cells of one part of a DEM or of
 an orthoimage; and a source has an error that all its observations share. With the standard deviation c of a group's
-common error and the sum W of its weights, the group is worth W / (1 + c² W); so its weights are divided by 1 + c² W,
-and those of a source likewise: thousands of heights of a DEM count as few. Whole groups are tested against one another,
-over all sources: their offsets are combined robustly (`find_outlying_groups`), and a group that lies off by more than
-`group_wrong` of its standard deviations is named and left out. Where that moves the block so that the group fits again,
-and with it the block moves back, the adjustment would never end: a group that has come back `most_returns` times stays
-out.
+common error and the sum W of its weights, the group has the weight W / (1 + c² W); so its weights are divided by 1 + c²
+W, and those of a source in the same way: thousands of heights of a DEM have the weight of a few. Whole groups are
+tested against one another, over all sources: their offsets are combined robustly (`find_outlying_groups`), and a group
+whose offset exceeds `group_wrong` of its standard deviations is reported and left out. If the group fits the block
+without it, and the block changes back with it, the adjustment would not converge: a group that has returned
+`most_returns` times stays excluded.
 
-The sigma of a source is a variance component: the factor by which its differences, within groups, are larger or smaller
-than their standard deviations let expect, as far as these are not those of the rays.
+The sigma of a source is a variance component: the factor between its differences, within groups, and their expected
+standard deviations, without the part of the rays.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ..result import SourceGroup
 
 @thresholds
 class SOURCE_FIT:
-    """Which external heights and positions fit, alone and in groups."""
+    """Limits for the fit of external heights and positions, alone and in groups."""
 
     fitting: float = threshold(
         2.5, "sigma", "one with a smaller error keeps its weight", "redescending weights (Hampel 1974)"
@@ -50,39 +50,39 @@ class SOURCE_FIT:
     sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "least and largest factor of a sigma")
 
 
-CUTS, HALVINGS = 20, 12  # most steps that find the bulk of the differences, and steps that find a sigma
+CUTS, HALVINGS = 20, 12  # most steps for the bulk of the differences; steps for a sigma
 
 
 class ErrorSource(Protocol):
-    """What shares errors."""
+    """Interface of a source whose observations share errors."""
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Name of the source in reports."""
 
     @property
     def groups(self) -> Sequence[str]:
-        """Names of its groups."""
+        """Names of the source's groups."""
 
     @property
     def holds_points(self) -> bool:
-        """Whether it is there to hold single points too, not the block alone."""
+        """True if the source also serves to determine single points, not only the block."""
 
     @property
     def can_be_biased_as_a_whole(self) -> bool:
-        """Whether one fault may spoil all of it."""
+        """True if one error (such as a wrong vertical datum) can shift every observation of the source."""
 
     @property
     def common_m(self) -> float:
-        """Standard deviation of what a group shares."""
+        """Standard deviation of the common error of a group."""
 
     @property
     def overall_m(self) -> float:
-        """Standard deviation of what all of the source shares, by which contradictions are tested."""
+        """Standard deviation of the common error of the whole source, for the test of contradictions."""
 
     @property
     def weighed_m(self) -> float:
-        """The same, by which all of it weighs in the block's place: `overall_m` or more."""
+        """The same for the weight of the whole source in the block's position: `overall_m` or more."""
 
 
 class SourceRows(Protocol):
@@ -94,7 +94,7 @@ class SourceRows(Protocol):
 
     @property
     def group(self) -> np.ndarray:
-        """Number of each one's group ``(o,)``."""
+        """Number of each observation's group ``(o,)``."""
 
 
 ObservedRows = TypeVar("ObservedRows", bound=SourceRows)
@@ -102,14 +102,14 @@ ObservedRows = TypeVar("ObservedRows", bound=SourceRows)
 
 @dataclass(eq=False)
 class SourceFit(Generic[ObservedRows]):
-    """What is thought of a source's observations.
+    """Fit of a source's observations to the block, and their weights.
 
-    rows : the observations as they were judged
-    miss_m, of_rays : (o,) observed - what the rays alone say, and the variance of the latter
+    rows : the observations that were tested
+    miss_m, of_rays : (o,) observed minus position by the rays alone, and the variance of the latter
     sigma_factor : the variance component
-    factor : (o,) of the weight by how well an observation fits, 0 where it is left out
-    left : (o,) share of the weight that is left where errors are shared
-    groups : what the groups say; offset_m : what all say of the block's place together; weight : 1/m², of that
+    factor : (o,) factor of the weight by the observation's fit, 0 if it is left out
+    left : (o,) factor of the weight because of shared errors
+    groups : results of the groups; offset_m : weighted mean offset of all observations; weight : of that, 1/m²
     """
 
     source: ErrorSource
@@ -125,17 +125,17 @@ class SourceFit(Generic[ObservedRows]):
 
     @property
     def variance(self) -> np.ndarray:
-        """Variances ``(o,)`` that the differences should have."""
+        """Expected variances ``(o,)`` of the differences."""
         return np.asarray((self.sigma_factor * self.rows.sigma_m) ** 2 + self.of_rays)
 
     @property
     def weights(self) -> np.ndarray:
-        """Weights ``(o,)`` of the observations in the adjustment: 0 where they are left out."""
+        """Weights ``(o,)`` of the observations in the adjustment, 0 for those left out."""
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / (self.variance / (self.factor * self.left) - self.of_rays))
 
     def weigh_by_fit(self, trusted: np.ndarray) -> None:
-        """Find how well each observation fits the ``trusted (o,)`` ones; the others are left out."""
+        """Set the weight factors by the fit to the ``trusted (o,)`` observations; the others are left out."""
         self.factor = np.zeros(len(self.miss_m))
         if trusted.any():
             sigma = np.sqrt(self.variance[trusted])
@@ -143,7 +143,7 @@ class SourceFit(Generic[ObservedRows]):
             self.factor[trusted] = hampel_weight(np.abs(self.miss_m[trusted] - middle) / (scale * sigma))
 
     def reduce_shared_weights(self) -> None:
-        """Find what is left of the weights where groups, and all of the source, share errors."""
+        """Reduce the weights for the errors that groups, and the whole source, share."""
         source, group, count = self.source, self.rows.group, len(self.source.groups)
         weight = self.factor / self.variance
         of_group = np.bincount(group, weight, count)
@@ -159,7 +159,7 @@ class SourceFit(Generic[ObservedRows]):
 
 
 def hampel_weight(t: np.ndarray) -> np.ndarray:
-    """Return the factor of the weight of an observation that is ``t`` standard deviations off (Hampel 1974).
+    """Return the weight factor of an observation with an error of ``t`` standard deviations (Hampel 1974).
 
     It is 1 up to `SOURCE_FIT.fitting` and 0 from `SOURCE_FIT.wrong`.
     """
@@ -168,9 +168,9 @@ def hampel_weight(t: np.ndarray) -> np.ndarray:
 
 
 def _find_core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
-    """Return the median of the bulk of the differences and by how much their sigmas are too small (1 or more).
+    """Return the median of the bulk of the differences, and the factor by which their sigmas are too small (1 or more).
 
-    Differences far from the median are cut off again and again: a quarter of treetops must not widen the scale.
+    Differences far from the median are removed repeatedly: a quarter of canopy heights must not enlarge the scale.
     """
     middle, scale = float(np.median(apart)), np.inf
     core = np.ones(len(apart), dtype=bool)
@@ -186,9 +186,9 @@ def _find_core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
 
 
 def estimate_sigma_factor(one: SourceFit[Any]) -> float:
-    """Return the factor of a source's sigmas that makes the differences within its groups as large as they should be.
+    """Return the factor of a source's sigmas with which the differences within its groups have their expected size.
 
-    Observations count as far as their own sigma, not that of the rays, makes their variance.
+    Observations are weighted by the share of their own variance, against that of the rays.
     """
     rows = one.rows
     apart, own = np.full(len(one.miss_m), np.nan), rows.sigma_m**2
@@ -211,7 +211,7 @@ def estimate_sigma_factor(one: SourceFit[Any]) -> float:
 
 
 def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
-    """Return what the groups of a source say of the block's place."""
+    """Return the offsets of the groups of a source, with at least `SOURCE_FIT.least_of_group` observations."""
     found = []
     for group in range(len(one.source.groups)):
         here = one.rows.group == group
@@ -220,16 +220,16 @@ def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
         miss, variance = one.miss_m[here], one.variance[here]
         middle, scale = _find_core(miss, np.sqrt(variance))
         core = np.abs(miss - middle) <= SOURCE_FIT.core * scale * np.sqrt(variance)
-        own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # of a median
+        own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # variance of a median
         found.append(GroupOffset(source, group, middle, own + one.source.common_m**2, int(here.sum())))
     return found
 
 
 @dataclass(eq=False)
 class GroupHistory:
-    """Groups (source, group) that were left out last, and how often each came back, in the passes of an adjustment.
+    """Groups (source, group) left out in the last pass, and how often each returned, in the passes of an adjustment.
 
-    ``surveys`` are the surveyed heights that contradict what the block lies on, and all of them.
+    ``surveys`` are the numbers of surveyed heights that contradict the sources, and of all compared ones.
     """
 
     left_out: set[tuple[str, int]] = field(default_factory=set)
@@ -237,7 +237,7 @@ class GroupHistory:
     surveys: tuple[int, int] = (0, 0)
 
     def decide_exclusion(self, group: tuple[str, int], decided: bool) -> bool:
-        """Return whether a group is left out that is ``decided`` to be wrong, or not; take it down."""
+        """Return True if a group is to be left out, ``decided`` as wrong or after many returns; update the history."""
         self.returns[group] += group in self.left_out and not decided
         left_out = decided or self.returns[group] >= SOURCE_FIT.most_returns
         (self.left_out.add if left_out else self.left_out.discard)(group)
@@ -247,10 +247,10 @@ class GroupHistory:
 def compare_groups(
     judged: Sequence[SourceFit[Any]], memory: GroupHistory, beside: Sequence[OtherOffsets] = ()
 ) -> list[np.ndarray]:
-    """Test the groups of all sources against one another; leave out those that lie off.
+    """Test the groups of all sources against one another; leave out those with outlying offsets.
 
-    ``memory`` is that of the passes before; ``beside`` is what else says where the block lies. Returned are masks of
-    those of its offsets that contradict the others.
+    ``memory`` is the history of earlier passes; ``beside`` are offsets by other observations. Returned are masks of
+    those of the latter that contradict the others.
     """
     opinions = [opinion for number, one in enumerate(judged) for opinion in _collect_offsets(one, number)]
     sources = [CommonError(one.source.overall_m, one.source.can_be_biased_as_a_whole) for one in judged]
@@ -276,14 +276,14 @@ def compare_groups(
     for number, one in enumerate(judged):
         wrong_groups = [opinion.group for opinion, sure in zip(opinions, left_out, strict=True)
                         if sure and opinion.source == number]  # fmt: skip
-        if wrong_groups:  # with all that could be judged go the small ones that could not
+        if wrong_groups:  # if all large groups are wrong, small ones are too
             all_wrong = one.source.can_be_biased_as_a_whole and len(wrong_groups) == len(one.groups)
             one.weigh_by_fit(~np.isin(one.rows.group, wrong_groups) & (not all_wrong))
     return of_others
 
 
 class GroupOffset(NamedTuple):
-    """What a group says of the block's place: its offset and variance; from how many observations of which source."""
+    """Offset of the block's position by a group, with variance and number of observations, and its source."""
 
     source: int
     group: int
@@ -293,14 +293,14 @@ class GroupOffset(NamedTuple):
 
 
 class CommonError(NamedTuple):
-    """What all of a source may be off by: standard deviation, and whether one fault may spoil all of it at once."""
+    """Common error of a source: standard deviation, and whether one error can shift the whole source at once."""
 
     sigma_m: float
     can_be_biased_as_a_whole: bool
 
 
 class OtherOffsets(NamedTuple):
-    """What other observations than those of the sources say of the block's place: offsets and variances ``(k,)``."""
+    """Offsets of the block's position by other observations than those of the sources: with variances ``(k,)``."""
 
     offset_m: np.ndarray
     variance: np.ndarray
@@ -310,13 +310,13 @@ class OtherOffsets(NamedTuple):
 def find_outlying_groups(
     opinions: Sequence[GroupOffset], sources: Sequence[CommonError]
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return which group offsets are wrong, of which of them that is certain, and the weighted mean of the others.
+    """Return the masks of wrong and of certainly wrong group offsets, and the weighted mean of the others.
 
-    With the block's height, or its place along an axis, m, a common error b of each source (standard deviation s), and
-    group offsets o of variance v, the squares ``b² / s²`` of the sources and ``(o - m - b)² / v`` of the groups, each
-    cut at `SOURCE_FIT.group_wrong`², are minimised over all m that equal an offset. A DEM that stands on trees is one
-    fault, however many its parts; of laser tracks each has to be wrong by itself. It is not certain where a group is
-    right at a place that is nearly as good: one of two tracks that differ, say.
+    With the block's height, or its position along an axis, m, a common error b of each source (standard deviation s),
+    and group offsets o of variance v, the squares ``b² / s²`` of the sources and ``(o - m - b)² / v`` of the groups,
+    each cut at `SOURCE_FIT.group_wrong`², are minimised over all m that equal an offset. The canopy in a DEM is one
+    error, for any number of its parts; laser tracks are wrong independently. It is not certain that a group is wrong if
+    it is right with another m of nearly the same cost: for example one of two tracks that differ.
     """
     offset = np.array([one.offset_m for one in opinions])
     if len(offset) < 2:

@@ -1,1 +1,1 @@
-"""Vibration of the attitude within an image: residuals along the lines, and waves in them."""
+"""Jitter, vibration of the attitude within an image: residuals along the lines, waves in them, and their removal."""

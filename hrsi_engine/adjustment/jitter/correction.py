@@ -1,6 +1,6 @@
-"""A block without jitter: curves from the residuals of its adjustment, measurements corrected by them, adjusted again.
+"""Adjustment without jitter: curves from its residuals, measurements corrected by them, and a new adjustment.
 
-Alternating converges at once where everything is linear; lines move by the curves, so that a second round follows.
+For linear equations the alternation converges at once; corrections change the lines, so that a second round follows.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .spectrum import collect_line_profiles, find_block_waves
 
 
 class AdjustmentRun(Protocol):
-    """With what an adjustment was made, and its last solution."""
+    """Problem and last solution of an adjustment."""
 
     problem: Problem
     solution: Solution
@@ -37,10 +37,10 @@ AdjustOnce = Callable[[Block, AdjustOptions, Progress], tuple[Adjustment, Adjust
 def adjust_without_jitter(
     block: Block, options: AdjustOptions, adjust_once: AdjustOnce, progress: Progress
 ) -> Adjustment:
-    """Return the adjustment of a block whose measurements are corrected by the curves that its residuals show.
+    """Return the adjustment of a block whose measurements are corrected by the jitter curves of its residuals.
 
-    Where they show none it is the ordinary one. What strong waves hide is looked for again without them. The result's
-    measurements are the corrected ones.
+    Without significant jitter it is the ordinary adjustment. After the removal of strong waves, weaker ones are
+    searched again. The result's measurements are the corrected ones.
     """
     result, adjuster = adjust_once(block, options, stage(progress, 0.0, 0.3))
     xy, ids, image = block.measurements.xy, [one.id for one in block.images], block.measurements.image
@@ -48,7 +48,7 @@ def adjust_without_jitter(
     done = 0.3
     for _ in range(JITTER_CURVES.most_parts if options.jitter in JITTER_CHOICES else 1):
         spacing, period = choose_spacings(result, options.jitter)
-        without, prior = xy, None  # what the curves so far leave
+        without, prior = xy, None  # measurements corrected by the curves so far
         for number in range(JITTER_CURVES.most_rounds if spacing else 0):
             problem, done_before, done = adjuster.problem, done, done + 0.3 * (1.0 - done)
             measured = without[problem.observations.rows]
@@ -70,12 +70,11 @@ def adjust_without_jitter(
 
 
 def choose_spacings(result: Adjustment, asked: str) -> tuple[dict[int, float], float]:
-    """Return the lines between knots of the curves of exposures, by their numbers, and the strongest wave's period.
+    """Return the lines between knots of the curves, by the exposures' numbers, and the strongest wave's period.
 
-    Exposures without jitter have none.
+    Exposures without jitter have no entry.
 
-    asked : ``none``, ``auto`` for exposures with significant waves and those that share points with them, or a number
-        of lines for all
+    asked : ``none``, ``auto`` for exposures with significant waves and those with common points, or lines for all
     """
     images = result.block.images
     exposures = number_exposures(images)
@@ -103,7 +102,7 @@ def choose_spacings(result: Adjustment, asked: str) -> tuple[dict[int, float], f
         ((wave.amplitude_px * size, wave.period_lines * size) for own, size in zip(waves, pixel, strict=True)
          for wave in own)
     )[1]  # fmt: skip
-    # What one image does shows in those that share points with it, and the spectrum does not tell whose it is
+    # A wave of one image also appears in those with common points, and the spectrum does not show which one has it
     rows, count = result.block.measurements, len(result.block.points)
     seen = sparse.csr_matrix((np.ones(len(rows)), (rows.image, rows.point)), (len(images), count))
     joined = (seen @ seen.T).tocsr()

@@ -5,18 +5,18 @@ Measured minus computed image points y, in standard deviations, with the cameras
     y = B x + A a + J d + e      B x: splines of the exposures' lines (`line_splines`), prior R / s^2
                                  A a: changes of the cameras' corrections, J d: of the points' positions in metres
 
-A point's d is eliminated with an orthonormal basis N of what J does not reach (N' J = 0), together with what else
-holds it: its survey, heights of a surface or of laser points are further rows, each height with its own sigma. Two rays
-leave one equation a point, across the epipolar line: what vibrates along it, or equally in both images, has no equation
-and keeps its prior. The curves have no constant and linear part, which are the corrections' (Q x = 0 by conditioning,
-Rue and Held, Gaussian Markov Random Fields, 2005, 2.3.3). Nor have they a cubic part where waves are short and little
-is observed, so that few GCPs do not bend the block. The posterior has the precision matrix K = B' B / n + R / s^2, with
-the variance n of the noise, 1 or more. All curves have one variance s^2: where only differences of images are
-observed, their jitter is shared by them. (A variance for each curve gives all of it to one image.) It is iterated by
-expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the
-curves and of samples of their error, on the axis that is better observed, so that it tells how large the other one may
-be, over the share of the prior's variance that Q x = 0 leaves. Of some priors that with the largest marginal likelihood
-is taken. They share the robust weights of the points, which are those of the first one.
+A point's d is eliminated with an orthonormal basis N of the null space of J' (N' J = 0), together with its other
+observations: its survey, heights of a surface or of laser points are further rows, each height with its own sigma. Two
+rays have one equation for a point, across the epipolar line: vibration along it, or equal in both images, has no
+equation and keeps its prior. The curves have no constant and linear part, which belong to the corrections (Q x = 0 by
+conditioning, Rue and Held, Gaussian Markov Random Fields, 2005, 2.3.3). They also have no cubic part if waves are short
+and observations are few, so that few GCPs do not bend the block. The posterior has the precision matrix K = B' B / n +
+R / s^2, with the variance n of the noise, 1 or more. All curves have one variance s^2: where only differences of images
+are observed, their jitter is shared by them. (A variance for each curve gives all of it to one image.) It is iterated
+by expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the
+curves and of samples of their error, on the axis that is better observed, whose variance is also used for the other
+one, over the share of the prior's variance that remains under Q x = 0. Several priors are tested, and that with the
+largest marginal likelihood is used. They share the robust weights of the points, which are those of the first one.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from .line_splines import LOW_DEGREES, MOST_LOW_DEGREES, LineSpline
 
 @thresholds
 class JITTER_CURVES:
-    """How curves of jitter are estimated and when they are settled."""
+    """Limits for the estimation of jitter curves and for its convergence."""
 
     knots_in_period: int = threshold(6, "knots", "in the shortest period: a spline then keeps 99.7 % of a sine")
     least_wave_px: float = threshold(
@@ -81,7 +81,7 @@ class _Rows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where an exposure's spline stands among the unknowns: that of the samples from ``start`` on, then the lines'."""
+    """Position of an exposure's spline among the unknowns: samples from ``start`` on, followed by the lines."""
 
     spline: LineSpline
     start: int
@@ -95,14 +95,14 @@ def estimate_jitter(
     problem: Problem, solution: Solution, measured: np.ndarray, spacing: Mapping[int, float], period: float,
     prior: tuple[float, float, float] | None = None,
 ) -> JitterEstimate:  # fmt: skip
-    """Return the curves of some exposures.
+    """Return the jitter curves of some exposures.
 
-    problem, solution : the adjustment, whose measurements may have been corrected before
-    measured : (n, 2) the measurements of its observations as they are
+    problem, solution : the adjustment, whose measurements may contain earlier corrections
+    measured : (n, 2) the measurements, without the corrections to be estimated
     spacing : lines between knots by the number of the exposure (`number_exposures`), in pixels of its scene
     period : lines of the strongest wave
-    prior : that of an earlier estimate (`JitterEstimate`); by default the most likely one of some
-    Raises `InputError` where no exposure has measurements over the lines between two knots.
+    prior : that of an earlier estimate (`JitterEstimate`); by default the most likely of several
+    Raises `InputError` if no exposure has measurements over the lines between two knots.
     """
     places, unknowns = _place_splines(problem, spacing, period)
     if not places:
@@ -140,7 +140,7 @@ def estimate_jitter(
 
 
 def list_priors(period: float) -> list[tuple[float, float]]:
-    """Return frequencies and dampings (`line_splines`) of the priors that are tried."""
+    """Return frequencies and dampings (`line_splines`) of the priors to be tested."""
     smooth = [(np.sqrt(12.0) / (share * period), 1.0) for share in JITTER_CURVES.ranges]
     return [*smooth, *((2.0 * np.pi / period, damping) for damping in JITTER_CURVES.damping)]
 
@@ -170,7 +170,7 @@ def _place_splines(problem: Problem, spacing: Mapping[int, float], period: float
             continue
         first, last = float(reach.min()), float(reach.max())
         intervals = max(int(np.ceil((last - first) / lines)), 4)
-        # A polynomial of degree d goes up and down d / 2 times: slower than half the waves is no jitter
+        # A polynomial of degree d has d / 2 oscillations: longer than half of them is no jitter
         degrees = int(np.clip((last - first) / period, LOW_DEGREES, MOST_LOW_DEGREES))
         places[exposure] = _Place(LineSpline(first, (last - first) / intervals, intervals, degrees), start)
         start = places[exposure].stop
@@ -178,7 +178,7 @@ def _place_splines(problem: Problem, spacing: Mapping[int, float], period: float
 
 
 class _PointTerms(NamedTuple):
-    """Image points in standard deviations, as a block's adjustment leaves them.
+    """Image points and their derivatives in units of their standard deviations, from a block's adjustment.
 
     right, by_ground, by_values : residuals (n, 2), derivatives (n, 2, 3) and (n, 2, p) by ground and cameras' values
     start, splines : (n, 2) first unknown and (n, 4) values of the splines, zero without a curve
@@ -194,7 +194,7 @@ class _PointTerms(NamedTuple):
 def _linearise_points(
     problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place]
 ) -> _PointTerms:
-    """Return the image points ``measured`` against an adjustment."""
+    """Return residuals and derivatives of image points ``measured``, with an adjustment's cameras and points."""
     observations, camera = problem.observations, problem.camera
     values, ground = solution.state
     images, weight = observations.images, 1.0 / observations.sigma_px
@@ -218,16 +218,16 @@ def _linearise_points(
 def _form_rows(
     problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place], unknowns: int
 ) -> _Rows:
-    """Return the equations of the points that have a say, an even choice of very many."""
+    """Return the equations of the points that are used; of very many points an even choice."""
     observations, ground, p = problem.observations, solution.state.ground, len(problem.camera.parameters)
     first_camera = unknowns - observations.cameras * p
     right, by_ground, by_values, start, splines = _linearise_points(problem, solution, measured, places)
-    # Points that some exposure with a curve sees; their priors as square roots of the weight matrices
+    # Points measured on an exposure with a curve; their priors as square roots of the weight matrices
     usable = observations.contributing_points & np.isfinite(ground).all(axis=1)
     usable &= np.logical_and.reduceat(np.isfinite(right).all(axis=1), observations.first[:-1])
     usable &= np.logical_or.reduceat(splines.any(axis=1), observations.first[:-1])
     priors, heights = solution.weighting.points, problem.held_heights
-    if heights is not None:  # that jitter displaces: most deviate by it
+    if heights is not None:  # jitter displaces the points, so that most heights deviate
         priors = heights.add_to_priors(priors, ground, solution.normals.inverse, alone=True)
     chosen = np.flatnonzero(usable & ((np.diff(observations.first) > 1) | priors.held))
     chosen = chosen[:: max(-(-len(chosen) // JITTER_CURVES.most_points), 1)]
@@ -267,29 +267,29 @@ def _form_rows(
 
 
 class _WeightedPoints:
-    """The equations with robust weights, and what all priors share of their solution: matrices, noise, an order.
+    """The equations with robust weights, and the parts of the solution that all priors share.
 
     root, right : equations and right side in standard deviations of a weight of 1; ``normal`` is root' root
-    order : of the unknowns, in which factors of the normal matrix are narrow (Cuthill and McKee), the cameras last
+    order : of the unknowns, for a small bandwidth of the normal matrix (Cuthill and McKee), the cameras last
     """
 
     def __init__(self, rows: _Rows, places: list[_Place], prior: tuple[float, float]) -> None:
-        """``prior`` is any one: their matrices have the same elements other than zero."""
+        """Prepare the equations; any ``prior`` will do: the matrices of all have the same non-zero elements."""
         self.rows, self.noise, splines = rows, 1.0, places[-1].stop
         _, self.number = np.unique(rows.point, return_inverse=True)
         self.counts = np.bincount(self.number)
         self.weigh(np.zeros_like(rows.right))
-        # A weak prior of the cameras: what nothing determines (the block's place) stays where it is
+        # A weak prior of the cameras: undetermined parameters (the block's position) stay unchanged
         squares = self.normal.diagonal()[splines:]
         self.of_cameras = 1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12))
         of_axes = [root.T @ root for place in places for root in [place.spline.make_prior_root(*prior)] * 2]
         pattern = (self.normal[:splines, :splines] + sparse.block_diag(of_axes)).tocsr()
         self.order = np.arange(self.normal.shape[0])
         self.order[:splines] = reverse_cuthill_mckee(pattern, symmetric_mode=True)
-        self.weak = dict[int, bool]()  # by the first unknown of an axis: whether its curve is mostly the prior's
+        self.weak = dict[int, bool]()  # by the first unknown of an axis: True if its curve is mostly prior
 
     def weigh(self, residual: np.ndarray) -> None:
-        """Give the points weights by their residuals."""
+        """Set the robust weights of the points by their residuals."""
         length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
         self.weight = (1.0 / (1.0 + (length / JITTER_CURVES.outlier) ** 2))[self.number]
         root, self.root = np.sqrt(self.weight), self.rows.matrix.copy()
@@ -299,7 +299,7 @@ class _WeightedPoints:
         self.noisy = dict[int, np.ndarray]()
 
     def draw(self, count: int) -> np.ndarray:
-        """Return samples of root' e, always the same ones."""
+        """Return samples of root' e, the same ones at each call."""
         if count not in self.noisy:
             rng = np.random.default_rng([count, 1])
             self.noisy[count] = self.root.T @ rng.normal(0.0, 1.0, (self.root.shape[0], count))
@@ -307,7 +307,7 @@ class _WeightedPoints:
 
 
 class _Fit:
-    """Curves with one prior: `iterate` finds their variance, ``solved`` are the unknowns."""
+    """Curves with one prior: `iterate` estimates their variance, ``solved`` are the unknowns."""
 
     def __init__(
         self, weighted: _WeightedPoints, places: list[_Place], prior: tuple[float, float], variance: float
@@ -321,7 +321,7 @@ class _Fit:
         self.noisy = dict[int, np.ndarray]()
 
     def set_low_degrees(self) -> None:
-        """Form Q of all axes; where few observations show a curve, it would bend heights to fit them."""
+        """Form Q of all axes: without cubic part for weakly observed curves, which could bend heights to fit noise."""
         weak = self.weighted.weak
         self.low_of_axes = [
             place.spline.low_degrees[: None if weak.get(start) else LOW_DEGREES]
@@ -335,7 +335,7 @@ class _Fit:
         self.low = np.pad(low, ((0, 0), (0, self.weighted.root.shape[1] - low.shape[1])))
 
     def iterate(self, robust: int) -> None:
-        """Iterate robust weights in so many steps, the noise and the curves' variance until it settles."""
+        """Iterate the robust weights in ``robust`` steps, and noise and variance of the curves until convergence."""
         weighted = self.weighted
         for step in range(robust + JITTER_CURVES.steps):
             self._factorise()
@@ -356,7 +356,7 @@ class _Fit:
             before, self.variance = self.variance, max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
             unsure_rows = float(np.mean(np.sum((weighted.root @ drawn) ** 2, axis=0)))
             weight = weighted.weight
-            # Dense matches agree better than they say; GCPs and heights are no better for that
+            # Noise is at least 1: dense matches agree better than stated, which does not improve GCPs and heights
             weighted.noise = max(float(weight @ residual**2 + unsure_rows) / float(weight.sum()), 1.0)
             if step < robust:
                 weighted.weigh(residual)
@@ -366,7 +366,7 @@ class _Fit:
         self._factorise()
 
     def compute_log_likelihood(self) -> float:
-        """Return the logarithm of the marginal likelihood."""
+        """Return the logarithm of the marginal likelihood of the prior."""
         weighted = self.weighted
         quadratic = float(weighted.right @ weighted.right - weighted.projected @ self.solved) / weighted.noise
         free = sum(2.0 * (_log_determinant(one) - one.shape[0] * np.log(self.variance)) for one in self.of_priors)
@@ -390,7 +390,7 @@ class _Fit:
         return self._condition(self._solve(right))
 
     def _factorise(self) -> None:
-        """Find ``solved`` with the noise and variance as they are."""
+        """Compute ``solved`` for the current noise and variance."""
         weighted, order = self.weighted, self.weighted.order
         priors = [one / self.variance for one in self.precisions for _ in "xy"]
         prior = sparse.block_diag([*priors, sparse.diags(weighted.of_cameras / weighted.noise)])
@@ -407,7 +407,7 @@ class _Fit:
         return solved
 
     def _condition(self, x: np.ndarray) -> np.ndarray:
-        """Return unknowns without low degrees in the curves: the posterior under ``Q x = 0``."""
+        """Return the unknowns without low degrees in the curves: the posterior under ``Q x = 0``."""
         return np.asarray(x - self._spread @ np.linalg.solve(self.low @ self._spread, self.low @ x))
 
 

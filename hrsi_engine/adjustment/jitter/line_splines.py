@@ -8,10 +8,10 @@ frequency k and the damping a, 0 < a <= 1, the precision matrix R of x is that o
     x' R x = (1 / (4 k^3 s^2 sqrt(a))) times the integral of k^4 f^2 + 2 (2 a - 1) k^2 f'^2 + f''^2
 
 For a = 1 it is the Matern process of smoothness 3/2, whose correlation falls to 0.14 at the range r = sqrt(12) / k; a
-small a is a vibration with periods about 2 pi / k in a band of the relative half width sqrt(a). R is the sum of a times
-that of a = 1, and of 1 - a times the square of k^2 f + f'', the equation of a vibration, but for its ends. R
-is banded. Functions without constant and linear part fulfil Q x = 0, Q the integrals of the B_j times
-the Legendre polynomials of degree 0 and 1; further degrees where waves are short against the lines.
+small a is a vibration with periods about 2 pi / k in a band of the relative half width sqrt(a). Except for terms at the
+ends, R is the sum of a times that of a = 1, and of 1 - a times the square of k^2 f + f'', the equation of a vibration.
+R is banded. Functions without constant and linear part fulfil Q x = 0, Q the integrals of the B_j times the Legendre
+polynomials of degree 0 and 1; further degrees if waves are short relative to the lines.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU
 
-LOW_DEGREES = 2  # constant and linear, which the corrections of RPCs follow
+LOW_DEGREES = 2  # constant and linear, which RPC corrections contain
 MOST_LOW_DEGREES = 4  # to the cubic
-NODES = 48  # lines by which a variance is averaged: it changes near the ends, over a range
+NODES = 48  # lines over which a variance is averaged, which changes near the ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class LineSpline:
         return self.first + self.spacing * self.intervals
 
     def make_lines(self) -> np.ndarray:
-        """Return lines over all of it, four between two knots."""
+        """Return lines over the whole range, four between two knots."""
         return np.linspace(self.first, self.last, 4 * self.intervals + 1)
 
     def evaluate(self, line: np.ndarray, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +89,7 @@ class LineSpline:
 
     @cached_property
     def low_degrees(self) -> np.ndarray:
-        """Q ``(degrees, size)`` of the module's text, rows of about unit length."""
+        """Q ``(degrees, size)`` of the module's docstring, rows scaled to unit length."""
         line, weight = self._nodes
         t = 2.0 * (line - self.first) / (self.spacing * self.intervals) - 1.0
         legendre = np.polynomial.legendre.legvander(t, self.degrees - 1)

@@ -1,12 +1,12 @@
 """Residuals of an image along its lines, and the significant waves in them.
 
-A vibration of the attitude displaces all samples of a line together, so its residuals are a function of the line. A
-measurement shows the share r of its own error, its redundancy number: v / r is the displacement of its image against
-the mean of the other rays of its point, with the standard deviation s / sqrt(r). Two rays of a tie point see the
-difference of the vibrations of two images, only across the epipolar line; where r is small nothing is seen.
+A vibration of the attitude displaces all samples of a line together, so its residuals are a function of the line. The
+residual v of a measurement contains the share r of its error, its redundancy number: v / r is the displacement of its
+image against the mean of the other rays of its point, with the standard deviation s / sqrt(r). Two rays of a tie point
+show the difference of the vibrations of two images, only across the epipolar line; with a small r they show nothing.
 
 The spectrum is that of Lomb (1976) and Scargle (1982) as weighted least squares: to the means of cells (some lines of a
-strip of samples) a sine is fitted together with a polynomial D of what an RPC's correction follows::
+strip of samples) a sine is fitted together with a polynomial D, which an RPC's correction contains::
 
     y = D d + a cos(2 pi l / P) + b sin(2 pi l / P) + e      z = 1 - RSS(with the sine) / RSS(D alone)
 
@@ -15,9 +15,9 @@ W = (1/P_min - 1/P_max) sqrt(4 pi var(l))::
 
     p = (1 - z)^((n - k - 2) / 2) (1 + W sqrt((n - k) z / 2) / sqrt(1 - z))
 
-Cells of one strip can share errors (relief, matching), so p alone would believe too much. Each strip has its own sine
-in a second fit: that of all strips together must stand out against their differences (F test with 2 and 2 (K - 1)
-degrees of freedom). Waves are found one by one, the strongest first, each fitted together with all before it.
+Cells of one strip can share errors (relief, matching), so that p alone is too small. In a second fit each strip has its
+own sine: the common sine of all strips must be significant against their differences (F test with 2 and 2 (K - 1)
+degrees of freedom). Waves are found one by one, the strongest first, each fitted together with all earlier ones.
 """
 
 from collections.abc import Sequence
@@ -31,13 +31,13 @@ from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..result import Adjustment, Decision
 
-#: Image axes of a residual: sample lies across the track of a scanner, line along it.
+#: Image axes of a residual: sample is across the track of a scanner, line along it.
 WAVE_AXES = ("across", "along")
 
 
 @thresholds
 class WAVES:
-    """Which waves are looked for in residuals along the lines, and which are significant."""
+    """Limits for the search for waves in residuals along the lines, and for their significance."""
 
     least_redundancy: float = threshold(
         0.25, "", "redundancy number below which a residual does not show the image",
@@ -69,12 +69,12 @@ _CELL_LINES = WAVES.shortest_lines / WAVES.cells_in_period  # lines of a cell
 
 @dataclass(frozen=True, eq=False)
 class LineProfile:
-    """Displacements of one image along its lines, as its residuals show them.
+    """Displacements of one image along its lines, from its residuals.
 
     image_id : of the image; image : its number in the block
     line, sample : (n,) positions of the measurements in px
-    shift_px : (n, 2) across and along the track (sample, line), residual over redundancy number; NaN: not seen
-    weight : (n, 2) inverse of its variance, px⁻²; 0 where it is not seen
+    shift_px : (n, 2) across and along the track (sample, line), residual over redundancy number; NaN: not observed
+    weight : (n, 2) inverse of its variance, px⁻²; 0 if not observed
     """
 
     image_id: str
@@ -108,9 +108,9 @@ class Wave:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Amplitudes of the best sines by period, and the amplitude that is significant.
+    """Amplitudes of the best sines by period, and the smallest significant amplitude.
 
-    period_lines, amplitude_px, power : (f,), from long to short periods; power is z of the module's text
+    period_lines, amplitude_px, power : (f,), from long to short periods; power is z of the module's docstring
     significant_px : amplitude (RMS over phases) that has the false alarm probability `WAVES.risk`
     """
 
@@ -145,9 +145,10 @@ class _Cells:
 
 
 def collect_line_profiles(result: Adjustment) -> list[LineProfile]:
-    """Return what the residuals of an adjustment show of each image along its lines, in the order of the images.
+    """Return the line profile of each image from the residuals of an adjustment, in the order of the images.
 
-    Residuals of ties, GCPs and points on a surface count alike, each by its redundancy numbers; rejected ones do not.
+    Residuals of tie points, GCPs and points on a surface are used equally, by redundancy numbers; rejected ones are
+    not.
     """
     rows, residual, share = result.block.measurements, result.judged_residual_px, result.redundancy_numbers
     used = (result.decision == int(Decision.KEPT)) & (result.weight > 0.0)
@@ -173,7 +174,7 @@ def estimate_spectrum(profile: LineProfile, axis: str) -> Spectrum | None:
         return None
     trend = cells.make_trend()
     power, rest = _scan_powers(cells, trend, frequencies)
-    # A sine of amplitude A takes z = A² sum(w) / 2 of the weighted sum of squares
+    # A sine of amplitude A explains A² sum(w) / 2 of the weighted sum of squares
     amplitude = np.sqrt(2.0 * power * rest / cells.weight.sum())
     levels = np.linspace(0.0, 1.0, 2001)[1:-1]
     chance = _compute_false_alarm(levels, cells, trend.shape[1], frequencies)
@@ -204,9 +205,9 @@ def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]
     columns, taken, chances = cells.make_trend(), list[float](), list[float]()
     for _ in range(WAVES.most_waves):
         power, _ = _scan_powers(cells, columns, frequencies)
-        for one in taken:  # one wave is not two that the lines cannot separate
+        for one in taken:  # no second wave that the lines cannot separate
             power[np.abs(frequencies - one) < 1.0 / np.ptp(cells.line)] = 0.0
-        # Most images have no wave: the exact peak is searched where the scan may have missed its height by so much
+        # Most images have no wave: the exact peak is computed only if the scan may have missed a significant one
         highest = np.minimum(power.max(keepdims=True) / WAVES.scanned_share, 1.0)
         if not tests * float(_compute_false_alarm(highest, cells, columns.shape[1], frequencies)[0]) < WAVES.risk:
             break
@@ -245,7 +246,7 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     off = shift[used] - np.median(shift[used])
     used = used[np.abs(off) <= WAVES.outlier * max(float(robust_sigma(off)), 1e-12)]
     line, sample, weight, shift = profile.line[used], profile.sample[used], weight[used], shift[used]
-    # Strips of as many measurements each
+    # Strips with equal numbers of measurements
     limits = np.quantile(sample, np.arange(1, WAVES.strips) / WAVES.strips)
     strip = np.searchsorted(limits, sample)
     cell = np.floor((line - line.min()) / _CELL_LINES).astype(np.int64)
@@ -258,7 +259,7 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
 
 
 def _choose_frequencies(cells: _Cells) -> np.ndarray | None:
-    """Return the frequencies ``(f,)`` of the spectrum in cycles a line, None where the lines are too short.
+    """Return the frequencies ``(f,)`` of the spectrum in cycles per line, None if there are too few lines.
 
     They are those of the fast Fourier transform of `_scan_powers`.
     """
@@ -269,9 +270,9 @@ def _choose_frequencies(cells: _Cells) -> np.ndarray | None:
 
 
 def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return z ``(f,)`` of a sine beside ``columns (n, k)``, and the sum of squares that these leave.
+    """Return z ``(f,)`` of a sine fitted with ``columns (n, k)``, and the residual sum of squares of the columns alone.
 
-    By fast Fourier transforms of sums over the cells of some lines, as if these were at one line.
+    It uses fast Fourier transforms of sums over the cells of some lines, with a common line for each sum.
     """
     root = cells.root
     basis, value, rest = _remove_columns(cells, columns)
@@ -282,7 +283,7 @@ def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) ->
     summed = cells.weight, root * value, *(root * column for column in basis.T)
     of_weight, *others = fft.rfft([np.bincount(bins, one, count) for one in summed])
     of_value, of_basis = others[0][chosen], np.stack(others[1:])[:, chosen]
-    # Normal equations of cosine and sine without the columns; none where these leave too little of a sine
+    # Normal equations of cosine and sine, reduced by the columns; none if these explain nearly all of a sine
     twice, total = of_weight[2 * chosen], of_weight[0].real
     cc = 0.5 * (total + twice.real) - np.sum(of_basis.real**2, axis=0)
     ss = 0.5 * (total - twice.real) - np.sum(of_basis.imag**2, axis=0)
@@ -294,14 +295,14 @@ def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) ->
 
 
 def _compute_power(cells: _Cells, basis: np.ndarray, value: np.ndarray, rest: float, frequency: float) -> float:
-    """Return z of a sine as `_scan_powers`, exactly and at any frequency; the others are of `_remove_columns`."""
+    """Return z of a sine as `_scan_powers`, but exactly, at any frequency; other arguments are of `_remove_columns`."""
     sines = cells.make_sines(frequency) * cells.root[:, None]
     sines -= basis @ (basis.T @ sines)
     return 1.0 - float(np.sum((value - sines @ np.linalg.lstsq(sines, value, rcond=None)[0]) ** 2)) / rest
 
 
 def _remove_columns(cells: _Cells, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return an orthonormal basis of the weighted columns, the weighted values without them, and their square."""
+    """Return an orthonormal basis of the weighted columns, the weighted values without them, and their square sum."""
     basis = np.linalg.qr(columns * cells.root[:, None])[0]
     value = cells.value * cells.root
     value = value - basis @ (basis.T @ value)
@@ -309,7 +310,7 @@ def _remove_columns(cells: _Cells, columns: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _compute_false_alarm(power: np.ndarray, cells: _Cells, columns: int, frequencies: np.ndarray) -> np.ndarray:
-    """Return the probability that noise reaches z = ``power (m,)`` at any frequency."""
+    """Return the probability that noise reaches z = ``power (m,)`` at any of the frequencies."""
     free = len(cells.value) - columns
     if free < 4:
         return np.ones_like(power)
@@ -320,7 +321,7 @@ def _compute_false_alarm(power: np.ndarray, cells: _Cells, columns: int, frequen
 
 
 def _compare_strips(cells: _Cells, columns: np.ndarray, frequency: float) -> float:
-    """Return the probability that strips without a common wave agree so well on one (F test)."""
+    """Return the probability that strips without a common wave agree so well by chance (F test)."""
     counts = np.bincount(cells.strip, minlength=WAVES.strips)
     strips = np.flatnonzero(counts >= WAVES.fewest_in_strip)
     if len(strips) < 2:
