@@ -1,1 +1,1 @@
-"""Ground control from a reference orthoimage: places, matching, and checks of the reference itself."""
+"""Ground control from a reference orthoimage: selection of places, matching, and checks of the reference."""

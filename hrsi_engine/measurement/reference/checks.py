@@ -1,14 +1,13 @@
 """Checks of a reference: against the accuracy that the RPCs state, and against surveyed GCPs.
 
-The bias that matching finds in an image is that of the RPC and that of the reference together. It is suspicious where
-it exceeds 3.5 standard deviations of both: a wrong datum, CRS or place moves a reference by tens to hundreds of
-metres. Surveyed GCPs tell the two apart: at each of them the reference predicts where it should be
-measured.
+The bias that matching determines for an image is the sum of the errors of RPC and reference. It is suspicious if it
+exceeds 3.5 standard deviations of both: a wrong datum, CRS or position shifts a reference by tens to hundreds of
+metres. Surveyed GCPs separate the two errors: for each of them the reference predicts the image position.
 
-**Parts.** An image's bias moves all places alike (its drift, a little); what moves those of one part only, as a corner
-of a mosaic that was placed wrongly, is the reference's. The places are divided into parts of the ground, the middle of
-their offsets in metres is taken, and the parts are compared with one another: the shift that most agree on is the
-image's.
+**Parts.** The bias of an image shifts all places equally (except for its drift). A shift of the places in one part
+only, for example because of a wrongly placed corner of a mosaic, is an error of the reference. The places are divided
+into parts of the ground, the median of their offsets in metres is computed, and the parts are compared with each other:
+the shift on which most parts agree is that of the image.
 """
 
 from collections.abc import Sequence
@@ -26,7 +25,7 @@ from .matching import ImageControl, ReferenceControl
 
 @thresholds
 class REFERENCE_CHECKS:
-    """When a reference contradicts the RPCs, surveyed GCPs or itself."""
+    """Limits for contradictions of a reference to the RPCs, to surveyed GCPs or within itself."""
 
     limit: float = threshold(3.5, "sigma", "beyond which an offset is excessive", "normal, in the plane: 0.2 %")
     far: float = threshold(1.3, "", "times that, chance is excluded", "normal, in the plane: 1 of 25 000")
@@ -44,7 +43,7 @@ class ReferenceAccuracy:
     sigma_h_m: float
 
     def compute_sigmas(self, ground: np.ndarray) -> tuple[float, float]:
-        """Return the sigmas of each of the points ``ground (k, 3)``: as GCPs, they know nothing of what they share."""
+        """Return standard deviations for ``ground (k, 3)`` as independent GCPs, enlarged for the common errors."""
         sigma_h_m = DEM.compute_equivalent_sigma(self.sigma_h_m, ground)
         return ORTHOIMAGE.compute_equivalent_sigma(self.sigma_xy_m, ground), sigma_h_m
 
@@ -53,8 +52,8 @@ class ReferenceAccuracy:
 class ReferenceShift:
     """Offset of an image's RPC from the reference, with its limit, in metres.
 
-    east_m, north_m : the ground by the RPC less the same ground in the reference
-    bias_m : the RPC's own sigma; stated tells whether it comes from ERR_BIAS
+    east_m, north_m : ground position by the RPC minus that of the same object in the reference
+    bias_m : standard deviation of the RPC bias; stated : whether it is from ERR_BIAS
     """
 
     image_id: str
@@ -76,7 +75,7 @@ class ReferenceShift:
 def compute_reference_shift(
     image: Image, found: ImageControl, ground: np.ndarray, accuracy: ReferenceAccuracy
 ) -> ReferenceShift | None:
-    """Return an image's shift against the reference in its middle; None where it does not show the reference at all.
+    """Return the shift of an image against the reference at its centre; None if no bias was found.
 
     ``ground (m, 3)`` are the places of the reference.
     """
@@ -87,14 +86,14 @@ def compute_reference_shift(
     _, by_ground = image.rpc.project_with_metric_jacobian(middle)
     east, north = np.linalg.solve(by_ground[0, :, :2], bias)
     own = image.rpc.err_bias or REFERENCE_CHECKS.unknown_bias_m
-    # heights that are wrong move the ground along the line of sight
+    # height errors shift the ground position along the line of sight
     along = np.linalg.solve(by_ground[0, :, :2], by_ground[0, :, 2]) * accuracy.sigma_h_m
     limit = REFERENCE_CHECKS.limit * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
     return ReferenceShift(image.id, float(east), float(north), limit, own, bool(image.rpc.err_bias))
 
 
 def describe_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
-    """Return warnings of shifts that the accuracies of RPCs and reference do not explain."""
+    """Return warnings about shifts that exceed the accuracies of RPCs and reference."""
     bad = [shift for shift in shifts if shift.is_excessive]
     if not bad:
         return []
@@ -115,7 +114,7 @@ def describe_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
 
 
 def describe_far_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
-    """Return the same of shifts that chance does not make: `REFERENCE_CHECKS.far` times the limit."""
+    """Return the warnings for shifts beyond `REFERENCE_CHECKS.far` times the limit, which do not occur by chance."""
     return describe_shifts([shift for shift in shifts if shift.length_m > REFERENCE_CHECKS.far * shift.limit_m])
 
 
@@ -162,7 +161,7 @@ class ImageGcps(NamedTuple):
 def contradiction(
     images: Sequence[Image], control: ReferenceControl, gcps: Sequence[ImageGcps], accuracy: ReferenceAccuracy
 ) -> Contradiction | None:
-    """Return the difference between surveyed GCPs and the reference; None where no image has both."""
+    """Return the difference between surveyed GCPs and the reference; None if no image has both."""
     by_id = {image.id: image for image in images}
     agreed = {part.image_id: part.agreement for part in control.images if part.agreement is not None}
     differences, variances = [], []
@@ -170,7 +169,7 @@ def contradiction(
         if image_id not in agreed or not len(ground):
             continue
         projected, by_ground = by_id[image_id].rpc.project_with_metric_jacobian(ground)
-        # Where the reference expects the survey, less where it was seen
+        # Position of the survey predicted by the reference, minus the measured one
         beside = projected + agreed[image_id].bias(xy) - xy
         inverse = np.linalg.inv(by_ground[:, :, :2])
         differences.append(np.einsum("kij,kj->ki", inverse, beside))
@@ -185,7 +184,7 @@ def contradiction(
 
 
 class PartShift(NamedTuple):
-    """A part of a reference that is shifted against the rest: its middle, its shift (m), and its number of places."""
+    """A part of a reference that is shifted against the rest: position, shift (m), limit (m), number of places."""
 
     lon_deg: float
     lat_deg: float
@@ -196,7 +195,7 @@ class PartShift(NamedTuple):
 
     @property
     def message(self) -> str:
-        """What to say of it."""
+        """The warning about this part."""
         return (
             f"the part of the reference about {self.lon_deg:.4f}, {self.lat_deg:.4f} lies "
             f"{np.hypot(self.east_m, self.north_m):.1f} m from the rest of it ({self.east_m:+.1f} m east, "
@@ -207,9 +206,9 @@ class PartShift(NamedTuple):
 def drop_wrong_parts(
     images: Sequence[Image], control: ReferenceControl, accuracy: ReferenceAccuracy
 ) -> tuple[ReferenceControl, list[PartShift]]:
-    """Return the control without the parts of the reference that lie beside the rest, and these parts."""
+    """Return the control without parts of the reference that are shifted against the rest, and these parts."""
     by_id = {image.id: image for image in images}
-    # The part of the ground that each place belongs to
+    # Index of the part of the ground that contains each place
     lonlat, parts = control.ground[:, :2], REFERENCE_CHECKS.parts
     low = lonlat.min(axis=0, initial=np.inf)
     size = np.maximum(lonlat.max(axis=0, initial=-np.inf) - low, 1e-12)
@@ -219,7 +218,7 @@ def drop_wrong_parts(
     seen = [found for found in control.images if found.agreement is not None]
     if not seen or len(numbers) < 3:
         return control, []
-    # Where each image shows its places, less where the reference has them, in metres east and north
+    # Offsets of the places in each image from the reference, in metres east and north
     beside = []
     for found in seen:
         _, by_ground = by_id[found.image_id].rpc.project_with_metric_jacobian(control.ground[found.places])
@@ -250,7 +249,7 @@ def drop_wrong_parts(
     for index in known[wrong]:
         here = part_of == numbers[index]
         lon, lat = np.median(control.ground[here, :2], axis=0)
-        # the ground by the reference, less where the rest of it would put it
+        # position in the reference minus that expected from the other parts
         east, north = rest - middle[index]
         shifts.append(PartShift(float(lon), float(lat), float(east), float(north),
                                 REFERENCE_CHECKS.limit * float(np.sqrt(variance[index])), int(here.sum())))  # fmt: skip

@@ -1,18 +1,18 @@
-"""Ground control from an orthoimage: places in it, found again in raw images to a fraction of a pixel.
+"""Ground control from an orthoimage: places in it, measured in raw images with sub-pixel accuracy.
 
-A place is a textured spot of the orthoimage, with its position from there and its height from the DEM; the same places
-serve all images, so that a place in several images ties them too. Per image
+A place is a textured spot of the orthoimage, with the position from the orthoimage and the height from the DEM; the
+same places are used for all images, so that a place in several images also connects them. For each image
 
-1. the RPC's bias is searched, coarse to fine, by correlating gradient directions of the whole image (or of parts of a
-   large one) with what orthoimage, RPC and DEM predict; the search grows until something stands out;
-2. every place is looked for near where RPC and bias put it, first by gradient directions to a pixel, then by
-   least-squares matching of grey values to a fraction;
-3. matches that do not follow an affine bias of the image are left out, and what is left must be more than chance.
+1. the bias of the RPC is searched, coarse to fine, by correlating the gradient directions of the image (or of parts of
+   a large one) with the prediction from orthoimage, RPC and DEM; the range is increased until there is a distinct peak;
+2. every place is searched near its position by RPC and bias, first by gradient directions to a pixel, then by
+   least-squares matching of grey values with sub-pixel accuracy;
+3. matches that deviate from an affine bias of the image are rejected, and the number of others must be significant.
 
-Places are the most textured spots of the cells of a grid over the images' ground. The affine bias of an image is
-estimated robustly from their offsets, most of which may be false: the densest place of the offsets gives the start, an
-affine function with Tukey's weights follows it. It is told from chance by the number of offsets that would fall within
-the tolerance if every match were somewhere in its search window.
+Places are the spots with most texture in the cells of a grid over the images' ground. The affine bias of an image is
+estimated robustly from their offsets, most of which may be false: the densest cluster of the offsets is the initial
+value of an affine function with Tukey's weights. It is significant if the number of agreeing offsets is much larger
+than expected for matches at random positions in their search windows.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from .predicted_patches import PATCH, ImageBias, predict_patch, read_means, read
 
 @thresholds
 class REFERENCE_MATCHES:
-    """When a place of a reference is found in an image, how well, and when offsets agree on one affine bias."""
+    """Conditions for a place to be found in an image, its accuracy, and agreement of offsets on an affine bias."""
 
     coarser: float = threshold(1.25, "", "pixel of the orthoimage over the image's, from which it sets the resolution")
     chance_log10: float = threshold(-6.0, "log10", "largest probability that as many false matches agree")
@@ -64,10 +64,10 @@ class ImageControl:
     """Places found in one image.
 
     image_id, gsd_m (of its pixels), step (image pixels per working pixel)
-    places : (n,) indices into the places; xy, sigma_px : (n, 2), (n,) where they are and how well
+    places : (n,) indices into the places; xy, sigma_px : (n, 2), (n,) their positions and standard deviations
     offset_px : (n, 2) found - projected by the RPC; score : (n,) correlation of gradient directions
-    used : (n,) mask of the matches that agree; agreement : the image's bias, None where no place was found for sure
-    refusal : why there is none; rough_bias_px : (2,) the bias that the whole image shows, also then; None without
+    used : (n,) mask of the matches that agree; agreement : bias of the image, None if it is not significant
+    refusal : the reason in this case; rough_bias_px : (2,) bias from the search over the image; None without
     """
 
     image_id: str
@@ -86,16 +86,16 @@ class ImageControl:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceControl:
-    """Places on the ground and what was found of them.
+    """Places on the ground and their measurements in images.
 
     Parameters
     ----------
     ids : (m,) ndarray of str
-        Their names.
+        Ids of the places.
     ground : (m, 3) ndarray
         Lon, lat in degrees, ellipsoidal height in metres.
     images : tuple of ImageControl
-        What was found in each image.
+        Measurements in each image.
     """
 
     ids: np.ndarray
@@ -112,13 +112,13 @@ def match_reference(
     Parameters
     ----------
     images : sequence of Image
-        Every image has its pixels (`Image.raster`).
+        Images with pixels (`Image.raster`).
     reference : Orthoimage
         The reference.
     surface : HeightSurface
         The terrain.
     options : ReferenceOptions, optional
-        How places are found.
+        Options for finding places.
     progress : Progress
         Callback; False cancels.
 
@@ -130,7 +130,7 @@ def match_reference(
     Raises
     ------
     Cancelled
-        When ``progress`` asks to stop.
+        ``progress`` returned False.
     """
     options = options or ReferenceOptions()
     places = choose_places(images, reference, surface, options.points, options.window_px)
@@ -173,7 +173,7 @@ def _refuse_image(
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """An image to be matched: where its pixels lie, at which resolution, and its bias so far."""
+    """An image to be matched: the size of its pixels, the resolution, and its approximate bias."""
 
     image: Image
     reference: Orthoimage
@@ -222,7 +222,7 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
 
 
 def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -> _Match | None:
-    """Return where a place is found near its expected position ``(2,)``; None where it is not."""
+    """Return the measurement of a place near its expected position ``(2,)``; None if it is not found."""
     half, reach = options.window_px // 2, options.reach_px
     side = 2 * half + 1
     origin = expected - task.step * (half + REFERENCE_MATCHES.border)
@@ -246,9 +246,9 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     )
     peak = find_correlation_peak(surface)
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
-        return None  # the real peak lies outside
-    at = peak.shift + REFERENCE_MATCHES.border + half  # of the place's centre in the searched window
-    # The match after least-squares matching, or as it is where grey values do not correlate
+        return None  # the real peak is outside the search range
+    at = peak.shift + REFERENCE_MATCHES.border + half  # position of the place's centre in the search window
+    # Least-squares matching; if grey values do not correlate, the peak itself with a larger sigma
     middle = half + REFERENCE_MATCHES.border
     step = task.step
     settings = LsmOptions(window_px=2 * (middle - REFERENCE_MATCHES.border) + 1, reach_px=REFERENCE_MATCHES.lsm_reach)
@@ -269,16 +269,16 @@ def choose_places(
     below = [ground[status == Status.FOUND] for ground, status in rays if (status == Status.FOUND).any()]
     if not below:
         return np.zeros((0, 3))
-    # Areas in the orthoimage's pixels of the upright boxes around what the images show
+    # Areas of the bounding boxes of the images' ground, in pixels of the orthoimage
     extents = [np.ptp(reference.to_pixels(ground[:, :2]), axis=0) for ground in below]
     cell = max(float(np.sqrt(min(np.prod(np.maximum(extent, 1.0)) for extent in extents) / points)), 4.0)
     px_per_m = float(images[0].rpc.px_per_m(below[0][len(below[0]) // 2][None])[0])
     step = max(round(1.0 / px_per_m / reference.gsd_m), 1)
-    # Column and row of the cells that an image sees; evenly thinned out where there are too many
+    # Column and row of the cells shown by images; thinned evenly if there are too many
     pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in below])
     size = np.array(reference.raster.size)
     inside = np.all((pixels >= 0.0) & (pixels < size), axis=1)
-    # The positions and their neighbours half a cell away: rays may be farther apart than cells
+    # Also the cells half a cell away, since rays may be farther apart than cells
     steps = np.array([[x, y] for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.0, 0.5)]) * cell
     dense = np.unique(np.floor((pixels[inside][:, None] + steps).reshape(-1, 2) / cell).astype(np.int64), axis=0)
     last = np.floor((size - 1) / cell)
@@ -301,7 +301,7 @@ def choose_places(
 def _find_best_spot(
     reference: Orthoimage, left: float, top: float, cell: float, step: int, window_px: int
 ) -> tuple[np.ndarray, float] | None:
-    """Return the pixel position of a cell's most textured window and its texture; None where it shows nothing."""
+    """Return the pixel position of a cell's window with most texture, and the texture; None without texture."""
     looked = int(min(cell / step, PATCH.cell_px))
     margin = window_px // 2 + 2
     side = max(looked, 1) + 2 * margin
@@ -309,8 +309,8 @@ def _find_best_spot(
     grey, valid = read_means(reference.raster, int(start[0]), int(start[1]), step * side, step * side, step)
     if not valid.any():
         return None
-    # The smaller eigenvalue of the structure tensor over a window around each pixel; 0 where not all is valid.
-    # Gradient lengths count by their square root: one bright roof is no better than a whole field pattern.
+    # The smaller eigenvalue of the structure tensor over a window around each pixel; 0 if a pixel is invalid. Gradients
+    # count by the square root of their length, so that one bright roof does not outweigh a complete field pattern.
     gx, gy = slopes(blur(grey, 1.0), *SCHARR)
     damp = 1.0 / np.maximum(np.sqrt(np.hypot(gx, gy)), 1e-6)
     xx, yy, xy = (box_mean(a * b * damp**2, window_px) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
@@ -328,12 +328,12 @@ TUKEY = 4.685
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """An affine bias and the offsets that follow it.
+    """An affine bias and the offsets that agree with it.
 
     coefficients : (2, 3): per axis the constant and the change by normalised sample and line
-    centre, half_size : normalisation, ``(2,)`` each
+    centre, half_size : of the normalisation of sample and line, ``(2,)`` each
     residual_px : (n, 2) offset - bias; agreeing : (n,) mask; spread_px : robust standard deviation of a coordinate
-    chance_log10 : log10 of the probability that as many false matches would agree
+    chance_log10 : log10 of the probability that as many false matches agree
     """
 
     coefficients: np.ndarray
@@ -352,10 +352,10 @@ class Agreement:
 def find_agreement(
     xy: np.ndarray, offset: np.ndarray, centre: np.ndarray, half_size: np.ndarray, reach_px: float, tolerance_px: float
 ) -> Agreement | None:
-    """Return the affine bias on which most offsets agree; None where fewer than six do.
+    """Return the affine bias on which most offsets agree; None if fewer than six do.
 
-    xy, offset : (n, 2) image points and their offsets, each found within ``reach_px`` of what was expected
-    tolerance_px : offsets this near to the densest place belong to the start
+    xy, offset : (n, 2) image points and their offsets, each found within ``reach_px`` of the expected position
+    tolerance_px : radius around the densest point of the offsets, for the initial value
     """
     if len(offset) < REFERENCE_MATCHES.fewest_offsets:
         return None
@@ -375,7 +375,7 @@ def find_agreement(
         coefficients = np.zeros((2, 3))
         coefficients[:, :columns] = values.T
         residual = offset - design @ coefficients.T
-        # The robust standard deviation of a coordinate, from the median length (of a Rayleigh distribution)
+        # Robust standard deviation of a coordinate, from the median length (Rayleigh distribution)
         length = np.hypot(*residual[used].T)
         spread = float(np.clip(np.median(length) / 1.1774, REFERENCE_MATCHES.least_spread * tolerance_px, tolerance_px))
         within = np.hypot(*residual.T) <= ROBUST.outlier * spread
@@ -386,7 +386,7 @@ def find_agreement(
         used = within
     radius = ROBUST.outlier * spread
     chance = min(np.pi * radius**2 / (2.0 * reach_px + 1.0) ** 2, 1.0)
-    # the place was chosen among all offsets: that many places could have been the densest
+    # the cluster was selected among all offsets, so the probability is multiplied by their number
     log10 = float(stats.binom.logsf(used.sum() - 2, len(offset) - 1, chance) / np.log(10.0) + np.log10(len(offset)))
     return Agreement(coefficients, centre, half_size, residual, used, spread, log10)
 

@@ -1,13 +1,13 @@
 """Prediction of an image: an orthoimage resampled into the image's geometry through RPC and DEM.
 
-Both the image and the orthoimage are brought to working pixels of ``step`` image pixels first, low-pass filtered where
-that makes them coarser, so that the two show the same detail. A working pixel ``(i, j)`` of a patch that begins at
+Both the image and the orthoimage are first resampled to working pixels of ``step`` image pixels, with a low-pass filter
+if these are coarser, so that the two have the same detail. A working pixel ``(i, j)`` of a patch that begins at
 ``origin`` has the image coordinates ``origin + step * (i, j)``.
 
-**Bias search.** The offset of an image from where its RPC predicts it is found by correlation with the prediction.
-Parts of the image (all of it, where it is small) are predicted at a resolution at which the largest bias is a few tens
-of working pixels; the correlation surfaces of their gradient directions are added, so that parts that changed, or lie
-in clouds, are outvoted. The search begins small and grows until a peak stands out.
+**Bias search.** The offset of an image from its RPC is determined by correlation with the prediction. Parts of the
+image (or all of a small one) are predicted at a resolution at which the largest bias is a few tens of working pixels.
+The correlation surfaces of their gradient directions are summed, so that parts with changes or clouds have little
+influence. The search range is increased until there is a distinct peak.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from ..window_matching.correlation import (
 
 @thresholds
 class PATCH:
-    """Which places of a reference are looked for, and how it is resampled to the pixels of images."""
+    """Selection of places in a reference, and its resampling to the pixels of images."""
 
     blur: float = threshold(0.45, "px of the coarser image", "standard deviation of the low-pass filter")
     strip_lines: int = threshold(2048, "lines", "read at a time where pixels are averaged")
@@ -44,7 +44,7 @@ class PATCH:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Grey values ``(lines, samples)`` float32 and their mask; ``origin`` is the image position of its first pixel."""
+    """Grey values ``(lines, samples)`` float32 and their mask; ``origin`` is the image position of the first pixel."""
 
     grey: np.ndarray
     valid: np.ndarray
@@ -55,9 +55,9 @@ class Patch:
 def read_means(
     raster: Raster, sample: int, line: int, samples: int, lines: int, factor: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a window's means over ``factor`` x ``factor`` pixels and the mask of those whose pixels all are valid.
+    """Return the means of a window over ``factor`` x ``factor`` pixels and the mask of those with valid pixels only.
 
-    The window may reach over the edge. Element ``(0, 0)`` is centred at ``sample + (factor - 1) / 2``, likewise lines.
+    The window may extend beyond the image. Element ``(0, 0)`` is centred at sample ``sample + (factor - 1) / 2``.
     """
     width, height = max(samples // factor, 1), max(lines // factor, 1)
     grey, valid = np.zeros((height, width), dtype=np.float32), np.zeros((height, width), dtype=bool)
@@ -79,7 +79,7 @@ def read_means(
 def _read_with_padding(
     raster: Raster, sample: int, line: int, samples: int, lines: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return float32 pixels and mask of a window that may reach over the edge; None where it lies outside."""
+    """Return float32 pixels and mask of a window that may extend beyond the image; None if it is outside."""
     s0, l0 = max(sample, 0), max(line, 0)
     s1, l1 = min(sample + samples, raster.size[0]), min(line + lines, raster.size[1])
     if s1 <= s0 or l1 <= l0:
@@ -93,10 +93,10 @@ def _read_with_padding(
 
 
 def sample_patch(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return pixels at positions ``x, y`` of any 2-d shape (NaN: none) and their mask, low-passed to ``step`` pixels.
+    """Return pixels at positions ``x, y`` of any 2-d shape (NaN: none) and their mask, low-pass filtered to ``step``.
 
-    ``step`` is the distance of neighbouring positions in the raster's pixels; where it is below one the raster is the
-    coarser of the two, and is interpolated.
+    ``step`` is the distance of neighbouring positions in pixels of the raster; below one, the raster has the larger
+    pixels and is interpolated.
     """
     known = np.isfinite(x) & np.isfinite(y)
     nothing = np.zeros(x.shape, dtype=np.float32), np.zeros(x.shape, dtype=bool)
@@ -124,7 +124,7 @@ def sample_patch(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> t
 
 
 def read_patch(raster: Raster, origin: np.ndarray, shape: tuple[int, int], step: float) -> Patch:
-    """Return a patch of an image; its pixels are used as they are where ``step`` is 1 and ``origin`` a whole pixel."""
+    """Return a patch of an image; not resampled if ``step`` is 1 and ``origin`` a whole pixel."""
     lines, samples = shape
     if step == 1.0 and np.array_equal(origin, np.round(origin)):
         part = _read_with_padding(raster, int(origin[0]), int(origin[1]), samples, lines)
@@ -140,7 +140,7 @@ def predict_patch(
 ) -> Patch:  # fmt: skip
     """Return the prediction of a patch of an image from an orthoimage.
 
-    ``offset_px (2,)`` is by how much the image's points lie beside where its RPC puts them; rays are computed every
+    ``offset_px (2,)`` is the offset of the image's points from their positions by the RPC; rays are computed every
     ``node_px`` working pixels and interpolated; ``gsd_m`` is the ground distance of the image's pixels.
     """
     lines, samples = shape
@@ -152,7 +152,7 @@ def predict_patch(
     if found.any():
         place[found] = reference.to_pixels(ground[found, :2])
     if PATCH.least_known <= found.mean() < 1.0:
-        # Positions with those of rays into gaps of the DEM, from the affine function of the others
+        # For rays into gaps of the DEM, positions by the affine function of the others
         design = np.column_stack([np.ones(len(grid)), grid])
         coefficients = np.linalg.lstsq(design[found], place[found], rcond=None)[0]
         place = np.where(found[:, None], place, design @ coefficients)
@@ -161,7 +161,7 @@ def predict_patch(
 
 
 def _interpolate_nodes(values: np.ndarray, shape: tuple[int, int], node_px: float) -> np.ndarray:
-    """Return node values ``(rows, columns)`` interpolated to every working pixel; NaN beside a node without one."""
+    """Return node values ``(rows, columns)`` interpolated to every working pixel; NaN next to a node without value."""
     row, column = np.arange(shape[0]) / node_px, np.arange(shape[1]) / node_px
     i = np.minimum(row.astype(int), max(values.shape[0] - 2, 0))
     j = np.minimum(column.astype(int), max(values.shape[1] - 2, 0))
@@ -174,7 +174,7 @@ def _interpolate_nodes(values: np.ndarray, shape: tuple[int, int], node_px: floa
 
 @thresholds
 class BIAS:
-    """Search for an image's offset to a reference, coarse to fine."""
+    """Coarse-to-fine search for an image's offset from a reference."""
 
     first_search_px: float = threshold(64.0, "px", "largest offset of the first attempt")
     growth: float = threshold(4.0, "", "of the search from attempt to attempt, of the resolution from step to step")
@@ -190,7 +190,7 @@ class BIAS:
 
 @dataclass(frozen=True, eq=False)
 class ImageBias:
-    """Found - expected position ``(2,)`` in image pixels, to about a working pixel, and how clearly it was found."""
+    """Found - expected position ``(2,)`` in image pixels, accurate to a working pixel, with measures of reliability."""
 
     offset_px: np.ndarray
     contrast: float
@@ -200,9 +200,9 @@ class ImageBias:
 def search_bias(
     image: Image, reference: Orthoimage, surface: HeightSurface, gsd_m: float, step: float, search_px: float
 ) -> ImageBias | None:
-    """Return an image's bias to about a working pixel of ``step`` image pixels; None where nothing stands out.
+    """Return an image's bias, accurate to about a working pixel of ``step`` image pixels; None without distinct peak.
 
-    ``search_px`` is the largest bias looked for.
+    ``search_px`` is the largest bias that is searched.
     """
     size = image.known_size
     reach = min(BIAS.first_search_px * max(step, 1.0), search_px)
@@ -228,9 +228,9 @@ def _find_peak(
     image: Image, reference: Orthoimage, surface: HeightSurface, gsd_m: float, step: float, offset: np.ndarray,
     reach: int,
 ) -> CorrelationPeak | None:  # fmt: skip
-    """Return the peak over all parts of the image; its ``shift`` is the whole offset in image pixels."""
+    """Return the peak of the sum over all parts of the image; its ``shift`` is the total offset in image pixels."""
     total, energy = np.zeros((2 * reach + 1, 2 * reach + 1)), 0.0
-    # Origin and shape ``(lines, samples)`` of the parts of an image, in working pixels of ``step``
+    # Origin and shape ``(lines, samples)`` of the parts of the image, in working pixels of ``step``
     starts, sides = [], []
     for size in image.known_size:
         whole = max(int(size / step), 1)

@@ -1,1 +1,1 @@
-"""Two tiles of images matched where their RPCs say that they show the same ground."""
+"""Matching of two image tiles where the RPCs predict the same ground."""

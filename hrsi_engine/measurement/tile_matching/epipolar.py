@@ -1,13 +1,13 @@
 """Epipolar lines by RPCs: the image of a point's ray in another image, which is nearly straight.
 
-The line is found by localizing the point at heights and projecting into the other image. A match is judged by its
-distance across the line (which a true match keeps but for the RPCs' bias) and by the height that its position along
-the line stands for.
+The line is computed by localizing the point at several heights and projecting it into the other image. A match is
+tested by its distance across the line (for a correct match the relative bias of the RPCs) and by the height that
+follows from its position along the line.
 
-**Consistency.** The RPCs of a pair are off by an offset that hardly changes within a window, so true matches lie in a
-narrow band across their epipolar lines whose place is not known beforehand: it is the mode of all matches' distances
-across, around which a trend is then fitted. Along the lines parallax is free, but neighbours stand on the same ground:
-a match whose parallax leaves the median of its neighbours by more than buildings explain is wrong.
+**Consistency.** The relative bias of a pair of RPCs is nearly constant within a window, so that correct matches are in
+a narrow band across their epipolar lines. Its unknown position is the mode of the distances of all matches across the
+lines, around which a trend is then fitted. Along the lines the parallax is arbitrary, but similar for neighbours: a
+match is wrong if its parallax differs from the median of its neighbours by more than buildings can cause.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class EPIPOLAR:
-    """How epipolar lines are taken from RPCs, and which matches agree with them."""
+    """Computation of epipolar lines from RPCs, and tests of matches against them."""
 
     height_step_m: float = threshold(50.0, "m", "half the height difference over which a line's direction is taken")
     least_stretch: float = threshold(1e-3, "px/m", "along the line by height, below which two views are the same")
@@ -36,10 +36,10 @@ class EPIPOLAR:
 
 
 class EpipolarMiss(NamedTuple):
-    """Of each match: signed distance across the epipolar line (px), height (m), px per metre along the line, and how
-    far along the line (px) the match is from where ``height_m`` puts it.
+    """For each match: signed distance across the epipolar line (px), height (m), parallax along the line (px per metre
+    of height), and distance along the line (px) from the position at the initial height.
 
-    Where two images have the same view there is no line: its direction is then that of the samples.
+    If two images have the same view there is no line; its direction is then that of the samples.
     """
 
     across_px: np.ndarray
@@ -49,7 +49,7 @@ class EpipolarMiss(NamedTuple):
 
 
 def transfer(source: RPC, target: RPC, xy: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
-    """Return where points of one image at given heights appear in the other, ``(n, 2)``; NaN where nowhere."""
+    """Return the positions in the other image of points at given heights, ``(n, 2)``; NaN if there is none."""
     return target.project(source.localize(xy, height_m).ground)
 
 
@@ -57,7 +57,7 @@ def compute_epipolar_miss(
     first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: np.ndarray | float,
     iterations: int = 3,
 ) -> EpipolarMiss:  # fmt: skip
-    """Return distance across and height of matches; ``height_m`` is where the search along the line starts."""
+    """Return distance across the line and height of matches; ``height_m`` is the initial height of the iteration."""
     lowest, highest = first.height_range
     reach = 2.0 * (highest - lowest)
     height = np.full(len(first_xy), height_m, dtype=np.float64)
@@ -79,7 +79,7 @@ def compute_epipolar_miss(
 def match_descriptors(
     first: np.ndarray, second: np.ndarray, ratio: float = EPIPOLAR.ratio
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return index pairs of descriptors (unit length) that are each other's nearest and pass the ratio test."""
+    """Return index pairs of descriptors (unit length) that are mutual nearest neighbours and pass the ratio test."""
     if len(first) < 2 or len(second) < 2:
         return np.empty(0, np.int64), np.empty(0, np.int64)
     nearest = np.empty(len(first), np.int64)
@@ -106,8 +106,8 @@ def match_descriptors(
 
 
 class Consistency(NamedTuple):
-    """Of matches: which ones geometry allows, distance across the epipolar line from the trend (px), NaN where there
-    is none, its robust standard deviation, and the epipolar distances themselves."""
+    """For matches: mask of those consistent with the geometry, deviation across the epipolar line from the trend (px,
+    or NaN), its robust standard deviation, and the epipolar distances themselves."""
 
     good: np.ndarray
     deviation_px: np.ndarray
@@ -119,12 +119,12 @@ def check_rpc_consistency(
     first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: np.ndarray | float,
     floor_px: float = 0.5, unit_px: float = 1.0,
 ) -> Consistency:  # fmt: skip
-    """Test matches against RPC geometry, whatever the relative bias of the RPCs.
+    """Test matches for consistency with the RPC geometry, for any relative bias of the RPCs.
 
-    Across the epipolar lines all true matches share one offset, the relative bias, with a small trend over the image;
-    it is found as the mode of the distances and refined by a robust plane. Matches beyond `ROBUST.outlier` (at least
-    ``floor_px``) fail, and all where chance alone made the mode: then that limit grows until it takes them in.
-    Along the lines a match must not leave its neighbours by more than terrain does. ``unit_px`` is the size of a
+    Across the epipolar lines all correct matches have one common offset, the relative bias, with a small trend over the
+    image. It is the mode of the distances, refined by a robust plane. Matches beyond `ROBUST.outlier` sigmas (at least
+    ``floor_px``) are rejected; if the mode is due to chance the sigma is too large, and all are rejected.
+    Along the lines a match must not differ from its neighbours by more than terrain does. ``unit_px`` is the size of a
     matched pixel in pixels of the image (pyramids); thresholds are in units of it.
     """
     miss = compute_epipolar_miss(first, second, first_xy, second_xy, height_m)
@@ -134,7 +134,7 @@ def check_rpc_consistency(
     if known.sum() < EPIPOLAR.fewest:
         return nothing
     across = np.where(known, across, np.inf)
-    # The middle of the densest interval of half the mode's width
+    # Median of the densest interval of half the mode's width
     ordered = np.sort(across[known])
     count = np.searchsorted(ordered, ordered + EPIPOLAR.mode_px / 2.0, side="right") - np.arange(len(ordered))
     densest = int(count.argmax())

@@ -1,10 +1,10 @@
-"""What is matched of a window: SIFT features that lead to its geometry, and interest points that are then measured.
+"""Features of a window: SIFT features that determine its geometry, and interest points that are then measured.
 
-SIFT is computed of 8 bit with the contrast where the image has its own. Interest points are places where least-squares
-matching will be precise, whatever the other image is: corners (the smaller eigenvalue of the structure tensor has a
-local maximum) at whole pixels. How precise a match can become follows from the tensor over the matching window and the
-image's noise (Foerstner 1982: the covariance of a shift is noise² times the inverse of the summed tensor); where that
-is poor - water, saturated areas, fog - there is no point at all.
+SIFT is computed from grey values stretched to 8 bit. Interest points are places where least-squares matching will be
+precise in any other image: corners (local maxima of the smaller eigenvalue of the structure tensor) at whole pixels.
+The precision follows from the tensor over the matching window and the noise of the image (Foerstner 1982: the
+covariance of a shift is noise² times the inverse of the summed tensor); in areas where it is too low (water, saturated
+areas, fog) there are no points.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from .types import ImageTile
 
 @thresholds
 class FEATURES:
-    """How SIFT features are found in satellite images and compared."""
+    """Detection and comparison of SIFT features in satellite images."""
 
     contrast: float = threshold(0.01, "", "least of a feature: 11 bit, little texture", "Lowe 2004 has 0.03")
     valid_px: int = threshold(9, "px", "side of the square around a feature that must be valid")
@@ -40,7 +40,7 @@ class SiftFeatures(NamedTuple):
 
 
 def detect_sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> SiftFeatures:
-    """Return the strongest SIFT features (Lowe 2004) of a window: by OpenCV where it is there, else by NumPy."""
+    """Return the strongest SIFT features (Lowe 2004) of a window: by OpenCV if it is installed, else by NumPy."""
     byte = stretch_to_byte(grey, valid)
     if byte is None:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
@@ -59,7 +59,7 @@ def detect_sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> Sift
 
 
 def stretch_to_byte(grey: np.ndarray, valid: np.ndarray) -> np.ndarray | None:
-    """Return the window as 8 bit between the 1st and 99th percentile; None where it holds no texture at all."""
+    """Return the window as 8 bit, stretched between the 1st and 99th percentile; None without any texture."""
     if not valid.any():
         return None
     low, high = np.percentile(grey[valid][::7], FEATURES.stretch)
@@ -75,10 +75,10 @@ def compute_root_sift(descriptors: np.ndarray) -> np.ndarray:
 
 
 def invert_descriptors(descriptors: np.ndarray) -> np.ndarray:
-    """Return the SIFT descriptors ``(n, 128)`` that the same points have in the image's negative.
+    """Return the SIFT descriptors ``(n, 128)`` of the same points in the negative of the image.
 
-    All gradients are turned by 180 degrees, and with them the point's own direction, in which they count: the 4 x 4
-    parts of a descriptor are those at the opposite places, with the same 8 directions in each.
+    All gradients are rotated by 180 degrees, and with them the orientation of the feature, to which they are relative:
+    the 4 x 4 parts of a descriptor are exchanged with the opposite ones; the 8 directions in each do not change.
     """
     return descriptors.reshape(-1, 4, 4, 8)[:, ::-1, ::-1].reshape(-1, 128)
 
@@ -96,11 +96,11 @@ def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray
     strength[:margin], strength[-margin:], strength[:, :margin], strength[:, -margin:] = 0.0, 0.0, 0.0, 0.0
     rows, columns = np.nonzero(find_local_maxima(strength, options.spacing_px))
     noise = estimate_noise(tile.pixels, tile.valid) if tile.noise is None else tile.noise
-    # What noise alone leaves of a match's precision, px: the tensor is averaged over the matching window
+    # Standard deviation (px) of a match due to noise: the tensor is averaged over the matching window
     side = 2 * smallest + 1
     xx, xy, yy = (box_mean(layer, side)[rows, columns].astype(np.float64) for layer in tensor)
     pixels = side**2
-    # the derivatives' own noise (a Gaussian of 1 px: 1 / 8 pi) adds to the tensor of an area without any texture
+    # the noise of the derivatives (a Gaussian of 1 px: 1 / 8 pi) adds to the tensor of an area without any texture
     own = noise**2 / (8.0 * np.pi)
     xx, yy = np.maximum(xx - own, 1e-12), np.maximum(yy - own, 1e-12)
     expected = noise / np.sqrt(np.maximum(compute_smaller_eigenvalue(xx, yy, xy), 1e-12) * pixels)
@@ -110,7 +110,7 @@ def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray
         good &= at > TILE_MATCH.weakest_corner * np.median(at)
     points = np.column_stack([columns, rows])[good].astype(np.int64)
     if options.most_points and len(points) > options.most_points:
-        # The best points of each cell of a grid, the same number in each as far as there are any
+        # The best points of each cell of a grid, in equal numbers if there are enough
         expected, size = expected[good], np.array(tile.pixels.shape[::-1])
         cell = np.floor(points * (TILE_MATCH.cells / size)).astype(np.int64) @ [1, TILE_MATCH.cells]
         order = np.lexsort((expected, cell))

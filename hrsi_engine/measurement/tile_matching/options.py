@@ -7,7 +7,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class TILE_MATCH:
-    """Where the points of a window are and are sought, and which matches are kept."""
+    """Selection and search of the points of a window, and acceptance of matches."""
 
     expected_sigma_px: float = threshold(0.1, "px", "of a match, above which a point is dropped")
     weakest_corner: float = threshold(0.02, "", "over the median corner, below which it is unseen noise")
@@ -29,19 +29,19 @@ class TILE_MATCH:
 
 @dataclass(frozen=True)
 class TileMatchOptions:
-    """How two windows are matched. Lengths are in pixels of the first tile unless said otherwise.
+    """Options of the matching of two windows. Lengths are in pixels of the first tile unless stated otherwise.
 
-    features : most SIFT features of a tile, from whose matches the bias and the shape of the ground follow; 0 for
-    none: points are where the geometry of the pair predicts them
+    features : largest number of SIFT features of a tile, whose matches determine the bias and the heights; 0 for none:
+    points are searched at the positions predicted by the geometry of the pair
     windows_px : sides (odd) of the windows of least-squares matching, one round of search and matching after the other;
-    each round takes the points that the earlier ones did not find, with what they found as knowledge of the ground
-    bands : names in `BANDS`, the filters that grey values may be matched in; the best on the pair is taken
-    spacing_px : interest points of the first tile are at least so far apart
-    most_points : of a tile, spread over a grid, the best by expected precision; 0 for all
-    reach_px : least and largest half length of a search along the epipolar line; across_px : half width across it
-    min_correlation : of the matched windows, in the band they were matched in, after least squares
+    each round searches the points not found so far, with the matches found as knowledge of the ground
+    bands : names in `MATCHING_BANDS`, filters of the grey values of which the best one for the pair is used
+    spacing_px : smallest distance of interest points of the first tile
+    most_points : largest number of points of a tile, spread over a grid, the best by expected precision; 0 for all
+    reach_px : smallest and largest half length of a search along the epipolar line; across_px : half width across it
+    min_correlation : of the matched windows, in the band used, after least squares
     largest_rival : correlation of the next best position of the search, as a share of the best
-    largest_sigma_px : standard deviation of a matched position (pixels of the tile) above which it is dropped
+    largest_sigma_px : largest standard deviation of a matched position (pixels of the tile)
     """
 
     features: int = 4000
@@ -57,5 +57,5 @@ class TileMatchOptions:
 
     @property
     def point_choice(self) -> tuple[tuple[int, ...], float, int]:
-        """What the interest points of the first tile depend on."""
+        """The options on which the interest points of the first tile depend."""
         return self.windows_px, self.spacing_px, self.most_points

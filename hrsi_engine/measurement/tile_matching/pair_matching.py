@@ -1,12 +1,12 @@
-"""Matching of two windows with RPC geometry: interest points of the first, positions in the second to ~0.05 px.
+"""Matching of two windows with RPC geometry: interest points of the first, measured in the second to about 0.05 px.
 
 1. The second window is resampled to the geometry of the first (`TileFrame`). SIFT features (Lowe 2004) with
-   square-rooted descriptors, mutual nearest neighbours, are candidates; RPC geometry that tolerates a bias keeps the
-   true ones: the seeds.
-2. Every interest point of the first window (`features`) is sought where its neighbours among the seeds predict it,
-   in a box along the epipolar line (`window_search`), and brought to sub-pixel precision by least-squares matching on
-   the original pixels of both windows. What is found are seeds of the next round.
-3. Matches that contradict the epipolar geometry, their neighbours, or their own precision are dropped.
+   square-rooted descriptors that are mutual nearest neighbours are candidates; the test against the RPC geometry, which
+   permits a bias, selects the correct ones: the seeds.
+2. Every interest point of the first window (`features`) is searched at the position predicted by neighbouring seeds,
+   in a box along the epipolar line (`window_search`), and measured by least-squares matching of the original pixels of
+   both windows. The matches found are the seeds of the next round.
+3. Matches that contradict the epipolar geometry, their neighbours, or their own precision are rejected.
 """
 
 from __future__ import annotations
@@ -57,11 +57,11 @@ def transfer_points(
     first: ImageTile, second: ImageTile, geometry: TilePairGeometry, first_xy: np.ndarray, height_m: np.ndarray,
     options: TileMatchOptions | None = None,
 ) -> TileMatches:  # fmt: skip
-    """Return where given points of the first tile with known heights appear in the second; those that are found.
+    """Return the positions in the second tile of given points of the first tile with known heights, if they are found.
 
     ``first_xy (n, 2)`` are whole pixels of the first tile (as `match_tile` returns them), ``height_m (n,)`` their
     heights, known from a match in another image. ``geometry.bias_px`` should be that of the pair, as the height is
-    known by the other pair; points are sought a few pixels around.
+    from another pair; points are searched within a few pixels.
     """
     options = options or TileMatchOptions()
     frame = TileFrame(first, second, geometry)
@@ -78,10 +78,10 @@ def refine_points(
     first: ImageTile, second: ImageTile, geometry: TilePairGeometry, first_xy: np.ndarray, second_xy: np.ndarray,
     options: TileMatchOptions | None = None,
 ) -> TileMatches:  # fmt: skip
-    """Return matches made elsewhere, measured anew; those that stand the tests of `match_tile`.
+    """Return given matches, measured again, that pass the tests of `match_tile`.
 
-    Points are the whole pixels of the first tile next to ``first_xy (n, 2)``; they are sought a few pixels around
-    where ``second_xy (n, 2)`` has them.
+    Points are the whole pixels of the first tile nearest to ``first_xy (n, 2)``; they are searched within a few pixels
+    of ``second_xy (n, 2)``.
     """
     options = options or TileMatchOptions()
     frame = TileFrame(first, second, geometry)
@@ -97,7 +97,7 @@ def refine_points(
 
 
 def _match_near(task: _Task, shift: np.ndarray) -> _MatchTable:
-    """Return what is found of the points a few pixels around known displacements ``(n, 2)``."""
+    """Return the points that are found within a few pixels of known displacements ``(n, 2)``."""
     found = _MatchTable.nothing(len(task.points))
     reach_px = task.options.reach_px[0], task.options.across_px
     for window in dict.fromkeys(task.options.windows_px):
@@ -106,12 +106,12 @@ def _match_near(task: _Task, shift: np.ndarray) -> _MatchTable:
     return found
 
 
-# ---- what the steps hand on ----------------------------------------------------------------------------------------
+# ---- tables of the steps -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """Two windows, the interest points of the first, and what is derived from both when it is first needed."""
+    """Two windows, the interest points of the first, and quantities derived from them when first needed."""
 
     frame: TileFrame
     options: TileMatchOptions
@@ -128,7 +128,7 @@ class _Task:
 
     @cached_property
     def searched(self) -> tuple[MatchImage, MatchImage]:
-        """The first window and the resampled second one, as they are searched."""
+        """The first window and the resampled second one, filtered for the search."""
         first, second = self.frame.first, self.frame.resampled
         own = first.compute_once("searched", lambda: SEARCH_BAND.filter_image(first.pixels, first.valid))
         return own, SEARCH_BAND.filter_image(second.pixels, second.valid)
@@ -138,7 +138,7 @@ class _Task:
         return {}
 
     def images(self, name: str) -> tuple[MatchImage, MatchImage]:
-        """Return both windows in a band; the sharper one is smoothed to the resolution of the other."""
+        """Return both windows in a band; the one with higher resolution is smoothed to the resolution of the other."""
         if name not in self._images:
             first, second, scale = self.frame.first, self.frame.second, self.frame.scale
             band, coarser = MATCHING_BANDS[name], max(1.0, 1.0 / scale)
@@ -149,19 +149,19 @@ class _Task:
 
     @cached_property
     def chosen(self) -> list[tuple[str, bool]]:
-        """The name of the band that was chosen, once it is, and whether enough matches were there to choose it."""
+        """The name of the selected band, and whether there were enough matches to select it; empty before."""
         return [(self.options.bands[0], True)] if len(self.options.bands) == 1 else []
 
 
 class _Seeds(NamedTuple):
-    """Positions in the first window and displacements in its frame, ``(n, 2)``."""
+    """Positions in the first window and displacements in its frame, ``(n, 2)`` each."""
 
     points: np.ndarray
     shift: np.ndarray
 
 
 class _Prediction(NamedTuple):
-    """Displacement of each point ``(n, 2)``, and half length and half width of the box to search, ``(n, 2)``."""
+    """Predicted displacement of each point ``(n, 2)``, and half length and half width of the search box, ``(n, 2)``."""
 
     shift: np.ndarray
     reach: np.ndarray
@@ -169,7 +169,7 @@ class _Prediction(NamedTuple):
 
 @dataclass(eq=False)
 class _MatchTable:
-    """What is known of each interest point: whether it is matched, where, correlation and sigma (px)."""
+    """State of each interest point: whether it is matched, position, correlation and sigma (px)."""
 
     done: np.ndarray
     xy: np.ndarray
@@ -192,11 +192,11 @@ class _MatchTable:
 
 
 def _find_seeds(task: _Task) -> _Seeds:
-    """Return the SIFT matches consistent with the RPCs; without features, the prediction itself."""
+    """Return the SIFT matches consistent with the RPCs; without features, all points with displacement 0."""
     frame, most = task.frame, task.options.features
     if not most:
         return _Seeds(task.points, np.zeros((len(task.points), 2)))
-    # features of the first tile serve all its partners; the ratio test is lenient, for geometry decides
+    # features of the first tile are used for all partners; the ratio test is lenient, since the geometry is tested
     own, other = frame.first, frame.resampled
     here = own.compute_once(("sift", most), lambda: detect_sift_features(own.pixels, own.valid, most))
     there = detect_sift_features(other.pixels, other.valid, most)
@@ -212,7 +212,7 @@ def _find_seeds(task: _Task) -> _Seeds:
 
 
 def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
-    """Return where points are searched: around the median displacement of their neighbours, over its spread."""
+    """Return the search boxes of points: the median displacement of neighbouring seeds, with a size by their spread."""
     options = task.options
     direction = task.direction[rows]
     if not options.features and seeds.points is task.points:
@@ -259,7 +259,7 @@ def _match_points(
 
 
 def _make_lsm_options(task: _Task, window: int) -> LsmOptions:
-    """Return the options of least-squares matching; windows grow where the second image is the coarser one."""
+    """Return the options of least-squares matching; windows are enlarged if the second image has larger pixels."""
     grown = round(window // 2 * float(np.clip(1.0 / task.frame.scale, 1.0, 3.0)))
     return LsmOptions(2 * grown + 1, reach_px=4.0 * max(1.0, task.frame.scale))
 
@@ -267,7 +267,7 @@ def _make_lsm_options(task: _Task, window: int) -> LsmOptions:
 def _choose_band(
     task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int
 ) -> tuple[str, bool]:
-    """Return the band in which matches scatter least across the epipolar lines: tried on the clearer half of them."""
+    """Return the band with the smallest scatter of matches across the epipolar lines, tried on some of the matches."""
     clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, TILE_MATCH.fewest_trial)]
     trial = np.sort(clearer[:: max(1, len(clearer) // TILE_MATCH.trial)])
     if len(trial) < TILE_MATCH.fewest_trial:
@@ -299,7 +299,7 @@ def _check_consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Co
 
 
 def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
-    """Return the matches consistent with the others, with sigmas scaled by the observed misses."""
+    """Return the matches consistent with the others, with sigmas scaled by the observed deviations."""
     known = np.flatnonzero(found.done)
     if len(known) < EPIPOLAR.fewest:
         return make_empty_matches()
@@ -315,7 +315,7 @@ def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
     )
     xy = frame.first.to_image(task.points[known])
     offset = float(np.median(fit.miss.across_px[good])) if good.any() else 0.0
-    # The unit vector across the epipolar lines of the second image, with the sign of `compute_epipolar_miss`
+    # Unit vector across the epipolar lines in the second image, with the sign of `compute_epipolar_miss`
     points = frame.first.to_tile(xy[:: max(1, len(xy) // 50)])
     direction = np.mean(np.einsum("nij,nj->ni", frame.compute_jacobians(points), frame.parallax(points)[0]), axis=0)
     direction /= max(float(np.linalg.norm(direction)), EPIPOLAR.least_stretch)

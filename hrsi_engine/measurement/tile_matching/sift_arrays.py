@@ -1,10 +1,10 @@
-"""SIFT (Lowe 2004) by NumPy and SciPy, for a Python without OpenCV: the same scales, tests and directions as OpenCV's.
+"""SIFT (Lowe 2004) by NumPy and SciPy, for Python without OpenCV, with the scales, tests and orientations of OpenCV.
 
 The image is enlarged by 2 and smoothed step by step; features are extrema of the differences of neighbouring scales in
-place and scale, moved to the vertex of a paraboloid; edges and low contrast are dropped. A descriptor is a histogram of
-gradient directions, relative to the feature's own, over 4 x 4 parts of its surroundings. What differs is how those
-are sampled: here on a grid of 20 x 20 places that turns and grows with the feature, so that the share of each place
-in each part is one matrix for all features.
+position and scale, refined to the vertex of a paraboloid; edges and low contrast are rejected. A descriptor is a
+histogram of gradient directions, relative to the feature's orientation, over 4 x 4 parts of its surroundings. The
+sampling differs from OpenCV: a grid of 20 x 20 places is rotated and scaled with the feature, so that the share of each
+place in each part is one matrix for all features.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ _LOWE = "Lowe 2004"
 
 @thresholds
 class SIFT:
-    """Parameters of SIFT as OpenCV has them."""
+    """Parameters of SIFT, as in OpenCV."""
 
     layers: int = threshold(3, "scales", "of an octave", _LOWE)
     first_sigma_px: float = threshold(1.6, "px", "Gaussian of the first scale", _LOWE)
@@ -44,7 +44,7 @@ DESCRIPTOR_PARTS, TURNS = 4, 8  # of a descriptor
 
 
 class _Extrema(NamedTuple):
-    """Features of an octave: layer and pixel they are next to, position (octave's pixels), scale, contrast."""
+    """Features of an octave: nearest layer and pixel, position (pixels of the octave), scale, contrast."""
 
     layer: np.ndarray
     row: np.ndarray
@@ -59,7 +59,7 @@ def detect_sift_by_numpy(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions ``(n, 2)``, strengths ``(n,)`` and descriptors ``(n, 128)`` uint8 of the strongest.
 
-    ``grey`` has 8 bit; features lie on usable pixels; ``contrast`` is the least, as a share of the range.
+    ``grey`` has 8 bit; features are at usable pixels; ``contrast`` is the lower limit, as a share of the range.
     """
     octaves = []
     for size_px, scales in _build_octaves(grey):
@@ -139,7 +139,7 @@ def _find_extrema(scales: list[np.ndarray], contrast: float) -> _Extrema:
         if not len(going):
             break
     good = settled & (value * SIFT.layers >= contrast * 255.0) & (edge < (SIFT.edge_ratio + 1.0) ** 2 / SIFT.edge_ratio)
-    _, once = np.unique(np.column_stack([layer, row, column])[good], axis=0, return_index=True)  # moved to one place
+    _, once = np.unique(np.column_stack([layer, row, column])[good], axis=0, return_index=True)  # equal after moving
     rows = np.flatnonzero(good)[once]
     return _Extrema(
         layer[rows], row[rows], column[rows], np.column_stack([column, row])[rows] + offset[rows, :2],
@@ -148,7 +148,7 @@ def _find_extrema(scales: list[np.ndarray], contrast: float) -> _Extrema:
 
 
 def _find_peaks(difference: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return layer, row and column of pixels that are the largest or smallest of the 27 around them."""
+    """Return layer, row and column of pixels that are the maximum or minimum of their 27 neighbours."""
     found = []
     inner = np.s_[SIFT.border_px : -SIFT.border_px, SIFT.border_px : -SIFT.border_px]
     columns = difference.shape[2]
@@ -157,7 +157,7 @@ def _find_peaks(difference: np.ndarray, least: float) -> tuple[np.ndarray, np.nd
         flat = [difference[k].ravel() for k in (layer, layer - 1, layer + 1)]
         middle = difference[layer]
         for sign in (1.0, -1.0):
-            # Most pixels fall at their neighbours along the row; those left are compared with all others one by one
+            # Most pixels are excluded by their neighbours in the row; the others are compared with all other neighbours
             here = middle[inner]
             left = middle[SIFT.border_px : -SIFT.border_px, SIFT.border_px - 1 : -SIFT.border_px - 1]
             right = middle[SIFT.border_px : -SIFT.border_px, SIFT.border_px + 1 : columns - SIFT.border_px + 1]
@@ -178,7 +178,7 @@ def _find_peaks(difference: np.ndarray, least: float) -> tuple[np.ndarray, np.nd
 def _compute_derivatives(
     difference: np.ndarray, layer: np.ndarray, row: np.ndarray, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return slopes ``(n, 3)`` and second derivatives ``(n, 3, 3)`` by column, row and layer, and values ``(n,)``."""
+    """Return gradients ``(n, 3)`` and second derivatives ``(n, 3, 3)`` by column, row and layer; values ``(n,)``."""
 
     def value_at(dx: int = 0, dy: int = 0, ds: int = 0) -> np.ndarray:
         return difference[layer + ds, row + dy, column + dx].astype(np.float64)
@@ -198,13 +198,13 @@ def _compute_derivatives(
     return slope, curvature, here
 
 
-# ---- directions and descriptors ------------------------------------------------------------------------------------
+# ---- orientations and descriptors ----------------------------------------------------------------------------------
 
 
 def _compute_gradients(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return length and direction (radians, counterclockwise from the rows) of the gradients next to positions.
+    """Return length and direction (radians, counterclockwise from the rows) of the gradients at positions.
 
-    0 beyond the image.
+    0 outside the image.
     """
     rows, columns = image.shape
     column, row = np.rint(x).astype(np.int64), np.rint(y).astype(np.int64)
@@ -217,7 +217,7 @@ def _compute_gradients(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple
 
 
 def _assign_directions(image: np.ndarray, features: _Extrema) -> tuple[np.ndarray, np.ndarray]:
-    """Return features and their directions (radians): the peaks of the histogram of gradients around each."""
+    """Return features and their orientations (radians): the peaks of the gradient histogram around each feature."""
     line = np.linspace(-SIFT.reach, SIFT.reach, 15)
     dx, dy = (offset.ravel() for offset in np.meshgrid(line, line))
     near = np.exp(-0.5 * (dx**2 + dy**2) / SIFT.weight_sigma**2).astype(np.float32)

@@ -1,10 +1,10 @@
-"""What goes into and comes out of the matching of two windows: plain arrays, so that any process can do the work.
+"""Input and output of the matching of two windows: plain arrays, which can be sent to other processes.
 
 Positions are always (sample, line) of the full-resolution image, (0, 0) the centre of its first pixel.
 
-The second image is resampled into the geometry of the first (`TileFrame`), to where RPCs, heights and bias predict it.
-In this frame - columns and rows of the first tile - a point is displaced by what is not known yet: the rest of the
-bias, and the parallax of the rest of the height, which has one direction per place, that of the epipolar lines.
+The second image is resampled into the geometry of the first (`TileFrame`), as predicted by RPCs, heights and bias.
+In this frame (columns and rows of the first tile) points still have displacements: the remaining bias, and the parallax
+due to the error of the height, which at each place has one direction, that of the epipolar line.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from .options import TILE_MATCH
 
 @dataclass(frozen=True, eq=False)
 class ImageTile(ResultCache):
-    """A window of an image, possibly of a level of its pyramid.
+    """A window of an image, possibly of a pyramid level.
 
     pixels : (rows, cols) float32 grey values; valid : (rows, cols) bool, False for nodata, clouds, saturated areas
     origin_px : (sample, line) of the centre of the first pixel, in full-resolution coordinates
-    step : full-resolution pixels per pixel of the tile, so that pixel (column, row) of the tile lies at
+    step : full-resolution pixels per pixel of the tile; pixel (column, row) of the tile is at
     ``origin_px + step * (column, row)``
-    noise : standard deviation of the grey values' noise; None estimates it from the tile
+    noise : standard deviation of the noise of the grey values; None: estimated from the tile
     """
 
     pixels: np.ndarray
@@ -43,7 +43,7 @@ class ImageTile(ResultCache):
     _results: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def times(self, contrast: int) -> ImageTile:
-        """Return the tile, or (-1) its negative."""
+        """Return the tile, or its negative if ``contrast`` is -1."""
         return self if contrast == 1 else replace(self, pixels=contrast * self.pixels.astype(np.float32))
 
     def to_tile(self, xy: np.ndarray) -> np.ndarray:
@@ -57,10 +57,10 @@ class ImageTile(ResultCache):
 
 @dataclass(frozen=True, eq=False)
 class HeightGrid:
-    """Ellipsoidal heights (m) of what the first image sees, on a regular grid of its full-resolution positions.
+    """Ellipsoidal heights (m) of the ground in the first image, on a regular grid of its full-resolution positions.
 
-    heights_m : (rows, cols), finite; node (column, row) lies at ``origin_px + spacing_px * (column, row)``; bilinear
-    between nodes, constant outside.
+    heights_m : (rows, cols), finite; node (column, row) is at ``origin_px + spacing_px * (column, row)``; bilinear
+    interpolation between nodes, constant outside
     """
 
     heights_m: np.ndarray
@@ -75,15 +75,15 @@ class HeightGrid:
 
 @dataclass(frozen=True, eq=False)
 class TilePairGeometry:
-    """Where points of the first image appear in the second.
+    """Prediction of points of the first image in the second.
 
     bias_px : (2,) known offset (sample, line) in the second image, observed - predicted by the RPCs
-    margin_px : how far (px of the second image) the prediction may be off along and across the epipolar line, beyond
-    what the heights between ``lowest_m`` and ``highest_m`` explain
-    heights : approximate heights over the first image, or None: then the middle of lowest and highest
-    height_sigma_m : how well ``heights`` are known; None: anything between lowest and highest
-    contrasts : what grey values of the second image are multiplied by to look like the first's: -1 where what is light
-    in the first is dark in the second, both where some is and some is not, as in another band
+    margin_px : largest error (px of the second image) of the prediction along and across the epipolar line, in addition
+    to the effect of heights between ``lowest_m`` and ``highest_m``
+    heights : approximate heights over the first image; None: the mean of lowest and highest
+    height_sigma_m : standard deviation of ``heights``; None: any height between lowest and highest is possible
+    contrasts : signs of the grey values of the second image relative to the first: -1 if bright objects of the first
+    are dark in the second, both signs if this is true for some objects only, as for another band
     """
 
     first: RPC
@@ -105,16 +105,16 @@ class TilePairGeometry:
 
 @dataclass(frozen=True, eq=False)
 class TileMatches:
-    """Matched positions, columns of length n.
+    """Matched positions as columns of length n.
 
     first_xy, second_xy : (n, 2) full-resolution positions. ``first_xy`` are interest points of the first tile, whole
-    pixels of it, the same whatever the second tile is: equal positions mean the same point.
+    pixels, independent of the second tile: equal positions are of the same point.
     sigma_px : standard deviation of a coordinate in the second image (pixels of the full image)
-    quality : 0 … 1, higher for more precise ones, 0.5 at 0.1 px of the second tile; kind : ``corner``
-    height_m : ellipsoidal height that the match stands for, by the RPCs and the bias found
-    bias_px : (2,) offset in the second image, observed - predicted by the RPCs without ``PairGeometry.bias_px``; it is
-    known across the epipolar lines only and is at right angles to them
-    band : name in `MATCHING_BANDS` of the filter that fits both windows best, empty where too few matches tell
+    quality : 0 … 1, higher for more precise matches, 0.5 at 0.1 px of the second tile; kind : ``corner``
+    height_m : ellipsoidal height of the match by the RPCs and the bias found
+    bias_px : (2,) offset in the second image, observed - predicted by the RPCs alone: `TilePairGeometry.bias_px` and
+    the median deviation across the epipolar lines; along the lines it is not determined
+    band : name in `MATCHING_BANDS` of the most suitable filter, empty if there were too few matches to select it
     """
 
     first_xy: np.ndarray
@@ -130,13 +130,13 @@ class TileMatches:
         return len(self.first_xy)
 
     def select(self, keep: np.ndarray) -> TileMatches:
-        """Return the chosen rows (mask or indices)."""
+        """Return the selected rows (mask or indices)."""
         columns = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name not in ("bias_px", "band")}
         return TileMatches(**columns, bias_px=self.bias_px, band=self.band)
 
 
 def make_empty_matches() -> TileMatches:
-    """Return a result without rows."""
+    """Return a table without rows."""
     nothing = np.empty(0)
     return TileMatches(np.empty((0, 2)), np.empty((0, 2)), nothing, nothing, np.empty(0, "U9"), nothing)
 
@@ -146,7 +146,7 @@ NOWHERE_PX = -1e4  # outside any tile
 
 @dataclass(frozen=True, eq=False)
 class TileFrame:
-    """Prediction from a first into a second tile; positions ``(n, 2)`` are columns, rows of the tiles."""
+    """Prediction from a first into a second tile; positions ``(n, 2)`` are columns and rows of the tiles."""
 
     first: ImageTile
     second: ImageTile
@@ -155,7 +155,7 @@ class TileFrame:
     def predict(self, points: np.ndarray, raised_m: float = 0.0, heights_m: np.ndarray | None = None) -> np.ndarray:
         """Return columns and rows in the second tile of points of the first.
 
-        The points are at the heights given, else at those of the geometry, + ``raised_m``.
+        The points are at the given heights, else at those of the geometry, plus ``raised_m``.
         """
         xy = self.first.to_image(points)
         height = (self.geometry.heights_at(xy) if heights_m is None else heights_m) + raised_m
@@ -163,7 +163,7 @@ class TileFrame:
         return self.second.to_tile(positions)
 
     def compute_jacobians(self, points: np.ndarray) -> np.ndarray:
-        """Return second by first at constant height, ``(n, 2, 2)``."""
+        """Return derivatives of positions in the second tile by those in the first, at constant height, (n, 2, 2)."""
         xy, reach = self.first.to_image(points), 8.0 * self.first.step
         height = self.geometry.heights_at(xy)
         columns = []
@@ -176,7 +176,7 @@ class TileFrame:
         return np.stack(columns, axis=-1) * (self.first.step / self.second.step)
 
     def parallax(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of what a height does in this frame."""
+        """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of the parallax of height in this frame."""
         up_m = EPIPOLAR.height_step_m
         moved = (self.predict(points, up_m) - self.predict(points, -up_m)) / (2.0 * up_m)
         slope = np.linalg.solve(self.compute_jacobians(points), moved[..., None])[..., 0]
@@ -185,19 +185,19 @@ class TileFrame:
         return np.where((stretch < EPIPOLAR.least_stretch)[:, None], (1.0, 0.0), unit), stretch
 
     def compute_displacements(self, points: np.ndarray, found: np.ndarray) -> np.ndarray:
-        """Return how far positions in the second tile are from their prediction, in this frame, ``(n, 2)``."""
+        """Return the differences of positions in the second tile from their prediction, in this frame, ``(n, 2)``."""
         return np.linalg.solve(self.compute_jacobians(points), (found - self.predict(points))[..., None])[..., 0]
 
     @cached_property
     def scale(self) -> float:
-        """Pixels of the second tile per pixel of the first, mean of both directions."""
+        """Pixels of the second tile per pixel of the first, geometric mean of both directions."""
         rows, columns = self.first.pixels.shape
         jacobian = self.compute_jacobians(np.array([[0.5 * columns, 0.5 * rows]]))[0]
         return float(np.sqrt(abs(np.linalg.det(jacobian))))
 
     @cached_property
     def reach_px(self) -> tuple[float, float]:
-        """How far a point may be displaced along and across the epipolar line."""
+        """Largest displacements of a point along and across the epipolar line."""
         rows, columns = self.first.pixels.shape
         corners = np.array([[x, y] for x in (0.0, columns - 1.0) for y in (0.0, rows - 1.0)])
         _, stretch = self.parallax(corners)
@@ -208,12 +208,12 @@ class TileFrame:
 
     @cached_property
     def pad_px(self) -> int:
-        """By how much the resampled window reaches beyond the first tile on each side."""
+        """Width of the border of the resampled window around the first tile."""
         return int(np.ceil(min(max(self.reach_px), TILE_MATCH.widest_pad_px))) + 2
 
     @cached_property
     def resampled(self) -> ImageTile:
-        """The second tile in this frame: origin ``(-pad, -pad)``, step 1, both counted in pixels of the first tile."""
+        """The second tile in this frame: origin ``(-pad, -pad)``, step 1, both in pixels of the first tile."""
         rows, columns = (length + 2 * self.pad_px for length in self.first.pixels.shape)
         count = [max(2, -(-(length - 1) // TILE_MATCH.node_px) + 1) for length in (columns, rows)]
         nodes = np.stack(np.meshgrid(*(np.arange(n) * float(TILE_MATCH.node_px) for n in count)), -1).reshape(-1, 2)
@@ -223,7 +223,7 @@ class TileFrame:
         by_row, by_column = _make_interpolation_matrix(rows, count[1]), _make_interpolation_matrix(columns, count[0])
         x, y = (by_row @ positions[..., k] @ by_column.T for k in (0, 1))
         grey = self.second.pixels
-        if self.scale > 1.2:  # the second image is finer: smooth away what the first cannot show
+        if self.scale > 1.2:  # the second image is finer: low-pass filter against aliasing
             grey = blur(grey, 0.5 * float(np.sqrt(self.scale**2 - 1.0)))
         known = interpolate(self.second.valid.view(np.uint8), x, y, order=0, outside=0) > 0
         return ImageTile(interpolate(grey, x, y, order=3), known, (-self.pad_px, -self.pad_px), 1.0)

@@ -1,1 +1,1 @@
-"""One window found in another image: search, correlation, least-squares matching."""
+"""Matching of a window of one image in another: search, correlation, least-squares matching."""

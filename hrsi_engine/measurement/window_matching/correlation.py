@@ -1,9 +1,9 @@
-"""Correlation of a window with every place of a larger one by FFT, of grey values or of gradient directions.
+"""Correlation of a window with every position of a larger one by FFT, of grey values or of gradient directions.
 
-Seasons and sensors change directions less than grey values. The gradient ``g = gx + i gy`` of each pixel becomes
-``(g / |g|)² |g| / (|g| + m)``, m being the median length: doubling the angle makes light-on-dark and dark-on-light the
-same, the factor suppresses noise without letting strong edges dominate (orientation correlation: Fitch, Kadyrov,
-Christmas and Kittler 2002).
+Directions change less between seasons and sensors than grey values. The gradient ``g = gx + i gy`` of each pixel
+becomes ``(g / |g|)² |g| / (|g| + m)``, with the median length m: doubling the angle makes opposite contrasts equal, and
+the factor suppresses noise without letting strong edges dominate (orientation correlation: Fitch, Kadyrov, Christmas
+and Kittler 2002).
 """
 
 from typing import NamedTuple
@@ -17,9 +17,9 @@ from .windows import MATCHING
 
 
 def correlate_template(template: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Return the correlation coefficient, -1 to 1, at every shift at which the template lies inside the area.
+    """Return the correlation coefficient, -1 to 1, float64, at every shift with the template inside the area.
 
-    Its first element is that of the area's first pixels; -1 where the area shows nothing. float64
+    The first element is for the template at the first pixels of the area; -1 for places without contrast.
     """
     own = template.astype(np.float64)
     own -= own.mean()
@@ -37,17 +37,17 @@ def correlate_template(template: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def sum_windows(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Return the sums over a window of ``shape`` (lines, samples) at every place inside, from a summed-area table."""
+    """Return the sums over a window of ``shape`` (lines, samples) at every position inside, by a summed-area table."""
     total = np.pad(np.cumsum(np.cumsum(values, axis=0, dtype=np.float64), axis=1), ((1, 0), (1, 0)))
     lines, samples = shape
     return total[lines:, samples:] - total[:-lines, samples:] - total[lines:, :-samples] + total[:-lines, :-samples]
 
 
 class CorrelationPeak(NamedTuple):
-    """The best shift ``(2,)`` in samples and lines, its score, and how it stands out of the surface.
+    """The best shift ``(2,)`` in samples and lines, its score, and measures of its reliability.
 
-    ``contrast`` is the distance from the surface's median in its robust standard deviations; ``rival`` is the second
-    best score at another place, as a share of the best one.
+    ``contrast`` is the distance from the median of the surface in units of its robust standard deviation; ``rival`` is
+    the second best score at another place, as a share of the best one.
     """
 
     shift: np.ndarray
@@ -57,7 +57,7 @@ class CorrelationPeak(NamedTuple):
 
 
 def compute_orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Return the field of doubled gradient directions, complex64 of the same shape; 0 where not all is valid."""
+    """Return the field of doubled gradient directions, complex64 of the same shape; 0 close to invalid pixels."""
     by_column, by_row = slopes(blur(np.asarray(grey, dtype=np.float32), MATCHING.gradient_smoothing_px), *SCHARR)
     gradient = by_column + 1j * by_row
     inside = erode(valid, MATCHING.gradient_side_px)
@@ -71,7 +71,7 @@ def compute_orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray
 
 
 def correlate_fields(template: np.ndarray, search: np.ndarray) -> np.ndarray:
-    """Return the real part of the correlation at every shift at which the template lies inside the search field."""
+    """Return the real part of the correlation at every shift with the template inside the search field."""
     shape = [fft.next_fast_len(size) for size in search.shape]
     product = fft.fft2(search, shape) * np.conj(fft.fft2(template, shape))
     lines, samples = (s - t + 1 for s, t in zip(search.shape, template.shape, strict=True))
@@ -79,17 +79,17 @@ def correlate_fields(template: np.ndarray, search: np.ndarray) -> np.ndarray:
 
 
 def correlate_orientations(template: np.ndarray, search: np.ndarray) -> np.ndarray:
-    """Return the normalised correlation, -1 to 1, at every shift; 0 where there is nothing to compare."""
+    """Return the normalised correlation, -1 to 1, at every shift; 0 if there is nothing to compare."""
     own = float(np.square(np.abs(template)).sum())
     below = sum_windows(np.square(np.abs(search)), (template.shape[0], template.shape[1]))
-    energy = np.maximum(below, 0.25 * own)  # half empty windows are no better
+    energy = np.maximum(below, 0.25 * own)  # lower limit, so that half empty windows are not preferred
     return correlate_fields(template, search) / np.sqrt(max(own, 1e-12) * np.maximum(energy, 1e-12))
 
 
 def find_correlation_peak(surface: np.ndarray, apart: int = 3) -> CorrelationPeak:
-    """Return the peak of a correlation surface; ``shift`` counts from its first element.
+    """Return the peak of a correlation surface; ``shift`` is counted from its first element.
 
-    Rivals are looked for more than ``apart`` elements away.
+    Rivals are peaks more than ``apart`` elements away.
     """
     row, column = np.unravel_index(int(np.argmax(surface)), surface.shape)
     best = float(surface[row, column])

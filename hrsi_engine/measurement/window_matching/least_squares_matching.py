@@ -1,29 +1,29 @@
 """Least-squares matching of windows: sub-pixel position and covariance, affine shape, gain and offset of grey values.
 
-A template T around a whole pixel of the first image is compared with the second image I under a warp W: an affine map
-of the template's offsets x. Each iteration fits (Gruen 1985 has the observation equations; Baker and Matthews 2004,
-inverse compositional)
+A template T around a whole pixel of the first image is compared with the second image I under a warp W, an affine map
+of the template's offsets x. Each iteration solves (observation equations: Gruen 1985; inverse compositional algorithm:
+Baker and Matthews 2004)
 
     I(W(x)) = g T(x) + o + g grad T(x) (D x + d)
 
-for a small warp (D, d) of the template itself, gain g and offset o, and then replaces W by W after the inverse of that
-small warp. Slopes and normal matrix are those of the template alone: they are computed once, and noise of the second
-image does not enter the slopes. The second image is interpolated by cubic B-splines, whose error on band-limited images
-is far below that of cubic convolution, so that positions do not lock to whole or half pixels.
+for a small warp (D, d) of the template, gain g and offset o, and then composes W with the inverse of this small warp.
+Gradients and normal matrix are those of the template alone: they are computed once, and noise of the second image does
+not enter the gradients. The second image is interpolated by cubic B-splines, whose error for band-limited images is far
+below that of cubic convolution, so that positions are not biased towards whole or half pixels.
 
-Grey values may be band-passed first (`MatchImage`): between dates low frequencies differ most, as shadows, moisture and
-plants do, and they are strongest in the texture as well, so that plain grey values would follow them.
+Grey values can be band-pass filtered first (`MatchImage`): images of different dates differ most in low frequencies
+(shadows, moisture, plants), which are also strongest in the texture, so that unfiltered grey values would follow them.
 
-The covariance is that of the normal equations with the variance of the residuals, times a factor for what filtering
-does to noise (`Band.sigma_factor`, from simulation).
+The covariance is that of the normal equations with the variance of the residuals, times a factor for the effect of
+filtering on noise (`Band.sigma_factor`, from simulation).
 
-NumPy matches many windows at once, by the same steps as the compiled loops of `lsm_kernels`. The equation is linear in
+NumPy matches many windows together, by the same steps as the compiled loops of `lsm_kernels`. The equation is linear in
 eight unknowns (g d, g D, g, o), in this order: with the columns
 
     A = [Tx, Ty, Tx x, Tx y, Ty x, Ty y, T - mean(T), 1]
 
-(Tx, Ty slopes of the template, x, y offsets in half windows) and weights P the solution is (A'PA)^-1 A'P I(W). A'PA
-belongs to the template alone and is inverted once a window; d and D are the solution's first six terms over g.
+(Tx, Ty gradient of the template, x, y offsets in half windows) and weights P the solution is (A'PA)^-1 A'P I(W). A'PA
+depends on the template alone and is inverted once per window; d and D are the first six terms of the solution over g.
 """
 
 import numpy as np
@@ -43,7 +43,7 @@ from .windows import (
     Results,
 )
 
-_OF_SLOPES = np.array([[0, 2, 3], [1, 4, 5]])  # terms of Tx and Ty: times 1, x and y
+_OF_SLOPES = np.array([[0, 2, 3], [1, 4, 5]])  # indices of the terms of Tx and Ty: times 1, x and y
 _GREY, _ONE = 6, 7
 
 
@@ -51,10 +51,10 @@ def match_patches(
     first: MatchImage, second: MatchImage, centre: np.ndarray, start: np.ndarray, affine: np.ndarray,
     options: LsmOptions | None = None,
 ) -> PatchMatches:  # fmt: skip
-    """Match windows of the first image around whole pixels in the second image.
+    """Match windows around whole pixels of the first image in the second image.
 
-    centre : (n, 2) column, row; start : (n, 2) approximate positions in the second image, to about 2 px
-    affine : (n, 2, 2) approximate Jacobian second by first
+    centre : (n, 2) column, row; start : (n, 2) approximate positions in the second image, accurate to about 2 px
+    affine : (n, 2, 2) approximate derivatives of positions in the second image by those in the first
     """
     options = options or LsmOptions()
     centre = np.asarray(centre, dtype=np.int64).reshape(-1, 2)
@@ -63,7 +63,7 @@ def match_patches(
         np.array(start, dtype=np.float64), np.array(affine, dtype=np.float64), np.full((count, 2, 2), np.nan),
         np.zeros((count, 3)), np.full(count, OUTSIDE, dtype=np.int64),
     )  # fmt: skip
-    # Templates inside the image, of valid pixels
+    # Templates inside the image, without invalid pixels
     half, usable = options.half, np.isfinite(start).all(axis=1)
     usable &= np.all((centre >= half) & (centre < np.array(first.grey.shape[::-1]) - half), axis=1)
     usable[usable] = first.mask_clear(half)[centre[usable, 1], centre[usable, 0]]
@@ -85,7 +85,7 @@ def match_patches(
             column[rows] = values
     xy, shape, covariance, figures, status = results
     if not second.valid.all() and count:
-        # Windows that meet invalid pixels of the second image
+        # Windows that contain invalid pixels of the second image
         matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
         size = np.ceil(half * np.abs(shape[matched]).sum(axis=2).max(axis=1)).astype(np.int64) + 1
         pixel = np.floor(xy[matched] + 0.5).astype(np.int64)
@@ -93,8 +93,8 @@ def match_patches(
             here = matched[size == reach]
             column, row = pixel[size == reach].T
             status[here[~second.mask_clear(int(reach))[row, column]]] = OUTSIDE
-    # Compiled loops add in an order that depends on where arrays lie in memory: what is below a millionth of a pixel
-    # means nothing and is dropped, so that threads, processes and runs that were stopped give the same points.
+    # The order of sums in compiled loops depends on memory addresses. Differences far below a millionth of a pixel are
+    # rounded off, so that threads, processes and interrupted runs give equal points
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
     return PatchMatches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)
 
@@ -102,14 +102,14 @@ def match_patches(
 def _match_batch(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
-    """Match windows whose templates are inside the first image; results are changed in place."""
+    """Match windows whose templates are inside the first image; ``results`` are changed in place."""
     xy, affine, _, _, status = results
     weight, half = options.make_weights().ravel(), options.half
     line = np.arange(-half, half + 1, dtype=np.float64)
     column, row = (centre[:, axis, None] + line.astype(np.int64) for axis in (0, 1))
     place = (row[:, :, None] * first.grey.shape[1] + column[:, None]).reshape(len(centre), -1)
-    # The templates' slopes and grey values without their mean (3, n, pixels): with the products of 1, x, y they have
-    # all of the design matrices' columns; affine terms count in half windows
+    # Gradients of the templates and grey values minus their mean (3, n, pixels): their products with 1, x, y are all
+    # columns of the design matrices; affine terms are in half windows
     template = np.stack([layer.ravel().take(place) for layer in (*first.slopes, first.grey)]).astype(np.float64)
     gx, gy, grey = template
     grey -= (grey @ weight / weight.sum())[:, None]
@@ -144,13 +144,13 @@ def _match_batch(
         going = going[inside]
         if not len(going):
             break
-        # Places of the window's pixels by what their columns and rows add, (2, n, side, side)
+        # Positions of the window's pixels as the sum of terms of columns and rows, (2, n, side, side)
         along, down = (affine[going, :, axis, None].transpose(1, 0, 2) * line for axis in (0, 1))
         at = (xy[going].T[..., None] + along)[:, :, None] + down[..., None]
         values = _interpolate_spline(second.coefficients, *at).reshape(len(going), -1)
         seen[going] = values
         values = values * weight
-        chosen = template if len(going) == len(centre) else template[:, going]  # a copy takes longer than the product
+        chosen = template if len(going) == len(centre) else template[:, going]  # indexing copies, which is slower
         by_slope = (chosen * values) @ basis.T
         right = np.empty((len(going), TERMS))
         right[:, _OF_SLOPES] = by_slope[:2].transpose(1, 0, 2)
@@ -164,9 +164,9 @@ def _judge_windows(
     results: Results, windows: tuple[np.ndarray, np.ndarray, np.ndarray], normals: tuple[np.ndarray, np.ndarray],
     of_pixels: tuple[np.ndarray, np.ndarray],
 ) -> None:  # fmt: skip
-    """Enter correlation, gain, RMS residual and covariance of the windows that were matched.
+    """Set correlation, gain, RMS residual and covariance of the windows that were matched.
 
-    windows : templates (3, n, pixels), what was seen (n, pixels), solutions (n, `TERMS`)
+    windows : templates (3, n, pixels), sampled grey values (n, pixels), solutions (n, `TERMS`)
     normals : normal matrices and their inverses (n, `TERMS`, `TERMS`)
     of_pixels : weights (pixels,), and 1, x, y (3, pixels)
     """
@@ -219,7 +219,7 @@ def _update_warps(
     xy: np.ndarray, affine: np.ndarray, begin: np.ndarray, status: np.ndarray, solution: np.ndarray, going: np.ndarray,
     options: LsmOptions,
 ) -> np.ndarray:  # fmt: skip
-    """Compose the warps with the inverses of the templates' small warps; return the windows that go on."""
+    """Compose the warps with the inverses of the templates' small warps; return the windows still iterating."""
     half = options.half
     gain = solution[going, 6]
     fine = gain > MATCHING.smallest_gain

@@ -1,7 +1,7 @@
 """Compiled loops of least-squares matching and window search (needs numba); `least_squares_matching` has the method.
 
-They take ranges of patches and release the interpreter's lock, so that threads may share a tile. Results equal those of
-the NumPy way to rounding.
+They process ranges of windows and release the GIL, so that threads can share a tile. Results are equal to those of the
+NumPy version except for rounding.
 """
 
 import math
@@ -12,9 +12,9 @@ from numba import njit
 from ...foundation.compiled_code import OPTIONS, Arrays
 from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, MATCHING, OUTSIDE, TERMS, WEAK
 
-# Compiled loops read names of the module, no attributes
+# Compiled loops can use module names only, not attributes
 RIVAL_PX, ROUNDING_SHARE, SMALLEST_GAIN = MATCHING.rival_px, MATCHING.rounding_share, MATCHING.smallest_gain
-SIDE_BY_SIDE = 8  # products at a time: as many as fit into a register of 32 bytes
+SIDE_BY_SIDE = 8  # number of products computed together: as many as fit into a register of 32 bytes
 
 
 @njit(**OPTIONS)
@@ -41,7 +41,7 @@ def _sample(c: np.ndarray, x: float, y: float) -> float:
 
 @njit(**OPTIONS)
 def _factorise(N: np.ndarray) -> bool:
-    """Replace the lower triangle of N by its Cholesky factor; False where it is not positive definite."""
+    """Replace the lower triangle of N by its Cholesky factor; return False if N is not positive definite."""
     for i in range(TERMS):
         limit = 1e-9 * N[i, i]
         for j in range(i + 1):
@@ -72,7 +72,7 @@ def _solve(L: np.ndarray, b: np.ndarray) -> None:
 
 @njit(**OPTIONS)
 def _sum_products(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> float:
-    """Return the sum of products of two lists of numbers, with weights."""
+    """Return the weighted sum of products of two arrays."""
     total = 0.0
     for k in range(len(weight)):
         total += one[k] * other[k] * weight[k]
@@ -84,7 +84,7 @@ def _make_template(
     first: np.ndarray, by_x: np.ndarray, by_y: np.ndarray, column: int, row: int, side: int, weight: np.ndarray,
     A: np.ndarray, N: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write design matrix, transposed ``A (8, pixels)``, and normal matrix of a template."""
+    """Write transposed design matrix ``A (8, pixels)`` and normal matrix of a template."""
     half = side // 2
     pixel = 0
     for j in range(side):
@@ -104,7 +104,7 @@ def _make_template(
 
 @njit(**OPTIONS)
 def _sample_window(c: np.ndarray, warp: tuple[float, ...], half: int, seen: np.ndarray) -> bool:
-    """Write the warped window of the second image; return False, and write nothing, where it leaves the image.
+    """Write the warped window of the second image; return False, and write nothing, if it exceeds the image.
 
     c : spline coefficients; warp : position x, y, then the affine map a00, a01, a10, a11 of the template's offsets
     """
@@ -123,9 +123,9 @@ def _sample_window(c: np.ndarray, warp: tuple[float, ...], half: int, seen: np.n
 
 @njit(**OPTIONS)
 def _invert_step(b: np.ndarray, half: int) -> tuple[bool, tuple[float, ...]]:
-    """Return the inverse of the template's small warp, (I + D)^-1 and -(I + D)^-1 d; False where it is large.
+    """Return the inverse of the template's small warp, (I + D)^-1 and -(I + D)^-1 d; False if the warp is too large.
 
-    b : solution of the normal equations, (g d, g D, g, o) with D by half windows
+    b : solution of the normal equations, (g d, g D, g, o) with D in units of half windows
     """
     gain = b[6]
     d00, d01 = 1.0 + b[2] / gain / half, b[3] / gain / half
@@ -142,9 +142,9 @@ def _iterate_warp(
     A: np.ndarray, L: np.ndarray, weight: np.ndarray, coefficients: np.ndarray, warp: tuple[float, ...], limits: Arrays,
     b: np.ndarray, seen: np.ndarray,
 ) -> tuple[int, tuple[float, ...], float, float]:  # fmt: skip
-    """Return status and final warp of a window, the spread of its grey values and their product with the template's.
+    """Return status and final warp of a window, the spread of its grey values, and their product with the template.
 
-    L : Cholesky factor of the normal matrix; ``b (8,)`` and ``seen (pixels,)`` then hold solution and grey values.
+    L : Cholesky factor of the normal matrix; ``b (8,)`` and ``seen (pixels,)`` are set to solution and grey values.
     """
     most, closure, reach = limits
     half, total_weight = int(math.sqrt(len(weight))) // 2, weight.sum()
@@ -156,7 +156,7 @@ def _iterate_warp(
         for k in range(TERMS):
             b[k] = _sum_products(A[k], seen, weight)
         spread = _sum_products(seen, seen, weight) - b[7] / total_weight * b[7]
-        product = b[6]  # the template's grey values have the mean 0
+        product = b[6]  # the mean of the template's grey values is 0
         _solve(L, b)
         if not b[6] > SMALLEST_GAIN:
             return DIVERGED, warp, spread, product
@@ -200,8 +200,8 @@ def match_range(
     """Match the windows ``begin:end`` around pixels ``centre (n, 2)``, whose templates are inside the first image.
 
     images : grey values and slopes by column and row of the first, spline coefficients of the second
-    weight (side, side); limits : iterations, smallest change, farthest from the start
-    results : positions, affine maps (start values, replaced), covariance, figures (correlation, gain, RMS), status
+    weight : (side, side); limits : number of iterations, smallest change, largest distance from the start
+    results : positions, affine maps (initial values, replaced), covariance, figures (correlation, gain, RMS), status
     """
     first, by_x, by_y, coefficients = images
     xy, affine, covariance, figures, status = results
@@ -231,9 +231,9 @@ def match_range(
 
 @njit(**OPTIONS)
 def compute_window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
-    """Return the sum of squared differences from the mean of the window around each pixel, 0 where it is flat.
+    """Return the sum of squared deviations from the mean of the window around each pixel, 0 for flat windows.
 
-    Windows are square, ``2 half + 1`` pixels a side; at pixels whose window leaves the image there is 0.
+    Windows are square, ``2 half + 1`` pixels a side; the result is 0 at pixels whose window exceeds the image.
     """
     rows, columns = grey.shape
     side = 2 * half + 1
@@ -270,7 +270,7 @@ def compute_window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
 def _multiply_windows(template: np.ndarray, second: np.ndarray, x: int, y: int, products: np.ndarray) -> None:
     """Write the products of a template with the windows whose first pixels are ``x … x + 7`` in row ``y``.
 
-    Eight neighbours at a time: each pixel of the template is multiplied with eight pixels that lie side by side.
+    Each pixel of the template is multiplied with eight adjacent pixels at a time.
     """
     products[:] = 0.0
     for b in range(template.shape[0]):
@@ -300,7 +300,7 @@ def _multiply_windows(template: np.ndarray, second: np.ndarray, x: int, y: int, 
 
 @njit(**OPTIONS)
 def _load_template(first: np.ndarray, column: int, row: int, template: np.ndarray) -> float:
-    """Write the grey values around a pixel less their mean; return the sum of their squares."""
+    """Write the grey values around a pixel minus their mean; return the sum of their squares."""
     side = template.shape[0]
     top, left = row - side // 2, column - side // 2
     mean = 0.0
@@ -320,9 +320,9 @@ def _load_template(first: np.ndarray, column: int, row: int, template: np.ndarra
 
 @njit(**OPTIONS)
 def _find_rival(score: np.ndarray, size: int, column: int, row: int) -> tuple[float, bool]:
-    """Return the best other peak of a box of scores (-1 without), and whether the best one lies inside the box.
+    """Return the best other peak of a box of scores (-1 without), and whether the best one is inside the box.
 
-    Only peaks count as rivals, not the winner's slopes; scores of places not tried are -2.
+    Rivals are local maxima only, not the slopes of the best peak; scores of positions that were not computed are -2.
     """
     rival = -1.0
     inside = 0 < column < size - 1 and 0 < row < size - 1
@@ -348,9 +348,9 @@ def search_range(
     centre: np.ndarray, predicted: np.ndarray, direction: np.ndarray, reach: np.ndarray, half: int, best: np.ndarray,
     figures: np.ndarray,
 ) -> None:  # fmt: skip
-    """Search the windows ``begin:end``; arguments as `search_windows`, and the image's `compute_window_spreads`.
+    """Search the windows ``begin:end``; arguments as for `search_windows`, and the image's `compute_window_spreads`.
 
-    ``second`` is as wide as ``clear`` and seven columns more, which are never a window's.
+    ``second`` has seven more columns than ``clear``, which are in no window.
     """
     side = 2 * half + 1
     rows, columns = clear.shape
@@ -363,7 +363,7 @@ def search_range(
         x0, y0 = round(predicted[n, 0]) - size // 2, round(predicted[n, 1]) - size // 2
         top, at_i, at_j = -2.0, -1, -1
         for j in range(size):
-            known = -1  # the last place whose product is known
+            known = -1  # the last position whose product is computed
             for i in range(size):
                 score[j, i] = -2.0
                 dx, dy = x0 + i - predicted[n, 0], y0 + j - predicted[n, 1]

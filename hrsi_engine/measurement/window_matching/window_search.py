@@ -1,8 +1,8 @@
 """Search for windows of one image in another of nearly the same geometry, by normalised cross-correlation.
 
-Each window is sought in a box around its predicted position, long along the epipolar line and narrow across it. The
-best whole-pixel position comes with its correlation and with that of the best other peak in the box: repetitive
-patterns have a rival as good as the winner.
+Each window is searched in a box around its predicted position, long along the epipolar line and narrow across it. The
+result is the best whole-pixel position with its correlation and that of the best other peak in the box: for repetitive
+patterns this rival is nearly as good.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from .windows import MATCHING, MatchImage
 
 class SearchPeaks(NamedTuple):
     """Best positions ``xy (n, 2)``, their correlation, that of the best other peak (-1 without), and whether the best
-    position lies inside its box rather than on the edge (then the true one may be outside)."""
+    position is inside its box and not at its edge (then the true one may be outside)."""
 
     xy: np.ndarray
     correlation: np.ndarray
@@ -32,8 +32,8 @@ def search_windows(
     """Search windows of ``2 half + 1`` pixels around whole pixels ``centre (n, 2)`` of the first image in the second.
 
     predicted : (n, 2) positions in the second image; direction : (n, 2) unit vectors along the boxes
-    reach : (n, 2) half length along ``direction`` and half width of each box. Positions whose window meets invalid
-    pixels are passed over; where there is no other, the correlation is -1.
+    reach : (n, 2) half length along ``direction`` and half width of each box. Positions whose window contains invalid
+    pixels are skipped; without valid positions the correlation is -1.
     """
     centre = np.asarray(centre, dtype=np.int64).reshape(-1, 2)
     best = np.array(predicted, dtype=np.float64)
@@ -65,7 +65,7 @@ def _search_by_numba(
 def _search_by_numpy(
     first: MatchImage, second: MatchImage, inputs: Inputs, half: int, results: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """NumPy's way: windows of like boxes together."""
+    """Search by NumPy, for windows with boxes of equal size together."""
     size = 2 * np.ceil(np.hypot(*inputs[3].T)).astype(np.int64) + 1
     for length in np.unique(size):
         same = np.flatnonzero(size == length)
@@ -79,7 +79,7 @@ def _search_by_numpy(
 def _correlate_boxes(
     first: MatchImage, second: MatchImage, inputs: Inputs, half: int, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return correlations ``(n, size, size)``, -2 where not tried, and the boxes' first positions ``(n, 2)``."""
+    """Return correlations ``(n, size, size)``, -2 where not computed, and the boxes' first positions ``(n, 2)``."""
     centre, predicted, direction, reach = inputs
     side = 2 * half + 1
     template = sliding_window_view(first.grey, (side, side))[centre[:, 1] - half, centre[:, 0] - half]
@@ -90,7 +90,7 @@ def _correlate_boxes(
     scores = np.full((len(centre), size, size), -2.0)
     clear = second.mask_clear(half)
     spreads = second.compute_once(("spreads", half), lambda: _compute_spreads(second.grey, half))
-    windows = sliding_window_view(second.grey, (side, side))  # at their first pixels
+    windows = sliding_window_view(second.grey, (side, side))  # indexed by their first pixels
     row, column = np.mgrid[:size, :size]
     away_x, away_y = ((corner[:, k] - predicted[:, k])[:, None, None] + grid for k, grid in ((0, column), (1, row)))
     dx, dy = direction.T[:, :, None, None]
@@ -104,14 +104,14 @@ def _correlate_boxes(
     for begin in range(0, len(number), MATCHING.place_batch):
         part = slice(begin, begin + MATCHING.place_batch)
         seen = windows[y[part] - half, x[part] - half].reshape(-1, side * side)
-        product = np.einsum("np,np->n", seen, template[number[part]])  # the mean of what is seen falls out
+        product = np.einsum("np,np->n", seen, template[number[part]])  # the mean of `seen` cancels
         power = norm[number[part]] * spreads[y[part], x[part]]
         scores[number[part], row[part], column[part]] = product / np.sqrt(np.maximum(power, 1e-20))
     return scores, corner
 
 
 def _compute_spreads(grey: np.ndarray, half: int) -> np.ndarray:
-    """Return the sum of squared differences from the mean of the window around each pixel inside the image."""
+    """Return the sum of squared deviations from the mean of the window around each pixel of the image."""
     side = 2 * half + 1
     mean = uniform_filter(grey, side, output=np.float64)
     square = uniform_filter(np.square(grey, dtype=np.float64), side)
@@ -120,7 +120,7 @@ def _compute_spreads(grey: np.ndarray, half: int) -> np.ndarray:
 
 
 def _find_peaks(scores: np.ndarray, corner: np.ndarray, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return best positions and figures (correlation, rival, inside) of boxes of scores."""
+    """Return best positions and figures (correlation, rival, inside) of boxes of correlations."""
     count, size, _ = scores.shape
     best, figures = predicted.copy(), np.full((count, 3), -1.0)
     padded = np.pad(scores, ((0, 0), (1, 1), (1, 1)), constant_values=-2.0)

@@ -1,8 +1,8 @@
 """Options, bands, prepared images, results and limits of window matching.
 
-Differences between images of different dates - shadows, plants, moisture - are strongest at low frequencies, as the
-texture itself is. Without low frequencies every frequency is weighted by its information on the position, as in a
-generalised least-squares adjustment. Noisy or blurred images need more smoothing: the best band is tried on each pair.
+Differences between images of different dates (shadows, plants, moisture) are strongest at low frequencies, like the
+texture itself. After removal of low frequencies every frequency is weighted by its information on the position, as in a
+generalised least-squares adjustment. Noisy or blurred images need more smoothing: the best band is selected per pair.
 """
 
 from collections.abc import Callable, Hashable
@@ -15,7 +15,7 @@ import numpy as np
 from ...foundation.pixel_filters import blur, erode, filter_separable, slopes
 from ...foundation.thresholds import threshold, thresholds
 
-#: Status of a window: converged; outside the images or their valid pixels; no texture; diverged; iterations used up.
+#: Status of a window: converged; outside the images or valid pixels; no texture; diverged; iteration limit reached.
 DONE, OUTSIDE, WEAK, DIVERGED, ITERATIONS_USED_UP = 0, 1, 2, 3, 4
 TERMS = 8  # two shifts, four affine terms, gain, offset
 
@@ -39,10 +39,10 @@ class MATCHING:
 
 @dataclass(frozen=True)
 class LsmOptions:
-    """How windows are matched.
+    """Options of least-squares matching.
 
-    window_px : side of the template, odd; iterations : most of them
-    closure_px : largest change at which they stop; reach_px : farthest from the start
+    window_px : side of the template, odd; iterations : largest number of iterations
+    closure_px : largest change at which they end; reach_px : largest distance from the start
     """
 
     window_px: int = 31
@@ -55,7 +55,7 @@ class LsmOptions:
         return self.window_px // 2
 
     def make_weights(self) -> np.ndarray:
-        """Return the weights of the template's pixels, ``(side, side)``: a Gaussian, 0.25 at the middle of the edge."""
+        """Return the weights of the template's pixels, ``(side, side)``: a Gaussian, 0.25 in the middle of a side."""
         line = np.exp(-0.5 * (np.arange(-self.half, self.half + 1) / (MATCHING.taper * self.half)) ** 2)
         return line[:, None] * line
 
@@ -74,27 +74,27 @@ class PatchMatches(NamedTuple):
 
     @property
     def sigma_px(self) -> np.ndarray:
-        """Standard deviation of a coordinate, mean of both axes, ``(n,)``."""
+        """Standard deviation of a coordinate, quadratic mean of both axes, ``(n,)``."""
         return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2) / 2.0)
 
 
 class ResultCache:
-    """Cache of results that depend on the pixels of one image alone."""
+    """Cache of results that depend on the pixels of one image only."""
 
     _results: dict[Hashable, Any]
 
     def compute_once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return ``make()``, computed at the first call with a key and kept."""
+        """Return ``make()``, computed at the first call with a key and cached."""
         if key not in self._results:
             self._results[key] = make()
         return self._results[key]
 
 
 class MatchImage(ResultCache):
-    """An image prepared for matching: band-passed grey values, spline coefficients, slopes.
+    """An image prepared for matching: band-pass filtered grey values, spline coefficients, derivatives.
 
-    ``smooth_px`` and ``remove_px`` are standard deviations of Gaussians: the second result is subtracted from the
-    first; 0 for none.
+    ``smooth_px`` and ``remove_px`` are standard deviations of Gaussian filters: the result of the second is subtracted
+    from that of the first; 0 for none.
     """
 
     def __init__(self, pixels: np.ndarray, valid: np.ndarray, smooth_px: float = 0.0, remove_px: float = 0.0) -> None:
@@ -109,8 +109,8 @@ class MatchImage(ResultCache):
     def coefficients(self) -> np.ndarray:
         """Coefficients of the cubic B-spline through the grey values, float32.
 
-        Their recursive filter (Unser 1999) has the impulse response sqrt(3) z^|k|. Cut off where that is 1e-7, and run
-        as a filter of finite length, it takes a third of the time.
+        The recursive filter (Unser 1999) has the impulse response sqrt(3) z^|k|. Truncated at 1e-7 and applied as a
+        filter of finite length, it takes a third of the time.
         """
         pole = np.sqrt(3.0) - 2.0
         response = (
@@ -120,13 +120,13 @@ class MatchImage(ResultCache):
 
     @cached_property
     def slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of that spline by column and by row at the pixels, float32."""
+        """Derivatives of the spline by column and by row at the pixels, float32."""
         smooth, slope = np.array([1, 4, 1], np.float32) / 6.0, np.array([-1, 0, 1], np.float32) / 2.0
         by_column, by_row = slopes(self.coefficients, smooth, slope)
         return by_column, by_row
 
     def mask_clear(self, distance_px: int) -> np.ndarray:
-        """Return the mask of pixels with nothing but valid pixels of the image so far around them (square)."""
+        """Return the mask of pixels with only valid pixels of the image within a (square) distance."""
         clear: np.ndarray = self.compute_once(
             ("clear", distance_px), lambda: erode(self.valid, 2 * distance_px + 1, outside=False)
         )
@@ -138,10 +138,10 @@ Results = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Band:
-    """A band-pass of two Gaussians (standard deviations in px): the result of the first less that of the second.
+    """A band-pass of two Gaussians (standard deviations in px): the result of the first minus that of the second.
 
-    sigma_factor : true standard deviation of a matched position by that of the normal equations, which take the
-    residuals of pixels as independent and Gaussian weights as inverse variances; from simulated windows with noise
+    sigma_factor : true standard deviation of a matched position over that of the normal equations, which assume that
+    residuals of pixels are independent and Gaussian weights inverse variances; from simulated windows with noise
     """
 
     smooth_px: float
@@ -149,7 +149,7 @@ class Band:
     sigma_factor: float
 
     def filter_image(self, pixels: np.ndarray, valid: np.ndarray, coarser: float = 1.0) -> MatchImage:
-        """Return an image in this band; ``coarser`` is how much coarser the pixels of the other image are."""
+        """Return an image in this band; ``coarser`` is the pixel size of the other image relative to this one."""
         smooth = float(np.hypot(self.smooth_px * coarser, 0.5 * np.sqrt(coarser**2 - 1.0)))
         return MatchImage(pixels, valid, smooth, self.remove_px * coarser)
 
