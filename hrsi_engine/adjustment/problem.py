@@ -299,7 +299,7 @@ def _find_parts(observations: Observations, earlier: JointPrior | None) -> tuple
     gcps = np.bincount(of_point[surveyed], minlength=count)
     ties = np.bincount(of_point[~located], minlength=count)
     places = np.bincount(of_point[located & ~surveyed], minlength=count)
-    if earlier is not None:  # each of its images tells of all GCPs of its part
+    if earlier is not None:  # each of its images has the number of GCPs of its part
         held = np.zeros(count, dtype=np.int64)
         np.maximum.at(held, label[earlier.camera[earlier.known.camera]], earlier.known.gcps)
         gcps = gcps + held
@@ -315,10 +315,10 @@ def _collect_warnings(
     observations: Observations, parts: Sequence[Part], options: AdjustOptions, lost: np.ndarray, weak: Sequence[str],
     surfaces: Sequence[SurfacePlan],
 ) -> list[str]:  # fmt: skip
-    """Return what is said of the block before it is adjusted, the warnings of ``weak`` geometry among it.
+    """Return the warnings about the block before its adjustment, including those of ``weak`` geometry.
 
-    Named are points that were ``lost`` (ids), images without a point in common with others, and parts of the block
-    that only their RPCs hold in plan.
+    They list points that were ``lost`` (ids), images without common points with others, and parts of the block whose
+    plan position follows from their RPCs only.
     """
     located = [part.gcps or part.ties or part.places for part in parts]
     rest = [part for part, any_ in zip(parts, located, strict=True) if any_]
@@ -354,7 +354,7 @@ def _align_start(
     observations: Observations, model: RefinementModel, parts: Sequence[Part], prior_weight: np.ndarray,
     options: AdjustOptions,
 ) -> np.ndarray:  # fmt: skip
-    """Return the parameters ``(cameras, p)`` with which the images meet, near their RPCs as given."""
+    """Return the parameters ``(cameras, p)`` with which the rays of tie points intersect, near the original RPCs."""
     shift_weight, _ = _weigh_priors(observations, MODELS["shift"], np.zeros(2, dtype=bool), parts, options)
     weight = prior_weight[:, : len(model.parameters)]
     return align_images(observations, model, shift_weight, weight, options.threads)
@@ -364,7 +364,7 @@ def _locate_by_own_rpcs(
     observations: Observations, model: RefinementModel, parts: Sequence[Part], prior_weight: np.ndarray,
     options: AdjustOptions, ground: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Return the points ``(m, 3)`` as the RPCs as given see them; those that cannot be computed stay at ``ground``."""
+    """Return the points ``(m, 3)`` by the original RPCs; those that cannot be computed stay at ``ground``."""
     state = State(_align_start(observations, model, parts, prior_weight, options), ground)
     equations = form_point_equations(observations, model, options.threads)
     seen = equations.intersect(state, 1.0 / observations.sigma_px**2, bound_heights(observations, ground))
@@ -385,10 +385,10 @@ def _set_start_values(
 def _intersect_start(
     observations: Observations, equations: NormalEquations, values: np.ndarray
 ) -> tuple[Observations, np.ndarray, np.ndarray]:
-    """Intersect all points with the cameras of the start.
+    """Intersect all points with the initial cameras.
 
-    Points that cannot be computed leave the adjustment: returned are the observations without them, the positions
-    ``(m, 3)``, and the indices of the lost points in the block.
+    Points that cannot be computed are removed: returned are the observations without them, the positions ``(m, 3)``,
+    and the indices of the removed points in the block.
     """
     state = State(values, estimate_start_positions(observations))
     weight, priors = 1.0 / observations.sigma_px**2, bound_heights(observations, state.ground)
@@ -400,7 +400,7 @@ def _intersect_start(
 
 
 def _add_drift(model: RefinementModel, options: AdjustOptions) -> RefinementModel:
-    """Return the model with the drift that it does not follow; without parameters, or such drift, the model itself."""
+    """Return the model with the drift that it does not contain; the model itself without parameters or such drift."""
     if not model.parameters or options.sigma_drift == 0.0 or not isinstance(model, ImagePolynomial):
         return model
     camera = add_drift_parameters(model)
@@ -413,20 +413,20 @@ def _weigh_priors(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return the weights ``(cameras, p)`` of the parameters' priors, and standard deviations of their drifts.
 
-    Weights of fixed images are infinite. The standard deviations ``(cameras, p)`` are those that sensors are known to
-    have, where the prior says nothing else; a drift that is estimated from the block starts there.
+    Weights of fixed images are infinite. The standard deviations ``(cameras, p)`` are those of the sensors; the
+    estimation of a drift from the block starts with them.
     """
     p = len(model.parameters)
     over_rpcs = options.reference is not None and options.reference.over_rpcs
     sigma, of_sensor = np.empty((2, observations.cameras, len(guessed)))
     for part in parts:
-        # of images that share parameters the prior of the first one of the smallest pixels counts
+        # for images with common parameters, the prior is that of the first one with the smallest pixels
         for index in sorted(part.images[::-1].tolist(), key=lambda k: -observations.images[k].camera_pixel):
             image, number = observations.images[index], observations.camera_of_image[index]
             usual = estimate_priors(image)
             of_sensor[number, :p], of_sensor[number, p:] = model.prior_sigmas(image, usual), usual.drift
             priors = select_priors(image, part.gcps > 0 or (part.places > 0 and over_rpcs))
-            # with nothing given, the image's own sigmas of position and attitude hold too
+            # without these options, the sensor's own sigmas of position and attitude remain in the priors
             if options.sigma_shift_px is not None or options.sigma_drift is not None:
                 priors = Priors(
                     priors.shift_px if options.sigma_shift_px is None else options.sigma_shift_px,
@@ -449,7 +449,7 @@ def _find_common_drifts(
     observations: Observations, camera: RefinementModel, parts: Sequence[Part], prior_weight: np.ndarray,
     usual_drift: np.ndarray, options: AdjustOptions,
 ) -> tuple[CommonDrift, ...]:  # fmt: skip
-    """Return the common drifts of the parts that nothing but their ties and their RPCs hold."""
+    """Return the common drifts of the parts that only their tie points and RPCs determine."""
     if options.sigma_drift is not None or not (options.test_sigmas or options.variance_components):
         return ()
     free = camera.drifts & np.isfinite(prior_weight) & (prior_weight > 0.0)
@@ -458,7 +458,7 @@ def _find_common_drifts(
     found = []
     for part in parts:
         cameras = observations.camera_of_image[part.images]
-        # A fixed image or one of an earlier adjustment (of no prior weight) is a datum of the others
+        # A fixed image, or one of an earlier adjustment (without prior weight here), is a datum for the others
         held = (np.isinf(prior_weight) | (prior_weight == 0.0))[cameras].any()
         only_ties = options.laser is None and options.sigma_dem_m is None
         if part.ties and not part.gcps and not part.places and not held:
@@ -467,7 +467,7 @@ def _find_common_drifts(
 
 
 def _holds_plan(options: AdjustOptions) -> bool:
-    """Return whether the relief of a surface may hold parts of the block in plan."""
+    """Return True if the relief of a surface may determine parts of the block in plan."""
     if options.dem is None or options.sigma_dem_m is None or options.fixed_images or options.earlier is not None:
         return False
     return options.surface_search_m > 0.0
@@ -476,7 +476,7 @@ def _holds_plan(options: AdjustOptions) -> bool:
 def _match_surfaces(
     observations: Observations, parts: Sequence[Part], ground: np.ndarray, options: AdjustOptions
 ) -> tuple[SurfacePlan, ...]:
-    """Return the surface's relief under each part of the block that neither GCPs nor an earlier adjustment hold."""
+    """Return the surface's relief under each part of the block without GCPs; empty if plan is determined otherwise."""
     dem, sigma_m = options.dem, options.sigma_dem_m
     if dem is None or sigma_m is None or not _holds_plan(options):
         return ()
@@ -498,7 +498,7 @@ def _displace_start(
     observations: Observations, surfaces: Sequence[SurfacePlan], ground: np.ndarray, camera: RefinementModel,
     options: AdjustOptions, prior_weight: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Return the start ``(m, 3)`` where surfaces put it in plan; widen the priors ``(cameras, p)`` that refute that."""
+    """Return the start ``(m, 3)`` moved in plan by surfaces; widen the priors ``(cameras, p)`` that contradict this."""
     displaced = ground.copy()
     for one in surfaces:
         cameras = observations.camera_of_image[[image.id in one.images for image in observations.images]]
@@ -512,19 +512,19 @@ def _displace_start(
 def _require_solvable(
     observations: Observations, model: RefinementModel, prior_weight: np.ndarray, earlier: JointPrior | None
 ) -> None:
-    """Raise `SolveError` where the observations cannot determine the unknowns, whatever their values."""
-    p = min(len(model.parameters), 2 * model.least_points)  # what the priors of a model are not made to give
+    """Raise `SolveError` if there are fewer observations than unknowns."""
+    p = min(len(model.parameters), 2 * model.least_points)  # parameters that need observations
     per_camera = np.bincount(observations.camera[observations.contributes], minlength=observations.cameras)
     free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0)
     if earlier is not None:
         free[earlier.camera] = False
     contributes, surveyed = observations.contributing_points, (observations.survey_weight > 0.0).sum(axis=1)
     if observations.referenced is not None:
-        surveyed += 3 * observations.referenced  # with a height, by a DEM if not by rays
+        surveyed += 3 * observations.referenced  # their height follows from a DEM or rays
     observed = 2 * int(np.diff(observations.first) @ contributes) + int(surveyed @ contributes)
     unknowns = 3 * int(contributes.sum()) + p * int(free.sum())
     if not observations.located.any() or not free.all():
-        observed += min(3, unknowns)  # the priors, or fixed images, hold the block's position
+        observed += min(3, unknowns)  # priors or fixed images determine the position
     if observed >= unknowns:
         return
     simpler = "choose a simpler `model`, or " if model.least_points > 1 else ""

@@ -1,4 +1,4 @@
-"""What an adjustment delivers: corrected cameras, points, residuals and how good they are."""
+"""Result of an adjustment: corrected cameras, points, residuals and their precision."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -21,7 +21,7 @@ from .joint_prior import JointCameras
 
 @thresholds
 class SURVEYS_ALIKE:
-    """Which surveys have the same sigma."""
+    """Limit for surveys that have the same stated sigma."""
 
     alike: float = threshold(0.01, "", "relative difference of two variances that were stated as the same")
 
@@ -64,13 +64,13 @@ class Finding:
 
     @property
     def concerned(self) -> tuple[str, ...]:
-        """Ids of all GCPs concerned."""
+        """Ids of all GCPs that the finding concerns."""
         return (*self.group, *self.rivals) or (self.id,)
 
 
 @dataclass(frozen=True)
 class VarianceComponent:
-    """A group of observations whose sigma was estimated: ``factor`` times the one given."""
+    """A group of observations whose sigma was estimated: ``sigma`` is ``factor`` times the given one."""
 
     group: str
     observations: int
@@ -83,9 +83,9 @@ class VarianceComponent:
 
 @dataclass(frozen=True)
 class ModelTest:
-    """The test of a group's sigma by its residuals: they are ``ratio`` times as large as it lets expect.
+    """The test of a group's sigma by its residuals: they are ``ratio`` times as large as expected.
 
-    ``failed`` is whether that is neither chance nor harmless; then the sigmas were estimated.
+    ``failed`` is True if the ratio is significant and large enough to matter; then the sigmas were estimated.
     """
 
     group: str
@@ -96,7 +96,7 @@ class ModelTest:
 
 @dataclass(frozen=True)
 class GcpsApart:
-    """Two of few GCPs that disagree on an image: by metres, in sigmas, and as a factor of the stated sigmas."""
+    """Two of a few GCPs that disagree on an image: by metres, in sigmas, and as a factor of the stated sigmas."""
 
     ids: tuple[str, str]
     image: str
@@ -137,7 +137,7 @@ class SourceGroup:
     """Observations with a common error (a laser track or a part of a DEM), compared with all groups of all sources.
 
     offset_m : their mean minus that of all groups, with the standard deviation sigma_m
-    wrong : whether it contradicts the others; left_out : whether it was rejected, because it is identified as wrong
+    wrong : True if it contradicts the others; left_out : True if it was rejected, because it is identified as wrong
     """
 
     name: str
@@ -175,7 +175,7 @@ class HeightAgreement:
 
     @property
     def contradicts(self) -> bool:
-        """Whether all of its groups contradict the other constraints of the block, probably with one cause."""
+        """True if all of its groups contradict the other constraints of the block, probably with one cause."""
         return bool(self.groups) and all(group.wrong for group in self.groups)
 
     @property
@@ -228,8 +228,8 @@ class SurfaceOutcome:
     covariance_m2 : (3, 3) of the position by the surface, including the error of the surface
     open : reason why it does not determine the part in plan, or empty
     pointing_m : standard deviation of each coordinate in plan by the RPCs
-    beyond_pointing : length of the displacement in plan in standard deviations of the RPCs' place and of itself
-    surface : the surface; points : (k,) its tie points in the block; before : (k, 3) their places by the RPCs as given
+    beyond_pointing : length of the displacement in plan over its standard deviation, with that of the RPCs' position
+    surface : the surface; points : (k,) its tie points in the block; before : (k, 3) these by the original RPCs
     """
 
     images: tuple[str, ...]
@@ -250,7 +250,7 @@ class LaserOutcome:
 
     points : the laser points; reason : why one is not used, or empty
     ties : number of tie points that it constrains; residual_m : its height minus theirs, NaN without any
-    sigma_m : standard deviation that it was given, with that of the ground between
+    sigma_m : standard deviation of its height at the tie points, including that of the ground between them
     """
 
     points: LaserPoints
@@ -262,7 +262,7 @@ class LaserOutcome:
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """Survey - prediction ``error_m (g, 3)`` of each GCP by the adjustment without it; NaN where there is none."""
+    """Survey - prediction ``error_m (g, 3)`` of each GCP by the adjustment without it; NaN if not predicted."""
 
     ids: tuple[str, ...]
     error_m: np.ndarray
@@ -270,11 +270,11 @@ class CrossValidation:
 
 @dataclass(frozen=True, eq=False)
 class CameraEstimates:
-    """The cameras as they were estimated, with the drift that the delivered model does not follow.
+    """The estimated cameras, with the drift that the final model does not contain.
 
-    model : the model asked for, with the drift's parameters behind its own where there is such a drift
+    model : the requested model, with the drift's parameters after its own if there is such a drift
     values : (images, q) its parameters
-    covariance : (images, q, q) of each image's parameters, sigma0 included; NaN where it was not computed
+    covariance : (images, q, q) of each image's parameters, scaled by sigma0; NaN if it was not computed
     """
 
     model: RefinementModel
@@ -289,30 +289,30 @@ class Adjustment:
     Parameters
     ----------
     block : Block
-        What was adjusted; its measurements are without ``jitter``.
+        The adjusted block; its measurements are corrected by ``jitter``.
     model : RefinementModel
-        The delivered model.
+        The model of the final cameras.
     values, values_sigma : (images, p) ndarray
         Parameters of the model and their standard deviations.
     cameras : CameraEstimates
-        What was estimated, with covariances; the delivered ``model`` with ``values`` unless there is a drift.
+        The estimated cameras with covariances: ``model`` and ``values``, plus the additional drift if there is one.
     ground, ground_sigma_m : (points, 3) ndarray
         Adjusted positions (lon, lat, height) and sigmas (east, north, up); NaN where not adjusted.
     ground_covariance_m2 : (points, 3, 3) ndarray
-        Covariance of each position, sigma0 included.
+        Covariance of each position, scaled by sigma0.
     residual_px : (measurements, 2) ndarray
-        Observed - computed at the adjusted position; NaN where it took no part.
+        Observed - computed at the adjusted position; NaN for measurements that are not used.
     weight : (measurements,) ndarray
         Robust weight factor, 0 for rejected ones.
     redundancy_numbers : (measurements, 2) ndarray
-        Share of an error in sample and in line that shows in its own residual.
+        Share of an error in sample and in line that appears in its residual.
     statistic : (measurements,) ndarray
-        Test value, in standard deviations, of "this measurement is a blunder"; of those left out by data snooping the
-        value that did it; NaN: untested.
+        Test value, in standard deviations, of "this measurement is a blunder"; for those left out by data snooping the
+        value of the failed test; NaN: untested.
     decision : (measurements,) ndarray of int
         A `Decision`.
     prior_share : (images, p) ndarray
-        How much of each parameter comes from its prior (0 … 1).
+        Share of each parameter that follows from its prior (0 … 1).
     sigma0 : float
         Standard deviation of unit weight.
     observations, unknowns : int
@@ -320,58 +320,56 @@ class Adjustment:
     redundancy : float
         Number of observations, including priors, minus number of unknowns.
     converged : bool
-        Whether the loop ended by itself.
+        True if the iterations converged.
     status : str
-        How it ended, in words.
+        How the iterations ended, as text.
     history : tuple of Iteration
         The passes of all rounds.
     solves : int
-        Linear systems solved in all.
+        Total number of linear systems solved.
     findings : tuple of Finding
-        Blunders, suspects and what was done with them.
+        Wrong or contradicting GCPs, and whether they are used.
     variance_components : tuple of VarianceComponent
         Estimated sigmas of groups of observations.
     parts : tuple of DatumPart
         Parts of the block that share no points.
     cross_validation : CrossValidation or None
-        Each GCP as a check point in turn, where that was asked for.
+        Leave-one-out errors of the GCPs, if they were requested.
     warnings : tuple of str
-        What a user should know.
+        Warnings for the user.
     heights : tuple of HeightAgreement
         Agreement of tie points with the DEM and the laser points that constrain their heights.
     plan : PlanAgreement or None
         Agreement of the places of a reference, if one constrains the block in plan.
     surfaces : tuple of SurfaceOutcome
-        Result for each surface that constrains the block.
+        Position in plan of each part of the block by the relief of a surface, or why it is not determined.
     rpcs_alone_m : tuple of float or None
-        What the block would move by, east, north and up, if its RPCs alone held it: the median of its tie points; None
+        Movement of the block, east, north and up, if its RPCs alone determined it: the median of its tie points; None
         without any.
     rpcs_height_sigma_m : float or None
-        Standard deviation of the height at which the RPCs alone would hold the block; None where others hold it too.
+        Standard deviation of the block's height by its RPCs alone; None if GCPs or fixed images determine it, too.
     laser : LaserOutcome or None
-        What became of each laser point.
+        Result of each laser point.
     estimate_residual_px : (measurements, 2) ndarray or None
-        The residuals without the drift that the model does not follow, as it was estimated; redundancy numbers and
-        statistic are of these. None: there is no such drift.
+        The residuals by the estimated cameras, with the drift that the model does not contain; redundancy numbers and
+        statistic belong to these. None: there is no such drift.
     tests : tuple of ModelTest
-        The sigmas that were given, tested by the residuals.
+        Tests of the given sigmas by the residuals.
     estimated_sigma_px : (measurements,) ndarray or None
-        Standard deviations of the measurements as adjusted; None: as they were given.
+        Estimated standard deviations of the measurements; None: the given ones were used.
     survey_factors : tuple of float
-        Of the surveys' standard deviations as predicted for other points: horizontal, height, correlated ones;
-        estimated ones with the uncertainty of their estimate, all with a sigma0 above 1.
+        Factors of the surveys' standard deviations for the prediction of other points: horizontal, height, correlated;
+        estimated ones include the uncertainty of their estimate, all include a sigma0 above 1.
     choice : ModelChoice or None
-        Why the model is what it is, where a rule chose it.
+        Reason for the model, if a rule chose it.
     joint : JointCameras or None
-        What is known of the cameras together, for a block that others join.
+        The cameras with their joint normal matrix, for blocks to which further images are added.
     shared_shifts_m : (points, 3, errors) ndarray or None
         East, north and up by which one standard deviation of each error that many positions share moves each of them:
-        those of the GCPs' coordinate operations, then those of the pointing of passes; ``ground_sigma_m`` has them,
-        ``ground_covariance_m2`` does not. None without any.
-    surfaces : tuple of SurfaceOutcome
-        How the relief of a surface holds each part of the block in plan, or why it does not; none without a surface.
+        those of the GCPs' coordinate operations, then those of the pointing of passes; ``ground_sigma_m`` includes
+        them, ``ground_covariance_m2`` does not. None without any.
     jitter : JitterEstimate or None
-        The curves along the lines of images by which the measurements are corrected; None without any.
+        The curves along the lines of images that correct the measurements; None without any.
     """
 
     block: Block
@@ -424,7 +422,7 @@ class Adjustment:
 
     @cached_property
     def measured_xy(self) -> np.ndarray:
-        """Measurements ``(measurements, 2)`` as they were made, with jitter."""
+        """Original measurements ``(measurements, 2)``, with jitter."""
         rows = self.block.measurements
         if self.jitter is None:
             return rows.xy
@@ -432,20 +430,20 @@ class Adjustment:
 
     @property
     def sigma_px(self) -> np.ndarray:
-        """Standard deviations of the measurements as adjusted ``(measurements,)``: given, or estimated."""
+        """Standard deviations of the measurements in the adjustment ``(measurements,)``: given, or estimated."""
         return self.block.measurements.sigma_px if self.estimated_sigma_px is None else self.estimated_sigma_px
 
     @property
     def unit_sigma(self) -> float:
-        """By how much all sigmas are too small: sigma0, but not below 1 where luck may have made it so."""
+        """Factor of all sigmas: sigma0, but not below 1, because a smaller one may be chance."""
         return max(self.sigma0, 1.0)
 
     def survey_covariance_m2(self, points: np.ndarray) -> np.ndarray:
-        """Return the covariances ``(k, 3, 3)`` of some points' surveys as adjusted: given, or estimated.
+        """Return the covariances ``(k, 3, 3)`` of some points' surveys in the adjustment: given, or estimated.
 
-        What was estimated of the GCPs' sigmas, and a sigma0 above 1 that is left, hold for the points whose sigmas were
-        stated like theirs: those are of one survey. Check points with other sigmas keep them. What is not surveyed has
-        an infinite variance.
+        Estimated factors of the GCPs' sigmas, and a remaining sigma0 above 1, are used for points with the same stated
+        sigmas, which are assumed to be of one survey. Check points with other sigmas keep them. Coordinates that are
+        not surveyed have an infinite variance.
 
         Parameters
         ----------
@@ -463,7 +461,7 @@ class Adjustment:
         with np.errstate(invalid="ignore"):
             mixed = (covariance[:, row, column] != 0.0).any(axis=1)
             scale = np.where(mixed[:, None], correlated, [horizontal, horizontal, height])
-            # Only where stated variances lie within those of the GCPs
+            # Factors apply only to variances within the range of those stated for the GCPs
             gcps = np.flatnonzero(self.block.points.role == Role.GCP)
             stated = self.block.points.survey_covariance_m2(gcps).diagonal(axis1=1, axis2=2)
             low = np.min(stated, axis=0, initial=np.inf, where=np.isfinite(stated)) * (1.0 - SURVEYS_ALIKE.alike)
@@ -473,10 +471,10 @@ class Adjustment:
             return np.asarray(covariance * scale[:, :, None] * scale[:, None, :])
 
     def covariance_to_surveys_m2(self, points: np.ndarray) -> np.ndarray:
-        """Return the covariances ``(k, 3, 3)`` of adjusted positions as seen from the points' own surveys.
+        """Return the covariances ``(k, 3, 3)`` of the differences of adjusted positions from the points' own surveys.
 
-        The error of a coordinate operation that converted a check point as well as the GCPs shifts both, and does not
-        show.
+        The error of a coordinate operation that converted a check point as well as the GCPs shifts both, and is not
+        part of the difference.
 
         Parameters
         ----------
@@ -497,10 +495,10 @@ class Adjustment:
 
     @cached_property
     def took_part(self) -> np.ndarray:
-        """Which measurements have residuals, ``(measurements,)``."""
+        """True for measurements that have residuals, ``(measurements,)``."""
         return finite_rows(self.residual_px)
 
     @property
     def judged_residual_px(self) -> np.ndarray:
-        """The residuals by which measurements are judged, ``(measurements, 2)``: those of the estimate."""
+        """The residuals by which measurements are tested, ``(measurements, 2)``: those of the estimated cameras."""
         return self.residual_px if self.estimate_residual_px is None else self.estimate_residual_px

@@ -1,23 +1,23 @@
-"""The global model test of an adjustment, and the sigmas that make it hold.
+"""The global model test of an adjustment, and the estimation of sigmas that satisfy it.
 
-A sigma is wrong where the squares of its observations' residuals are not what it lets expect (chi², two-sided). What
-then explains them is estimated with everything else at once, by variance components: the sigmas of image points by
-kind and sensor, those of the surveys, and how much the images drift. So a drift is not taken for a poor survey, nor
-poor GCPs for a drift. Drifts are estimated unless an image has very many measurements: their size is the least known
-of all sigmas, and where nothing drifts the estimate costs nothing.
+A sigma is wrong if the squares of its observations' residuals differ from their expectation (chi², two-sided). Then
+the sigmas are estimated together, by variance components: those of image points by kind and sensor, those of the
+surveys, and those of the drifts of the images. So a drift is not attributed to surveys, nor errors of GCPs to a drift.
+Drifts are estimated unless an image has very many measurements: their sigmas are the least known of all, and without
+any drift the estimation has no disadvantage.
 
-Sigmas of surveys need a dozen rounds: each feeds back on how well the block knows the GCPs. Where no drift is estimated
-beside them, or GCPs are many, these rounds need no solution: with u and S of the surveys (`blunders.discrepancies`), in
-units of their sigmas, variances that are r times as large make of them
+Sigmas of surveys need a dozen rounds: each one changes the precision with which the block predicts the GCPs. If no
+drift is estimated with them, or GCPs are many, these rounds need no solution: with u and S of the surveys
+(`blunders.discrepancies`), in units of their sigmas, variances that are r times as large change them to
 
     (I + S (R - I))^-1 u    and    (I + S (R - I))^-1 S        R = diag(r)
 
-With them a step of Fisher's scoring leads to the restricted maximum likelihood (Harville 1977), where the squares of a
-group are what its redundancy lets expect::
+With these a step of Fisher's scoring leads to the restricted maximum likelihood (Harville 1977), where the squares of a
+group equal their expectation by its redundancy::
 
     r_i + sum_j F_ij^-1 (u_j' u_j - tr S_jj)        F_ij = sum of the squares of S_ij
 
-What was tested, found and done is in `SigmaEstimation.tests`.
+Tests and their results are in `SigmaEstimation.tests`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ ROUNDS = 25
 
 @thresholds
 class SIGMA:
-    """When sigmas are tested, estimated and settled."""
+    """Limits for the test and the estimation of sigmas, and for its convergence."""
 
     settled: float = threshold(0.01, "", "relative change of a sigma that needs no further solution")
     significance: float = threshold(
@@ -71,7 +71,7 @@ class SIGMA:
 
 @dataclass(eq=False)
 class SigmaEstimation:
-    """The sigmas of one adjustment: as given, as found, and what was tested."""
+    """The sigmas of one adjustment: given ones, estimated ones, and their tests."""
 
     problem: Problem
     tests: list[ModelTest] = field(default_factory=list)
@@ -92,7 +92,7 @@ class SigmaEstimation:
         self._last: tuple[Solution, np.ndarray, Precision] | None = None
 
     def start_estimation(self, loop: GaussNewton, solution: Solution) -> bool:
-        """Return whether anything is to be estimated at a solution: drifts, or what `test` finds wrong."""
+        """Return True if sigmas are to be estimated at a solution: drifts, or those that fail `test_sigmas`."""
         options, observations = self.problem.options, self.problem.observations
         if not (options.test_sigmas or options.variance_components) or not isinstance(loop.system, DirectSystem):
             return False
@@ -106,23 +106,23 @@ class SigmaEstimation:
         return self.tried
 
     def precision_at(self, loop: GaussNewton, solution: Solution) -> Precision:
-        """Return all cofactors at a solution; those that were computed last are kept."""
+        """Return all cofactors at a solution; the last ones computed are cached."""
         if self._last is None or self._last[0] is not solution or self._last[1] is not loop.prior_weight:
-            self._last = None  # one is large enough
+            self._last = None  # frees memory before the next
             self._last = solution, loop.prior_weight, compute_precision(loop, solution)
         return self._last[2]
 
     def test_few_surveys(self, loop: GaussNewton, solution: Solution) -> None:
-        """Test the surveys' sigmas before the drift is estimated, which would follow a few GCPs' errors and hide them.
+        """Test the surveys' sigmas before the drift is estimated, which could absorb the errors of a few GCPs.
 
-        What is found then, poor surveys or a large drift, tells the estimate of both.
+        Whether surveys are poor or the drift is large is decided by their common estimation.
         """
         gcps = int((solution.weighting.contributes & self.problem.observations.surveyed).sum())
         if gcps <= SIGMA.hidden_by_drift:
             self.test_sigmas(loop, solution, components.SURVEY_GROUPS)
 
     def test_sigmas(self, loop: GaussNewton, solution: Solution, groups: Sequence[str] = ()) -> bool:
-        """Test the sigmas of some groups, or all; return whether sigmas are to be estimated from now on."""
+        """Test the sigmas of some groups, or all; return True if sigmas are to be estimated from now on."""
         if self.sigmas.free.any():
             return False
         precise = self.precision_at(loop, solution)
@@ -134,12 +134,12 @@ class SigmaEstimation:
                 ratio = float(np.sqrt(squares / freedom))
                 failed = chance < SIGMA.significance and not 1.0 / SIGMA.material < ratio < SIGMA.material
                 self.tests.append(ModelTest(name, ratio, freedom, bool(failed)))
-        # Wrong points make residuals, too, and wrong heights or places that hold points: larger sigmas let them stay.
-        # With hardly any ties sigma0 is the factor of all.
+        # Wrong points also cause residuals, and so do wrong external heights or places: larger sigmas would accept
+        # them. With hardly any tie points sigma0 is the factor of all.
         told = not self.problem.held and self.sums[: -components.SURVEYS : 2, 1].sum() >= components.VARIANCE.of_group
         most = SIGMA.most_plausible if told else SIGMA.beside_held
         least_px = SIGMA.of_camera_px if told else 0.0
-        # The stated sigma of the image points of each group that has any, RMS
+        # RMS of the stated sigmas of the image points of each group that has any
         of_point, names = self.groups.of_image_point, self.groups.names[: -components.SURVEYS]
         count = np.bincount(of_point, minlength=len(names))
         squared = np.bincount(of_point, self.problem.observations.sigma_px**2, len(names))
@@ -156,8 +156,8 @@ class SigmaEstimation:
     ) -> float:
         """Correct the sigmas; return the largest relative change.
 
-        One below `SIGMA.settled` is not worth another solution: all stays as it is. ``control`` returns the
-        discrepancies of some GCPs at a solution.
+        A change below `SIGMA.settled` needs no further solution: all stays unchanged. ``control`` is the function that
+        returns the discrepancies of some GCPs at a solution.
         """
         change, unit_variance = 0.0, 1.0
         if self.sigmas.free.any():
@@ -167,7 +167,7 @@ class SigmaEstimation:
             before, of_image = self.sigmas.factor, self.sigmas.of_image
             self.sigmas.correct_factors(self.sums)
             self._iterate_control(solution, before, control)
-            # what is left of the squares with the groups' new sigmas tells the images apart
+            # the squares by the groups' new sigmas determine the differences between images
             grown = (self.sigmas.factor / before)[self.groups.of_image_point]
             of_images = components.compute_image_sums(self.problem.observations, solution, precise, grown)
             self.sigmas.correct_images(of_images, self.groups.sensor)
@@ -177,7 +177,7 @@ class SigmaEstimation:
                 self.sigmas.factor, self.sigmas.of_image = before, of_image
         else:
             cofactors = loop.compute_camera_cofactors(solution)
-            if cofactors is None:  # of such a system nothing is estimated
+            if cofactors is None:  # nothing is estimated without cofactors
                 return 0.0
             variances = cofactors[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
             freedom = max(compute_redundancy(self.problem, loop, solution, variances, cofactors), 0.0)
@@ -192,27 +192,27 @@ class SigmaEstimation:
     def _iterate_control(
         self, solution: Solution, before: np.ndarray, control_at: Callable[[Solution, np.ndarray], Discrepancies]
     ) -> None:
-        """Repeat the update of the sigmas of surveys and image points of GCPs until they settle.
+        """Repeat the update of the sigmas of surveys and of image points of GCPs until they converge.
 
         Both explain the same discrepancies, so they are estimated together; ``before`` are the factors of the solution.
         """
         observations, weighting, groups = self.problem.observations, solution.weighting, len(self.sigmas.factor)
         rays = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64)
-        # survey and measurement of a GCP on one image cannot be told apart
+        # survey and measurement of a GCP on one image cannot be distinguished
         points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed & (rays > 1))
         if len(points) < (SIGMA.hidden_by_drift if self.drifts else 2) or observations.correlated[points].any():
             return
         points = points[:: -(-len(points) // SIGMA.most_gcps)]
         control = control_at(solution, points)
         images, kinds = groups - components.SURVEYS, components.number_survey_groups(observations)[points]
-        of_survey = images + kinds[control.point, control.axis]  # the last number, `groups`, is of no group
+        of_survey = images + kinds[control.point, control.axis]  # the last index, `groups`, means no group
         group = np.where(control.kind == IMAGE, self.groups.of_image_point[control.row], of_survey)
         told = np.isin(np.arange(groups), group)
-        told[:images:2] = False  # those of ties
+        told[:images:2] = False  # those of tie points
         told[images:] = True
         rows = np.flatnonzero(np.append(told, True)[group])
         group, u, s = group[rows], control.u[rows], control.s[np.ix_(rows, rows)]
-        # groups that the block cannot tell apart get one factor
+        # groups that the block cannot distinguish get a common factor
         kind = group[:, None] == np.arange(groups)
         curvature = kind.T @ s**2 @ kind
         scale = np.sqrt(np.maximum(curvature.diagonal(), 1e-300))
@@ -238,19 +238,19 @@ class SigmaEstimation:
         self.sigmas.free = free
 
     def image_weight(self) -> np.ndarray:
-        """Return the weights of the image points ``(n,)``, none left out."""
+        """Return the weights of all image points ``(n,)``, also of rejected ones."""
         return self.problem.weighting.image / self._factor_image_points() ** 2
 
     def _factor_image_points(self) -> np.ndarray:
         return self.sigmas.of_image_points(self.groups, self.problem.observations)
 
     def survey_weight(self) -> np.ndarray:
-        """Return the weights of the surveys ``(m, 3)``, none left out."""
+        """Return the weights of all surveys ``(m, 3)``, also of rejected ones."""
         observations = self.problem.observations
         return self.sigmas.survey_weight(observations, observations.survey_weight)
 
     def report_to(self, found: RoundFindings) -> None:
-        """Add what was tested and estimated to what the adjustment found."""
+        """Add the tests and the estimated sigmas to the findings of the adjustment."""
         found.tests = tuple(self.tests)
         horizontal, height, correlated = self.sigmas.predict_survey_factors(self.sums).tolist()
         found.survey_factors = horizontal, height, correlated

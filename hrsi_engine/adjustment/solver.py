@@ -1,4 +1,4 @@
-"""`adjust`: prepare, leave out blunders, estimate sigmas, solve, and say how good the result is."""
+"""`adjust`: prepare a block, leave out blunders, estimate sigmas, solve, and compute the precision of the result."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ def adjust(
     block : Block
         The block.
     options : AdjustOptions, optional
-        How to adjust; a rule instead of a model (`refinement.RULES`) chooses the model first.
+        Options; a rule instead of a model (`refinement.RULES`) chooses the model first.
     progress : Progress
         Callback; False cancels.
     start : (images, p) ndarray, optional
-        Values to begin with, those of an earlier adjustment with the same model, say; not with a rule.
+        Initial values, for example of an earlier adjustment with the same model; not with a rule.
 
     Returns
     -------
     Adjustment
-        Corrected cameras and points, and how sure they are; not to converge is a status in it.
+        Corrected cameras and points with their precision; its status shows if it did not converge.
 
     Raises
     ------
     InputError
         An unknown model, weight function or image id.
     SolveError
-        Nothing to adjust, or fewer observations than unknowns (the images are named).
+        Nothing to adjust, or fewer observations than unknowns (the message lists the images).
     Cancelled
         When ``progress`` asks to stop.
     """
@@ -69,9 +69,9 @@ def adjust(
 def run_adjuster(
     block: Block, options: AdjustOptions | None = None, progress: Progress = silent, start: np.ndarray | None = None
 ) -> tuple[Adjustment, Adjuster]:
-    """Do what `adjust` does; return the result, and what it was made with for those who go on from there."""
+    """Adjust as `adjust`, without jitter; return the result and the `Adjuster`, from which a caller can continue."""
     try:
-        with one_thread_calls():  # fronts are small, and two threads wait for each other longer than they work
+        with one_thread_calls():  # fronts are small: threads would mostly wait for each other
             problem = prepare_problem(block, options or AdjustOptions(), start)
             adjuster = Adjuster(problem)
             try:
@@ -81,7 +81,7 @@ def run_adjuster(
                 there = np.isin(observations.camera_of_image, error.cameras)
                 named = list_ids(image.id for image, one in zip(block.images, there, strict=True) if one)
                 raise SolveError(f"{error}; {named} or its connection is not determined by the observations") from error
-    except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
+    except np.linalg.LinAlgError as error:  # points too far from their images
         raise SolveError(
             f"the equations are singular ({error}): points and images do not belong together, or the points are "
             "outside the validity range of the RPCs: check coordinates, ids and RPCs"
@@ -89,9 +89,9 @@ def run_adjuster(
 
 
 class Adjuster(Snooping):
-    """The rounds of one adjustment: those that find blunders (`Snooping`), and those that find sigmas.
+    """The rounds of one adjustment: data snooping (`Snooping`), and the estimation of sigmas.
 
-    ``solution`` is the last one; there is none before `run`. Others are let go as soon as can be: they are large.
+    ``solution`` is the last one; there is none before `run`. Earlier ones are released early: they are large.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -100,7 +100,7 @@ class Adjuster(Snooping):
         self.solution: Solution
 
     def run(self, progress: Progress) -> Adjustment:
-        """Return the result of all rounds."""
+        """Run all rounds and return the result."""
         options = self.problem.options
         rejecting = options.reject_sigma > 0.0
         if rejecting:
@@ -108,14 +108,14 @@ class Adjuster(Snooping):
             self.solution = self.leave_out_wrong_control(self.solution, stage(progress, 0.6, 0.7))
         else:
             self.solution = self.solve(None, progress)
-        # Test the sigmas by the residuals; where they fail, adjust again with those that the residuals show
+        # Test the sigmas by the residuals; if they fail, adjust again with estimated sigmas
         sigmas = self.sigmas
         how = self.problem.options.robust, self.problem.options.tolerance, silent
         if sigmas.start_estimation(self.loop, self.solution) and sigmas.drifts:
             self.solution = self.loop.continue_from(self.solution, *how)
             sigmas.test_few_surveys(self.loop, self.solution)
         precise = self.iterate_sigmas(stage(progress, 0.7, 0.8))
-        if self.sigmas.tried and rejecting:  # once more: by drifts and sigmas as they are
+        if self.sigmas.tried and rejecting:  # test again with the new drifts and sigmas
             solves = self.loop.solves
             self.solution = self.judge_ties_again(self.solution, silent)
             if self.loop.solves > solves:
@@ -124,16 +124,16 @@ class Adjuster(Snooping):
             self.solution = self.leave_out_wrong_control(self.solution, stage(progress, 0.9, 1.0))
             if self.loop.solves > solves:
                 precise = compute_precision(self.loop, self.solution)
-        if self.sigmas.tried and self.ties.any():  # the weights are others than when the ties were judged
+        if self.sigmas.tried and self.ties.any():  # weights have changed since the last test
             self.find_tie_variance(self.solution, self.weigh_rays_alone(self.solution, self.solution.weighting))
         if self.problem.choice is not None:
             precise = self.choose_delivered_model(precise)
-        self.found.findings += self._undecided  # on control that nobody can decide
+        self.found.findings += self._undecided  # undecided contradictions of GCPs
         self.found.warnings += [one.message for one in self.found.findings]
         if not (self.problem.block.points.role == Role.CHECK).any():
             self.found.left_out_surveys = self.leave_out_each_survey(self.solution)
         if options.cross_validate:
-            # a loop of its own: the history and the factors of the adjustment stay as they are
+            # separate iterations: the adjustment keeps its history and its factors
             loop = self.problem.loop()
             loop.set_prior_weight(self.loop.prior_weight, self.loop.common)
             validated = cross_validate(self.problem, loop, self.solution, self.survey_weight, progress)
@@ -142,9 +142,9 @@ class Adjuster(Snooping):
         return assemble_adjustment(self.problem, self.loop, self.found, self.solution, precise)
 
     def choose_delivered_model(self, precise: Precision) -> Precision:
-        """Judge the model that a rule chose by leave-one-out of the GCPs; deliver a simpler one that predicts as well.
+        """Test the model of a rule by leave-one-out of the GCPs; replace it by a simpler one that predicts as well.
 
-        Of models nested in each other only where the drift was estimated, from which all of them follow.
+        It is replaced only by a nested model, and only if the drift was estimated, from which all of these follow.
         """
         problem, choice = self.problem, self.problem.choice
         gcps = find_judging_gcps(problem, self.solution, self.survey_weight)
@@ -172,7 +172,7 @@ class Adjuster(Snooping):
     # ---- sigmas ----------------------------------------------------------------------------------------------------
 
     def iterate_sigmas(self, progress: Progress) -> Precision:
-        """Estimate sigmas and adjust with them in turn until they settle; return the precision then."""
+        """Estimate sigmas and adjust with them in turn until they converge; return the last solution's precision."""
         sigmas = self.sigmas
         how = self.problem.options.robust, self.problem.options.tolerance, silent
         for number in range(ROUNDS):
@@ -195,12 +195,12 @@ class Adjuster(Snooping):
 def cross_validate(
     problem: Problem, loop: GaussNewton, solution: Solution, survey_weight: np.ndarray, progress: Progress
 ) -> CrossValidation:
-    """Return survey - prediction of every GCP that holds the ``solution``; ``survey_weight (m, 3)`` are its surveys.
+    """Return survey - prediction of every GCP used in the ``solution``; ``survey_weight (m, 3)`` are their weights.
 
-    Each GCP in turn is a check point, predicted by the adjustment of all the others: with a handful of them there are
-    none to spare for checking. The adjustments start from the full one and take two or three passes each. A left-out
-    GCP has no say at all: neither survey nor measurements. One on one image is predicted on its ray at the surveyed
-    height; its height error does not exist.
+    Each GCP in turn is a check point, predicted by the adjustment of all others: a few GCPs are too few to use some of
+    them as check points. The adjustments start from the full one and take two or three passes each. Neither survey nor
+    measurements of a left-out GCP are used. One on a single image is predicted on its ray at the surveyed height,
+    without height error.
     """
     observations = problem.observations
     chosen = np.flatnonzero(solution.weighting.contributes & any_of_rows(survey_weight > 0.0))

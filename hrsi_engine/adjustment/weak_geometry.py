@@ -1,7 +1,7 @@
-"""What holds a point's height: its survey, a DEM, its rays, or nothing but the height range of the RPCs.
+"""The constraint of a point's height: its survey, a DEM, its rays, or only the height range of the RPCs.
 
-Rays that tell a height within the RPC's range at all hold it themselves: thousands of priors together would pull the
-whole block to the middle of that range. Only points on rays more parallel than that get a prior there.
+Rays that determine a height within the RPC's range get no prior: thousands of priors together would pull the whole
+block to the middle of that range. Only points on more parallel rays get a prior there.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from .observations import Observations
 
 @thresholds
 class RAY_GEOMETRY:
-    """Which rays tell heights."""
+    """Limit for rays that determine heights."""
 
     weak_angle_deg: float = threshold(3.0, "°", "rays that converge by less know heights badly", "1 / tan 3° = 19")
 
@@ -25,7 +25,7 @@ class RAY_GEOMETRY:
 def set_point_priors(
     observations: Observations, ground: np.ndarray, dem: HeightSurface | None, sigma_dem_m: float | None
 ) -> tuple[PointPriors, list[str]]:
-    """Return the points' priors and warnings; ``ground (m, 3)`` is where the points are at the start."""
+    """Return the points' priors and warnings of weak geometry; ``ground (m, 3)`` are the initial positions."""
     image, pixels_per_m = observations.image[observations.first[:-1]], compute_px_per_m(observations.images)
     priors = PointPriors.from_surveys(observations, ground)
     unknown = observations.survey_weight[:, 2] == 0.0
@@ -37,7 +37,7 @@ def set_point_priors(
         priors.observed[found, 2] = True
         unknown &= ~found
     # The largest angle between rays of each point, twice the largest from their mean, (m,). The direction of an image's
-    # rays is taken at its centre; it changes by a degree across a scene at most.
+    # rays is that at its centre; it changes by at most a degree across a scene.
     stack = stack_of(observations.images)
     _, at = stack.project_with_metric_jacobian(np.arange(len(observations.images)), stack.middles())
     ray = np.cross(at[:, 0], at[:, 1])
@@ -58,7 +58,7 @@ def set_point_priors(
     known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
     priors.target[open_height, 2] = np.median(known) if len(known) else middle[open_height]
     priors.weight[open_height, 2] = 1.0 / reach[open_height] ** 2
-    # Name the images most of whose points have weak or no heights
+    # Warn of images most of whose points have uncertain or no heights
     warnings, count = [], len(observations.images)
     all_points = np.maximum(np.bincount(observations.image, minlength=count), 1)
     by_range = "moves a pixel over the height range of the RPC: the heights of these points follow from the RPC height"

@@ -15,17 +15,17 @@ def least_squares(t: np.ndarray) -> np.ndarray:
 
 
 def huber(t: np.ndarray, k: float = 1.345) -> np.ndarray:
-    """Return 1 up to ``k``, then ``k / t``: large residuals count linearly."""
+    """Return 1 up to ``k``, then ``k / t``: the cost of large residuals is linear."""
     return k / np.maximum(t, k)
 
 
 def cauchy(t: np.ndarray, c: float = 2.385) -> np.ndarray:
-    """Return ``1 / (1 + (t / c)^2)``: blunders fade out."""
+    """Return ``1 / (1 + (t / c)^2)``: the weight of blunders falls towards 0."""
     return 1.0 / (1.0 + (t / c) ** 2)
 
 
 def tukey(t: np.ndarray, c: float = 4.685) -> np.ndarray:
-    """Return ``(1 - (t / c)^2)^2``, and 0 beyond ``c``: blunders have no say."""
+    """Return ``(1 - (t / c)^2)^2``, and 0 beyond ``c``: blunders have no weight."""
     return np.maximum(1.0 - (t / c) ** 2, 0.0) ** 2
 
 

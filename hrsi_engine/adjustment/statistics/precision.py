@@ -1,20 +1,20 @@
 """Precision of the unknowns from the factors of the normal equations (thesis eqs. 5.50-5.55), and what follows.
 
 The covariance of the image parameters is the inverse of the reduced matrix, on the pattern of images that share
-points. A point's cofactor follows from its own block and the images that see it::
+points. A point's cofactor follows from its own block and the images on which it is measured::
 
     Qx = V^-1 + V^-1 (sum_ij W_i' Q_ij W_j) V^-1
 
-The cofactor of a residual is that of the observation less that of what was computed for it; their ratio is the
-redundancy number r, the share of an error that shows in its own residual (Baarda 1968).
+The cofactor of a residual is that of the observation minus that of the computed observation; its ratio to the first is
+the redundancy number r, the share of an error that appears in its own residual (Baarda 1968).
 
-The CE90 of many points is the radius r that 90 % of their horizontal errors stay within. Each point has its own error
-ellipse, with semi-axes a and b (one sigma), so that it is the quantile of a mixture, not a mean: a few points with huge
-ellipses are among the other 10 %::
+The CE90 of many points is the radius r that contains 90 % of their horizontal errors. Each point has its own error
+ellipse, with semi-axes a and b (one sigma), so that it is the quantile of a mixture, not a mean: a few points with very
+large ellipses belong to the other 10 %::
 
     sum_i w_i mean_phi exp(-r² / (2 (a_i² cos² phi + b_i² sin² phi))) = 0.1
 
-The LE90 likewise, from the heights' standard deviations.
+The LE90 is defined in the same way, from the heights' standard deviations.
 """
 
 from collections.abc import Callable
@@ -29,21 +29,21 @@ from ..gauss_newton import GaussNewton, Solution
 
 @thresholds
 class RELIABILITY:
-    """Which residuals tell of their own observation."""
+    """Limits for residuals and standard deviations that can be evaluated."""
 
     least_redundancy: float = threshold(1e-3, "", "a residual with less is not a measure of its observation")
     farthest_m: float = threshold(1e5, "m", "a larger error or standard deviation is not determined")
 
 
-LEAST_SIGMA_M = 1e-6  # of a position: what is known without error has a CE90 all the same
+LEAST_SIGMA_M = 1e-6  # smallest sigma of a position, so that points without error have a CE90, too
 DIRECTIONS = 16  # of a half circle, over which an error ellipse is integrated; 1e-4 of a CE90
-#: What holds 90 % of normal errors: a circle, of the radial RMSE (NSSDA), and a band to both sides, of the RMSE.
+#: Factors of 90 % limits of normal errors: circle, from the radial RMSE (NSSDA); symmetric interval, from the RMSE.
 CIRCLE_90, LINE_90 = 1.5175, 1.6449
 
 
 @dataclass(frozen=True, eq=False)
 class Precision:
-    """Cofactors at a solution; all NaN where the cameras' are not known.
+    """Cofactors at a solution; all NaN if those of the cameras are not known.
 
     parameters : (cameras, p) variances
     points : (m, 3, 3) cofactors in m²
@@ -80,10 +80,10 @@ def compute_precision(loop: GaussNewton, solution: Solution) -> Precision:
 
 
 def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return by how much the weighted sum of squares falls when an image point is left out, ``(n,)``.
+    """Return the decrease of the weighted sum of squares if an image point is left out, ``(n,)``.
 
-    v' Qv^-1 v of residuals ``(n, 2)``; under normal errors chi² with two degrees of freedom. Directions in which less
-    than `RELIABILITY.least_redundancy` of an error shows are not tested.
+    It is v' Qv^-1 v of residuals ``(n, 2)``; for normal errors chi² with two degrees of freedom. Directions in which
+    less than `RELIABILITY.least_redundancy` of an error appears in the residual are not tested.
     """
     a, d, b = cofactors[:, 0, 0] * weight, cofactors[:, 1, 1] * weight, cofactors[:, 0, 1] * weight
     middle, half = 0.5 * (a + d), np.hypot(0.5 * (a - d), b)
@@ -102,10 +102,10 @@ def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: 
 def predict_accuracy(
     covariance_m2: np.ndarray, survey_m2: np.ndarray, weight: np.ndarray | None = None
 ) -> dict[str, float | None]:
-    """Return the RMSE, CE90 and LE90 to expect at points with covariances ``(k, 3, 3)`` of position and survey.
+    """Return the expected RMSE, CE90 and LE90 of points with covariances ``(k, 3, 3)`` of position and survey.
 
     Coordinates that were not surveyed (an infinite variance) or not determined (NaN, or beyond
-    ``RELIABILITY.farthest_m``) are not compared. Points count by their ``weight (k,)``, all alike without.
+    ``RELIABILITY.farthest_m``) are not compared. Points are weighted by ``weight (k,)``, equally by default.
     """
     covariance = covariance_m2 + survey_m2
     variance = covariance.diagonal(axis1=1, axis2=2)
@@ -128,7 +128,7 @@ def predict_accuracy(
 
 
 def _find_quantile_90(beyond: Callable[[float], np.ndarray], sigma: np.ndarray, weight: np.ndarray) -> float | None:
-    """Return what 90 % of the errors of points stay within, None without any.
+    """Return the limit that 90 % of the errors of points do not exceed, None without points.
 
     ``beyond`` returns the probability ``(k,)`` of each point's error to exceed a length, ``sigma (k,)`` its largest
     standard deviation.

@@ -1,28 +1,27 @@
-"""How far errors that many observations share move an adjusted block: of a coordinate operation, of a pass's pointing.
+"""Effect on an adjusted block of errors that many observations share: of coordinate operations, of a pass's pointing.
 
 The unknown shifts d of the operations, with the covariance D of their stated accuracies, are no unknowns of the
-adjustment: most often nothing but the GCPs tells where the block lies, and then they cannot be estimated. They are
-*considered* (Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter 8): the estimate stays
-what it is, and its covariance becomes
+adjustment: usually only the GCPs determine the block's position, and then they cannot be estimated. They are
+*considered* (Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter 8): the estimate does not
+change, and its covariance becomes
 
     C + G D G'        G = dx / dd
 
 Check points that the same operation converted are shifted by d too, so their errors have C + (G - E) D (G - E)' with E
-the identity at their operation: where the GCPs alone hold the block, G = E, and they cannot test the operation at all.
+the identity at their operation: if only the GCPs determine the block, G = E, and they cannot test the operation at all.
 
 G follows from the normal equations at the solution: the GCPs' positions are moved by one standard deviation, and the
-step that this causes is solved for. Everything else that holds the block (heights of a DEM, priors of the cameras)
-keeps its weight.
+resulting step is computed. All other constraints (heights of a DEM, priors of the cameras) keep their weights.
 
-The frames of one pass of a satellite share the error of its orbit and attitude: k of them do not point k times as well
-together as one. Their priors count as independent in the adjustment, so its covariance C has s^2 J_c J_c' of each
-camera c, with the a priori standard deviation s and J_c = dx / dl_c. In truth a share q of it is the camera's own, and
-the rest common to the pass. With J the sum of the J_c the covariance is::
+The frames of one pass of a satellite share the error of its orbit and attitude: the mean of k of them is not more
+accurate than one by the square root of k. In the adjustment their priors are independent, so that its covariance C
+contains s^2 J_c J_c' of each camera c, with the a priori standard deviation s and J_c = dx / dl_c. Actually a share q
+of s is the camera's own, and the rest is common to the pass. With J the sum of the J_c the covariance is::
 
     C - s^2 (1 - q^2) sum J_c J_c' + s^2 (1 - q^2) J J'
 
-What is not known of jitter displaces whole lines: samples of its posterior, added to the measurements, move the points,
-and the sum of squares of k of these over k is what they add to the covariance.
+The remaining error of jitter displaces whole lines: samples of its posterior, added to the measurements, move the
+points, and the mean of k products of these movements is added to the covariance.
 """
 
 from dataclasses import replace
@@ -39,9 +38,9 @@ from ..gauss_newton import GaussNewton, Solution
 
 
 def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray, shifts_m: np.ndarray) -> np.ndarray:
-    """Return by how much each point moves, ``(m, 3, k)`` east, north, up, where the GCPs are shifted.
+    """Return the movement of each point, ``(m, 3, k)`` east, north, up, caused by shifts of the GCPs.
 
-    surveyed : (m,) mask of the points that carry a survey
+    surveyed : (m,) mask of the points with a survey
     shifts_m : (m, 3, k) east, north and up of each point's survey, for k shifts
     """
     priors, moved = solution.weighting.points, np.zeros_like(shifts_m)
@@ -61,7 +60,7 @@ def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray
 
 @thresholds
 class PASS_POINTING:
-    """What the frames of one pass share of their pointing error."""
+    """Limits for the pointing error that the frames of one pass share."""
 
     own_share: float = threshold(
         0.15, "", "standard deviation of a frame's own pointing error, relative to the pass's",
@@ -73,12 +72,12 @@ class PASS_POINTING:
 def propagate_pointing(
     loop: GaussNewton, solution: Solution, prior_sigma: np.ndarray, cameras: np.ndarray, parameters: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the pointing error of a pass does to each point.
+    """Return the effect of a pass's pointing error on each point.
 
     prior_sigma : (cameras, p) a priori standard deviations
-    cameras, parameters : numbers of those that the pass has, and of those that point a camera
-    Result: by how much the common error moves a point, east, north, up, (m, 3, parameters); and what C has too much of
-    the own errors (m, 3, 3).
+    cameras, parameters : indices of the pass's cameras, and of the parameters that are a camera's pointing Result:
+        movement of each point by the common error, east, north, up, (m, 3, parameters); and the excess of the own
+        errors in C, (m, 3, 3).
     """
     given = solution.state, solution.weight, solution.weighting.points, solution.weighting.contributes
     unmoved = loop.equations.form_normals(*given)
@@ -86,7 +85,7 @@ def propagate_pointing(
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
 
     def move(by: np.ndarray, parameter: int) -> np.ndarray:
-        """Return the points' steps ``(m, 3)`` for a standard deviation of the prior of some cameras at once."""
+        """Return the points' steps ``(m, 3)`` if some cameras change by a prior standard deviation together."""
         right = np.zeros_like(prior_sigma)
         right[by, parameter] = loop.prior_weight[by, parameter] * prior_sigma[by, parameter]
         step = loop.system.solve(right)
@@ -94,7 +93,7 @@ def propagate_pointing(
 
     common = np.stack([move(cameras, parameter) for parameter in parameters.tolist()], axis=2)
     excess = np.zeros((len(common), 3, 3))
-    if len(cameras) > PASS_POINTING.most_cameras:  # what they have in common is in C with 1/k of its variance
+    if len(cameras) > PASS_POINTING.most_cameras:  # C contains 1/k of the common variance
         return np.sqrt(1.0 - 1.0 / len(cameras)) * common, excess
     shared = 1.0 - PASS_POINTING.own_share**2
     for parameter in parameters.tolist():
@@ -107,9 +106,9 @@ def propagate_pointing(
 def propagate_jitter(
     loop: GaussNewton, solution: Solution, camera: RefinementModel, jitter: JitterEstimate
 ) -> np.ndarray:
-    """Return by how much each point moves, ``(m, 3, samples)``, by each sample of the error of the jitter's curves.
+    """Return the movement of each point, ``(m, 3, samples)``, by each sample of the errors of the jitter curves.
 
-    Of k samples a variance follows with k degrees of freedom: they are scaled by Student's factor at 90 %.
+    A variance from k samples has k degrees of freedom: the samples are scaled by Student's factor at 90 %.
     """
     observations, size, (values, ground) = loop.equations.observations, len(jitter.samples), solution.state
     at = linearise_images(
@@ -125,7 +124,7 @@ def propagate_jitter(
     weighted = solution.weight[:, None, None] * at.by_ground
 
     def intersect(moved: np.ndarray) -> np.ndarray:
-        """Return the steps of points whose image points move, with the cameras as they are."""
+        """Return the points' steps for movements of their image points, with fixed cameras."""
         pulled = np.add.reduceat(weighted.swapaxes(1, 2) @ moved, observations.first[:-1])
         return np.asarray(solution.normals.inverse @ pulled)
 

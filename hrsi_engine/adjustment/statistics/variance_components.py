@@ -1,18 +1,18 @@
 """Variance components: the sigmas of groups of observations, from their residuals (Helmert 1907; Förstner 1979).
 
-For a group g with weighted squares W_g and redundancy r_g (the sum of its redundancy numbers), s_g² = W_g / r_g tells
-how wrong its sigma was. The adjustment is repeated with corrected sigmas until every s_g is 1. A group that the block
-does not control (r_g small) keeps its sigma; but the image points of GCPs take the factor of the ties on their images
-for `VARIANCE.of_ties` observations of their own, and each image that of its groups for `VARIANCE.of_group` (an inverse
-chi² distribution of the variance; Gelman et al. 2013, section 5.4). Surveys with correlated coordinates are a group of
-their own, whose covariances are scaled as a whole: east, north and height can hardly be told apart there. GCPs that are
-places of a reference keep their sigmas, which stand for what all of them share: how they scatter tells nothing of it.
-And no matching is better than `VARIANCE.least_matched_px`, however well points without noise fit one another: what a
-model does not follow, some hundredths of a pixel, would count as blunders.
+For a group g with weighted squares W_g and redundancy r_g (the sum of its redundancy numbers), s_g² = W_g / r_g is the
+variance factor of its sigma. The adjustment is repeated with corrected sigmas until every s_g is 1. A group that the
+block does not control (r_g small) keeps its sigma; but for the image points of GCPs the factor of the tie points on
+their images has the weight of `VARIANCE.of_ties` observations, and for each image that of its groups has that of
+`VARIANCE.of_group` (an inverse chi² distribution of the variance; Gelman et al. 2013, section 5.4). Surveys with
+correlated coordinates are a separate group, whose covariances are scaled as a whole: east, north and height can hardly
+be distinguished there. GCPs that are places of a reference keep their sigmas, which contain an error common to all, on
+which their scatter has no information. And no sigma of matching falls below `VARIANCE.least_matched_px`, also if points
+without noise fit one another better: otherwise model errors of hundredths of a pixel would be blunders.
 
-Image points of GCPs and check points, which people measure, are told apart from those of tie points; beside that by
-what was measured (kind), by sensor, or by image (`GROUPINGS`). Images are of one sensor where the user says so, or else
-where their pixels are equally large on the ground.
+Image points of GCPs and check points, which are measured manually, are separated from those of tie points; further
+groups are by kind of measurement, sensor, or image (`GROUPINGS`). Images are of one sensor if the user states so,
+otherwise if their pixels have the same size on the ground.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from .precision import Precision
 
 @thresholds
 class VARIANCE:
-    """Which sigmas can be estimated from residuals, and how far."""
+    """Limits for the estimation of sigmas from residuals."""
 
     least_redundancy: float = threshold(
         4.0, "", "redundancy of a group below which its variance factor is known to no better than a third",
@@ -57,10 +57,10 @@ OF_GCPS = "image points of GCPs"
 
 
 def group_by_sensor(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tuple[np.ndarray, list[str]]:
-    """Return the sensor of each image ``(images,)`` and the sensors' names; one nameless one where all are alike.
+    """Return the sensor of each image ``(images,)`` and the sensors' names; a single one has no name.
 
-    ``groups`` of ids that the user named come first; the rest are joined where their pixel sizes follow each other
-    within `VARIANCE.same_gsd`.
+    ``groups`` of ids from the user come first; the other images are joined if, sorted by pixel size, each is within
+    `VARIANCE.same_gsd` of the one before.
     """
     number = np.full(len(images), -1)
     place = {image.id: index for index, image in enumerate(images)}
@@ -94,7 +94,7 @@ def _number_images(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[st
 
 
 Grouping = Callable[[Block, np.ndarray, Sequence[Sequence[str]]], tuple[np.ndarray, list[str]]]
-#: What tells image points apart: functions from block, rows and the user's sensors to group numbers and names.
+#: Criteria for groups of image points: functions from block, rows and the user's sensors to group indices and names.
 GROUPINGS: dict[str, tuple[Grouping, ...]] = {
     "kind-sensor": (_number_kinds, _number_sensors),
     "kind": (_number_kinds,),
@@ -106,11 +106,11 @@ GROUPINGS: dict[str, tuple[Grouping, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Which group each image point belongs to ``(n,)``, and the groups' names; the surveys' come after them.
+    """Group index of each image point ``(n,)``, and the groups' names, followed by those of the surveys.
 
-    sensor : (images,) number of the images that groups do not tell apart
-    cautious : names of groups whose sigmas matching made larger than what images tell of each other: it knows how well
-        a place is found in a reference, or at least under a laser point, which is the same on all images
+    sensor : (images,) index of the set of images that groups do not distinguish
+    cautious : names of groups whose sigmas are intentionally larger than the scatter between images: they include the
+        error of the match with a reference, or with a laser point, which is common to all images
     """
 
     of_image_point: np.ndarray
@@ -122,7 +122,7 @@ class Groups:
     def assign_groups(
         cls, block: Block, observations: Observations, grouping: str, sensor_groups: Sequence[Sequence[str]]
     ) -> Groups:
-        """Return the groups: image points as an entry of `GROUPINGS`, GCPs' horizontal coordinates, GCPs' heights."""
+        """Return the groups: image points by an entry of `GROUPINGS`, followed by `SURVEY_GROUPS`."""
         number, names = np.zeros(observations.count, dtype=np.int64), [""]
         for split in GROUPINGS[grouping]:
             another, more = split(block, observations.rows, sensor_groups)
@@ -148,7 +148,7 @@ class Groups:
         return cls(number, (*titles, *SURVEY_GROUPS), sensor, cautious)
 
     def find_median_sigmas(self, observations: Observations) -> np.ndarray:
-        """Return the median of each group's sigmas as they are given, NaN for one that does not occur."""
+        """Return the median of each group's given sigmas, NaN for groups without observations."""
         given = np.full(len(self.names), np.nan)
         order = np.lexsort((observations.sigma_px, self.of_image_point))
         count = np.bincount(self.of_image_point, minlength=len(given) - SURVEYS)
@@ -164,7 +164,7 @@ class Groups:
 def compute_group_sums(
     groups: Groups, observations: Observations, solution: Solution, precise: Precision
 ) -> np.ndarray:
-    """Return squares and redundancy of each group, ``(groups, 3)``: weighted squares, redundancy, observations."""
+    """Return weighted squares, redundancy and number of observations of each group, ``(groups, 3)``."""
     weighting, weight = solution.weighting, solution.weight
     used = (weight > 0.0) & weighting.contributes[observations.point]
     result = np.zeros((len(groups.names), 3))
@@ -193,7 +193,7 @@ def compute_image_sums(
 ) -> np.ndarray:
     """Return squares and redundancy of the image points of each image ``(images, 2)``.
 
-    The squares are those by sigmas that are ``grown (n,)`` times as large as those of the solution.
+    The squares are those with sigmas that are ``grown (n,)`` times as large as those of the solution.
     """
     used = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[observations.point])
     weight, residual, image = solution.weight[used], solution.normals.residual[used], observations.image[used]
@@ -204,18 +204,18 @@ def compute_image_sums(
 
 
 def number_survey_groups(observations: Observations) -> np.ndarray:
-    """Return which of `SURVEY_GROUPS` each coordinate of each point belongs to, ``(m, 3)``; `SURVEYS`: to none."""
+    """Return the index in `SURVEY_GROUPS` of each coordinate of each point, ``(m, 3)``; `SURVEYS` for those of none."""
     groups = np.where(observations.correlated[:, None], 2, [0, 0, 1])
     return groups if observations.alike is None else np.where(observations.alike[:, None], SURVEYS, groups)
 
 
 @dataclass(eq=False)
 class Sigmas:
-    """The factors found so far, one a group, not below ``least``; those of groups that are not ``free`` stay.
+    """The current factors, one for each group, at least ``least``; those of groups that are not ``free`` do not change.
 
-    The surveys' groups are of one surveyor, whose factor counts for `VARIANCE.of_surveys` observations of each: the
-    block hardly controls the heights of few GCPs, say. Image points of one group differ by image: ``of_image`` are the
-    factors beside those of the groups ``(images,)``.
+    The surveys' groups have a common factor with the weight of `VARIANCE.of_surveys` observations in each, because, for
+    example, the block hardly controls the heights of few GCPs. Image points of one group differ by image: ``of_image
+    (images,)`` are additional factors.
     """
 
     factor: np.ndarray
@@ -225,7 +225,7 @@ class Sigmas:
 
     @classmethod
     def start_groups(cls, groups: Groups, observations: Observations) -> Sigmas:
-        """Return the sigmas as given, none of them free."""
+        """Return the given sigmas (factors of 1), none of them free."""
         given, count = groups.find_median_sigmas(observations), len(groups.names)
         least = np.zeros(count)
         least[:-SURVEYS] = np.minimum(VARIANCE.least_matched_px / given[:-SURVEYS], 1.0)
@@ -234,10 +234,10 @@ class Sigmas:
 
     def correct_factors(self, sums: np.ndarray) -> float:
         """Correct the factors of the groups by their `compute_group_sums`; return the largest relative change."""
-        squares, freedom = sums[:, 0] * self.factor**2, sums[:, 1]  # of the sigmas as given
+        squares, freedom = sums[:, 0] * self.factor**2, sums[:, 1]  # for the given sigmas
         usable = (freedom >= VARIANCE.least_redundancy) & (squares > 0.0) & self.free
         wanted = np.where(usable, squares / np.maximum(freedom, VARIANCE.least_redundancy), self.factor**2)
-        # image points of GCPs (odd numbers) are measured on the images on which ties (the numbers before) are
+        # image points of GCPs (odd indices) are measured on the same images as the tie points (index before)
         ties, gcps = slice(0, -SURVEYS, 2), slice(1, -SURVEYS, 2)
         few = VARIANCE.of_ties * (self.free[gcps] & (freedom[ties] >= VARIANCE.least_redundancy))
         pooled = (few * wanted[ties] + squares[gcps]) / np.maximum(few + freedom[gcps], VARIANCE.of_ties)
@@ -258,16 +258,16 @@ class Sigmas:
             own = VARIANCE.of_group + sums[:, 0] * self.of_image**2
             weight = VARIANCE.of_group + sums[:, 1]
             told = 0.5 * np.log(own / weight)
-            # a factor that all images of a sensor have is that of their groups
+            # a factor common to all images of a sensor belongs to their groups
             mean = np.bincount(sensor, weight * told) / np.maximum(np.bincount(sensor, weight), 1e-300)
             self.of_image = np.exp(told - mean[sensor])
 
     def predict_survey_factors(self, sums: np.ndarray) -> np.ndarray:
-        """Return the surveys' factors with the uncertainty of those that were estimated, for the sigmas of new points.
+        """Return the surveys' factors for the sigmas of new points, including the uncertainty of estimated ones.
 
-        A sigma from r redundant observations is known to 1 / sqrt(2 r) of itself; the error of a new point over it has
-        Student's distribution, whose variance is r / (r - 2). Without that, 90 % of the errors would be said to lie
-        where 86 % do (r = 14).
+        A sigma from r redundant observations has a relative standard deviation of 1 / sqrt(2 r); the error of a new
+        point over it has Student's distribution, whose variance is r / (r - 2). Without this factor, limits stated for
+        90 % of the errors would contain 86 % (r = 14).
         """
         factor, freedom = self.factor[-SURVEYS:], sums[-SURVEYS:, 1]
         freedom = np.minimum(freedom + VARIANCE.of_surveys, freedom.sum())
@@ -277,7 +277,7 @@ class Sigmas:
 
     @property
     def of_surveys(self) -> np.ndarray:
-        """Factors of `SURVEY_GROUPS` and, as the last, of surveys that keep their sigma."""
+        """Factors of `SURVEY_GROUPS` and, last, of surveys that keep their sigma (1)."""
         return np.append(self.factor[-SURVEYS:], 1.0)
 
     def of_image_points(self, groups: Groups, observations: Observations) -> np.ndarray:
@@ -285,14 +285,14 @@ class Sigmas:
         return np.asarray(self.factor[groups.of_image_point] * self.of_image[observations.image])
 
     def survey_weight(self, observations: Observations, given: np.ndarray) -> np.ndarray:
-        """Return the weights of the surveys for their ``given`` ones ``(m, 3)``."""
+        """Return the weights of the surveys, from their ``given`` ones ``(m, 3)``."""
         return given / self.of_surveys[number_survey_groups(observations)] ** 2
 
 
 def list_components(
     groups: Groups, observations: Observations, sigmas: Sigmas, sums: np.ndarray
 ) -> tuple[VarianceComponent, ...]:
-    """Return the groups that occur, with their sigmas as given and as estimated."""
+    """Return the variance components of groups with observations: their given sigmas and estimated factors."""
     given = groups.find_median_sigmas(observations)
     return tuple(
         VarianceComponent(
@@ -305,9 +305,9 @@ def list_components(
 
 
 def describe_wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozenset[str] = frozenset()) -> list[str]:
-    """Say which sigmas were given wrong by half or more, the worst first and not more than 8.
+    """Return messages on given sigmas that are wrong by half or more, the worst first, at most 8 of them.
 
-    Of ``cautious`` groups it is no news that their sigmas are too large.
+    For ``cautious`` groups, sigmas that are too large are intended and not reported.
     """
     wrong = [
         part for part in found
