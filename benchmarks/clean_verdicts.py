@@ -79,10 +79,10 @@ def judged(block: Block, model: str) -> tuple[Adjustment, Verdict]:
     return result, judge(result, before)
 
 
-def study(first: int, count: int, model: str) -> Iterator[tuple[str, Verdict]]:
+def study(first: int, count: int, model: str, sensors: Sequence[str] = tuple(SENSORS)) -> Iterator[tuple[str, Verdict]]:
     """Yield sensor and verdict of every simulated block; what is not ok is printed."""
     for seed in range(first, first + count):
-        for sensor in SENSORS:
+        for sensor in sensors:
             block, gcps = simulated(sensor, seed)
             try:
                 _, verdict = judged(block, model)
@@ -95,12 +95,12 @@ def study(first: int, count: int, model: str) -> Iterator[tuple[str, Verdict]]:
             yield sensor, verdict
 
 
-def simulated_table(first: int, count: int, models: Sequence[str]) -> str:
+def simulated_table(first: int, count: int, models: Sequence[str], sensors: Sequence[str] = tuple(SENSORS)) -> str:
     """Return how many simulated blocks got which verdict, by model and sensor."""
     rows = []
     for model in models:
-        tally = Counter((sensor, verdict.level.label) for sensor, verdict in study(first, count, model))
-        for sensor in SENSORS:
+        tally = Counter((sensor, verdict.level.label) for sensor, verdict in study(first, count, model, sensors))
+        for sensor in sensors:
             rows.append([model, sensor, *(str(tally[sensor, level]) for level in ("ok", "doubtful", "unusable"))])
     return render(("model", "sensor", "ok", "doubtful", "unusable"), rows)
 
@@ -120,14 +120,18 @@ def real_table(models: Sequence[str]) -> str:
 def main(words: Sequence[str] | None = None) -> None:
     """Print the tables; ``--docs`` writes the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", nargs=2, type=int, default=(1000, 36), metavar=("FIRST", "COUNT"))
+    parser.add_argument("--seeds", nargs=2, type=int, default=(5000, 36), metavar=("FIRST", "COUNT"))
     parser.add_argument("--real", action="store_true", help="print the real blocks alone")
+    parser.add_argument("--sensors", nargs="+", choices=[*SENSORS], help="print simulated blocks of these alone")
     parser.add_argument("--models", nargs="+", default=MODELS_JUDGED, metavar="NAME")
     parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args(words)
     first, count = options.seeds
     if options.real:
         print(real_table(options.models))
+        return
+    if options.sensors:
+        print(simulated_table(first, count, options.models, options.sensors))
         return
     real, made = real_table(options.models), simulated_table(first, count, options.models)
     text = f"""# Verdicts of simulated and real blocks without input errors

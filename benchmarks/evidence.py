@@ -327,7 +327,7 @@ def main(words: Sequence[str] = ()) -> None:
         for name, (before, measure) in ROWS.items():
             if any(name.startswith(one) for one in options.names):
                 rows.append([name, before, measure()])
-                print("\n  ".join(rows[-1]), flush=True)
+                print(" | ".join(rows[-1]), flush=True)
     if options.docs:
         PAGE.write_text(f"{INTRODUCTION}\n{render(['case', 'before', 'now'], rows)}\n", encoding="utf-8")
 

@@ -201,18 +201,16 @@ def compare(was: str, now: str, tolerance: float, without: Sequence[str] = ()) -
     ]
 
 
-def compare_rows(page: str, output: str, tolerance: float) -> list[Difference]:
+def compare_rows(page: str, output: str, tolerance: float, without: Sequence[str] = ()) -> list[Difference]:
     """Return the printed rows that a page does not have: none of its rows with the same first cell has these numbers.
 
     What is printed beside rows is passed over; an output without any row of the page is a difference itself.
     """
     rows: dict[str, list[str]] = {}
-    for line in page.splitlines():
-        cells = _split_cells(line)
+    for _, cells in _split_lines(page, without):
         rows.setdefault(cells[0], []).append(" | ".join(cells[1:]))
     found, known = [], 0
-    for line in output.splitlines():
-        cells = _split_cells(line)
+    for _, cells in _split_lines(output, without):
         start = next((k for k in (0, 1) if len(cells) > k + 2 and cells[k] in rows), None)  # a column may stand before
         if start is None:
             continue
@@ -223,33 +221,29 @@ def compare_rows(page: str, output: str, tolerance: float) -> list[Difference]:
     return found if known else [Difference(0, "rows of the page", "none of them is printed")]
 
 
-def _split_cells(line: str) -> list[str]:
-    """Return the cells of a row of a table: between bars, or two blanks apart."""
-    text = line.strip().strip("|").strip()
-    cells = [cell.strip() for cell in (text.split("|") if "|" in text else re.split(r" {2,}", text))]
-    while len(cells) > 1 and not cells[-1]:
-        cells.pop()
-    return [TIMES.sub("TIME", cell) for cell in cells]
+def _split_lines(text: str, without: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield line numbers and cells, which lie between bars or two blanks apart; no columns and numbers of times."""
+    skipped: set[int] = set()
+    in_table = False
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.strip()
+        cells = [cell.strip() for cell in (words.strip("|").split("|") if "|" in words else re.split(r" {2,}", words))]
+        if words.startswith("|"):
+            if not in_table:
+                skipped = {k for k, cell in enumerate(cells) if TIME_COLUMNS.search(cell) or cell in without}
+            if set("".join(cells)) <= set("-: "):
+                cells = []
+            cells = [cell for k, cell in enumerate(cells) if k not in skipped]
+        in_table = words.startswith("|")
+        while len(cells) > 1 and not cells[-1]:
+            cells.pop()
+        if any(cells):
+            yield number, [" ".join(TIMES.sub("TIME", cell).split()) for cell in cells]
 
 
 def _comparable(text: str, without: Sequence[str]) -> Iterator[tuple[int, str]]:
     """Yield line numbers and lines with the columns and numbers of times left out."""
-    skipped: set[int] = set()
-    in_table = False
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.startswith("|"):
-            cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
-            if not in_table:
-                skipped = {k for k, cell in enumerate(cells) if TIME_COLUMNS.search(cell) or cell in without}
-            in_table = True
-            if set("".join(cells)) <= set("-: "):
-                continue
-            line = " | ".join(cell for k, cell in enumerate(cells) if k not in skipped)
-        else:
-            in_table = False
-        words = " ".join(TIMES.sub("TIME", line).split())
-        if words:
-            yield number, words
+    return ((number, " | ".join(cells)) for number, cells in _split_lines(text, without))
 
 
 def _are_close(was: str, now: str, tolerance: float) -> bool:
@@ -283,7 +277,7 @@ def check(figures: Sequence[Figure], note: bool = False) -> int:
             well, seconds, output, messages = run(figure, aside)
             documented = figure.text(ROOT / "docs")
             if figure.prints_rows:
-                found = compare_rows(documented, output, figure.tolerance)
+                found = compare_rows(documented, output, figure.tolerance, figure.without)
             else:
                 found = compare(documented, figure.text(aside), figure.tolerance, figure.without)
         total += seconds

@@ -1,8 +1,10 @@
-"""Where a point really is: coordinate operations against cs2cs, and what their errors do. `geodesy.py [--docs]`.
+"""Where a point really is: coordinate operations against cs2cs, and what their errors do.
+
+`geodesy.py [PART … | --docs]`
 
 Prints 60 CRS on all continents against ``cs2cs`` (package proj-bin), a file with points of two areas, DEM against
 points, what is told where no grid is installed, two jobs through the command line, the coverage of CE90 and LE90, and
-the speed. ``--docs`` writes the tables into `docs/geodesy.md`.
+the speed. ``--docs`` writes the tables into `docs/geodesy.md`, PART chooses some.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -366,14 +368,17 @@ def measure_speed(code: int, place: tuple[float, float]) -> tuple[float, float]:
     return min(before), min(after)
 
 
-def make_tables() -> str:
-    """Return all tables as Markdown."""
-    parts: list[str] = []
+#: Points of which the coverage is asked, and what converts them.
+CONTROL: dict[str, tuple[str, tuple[float, float]]] = {
+    "ETRS89 / UTM 32N": ("EPSG:25832", (9.0, 50.0)),
+    "ED50 / UTM 30N, Spain": ("EPSG:23030", (-3.7, 40.4)),
+    "PSAD56 / UTM 19S, Chile": ("EPSG:24879", (-70.6, -33.5)),
+    "ETRS89 / UTM 32N + DHHN92": ("EPSG:25832+5783", (9.0, 50.0)),
+}
 
-    def add(title: str, text: str) -> None:
-        parts.append(f"## {title}\n\n{text}")
-        print(parts[-1], flush=True)
 
+def describe_crs(folder: Path) -> tuple[str, str]:
+    """Return title and text of the CRS beside cs2cs."""
     rows = compare_with_cs2cs()
     head = ("code", "CRS", "operation", "accuracy m", "as cs2cs", "largest difference mm", "where cs2cs differs")
     table = [
@@ -389,81 +394,123 @@ def make_tables() -> str:
         for row in rows
     ]
     largest = max(row.largest_mm for row in rows)
-    add(
+    return (
         f"{len(rows)} CRS against cs2cs",
         f"{render(head, table)}\n\n{sum(row.same for row in rows)} of {3 * len(rows)} places agree within 1 mm "
         f"(largest {largest:.4f} mm). PROJ {pyproj.proj_version_str}.",
     )
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        areas = compare_two_areas(folder)
-        add("A file with points of two areas", "The points are in ED50, in Spain and in Turkey.\n\n" + render(
-            ("operation", "points", "from cs2cs mm"), [(one, count, f"{apart:.3f}") for one, count, apart in areas]
-        ))  # fmt: skip
-        add(
-            "DEM and GCPs",
-            "A DEM cell and a point with the same map coordinates differ by at most "
-            f"{compare_dem_with_points(folder):.4f} mm, at three places in each of the {len(PLACES)} CRS.",
-        )
-        losses = run_without_grids(folder)
-        told = sum(1 for *_, is_told in losses if is_told)
-        worst = sorted(losses, key=lambda row: -(row[2] or 0.0))[:12]
-        table = [(f"EPSG:{code}", one, "not known" if loss is None else f"{loss:.2f}") for code, one, loss, _ in worst]
-        add(
-            "Without any grid",
-            f"`PROJ_DATA` has PROJ's database alone. At {len(losses)} of {3 * len(PLACES)} places, the grid of an "
-            "operation that is more accurate by more than 0.1 m is missing. "
-            f"HRSI reports {told} of {len(losses)}. The largest losses:\n\n"
-            + render(("CRS", "missing operation", "loss m"), table),
-        )
-        heads = ("job", "operation", "RPCs apart px", "verdict", "reasons", "CE90 on WGS84 m", "CE90 predicted m",
-                 "CE90 of check points m", "CE90 they cannot test m", "ERR_BIAS m")  # fmt: skip
-        add("Two jobs through the command line", render(heads, list(run_jobs(folder))))
-    cases = {
-        "ETRS89 / UTM 32N": take_operation("EPSG:25832", (9.0, 50.0)),
-        "ED50 / UTM 30N, Spain": take_operation("EPSG:23030", (-3.7, 40.4)),
-        "PSAD56 / UTM 19S, Chile": take_operation("EPSG:24879", (-70.6, -33.5)),
-        "ETRS89 / UTM 32N + DHHN92": take_operation("EPSG:25832+5783", (9.0, 50.0)),
-    }
+
+
+def describe_areas(folder: Path) -> tuple[str, str]:
+    """Return title and text of the file with points of two areas."""
+    areas = compare_two_areas(folder)
+    return "A file with points of two areas", "The points are in ED50, in Spain and in Turkey.\n\n" + render(
+        ("operation", "points", "from cs2cs mm"), [(one, count, f"{apart:.3f}") for one, count, apart in areas]
+    )
+
+
+def describe_dem(folder: Path) -> tuple[str, str]:
+    """Return title and text of a DEM beside points."""
+    return (
+        "DEM and GCPs",
+        "A DEM cell and a point with the same map coordinates differ by at most "
+        f"{compare_dem_with_points(folder):.4f} mm, at three places in each of the {len(PLACES)} CRS.",
+    )
+
+
+def describe_losses(folder: Path) -> tuple[str, str]:
+    """Return title and text of what is told where no grid is installed."""
+    losses = run_without_grids(folder)
+    told = sum(1 for *_, is_told in losses if is_told)
+    worst = sorted(losses, key=lambda row: -(row[2] or 0.0))[:12]
+    table = [(f"EPSG:{code}", one, "not known" if loss is None else f"{loss:.2f}") for code, one, loss, _ in worst]
+    return (
+        "Without any grid",
+        f"`PROJ_DATA` has PROJ's database alone. At {len(losses)} of {3 * len(PLACES)} places, the grid of an "
+        "operation that is more accurate by more than 0.1 m is missing. "
+        f"HRSI reports {told} of {len(losses)}. The largest losses:\n\n"
+        + render(("CRS", "missing operation", "loss m"), table),
+    )
+
+
+def describe_jobs(folder: Path) -> tuple[str, str]:
+    """Return title and text of the jobs through the command line."""
+    heads = ("job", "operation", "RPCs apart px", "verdict", "reasons", "CE90 on WGS84 m", "CE90 predicted m",
+             "CE90 of check points m", "CE90 they cannot test m", "ERR_BIAS m")  # fmt: skip
+    return "Two jobs through the command line", render(heads, list(run_jobs(folder)))
+
+
+def describe_coverage(folder: Path) -> tuple[str, str]:
+    """Return title and text of the coverage of CE90 and LE90."""
+    cases = {name: take_operation(*of) for name, of in CONTROL.items()}
     covered = [
         (name, *(f"{sigma:.2f}" for sigma in use.operation.sigma_m), *(f"{share:.1f}" for share in cover(use)))
         for name, use in cases.items()
     ]
-    add(
+    return (
         f"Coverage over {SEEDS} blocks",
         "The table has the shares of tie point errors within their predicted CE90 and LE90. The simulated blocks have "
         "3 images, 12 GCPs of 5 cm and an error of the operation that is drawn from its stated accuracy.\n\n"
         + render(("GCPs", "sigma plan m", "sigma height m", "CE90 covers %", "LE90 covers %"), covered),
     )
-    held, silent = cover_with_laser(cases["ETRS89 / UTM 32N + DHHN92"])
-    add(
+
+
+def describe_laser(folder: Path) -> tuple[str, str]:
+    """Return title and text of the coverage of blocks that laser heights hold."""
+    held, silent = cover_with_laser(take_operation(*CONTROL["ETRS89 / UTM 32N + DHHN92"]))
+    return (
         f"Coverage over {LASER_SEEDS} blocks with laser heights",
         "The blocks have two images, no GCPs and three passes of a laser. The laser heights are in DHHN92, with EGM96 "
         f"in place of its geoid. LE90 covers {held:.1f} % of the check point errors, and {silent:.1f} % if the error "
         "of the geoid is not included.",
     )
+
+
+def describe_speed(folder: Path) -> tuple[str, str]:
+    """Return title and text of the speed."""
     speeds = [(code, *measure_speed(code, place)) for code, place in ((25832, (9.0, 50.0)), (23030, (-3.7, 40.4)))]
     times = [
         (f"EPSG:{code}", f"{before:.2f}", f"{after:.2f}", f"{after / before:.2f}") for code, before, after in speeds
     ]
-    add(
+    return (
         "Speed",
         f"The times are CPU seconds for {POINTS} points, the best of five runs. Before, PROJ's operations were listed "
         "at each call.\n\n" + render(("CRS", "before CPU s", "service CPU s", "ratio"), times),
     )
-    return "\n\n".join(parts)
+
+
+PARTS: dict[str, Callable[[Path], tuple[str, str]]] = {
+    "crs": describe_crs,
+    "areas": describe_areas,
+    "dem": describe_dem,
+    "losses": describe_losses,
+    "jobs": describe_jobs,
+    "coverage": describe_coverage,
+    "laser": describe_laser,
+    "speed": describe_speed,
+}
 
 
 def main() -> None:
     """Print the tables; ``--docs`` writes them into the page."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; default: all")
     parser.add_argument("--docs", action="store_true")
     words: Any = parser.parse_args()
-    tables = make_tables()
+    if unknown := set(words.parts) - set(PARTS):
+        parser.error(f"no such part: {', '.join(unknown)}; there are {', '.join(PARTS)}")
+    if words.docs and words.parts:
+        parser.error("--docs writes all parts: leave their names out")
+    tables = []
+    for name in words.parts or PARTS:
+        with tempfile.TemporaryDirectory() as folder:
+            tables.append("## {}\n\n{}".format(*PARTS[name](Path(folder))))
+        print(tables[-1], flush=True)
     if words.docs:
         page = PAGE.read_text()
         before, after = page.split(BEGIN)[0], page.split(END)[1]
-        PAGE.write_text(f"{before}{BEGIN}\n\n{tables}\n\n{END}{after}")
+        text = "\n\n".join(tables)
+        PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How well is jitter removed? `jitter_removed.py [--seeds FIRST COUNT] [--curves NAME …] [--docs]`.
+"""How well is jitter removed? `jitter_removed.py [--seeds FIRST COUNT] [--curves NAME … | --docs]`.
 
 The blocks are those of `jitter_found`: one to three images of 4000 x 20 000 px whose attitude vibrates, with 8 GCPs
 and 1500 tie points (one image: 80 GCPs), adjusted without and with `jitter` auto. With a surface the tie points lie on
@@ -140,15 +140,18 @@ def main(words: Sequence[str] | None = None) -> None:
     """Print the table; ``--docs`` writes the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", nargs=2, type=int, default=(8001, 1), metavar=("FIRST", "COUNT"), help="of a row")
-    parser.add_argument("--curves", nargs="*", default=[*CURVES, *UYUNI_CURVES])
+    parser.add_argument("--curves", nargs="*", default=[*CURVES, *UYUNI_CURVES], help="default: all")
     parser.add_argument("--docs", action="store_true", help=f"write into {PAGE.name}")
     given = parser.parse_args(words)
+    if given.docs and set(given.curves) < {*CURVES, *UYUNI_CURVES}:
+        parser.error("--docs writes all tables: leave --curves out")
     groups: dict[tuple[int, bool], list[dict[str, np.ndarray]]] = {kind: [] for kind in KINDS}
     first, count = given.seeds
     # Each row has blocks of its own, for GCPs and check points of one block err together
     tasks = [
         (curve, *kind, range(first + count * number, first + count * (number + 1)))
-        for number, (curve, kind) in enumerate(product(given.curves, KINDS))
+        for number, (curve, kind) in enumerate(product((*CURVES, *UYUNI_CURVES), KINDS))
+        if curve in given.curves
     ]
     rows = []
     with ProcessPoolExecutor(2) as pool:
@@ -156,6 +159,9 @@ def main(words: Sequence[str] | None = None) -> None:
             rows.append(row)
             groups[task[1:3]].append(within)
             print(" | ".join(row), flush=True)
+    if set(given.curves) < {*CURVES, *UYUNI_CURVES}:  # what follows is of all curves
+        print(render(HEADER, rows))
+        return
     named = {
         f"{images} images" + surface * ", surface": groups[images, bool(surface)]
         for images in (2, 3)

@@ -259,8 +259,9 @@ def main(words: Sequence[str] = ()) -> None:
         if options.names and not any(word.lower() in name.lower() for word in options.names):
             continue
         for label, draws in make():
-            rows += rows_of(label, draws)
-            print("\n".join(" | ".join(row) for row in rows_of(label, draws)), flush=True)
+            own = rows_of(label, draws)
+            print(render(HEAD, own), flush=True)
+            rows += own
     if options.docs:
         PAGE.write_text(f"{INTRODUCTION}\n{render(HEAD, rows)}\n", encoding="utf-8")
 

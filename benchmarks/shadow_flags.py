@@ -1,6 +1,6 @@
 """The flag `shadow` of dark centres on real images: does it know where the sun stood?
 
-    python benchmarks/shadow_flags.py [--docs] [--year FOLDER]
+    python benchmarks/shadow_flags.py [--real | --docs] [--year FOLDER]
 
 Nobody has marked the shadows of the real images. But a rule that only finds what is dark finds as much with a wrong sun
 as with the right one. So the sun is turned by 90, 180 and 270 degrees: what is flagged with it turned by 180 degrees is
@@ -11,7 +11,8 @@ in the view of the same date and of another one: `interest_points_real.Truth` te
 
 The real dates have like suns. So a simulated year tells whether centres are found again on dates with another sun: by
 the true cameras and the DEM a dark centre must be within `NEAR_PX` of where it was; what stands up is beside it in all
-cases alike. --year names a folder that `many_dates.py` made. --docs writes all tables into
+cases alike. --year names a folder that `many_dates.py` made;
+--real leaves the year out. --docs writes all tables into
 docs/interest_points_accuracy.md.
 """
 
@@ -64,7 +65,10 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=TEST_DATA / "real")
     parser.add_argument("--docs", action="store_true", help="write the tables into docs/interest_points_accuracy.md")
     parser.add_argument("--year", type=Path, help="a simulated year of 40 dates; by default it is made")
+    parser.add_argument("--real", action="store_true", help="only the real images, no simulated year")
     given = parser.parse_args()
+    if given.docs and given.real:
+        parser.error("--docs writes all tables: leave --real out")
     cv2.setNumThreads(1)
     options = DetectionOptions(centres=CentreOptions(quality=CANDIDATE_QUALITY), threads=1)
     seen = {}
@@ -110,6 +114,8 @@ def main() -> None:
             names = (Path(pair.files[k]).stem for k in (own, other))
             again.append(f"| {' | '.join(names)} | {' | '.join(shares)} |")
     print("\n".join([*flags, *again]), flush=True)
+    if given.real:
+        return
     with tempfile.TemporaryDirectory() as scratch:
         year = of_year(given.year or Path(scratch) / "year", options)
     print("\n".join(year))

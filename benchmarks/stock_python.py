@@ -32,6 +32,7 @@ absent = {"cv2", "numba", "llvmlite", "dask", "distributed", "rasterio"}
 seen = PathFinder.find_spec
 PathFinder.find_spec = lambda name, *place: None if name.split(".")[0] in absent else seen(name, *place)
 """
+LINE = "|---|" + "---:|" * 10
 RMSE, POINTS, TIES = ("ties", "rmse_px"), ("images", "img_01", "points"), ("ties", "points")
 WINDOWS, MEDIAN = ("all", "after", "windows"), ("all", "after", "median_px")
 SIMULATED = ("--images", "3", "--along=-12,0,12", "--size", "700", "--gcps", "6", "--checks", "20", "--ties", "0",
@@ -52,6 +53,7 @@ def main(arguments: Sequence[str]) -> None:
     """Print the table; write it into the page where asked."""
     head = "| | found | stock | share | CPU s | stock | ratio | fit (px) | stock | SIFT tracks (px) | stock |"
     rows = dict[str, str]()
+    print(f"{head}\n{LINE}", flush=True)
     chosen = [word for word in arguments if word != "--docs"] or [""]
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work)
@@ -72,7 +74,7 @@ def main(arguments: Sequence[str]) -> None:
                 old = [one for one in shown if one.startswith(f"| {name} |") and one.count("|") == head.count("|")]
                 rows.setdefault(name, "".join(old))
             order = [rows[name] for name in names if rows[name]]
-            put_between(PAGE, "stock python", "\n".join([head, "|---|" + "---:|" * 10, *order]))
+            put_between(PAGE, "stock python", "\n".join([head, LINE, *order]))
 
 
 def simulated(block: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -23,7 +23,7 @@ import json
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -276,9 +276,9 @@ WRONG_HEAD = ["surface", "ground", "sensor", "plan m", "CE90 m", "height m", "LE
               "reasons"]  # fmt: skip
 
 
-def run_wrong(seed: int) -> Iterator[list[str]]:
+def run_wrong(seed: int, sensors: Sequence[str], landforms: Sequence[str]) -> Iterator[list[str]]:
     """Yield rows of wrong DEMs under blocks."""
-    for sensor, landform in WRONG_PLACES:
+    for sensor, landform in _choose_places(WRONG_PLACES, sensors, landforms):
         with tempfile.TemporaryDirectory() as name:
             block = Place(sensor, landform, seed).write(Path(name))
             other = Place(sensor, landform, seed + 50).write(Path(name))
@@ -293,6 +293,13 @@ def run_wrong(seed: int) -> Iterator[list[str]]:
                     title, landform, sensor, f"{one.plan_90_m:.1f}", f"{one.ce90_m:.1f}", f"{one.height_90_m:.1f}",
                     f"{one.le90_m:.1f}", held, one.level, ", ".join(one.codes) or _first_line(one.said),
                 ]  # fmt: skip
+
+
+def _choose_places(
+    places: Iterable[tuple[str, str]], sensors: Sequence[str], landforms: Sequence[str]
+) -> list[tuple[str, str]]:
+    """Return the places with one of these sensors and one of these landforms."""
+    return [(sensor, landform) for sensor, landform in places if sensor in sensors and landform in landforms]
 
 
 def _fit(heights: np.ndarray, like: np.ndarray, _: list[float]) -> np.ndarray:
@@ -311,13 +318,14 @@ def _first_line(said: str) -> str:
 
 
 BESIDE_PLACES = (("worldview-2", "mountains"), ("spot5", "hills"), ("pleiades", "farmland"), ("quickbird", "city"))
+REFERENCE_GROUND = "150 m of relief"
 BESIDE_HEAD = ["with", "ground", "sensor", "plan m", "with the DEM m", "CE90 m", "with the DEM m", "height m",
                "with the DEM m", "LE90 m", "with the DEM m", "reasons with the DEM"]  # fmt: skip
 
 
-def run_beside(seed: int) -> Iterator[list[str]]:
-    """Yield rows of blocks with GCPs, laser points or a reference, without and with the DEM."""
-    for sensor, landform in BESIDE_PLACES:
+def run_beside(seed: int, sensors: Sequence[str], landforms: Sequence[str]) -> Iterator[list[str]]:
+    """Yield rows of blocks with GCPs, laser points or a reference, without and with the DEM; a reference: if asked."""
+    for sensor, landform in _choose_places(BESIDE_PLACES, sensors, landforms):
         with tempfile.TemporaryDirectory() as name:
             block = Place(sensor, landform, seed).write(Path(name), "--laser-passes", 3)
             truth = read_truth(block)
@@ -328,7 +336,7 @@ def run_beside(seed: int) -> Iterator[list[str]]:
             ):
                 without, with_dem = (adjust_block(block, truth, *words, *more) for more in ((), _beside_words(words)))
                 yield [title, landform, sensor, *_compare(without, with_dem), ", ".join(with_dem.codes)]
-    for number in (0, 1):
+    for number in (0, 1) if REFERENCE_GROUND in landforms else ():
         yield _run_reference(seed + number)
 
 
@@ -371,7 +379,7 @@ def _run_reference(seed: int) -> list[str]:
                 error, float(predicted.ce90_m), float(predicted.le90_m), {}, "", (), time.process_time() - start, ""
             )
         )
-    return ["reference of 10 m", "150 m of relief", sensor, *_compare(*found), ""]
+    return ["reference of 10 m", REFERENCE_GROUND, sensor, *_compare(*found), ""]
 
 
 # ---- the whole -----------------------------------------------------------------------------------------------------
@@ -385,17 +393,18 @@ def run_part(part: str, seeds: range, sensors: Sequence[str], landforms: Sequenc
     start, rows = time.process_time(), []
     if part == "blocks":
         found = []
-        for row in run_blocks(seeds, sensors, landforms):
+        for row in run_blocks(seeds, sensors, [one for one in landforms if one in LANDFORMS]):
             found.append(row)
-            print(" | ".join(row.cells()), f"{row.outcome.seconds:.1f} s", flush=True)
+            print(f"{row.outcome.seconds:.1f} s", *row.cells(), sep=" | ", flush=True)
         by_ground = render(GROUP_HEAD, summarise_rows(found, lambda row: row.place.landform))
         by_sensor = render(GROUP_HEAD, summarise_rows(found, lambda row: row.place.sensor)[:-1])
         text = f"{by_ground}\n\n{by_sensor}\n\n{render(HEAD, [row.cells() for row in found])}"
-        print(by_ground, by_sensor, sep="\n\n")
-        _print_ratios(found)
+        if set(sensors) >= set(SENSORS) and set(landforms) >= set(LANDFORMS):
+            print(by_ground, by_sensor, sep="\n\n")
+            _print_ratios(found)
     else:
         made, head = (run_wrong, WRONG_HEAD) if part == "wrong" else (run_beside, BESIDE_HEAD)
-        for cells in made(seeds[0]):
+        for cells in made(seeds[0], sensors, landforms):
             rows.append(cells)
             print(" | ".join(cells), flush=True)
         text = render(head, rows)
@@ -422,7 +431,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("parts", nargs="*", default=PARTS, metavar="PART")
     parser.add_argument("--seeds", default="7000:7002", metavar="A:B")
     parser.add_argument("--sensors", nargs="+", default=list(SENSORS), metavar="NAME")
-    parser.add_argument("--landforms", nargs="+", default=list(LANDFORMS), metavar="NAME")
+    parser.add_argument("--landforms", nargs="+", default=[*LANDFORMS, REFERENCE_GROUND], metavar="NAME")
     parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args(words)
     first, last = (int(text) for text in options.seeds.split(":"))
