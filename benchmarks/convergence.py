@@ -88,7 +88,7 @@ class Run:
         known = np.isfinite(self.reference)
         return [
             self.model, str(self.steps), self.status, f"{self.cost:.6g}",
-            f"{self.away:.2g}" if known else "", numbers,
+            f"{self.away:.3f}" if known else "", numbers,
         ]  # fmt: skip
 
 
@@ -296,7 +296,7 @@ def summary(found: Sequence[Run]) -> list[str]:
         for run in ended if not run.is_at_minimum
     ]  # fmt: skip
     away = max((run.away for run in ended if run.is_at_minimum and np.isfinite(run.reference)), default=float("nan"))
-    return [str(len(found)), f"{np.median(steps):.0f}", str(max(steps)), ", ".join(missed) or "none", f"{away:.2g}"]
+    return [str(len(found)), f"{np.median(steps):.0f}", str(max(steps)), ", ".join(missed) or "none", f"{away:.3f}"]
 
 
 def main() -> int:

@@ -217,7 +217,10 @@ def compare_rows(page: str, output: str, tolerance: float, without: Sequence[str
         known += 1
         now, was = " | ".join(cells[start + 1 :]), rows[cells[start]]
         if not any(_are_close(one, now, tolerance) for one in was):
-            found.append(Difference(0, f"{cells[start]} | {was[0]}", f"{cells[start]} | {now}"))
+            nearest = max(
+                was, key=lambda one: sum(a == b for a, b in zip(one.split(" | "), cells[start + 1 :], strict=False))
+            )
+            found.append(Difference(0, f"{cells[start]} | {nearest}", f"{cells[start]} | {now}"))
     return found if known else [Difference(0, "rows of the page", "none of them is printed")]
 
 
