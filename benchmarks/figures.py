@@ -5,6 +5,7 @@
     python benchmarks/figures.py check [NAME …]       make it aside and compare; exit status 1 where a figure moved
     python benchmarks/figures.py check --turn [DAY]   a tenth of the registry, another one every day: for CI
     python benchmarks/figures.py check --samples      everything: short figures whole, long studies by their samples
+    python benchmarks/figures.py check 'blocks 2'     one sample of an entry
     python benchmarks/figures.py check --note …       write down which were as documented, and on which commit
     python benchmarks/figures.py page                 write docs/figures.md
 
@@ -378,16 +379,20 @@ def main() -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="?", choices=("list", "renew", "check", "page"), default="list")
-    parser.add_argument("names", nargs="*", help="entries of the registry; default: all, or all that are stale")
+    parser.add_argument(
+        "names", nargs="*",
+        help="entries of the registry, or one of an entry's samples: 'blocks 1'; default: all, or all that are stale",
+    )  # fmt: skip
     parser.add_argument("--samples", action="store_true", help="of long studies their samples alone")
     parser.add_argument("--turn", nargs="?", type=int, const=datetime.date.today().toordinal(), metavar="DAY")
     parser.add_argument("--note", action="store_true", help="write down what was as documented")
     words = parser.parse_intermixed_args()
     registry, made = read_registry(), read_rows(MADE)
-    unknown = sorted(set(words.names) - set(registry))
+    known = registry | {one.name: one for figure in registry.values() for one in figure.draw_samples()}
+    unknown = sorted(set(words.names) - set(known if words.what == "check" else registry))
     if unknown:
         parser.error(f"not in the registry: {', '.join(unknown)}; there are {', '.join(registry)}")
-    figures = [registry[name] for name in words.names or registry]
+    figures = [known[name] for name in words.names or registry]
     if words.what == "renew":
         return min(1, renew(figures if words.names else [one for one in figures if is_stale(one, made)], made))
     if words.what == "check":
