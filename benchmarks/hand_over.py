@@ -1,12 +1,12 @@
 """Surface models that CARS and s2p make of handed-over projects, compared with the reference of the s2p triplet.
 
 `python benchmarks/hand_over.py [cars s2p heights] [--bin cars=DIR …] [--all-pairs] [--work DIR] [--docs]`: each
-program is installed from the package registry in an environment of its own below --work, unless --bin names the folder
-of its commands. The triplet is adjusted by tie points alone, handed over, and the printed command is run as it stands;
-then the same project with the vendor's RPCs in its images, and for CARS with those that its own
+program is installed from the package registry in an environment of its own below build/environments, unless --bin
+names the folder of its commands. The triplet is adjusted by tie points alone, handed over, and the printed command is
+run as it stands; then the same project with the vendor's RPCs in its images, and for CARS with those that its own
 ``cars-bundleadjustment`` finds. CARS gets the best pair (with --all-pairs all of them, five times as long). What is
-finished in --work is not run again, and a program that fails gets a row that says so. With --docs the tables go into
-docs/how-to/hand-over.md.
+finished in --work is not run again; without --work all is run, in a temporary folder. A program that fails gets a row
+that says so. With --docs the tables go into docs/how-to/hand-over.md.
 
 The reference was made by s2p with the vendor's RPCs, whose position no GCP controls; refined RPCs lie a little beside
 it as a whole. So the median difference is told apart, and the spread also after the best shift in plan and height.
@@ -21,13 +21,14 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
 from osgeo import gdal
 from scipy.optimize import least_squares
 
-from hrsi.benchmarks.pages import DOCS, put_between
+from hrsi.benchmarks.pages import DOCS, ROOT, put_between
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
@@ -35,6 +36,7 @@ from hrsi.processing_algorithms import run
 from hrsi.tests.conftest import TEST_DATA
 
 PAGE = DOCS / "how-to" / "hand-over.md"
+ENVIRONMENTS = ROOT / "build" / "environments"
 TRIPLET = TEST_DATA / "real" / "s2p_triplet_phr"
 REFERENCE = TRIPLET / "s2p_reference_dsm.tif"
 IMAGES = [str(TRIPLET / f"img_0{number}.tif") for number in (1, 2, 3)]
@@ -56,9 +58,9 @@ HEADERS = ["libfftw3-dev", "libfftw3-double3", "libfftw3-single3", "libgdal-dev"
 BUILDING = ["setuptools<81", "wheel"]  # their setup.py import pkg_resources, which later ones have not
 
 
-def installed(program: str, work: Path) -> str:
+def installed(program: str) -> str:
     """Return the folder of a program's commands in an environment of its own, which is made where it is missing."""
-    environment = work / "environments" / program
+    environment = ENVIRONMENTS / program
     finished = environment / "installed"
     if not finished.exists():
         environment.mkdir(parents=True, exist_ok=True)
@@ -108,6 +110,11 @@ def typed(folder: Path, commands: list[str], result: Path, programs: str) -> Non
             subprocess.run(" && ".join(commands), shell=True, check=True, env=environment, stdout=log, stderr=log)
 
 
+def read_end(folder: Path) -> str:
+    """Return the end of what the commands of a project said."""
+    return Path(f"{folder}.log").read_text(encoding="utf-8", errors="replace")[-2000:]
+
+
 def handed(work: Path, target: str, programs: str, best_pair: bool) -> dict[str, Path]:
     """Return the surface models of a target by the RPCs that it got; those that failed are not there."""
     own, vendor = (work / f"{target}_{name}{'_pair' * best_pair}" for name in ("refined", "vendor"))
@@ -128,7 +135,7 @@ def handed(work: Path, target: str, programs: str, best_pair: bool) -> dict[str,
         try:
             typed(folder, [f"cd {folder}", *report["commands"][1:]], folder / result, programs)
         except subprocess.CalledProcessError:
-            print(f"{target} failed with {name} RPCs: see {folder}.log")
+            print(f"{target} failed with {name} RPCs: {read_end(folder)}")
     return {name: folder / result for name, folder in made.items()}
 
 
@@ -239,22 +246,31 @@ def main() -> None:
     parser.add_argument("programs", nargs="*", default=["cars", "s2p", "heights"])
     parser.add_argument("--all-pairs", action="store_true", help="CARS: all pairs, not only the best one")
     parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
-    parser.add_argument("--work", default="build/hand_over", help="folder of projects and results")
+    parser.add_argument("--work", type=Path, help="folder of projects and results that are kept")
     parser.add_argument("--docs", action="store_true", help="put the table into docs/how-to/hand-over.md")
     options = parser.parse_args()
-    work = Path(options.work).resolve()
-    work.mkdir(parents=True, exist_ok=True)
+    if options.work:
+        options.work.mkdir(parents=True, exist_ok=True)
+        compare(options.work.resolve(), options)
+        return
+    with tempfile.TemporaryDirectory() as work:
+        compare(Path(work), options)
+
+
+def compare(work: Path, options: argparse.Namespace) -> None:
+    """Print the tables of the command line's options, and write them into the page if it says so."""
     rows = []
     given = dict(entry.split("=", 1) for entry in options.bin)
     best_pair = not options.all_pairs
     for target in (name for name in options.programs if name != "heights"):
-        programs = given.get(target) or installed(target, work)
+        programs = given.get(target) or installed(target)
         models = handed(work, target, programs, best_pair and target == "cars")
         if target == "cars":
             try:
                 models["cars-bundleadjustment's"] = bundle_adjusted(work, programs, best_pair)
             except subprocess.CalledProcessError as error:
-                print(f"cars-bundleadjustment failed ({error.returncode}): see {work}/cars_bundle.log")
+                said = read_end(work / f"cars_bundle{'_pair' * best_pair}")
+                print(f"cars-bundleadjustment failed ({error.returncode}): {said}")
         rows += [
             [
                 f"{target}{', best pair' * (target == 'cars' and best_pair)}",

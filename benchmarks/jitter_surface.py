@@ -6,7 +6,8 @@ A pair of 1000 x 6000 px is rendered whose attitude vibrates by 3 px with a peri
 it by 8 GCPs, its own tie points and a DEM of 10 m as free ones are, without and with `jitter` auto; with it, images
 without jitter are written. Both are handed over, and the printed commands run as they stand. The wave is the amplitude
 of a sine with that period, along the lines of the first image, in the surface model minus the true terrain, beside a
-cubic. What is finished in --work is not run again. With --docs the table goes into docs/jitter.md.
+cubic. What is finished in --work is not run again; without --work all is run, in a temporary folder. With --docs the
+table goes into docs/jitter.md.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ from __future__ import annotations
 import argparse
 import json
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from osgeo import gdal
 
-from hrsi.benchmarks.hand_over import WILD_M, heights_of, installed, nmad, typed
+from hrsi.benchmarks.hand_over import WILD_M, heights_of, installed, nmad, read_end, typed
 from hrsi.benchmarks.jitter_found import PAGE, SIZE
 from hrsi.benchmarks.jitter_removed import fit_wave
 from hrsi.benchmarks.pages import put_between
@@ -76,14 +78,22 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("programs", nargs="*", default=["cars", "s2p"])
     parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
-    parser.add_argument("--work", default="build/jitter_surface", help="folder of projects and results")
+    parser.add_argument("--work", type=Path, help="folder of projects and results that are kept")
     parser.add_argument("--docs", action="store_true", help=f"write into {PAGE.name}")
     options = parser.parse_args(words)
-    work = Path(options.work).resolve()
-    work.mkdir(parents=True, exist_ok=True)
+    if options.work:
+        options.work.mkdir(parents=True, exist_ok=True)
+        compare(options.work.resolve(), options)
+        return
+    with tempfile.TemporaryDirectory() as work:
+        compare(Path(work), options)
+
+
+def compare(work: Path, options: argparse.Namespace) -> None:
+    """Print the table of the command line's options, and write it into the page if it says so."""
     block, given, rows = simulate(work), dict(entry.split("=", 1) for entry in options.bin), []
     for program in options.programs:
-        commands = given.get(program) or installed(program, work)
+        commands = given.get(program) or installed(program)
         for jitter in ("none", "auto"):
             project = work / f"{program}_{jitter}"
             if not project.exists():
@@ -93,7 +103,7 @@ def main(words: Sequence[str] | None = None) -> None:
             try:
                 typed(project, [f"cd {project}", *report["commands"][1:]], surface, commands)
             except subprocess.CalledProcessError:
-                print(f"{program} failed: see {project}.log")
+                print(f"{program} failed: {read_end(project)}")
                 continue
             wave, spread, share = measure(surface, block)
             rows.append([program, jitter, f"{wave:.2f}", f"{spread:.2f}", f"{share:.0%}"])
