@@ -179,7 +179,7 @@ def rows(name: str, found: Ties) -> Iterator[list[str]]:
 
 
 def main() -> None:
-    """Print the table; ``--docs`` writes the page, ``--keep FOLDER`` keeps the ties found for the next run."""
+    """Print the table; ``--docs`` writes its rows into the page, ``--keep FOLDER`` keeps the ties for the next run."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--docs", action="store_true")
@@ -194,6 +194,10 @@ def main() -> None:
         table += rows(name, _kept(words.keep, name, make))
         print(render(HEAD, table[-2:]), flush=True)
     if words.docs:
+        made = {row[0] for row in table}
+        shown = [line.strip("| ").split("|") for line in PAGE.read_text(encoding="utf-8").splitlines() if "|" in line]
+        table += [[cell.strip() for cell in row] for row in shown[2:] if row[0].strip() not in made]
+        table.sort(key=lambda row: list(makers).index(row[0]))
         PAGE.write_text(f"{INTRODUCTION}\n{render(HEAD, table)}\n", encoding="utf-8")
 
 
