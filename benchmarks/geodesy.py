@@ -1,10 +1,10 @@
 """Where a point really is: coordinate operations against cs2cs, and what their errors do.
 
-`geodesy.py [PART … | --docs]`
+`geodesy.py [PART …] [--docs]`
 
 Prints 60 CRS on all continents against ``cs2cs`` (package proj-bin), a file with points of two areas, DEM against
 points, what is told where no grid is installed, two jobs through the command line, the coverage of CE90 and LE90, and
-the speed. ``--docs`` writes the tables into `docs/geodesy.md`, PART chooses some.
+the speed. ``--docs`` writes the tables into `docs/geodesy.md`, where parts that were not chosen stay.
 """
 
 from __future__ import annotations
@@ -499,17 +499,17 @@ def main() -> None:
     words: Any = parser.parse_args()
     if unknown := set(words.parts) - set(PARTS):
         parser.error(f"no such part: {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    if words.docs and words.parts:
-        parser.error("--docs writes all parts: leave their names out")
-    tables = []
+    made = {}
     for name in words.parts or PARTS:
         with tempfile.TemporaryDirectory() as folder:
-            tables.append("## {}\n\n{}".format(*PARTS[name](Path(folder))))
-        print(tables[-1], flush=True)
+            made[name] = "{}\n\n{}".format(*PARTS[name](Path(folder)))
+        print(f"## {made[name]}", flush=True)
     if words.docs:
         page = PAGE.read_text()
         before, after = page.split(BEGIN)[0], page.split(END)[1]
-        text = "\n\n".join(tables)
+        shown = page.removeprefix(before + BEGIN).removesuffix(END + after).split("\n## ")[1:]
+        every = dict(zip(PARTS, (part.strip() for part in shown), strict=True)) | made
+        text = "\n\n".join(f"## {every[name]}" for name in PARTS)
         PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
 
 

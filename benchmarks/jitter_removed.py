@@ -158,9 +158,8 @@ def main(words: Sequence[str] | None = None) -> None:
         for task, (row, within) in zip(tasks, pool.map(run, *zip(*tasks, strict=True)), strict=True):
             rows.append(row)
             groups[task[1:3]].append(within)
-            print(" | ".join(row), flush=True)
+            print(render(HEADER, [row]), flush=True)
     if set(given.curves) < {*CURVES, *UYUNI_CURVES}:  # what follows is of all curves
-        print(render(HEADER, rows))
         return
     named = {
         f"{images} images" + surface * ", surface": groups[images, bool(surface)]

@@ -156,7 +156,7 @@ def tied(name: str) -> Iterator[tuple[str, list[dict[str, Outcome]]]]:
 def simulated(name: str, seeds: range) -> Iterator[tuple[str, list[dict[str, Outcome]]]]:
     """Yield a label and the outcomes of simulated blocks of a kind."""
     kind = sigma_coverage.CONFIGURATIONS[name]
-    yield name, [compared(judge_by_survey, sigma_coverage.simulate(kind, seed)) for seed in seeds]
+    yield name, [compared(judge_by_survey, sigma_coverage.simulate(kind, seed)[0]) for seed in seeds]
 
 
 def compared(judge: Callable[..., Outcome], *block: object) -> dict[str, Outcome]:
@@ -252,18 +252,31 @@ def main(words: Sequence[str] = ()) -> None:
     parser = argparse.ArgumentParser(prog="accuracy.py models", description=__doc__)
     parser.add_argument("names", nargs="*", help="words of the blocks' names; default: all")
     parser.add_argument("--seeds", type=int, default=12, help="of simulated blocks")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
+    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}, which keeps the rows of other blocks")
     options = parser.parse_args(list(words))
-    rows: list[list[str]] = []
+    made: dict[str, list[list[str]]] = {}  # by block and number of GCPs
     for name, make in subjects(options.seeds).items():
         if options.names and not any(word.lower() in name.lower() for word in options.names):
             continue
         for label, draws in make():
             own = rows_of(label, draws)
             print(render(HEAD, own), flush=True)
-            rows += own
+            made[own[0][0]] = own
     if options.docs:
+        shown = read_page() | made if options.names else made
+        rows = [row for own in shown.values() for row in own]
         PAGE.write_text(f"{INTRODUCTION}\n{render(HEAD, rows)}\n", encoding="utf-8")
+
+
+def read_page() -> dict[str, list[list[str]]]:
+    """Return the rows that the page shows, by block and number of GCPs."""
+    found: dict[str, list[list[str]]] = {}
+    label = ""
+    for line in [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("|")][2:]:
+        row = [cell.strip() for cell in line[1:].rstrip().removesuffix("|").split("|")]
+        label = row[0] or label
+        found.setdefault(label, []).append(row)
+    return found
 
 
 if __name__ == "__main__":
