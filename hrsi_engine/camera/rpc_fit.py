@@ -224,7 +224,7 @@ def best_fit(
     check : tuple of (m, 3) ndarray and (m, 2) ndarray
         Other points, by which the damping is chosen.
     common_denominator : bool
-        One denominator for sample and line; affine corrections then fold in exactly.
+        One denominator for sample and line; affine corrections can then be included exactly.
 
     Returns
     -------

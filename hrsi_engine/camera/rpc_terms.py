@@ -5,8 +5,8 @@ Everything specific to RPCs is in three tables, used by all evaluations includin
 of a cubic to those of its three derivatives in the ten quadratic terms. An evaluation consists of the terms, two
 products of coefficients with them, and the quotient rule (`slope_of_ratio`).
 
-A few thousand points at a time use buffers that fit into the processor's cache: the monomials are written to ``(20,
-n)`` rows and multiplied with the coefficients of all polynomials together. Memory does not depend on the number of
+A few thousand points at a time use buffers that fit into the processor's cache: the monomials are written to rows
+``(20, n)`` and multiplied with the coefficients of all polynomials together. Memory does not depend on the number of
 points.
 """
 

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt descent with one damping rule for all least-squares loops, of single images and of blocks.
 
-The cost, half a weighted sum of squares, is minimised. The caller solves its normal equations ``(N + damping diag N)
-step = g``. Three rules (Marquardt 1963; Nielsen 1999, IMM-REP-1999-05; Chamberlain, Powell, Lemarechal and Pedersen
-1982, "the watchdog technique", Math. Programming Study 16):
+The cost, half a weighted sum of squares, is minimised. The caller solves its normal equations,
+``(N + damping diag N) step = g``. Three rules (Marquardt 1963; Nielsen 1999, IMM-REP-1999-05; Chamberlain, Powell,
+Lemarechal and Pedersen 1982, "the watchdog technique", Math. Programming Study 16):
 
 1. Damping starts at 0, so that an easy problem is solved by Gauss-Newton with quadratic convergence. A step that does
    not lower the cost raises the damping, by a larger factor each time; one that does lowers it, depending on the gain

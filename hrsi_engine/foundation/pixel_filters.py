@@ -1,8 +1,8 @@
 """Filters and resampling of images: computed by OpenCV if it can be imported, otherwise by NumPy and SciPy.
 
 No other module uses OpenCV's filters, since QGIS on Windows has no OpenCV. The results are equal except for rounding
-and for `interpolate`, where OpenCV has steps of 1/32 pixel. ``HRSI_OPENCV=0`` turns OpenCV off. Images are ``(lines,
-samples)`` float32, masks bool; borders have SciPy's names: ``mirror`` reflects about the centre of the last pixel,
+and for `interpolate`, where OpenCV has steps of 1/32 pixel. ``HRSI_OPENCV=0`` turns OpenCV off. Images are float32
+``(lines, samples)``, masks bool; borders have SciPy's names: ``mirror`` reflects about the centre of the last pixel,
 ``reflect`` about its outer edge, and ``constant`` is 0 outside.
 """
 

@@ -4,9 +4,9 @@ Each topic is declared once, in the module that uses it, as a constant (``LINKS.
 
     @thresholds
     class LINKS:
-        ...  # docstring: which pairs of images may hold a block together
-        closure_px: float = threshold(3.0, "px", "largest median closure of a sound triangle of images", MANY_DATES)
-        fewest_closures: int = threshold(8, "triangles", "closures that a link needs to be judged", JUDGEMENT)
+        ...  # docstring: conditions for links between images to be used
+        closure_px: float = threshold(3.0, "px", "largest median closure of a correct triangle", MANY_DATES)
+        fewest_closures: int = threshold(8, "points", "that a triangle needs, to be judged", JUDGEMENT)
 
 ``docs/thresholds.md`` lists all of them (`scripts/list_thresholds.py`). Numbers of mathematical origin (a quantile, the
 coefficients of a formula) are not thresholds and are written where they are used.

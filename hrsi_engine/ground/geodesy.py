@@ -42,8 +42,8 @@ def wrap_degrees(difference_deg: np.ndarray) -> np.ndarray:
 def continuous_longitudes(lon_deg: np.ndarray) -> np.ndarray:
     """Return the longitudes ``(n,)`` of one place without the jump at 180 degrees; NaN is kept.
 
-    They are in [-180, 180). If a place of less than `ONE_PLACE_DEG` crosses 180 degrees, the longitudes of its western
-    hemisphere continue beyond 180.
+    They are in [-180, 180). If a place of less than `ONE_PLACE_DEG` crosses 180 degrees, its longitudes in the western
+    hemisphere are increased by 360.
     """
     wrapped = wrap_degrees(np.asarray(lon_deg, dtype=np.float64))
     known = wrapped[np.isfinite(wrapped)]

@@ -1,4 +1,4 @@
-"""How to find tie points."""
+"""Options and thresholds of the search for tie points."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ class TIE_SEARCH:
 
 @options
 class TieOptions:
-    """How to find tie points; what is said of each option is also its help on the command line and in the dialogs.
+    """How to find tie points; the descriptions of options are also their help on the command line and in the dialogs.
 
     Parameters
     ----------
     match : TileMatchOptions
-        How two windows are matched, of images that are matched everywhere.
+        Matching of two windows, for images that are matched everywhere.
     match_sampled : TileMatchOptions
-        The same for windows of larger images, where a few points of each are enough.
+        The same for windows of larger images, where a few points of each are sufficient.
     match_linked : TileMatchOptions
         The same in blocks where every image has many partners, each of which needs fewer points.
     match_dense : TileMatchOptions
-        The same where points are to be dense: heights of small windows mix less of roofs and ground.
+        The same for dense points: heights of small windows are less often means of roof and ground.
     """
 
     margin_px: float = option(

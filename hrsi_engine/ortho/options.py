@@ -1,4 +1,4 @@
-"""How windows of two orthoimages are matched."""
+"""Options of the matching of windows of two orthoimages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..foundation.options import option, options
 class MisregistrationOptions:
     """How windows are matched.
 
-    max_sigma_px : standard deviation of a shift above which it does not count
+    max_sigma_px : largest standard deviation of a shift that is used
     """
 
     window_px: int = option(

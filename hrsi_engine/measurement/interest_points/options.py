@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ...foundation.options import option, options
 
-STRONG_QUALITY = 0.5  # a centre's chance to be found again in another view
-CANDIDATE_QUALITY = 0.33  # what matching gets: the partner of a strong one may be weaker
+STRONG_QUALITY = 0.5  # probability that a centre is found again in another view
+CANDIDATE_QUALITY = 0.33  # limit for matching: the partner of a strong centre may be weaker
 
 
 @options

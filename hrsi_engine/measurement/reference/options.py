@@ -7,16 +7,16 @@ from ...foundation.options import option, options, threads_option
 
 @options
 class ReferenceOptions:
-    """How places are found; what is said of each option is also its help on the command line and in the dialogs.
+    """How places are found; the descriptions of options are also their help on the command line and in the dialogs.
 
     Parameters
     ----------
     window_px : int
         Side of a place's window in working pixels, odd.
     reach_px : int
-        How far a place is looked for beside the image's bias, in working pixels.
+        Half length of the search for a place around its position by RPC and bias, in working pixels.
     node_px : float
-        Rays are computed every so many working pixels.
+        Distance in working pixels at which rays are computed.
     """
 
     points: int = option(

@@ -2,8 +2,8 @@
 
 The direct fit minimises the algebraic distance under the constraint that the conic is an ellipse (Halir and Flusser
 1998); it was used for manually measured edge points in chapter 2 of the thesis. The geometric fit starts from it and
-minimises the distances of the points from the curve, so that its covariance is that of the centre. The curve is ``(x -
-c)^T Q (x - c) = 1``: in contrast to semi-axes and angle, ``Q`` is well determined for circles too.
+minimises the distances of the points from the curve, so that its covariance is that of the centre. The curve is
+``(x - c)^T Q (x - c) = 1``: in contrast to semi-axes and angle, ``Q`` is well determined for circles too.
 """
 
 from __future__ import annotations

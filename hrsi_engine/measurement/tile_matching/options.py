@@ -1,4 +1,4 @@
-"""How two windows are matched."""
+"""Options and thresholds of the matching of two windows."""
 
 from dataclasses import dataclass
 

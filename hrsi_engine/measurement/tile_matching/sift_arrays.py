@@ -40,7 +40,7 @@ class SIFT:
     batch: int = threshold(256, "features", "described at a time: memory")
 
 
-DESCRIPTOR_PARTS, TURNS = 4, 8  # of a descriptor
+DESCRIPTOR_PARTS, TURNS = 4, 8  # parts along each side of a descriptor, and directions in each part
 
 
 class _Extrema(NamedTuple):

@@ -240,7 +240,7 @@ def compute_window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
     spreads = np.zeros((rows, columns), np.float32)
     if rows < side or columns < side:
         return spreads
-    totals, squares = np.zeros(columns), np.zeros(columns)  # of the columns of the windows of a row
+    totals, squares = np.zeros(columns), np.zeros(columns)  # sums over the lines of a window, by column
     for y in range(rows):
         for x in range(columns):
             value = float(grey[y, x])
