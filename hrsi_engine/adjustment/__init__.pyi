@@ -1,18 +1,18 @@
-"""Bundle block adjustment with RPCs (thesis chapter 5): `adjust` and what it is made of.
+"""Bundle block adjustment with RPCs (thesis chapter 5): `adjust` and its parts.
 
-| module              | holds                                                                       |
+| module              | contains                                                                       |
 |---------------------|-----------------------------------------------------------------------------|
-| options, result     | how to adjust; what an adjustment delivers                                  |
-| observations        | which measurements and points take part, in solver order                    |
+| options, result     | options and result of an adjustment                                         |
+| observations        | the measurements and points that are used, in solver order                    |
 | equations           | normal equations with the points eliminated, and their solution (a folder)  |
 | consensus           | measurements that agree with the others of their points and image pairs     |
 | jitter              | vibration along the lines: waves in residuals, and their removal (a folder)  |
-| image_alignment     | a start in which the images meet: a robust shift of each                     |
-| gauss_newton        | the damped, reweighted loop                                                 |
-| problem             | a block made ready: priors, parts, weak geometry                            |
-| intersection        | points from fixed cameras                                                   |
+| image_alignment     | initial values: a robust shift of each image                     |
+| gauss_newton        | damped iterations with reweighting                                                 |
+| problem             | a block prepared: priors, parts, weak geometry                            |
+| intersection        | points by fixed cameras                                                   |
 | weights             | robust weight functions                                                     |
-| blunders            | blunders among measurements and GCPs, a folder                              |
+| blunders            | blunders among measurements and GCPs (a folder)                              |
 | variance_components | sigmas of groups of observations                                            |
 | drift_prior         | … and of the drifts of the images' corrections                              |
 | precision           | cofactors, error ellipses                                                   |

@@ -1,4 +1,4 @@
-"""A block: its images, its ground and image points, and how its images see the ground."""
+"""A block: its images, its ground and image points, and its imaging geometry."""
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 

@@ -1,4 +1,4 @@
-"""What every other room stands on: errors, progress, threads and workers, compiled loops, robust scale."""
+"""Basis of all other packages: errors, progress, threads and workers, compiled loops, robust scale."""
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 

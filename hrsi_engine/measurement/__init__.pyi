@@ -1,4 +1,4 @@
-"""Measurement in images: matching, gravity centres, targets, tie points and control from a reference."""
+"""Measurement in images: image matching, gravity centres, targets, tie points and control from a reference."""
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 

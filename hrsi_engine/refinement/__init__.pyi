@@ -1,19 +1,19 @@
-"""Refinement of RPCs: models of what is wrong with a camera, all behind one contract (`model.RefinementModel`).
+"""Refinement of RPCs: models for correcting a camera, all with one interface (`model.RefinementModel`).
 
-| module             | holds                                                                            |
+| module             | contains                                                                            |
 |--------------------|----------------------------------------------------------------------------------|
-| model              | the contract, priors                                                             |
+| model              | the interface, priors                                                             |
 | model_table        | the models' names, titles and settings, how to refine an image; no numerics      |
-| models             | every model by its name                                                          |
+| models             | all models by their names                                                          |
 | image_space        | bias compensation: polynomials of the image position                             |
 | object_coordinates | polynomials of the ground position, added in the image                           |
 | object_space       | corrections of the ground position                                               |
 | pseudo_rays        | pseudo light rays of image points                                                |
 | pseudo_sensor      | the generic method: corrections of a pseudo sensor                               |
-| corrected_rays     | … its formula: where a corrected ray passes, and the equations of it             |
+| corrected_rays     | … its formula: intersection of a corrected ray, and the equations             |
 | compiled_cameras   | the equations of many image points by compiled loops over the models' formulas   |
 | estimate           | parameters of one image from its GCPs                                            |
-| selection          | which model the GCPs support, and which GCPs disagree                            |
+| selection          | choice of the model from the GCPs, and contradicting GCPs                            |
 | refine             | one image from GCPs: checks, selection, estimation, comparison of models         |
 """
 

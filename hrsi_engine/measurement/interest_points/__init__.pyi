@@ -1,14 +1,14 @@
-"""Gravity centres of objects, and what all detectors of interest points share.
+"""Gravity centres of objects, and functions common to all detectors of interest points.
 
 Layers, each importing only those above it::
 
-    options          which gravity centres to look for
-    windows          images of any size in overlapping windows, masks, grey values relative to their surroundings
-    corners          the structure tensor and its maxima
-    level_regions    compact regions: brighter, darker or more even than all around them
-    outlines         their sub-pixel outlines
-    shapes           ellipses, rectangles and polygons through the outlines
-    gravity_centres  the best shape of each object, its centre and quality
+        options          selection of gravity centres
+        windows          images of any size in overlapping windows, masks, normalised grey values
+        corners          the structure tensor and its maxima
+        level_regions    compact regions: brighter, darker or more homogeneous than their surroundings
+        outlines         their sub-pixel outlines
+        shapes           ellipses, rectangles and polygons through the outlines
+        gravity_centres  the best shape of each object, its centre and quality
 """
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
