@@ -1,7 +1,7 @@
-"""The record of an adjusted block, ``block.json``: what a later run needs so that images can join the block.
+"""The record of an adjusted block, ``block.json``: the data with which a later run can add images to the block.
 
-Beside the layers of ``block.gpkg``, which hold the points, it has the images with their cameras as they were before the
-adjustment, the estimated parameters with their covariance, and which images share points::
+In addition to the layers of ``block.gpkg``, which contain the points, it has the images with their cameras before the
+adjustment, the estimated parameters with their covariance, and the pairs of images with common points::
 
     {"schema": 1, "model": "affine", "sigma0": 1.0,
      "images": [{"id": "A", "path": "/data/A.tif", "rpc": {"line_off": 0.0, …, "samp_den": [20 numbers]},
@@ -10,8 +10,7 @@ adjustment, the estimated parameters with their covariance, and which images sha
      "pairs": [["A", "B", 120]],
      "layers": {"ground_points": "block.gpkg|layername=ground_points", "image_points": …}}
 
-What is known of all cameras together, their reduced normal matrix, is too much for text and lies beside it
-(`joint_arrays`).
+The reduced normal matrix of all cameras is too large for text and is in a separate file (`joint_arrays`).
 """
 
 import os
@@ -30,7 +29,7 @@ from ..io.opening.item_images import item_entry
 
 
 def make_record(result: Adjustment) -> dict[str, Any]:
-    """Return the record of a result, as JSON takes it."""
+    """Return the record of a result, ready for JSON."""
     p = len(result.model.parameters)
     covariance = result.cameras.covariance[:, :p, :p]
     known = np.isfinite(covariance).all(axis=(1, 2))
@@ -60,12 +59,12 @@ def make_record(result: Adjustment) -> dict[str, Any]:
 
 
 def joint_arrays(joint: JointCameras) -> dict[str, np.ndarray]:
-    """Return what is known of cameras together as arrays, by the names of their fields."""
+    """Return the joint estimates of cameras as arrays, by the names of their fields."""
     return {"schema": np.array(1), **{part.name: np.asarray(getattr(joint, part.name)) for part in fields(joint)}}
 
 
 def read_joint_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCameras:
-    """Return what `joint_arrays` wrote; raise `InputError` where the arrays do not belong together."""
+    """Return the cameras from arrays as of `joint_arrays`; raise `InputError` if the arrays are inconsistent."""
     try:
         given = {part.name: arrays[part.name] for part in fields(JointCameras)}
         k, (c, p), b = len(given["images"]), given["values"].shape, len(given["blocks"])

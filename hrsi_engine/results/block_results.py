@@ -1,6 +1,6 @@
-"""What an adjustment comes to, assembled once: residuals, refined RPCs, the report's entries and the verdict.
+"""All results of an adjustment, assembled once: residuals, refined RPCs, the report's entries and the verdict.
 
-Writers take it from here and know nothing of one another: layers, record, page and RPC files each have their own.
+Writers take them from here and do not depend on one another: layers, record, page and RPC files each have their own.
 """
 
 import os
@@ -33,12 +33,12 @@ from .stac import describe_item
 from .tables import thinning_warnings
 from .verdict import Evidence, Verdict, describe_residual_fields, find_reasons, summarise_accuracy
 
-NSSDA_PLAN, NSSDA_HEIGHT = 2.4477, 1.9600  # 95 % of a circle and of a line, in standard deviations
+NSSDA_PLAN, NSSDA_HEIGHT = 2.4477, 1.9600  # 95 % limits in plan and height, in standard deviations
 
 
 @thresholds
 class ACCURACY_STATEMENT:
-    """What the standards ask of check points."""
+    """Limits of the accuracy standards for check points."""
 
     asprs_points: int = threshold(30, "points", "check points that a test needs", "ASPRS 2024, edition 2")
     nssda_points: int = threshold(20, "points", "check points that a test needs", "FGDC-STD-007.3-1998")
@@ -49,7 +49,7 @@ class ACCURACY_STATEMENT:
 
 @thresholds
 class RPC_AGREEMENT:
-    """When a refined RPC does not reproduce its model."""
+    """Limit for refined RPCs that do not reproduce their model."""
 
     warned_px: float = threshold(0.01, "px", "largest difference of a refined RPC from its model without a warning")
 
@@ -58,12 +58,12 @@ class RPC_AGREEMENT:
 class BlockResult:
     """A block's results before anything is written.
 
-    pairs : the images with their RPCs as they were, and the refined ones
-    report : entries of ``report.json``; what is written, and where, is entered by who writes it
-    verdict : whether it is usable, and why not
-    lineage : what refined images tell of themselves, by the names of their metadata
-    items : refined images as STAC items without their files, where they were asked for
-    layers : those of ``block.gpkg``; drawings : those of the page, where one was asked for
+    pairs : the images with their original RPCs, and the refined ones
+    report : entries of ``report.json``; those on written files are added by the writers
+    verdict : level (ok, doubtful, unusable) and its reasons
+    lineage : metadata of the refined images, by name
+    items : refined images as STAC items without their files, if they were requested
+    layers : those of ``block.gpkg``; drawings : those of the page, if one was requested
     """
 
     adjustment: Adjustment
@@ -77,22 +77,22 @@ class BlockResult:
 
     @property
     def is_unusable(self) -> bool:
-        """Whether no refined RPC should be written."""
+        """True if no refined RPC should be written."""
         return self.verdict.level is Level.UNUSABLE
 
     @property
     def record(self) -> dict[str, Any]:
-        """What ``block.json`` holds, for images that join the block later."""
+        """Contents of ``block.json``, for images that are added to the block later."""
         return make_record(self.adjustment)
 
     @property
     def cameras(self) -> dict[str, np.ndarray] | None:
-        """What is known of all cameras together, as arrays by name; None where each was adjusted by itself."""
+        """The joint estimates of all cameras, as arrays by name; None if images were adjusted separately."""
         return None if self.adjustment.joint is None else joint_arrays(self.adjustment.joint)
 
     @property
     def jitter_curves(self) -> Mapping[str, JitterCurve] | None:
-        """Curves of the jitter that was removed, by image id; None where it was not looked for."""
+        """Curves of the removed jitter, by image id; None if it was not estimated."""
         return None if self.adjustment.jitter is None else self.adjustment.jitter.curves
 
 
@@ -101,16 +101,16 @@ def assemble_result(
     entries: Mapping[str, Any], lap: Callable[[str], None], outline: Outline | None = None, report_path: str = "",
     with_items: bool = False,
 ) -> BlockResult:  # fmt: skip
-    """Return what an adjustment comes to.
+    """Return the results of an adjustment.
 
-    record : what the report says of the run: version, options, inputs
-    warnings : those from before the adjustment; reasons : what was found in the inputs
-    entries : what the report has besides a block's entries
-    lap : called with the name of each part that is done
-    outline : finds targets for the figures of the page; without, there are none
-    report_path : where the report will lie; with_items : whether images are described as STAC items
+    record : the report's entries on the run: version, options, inputs
+    warnings : those from before the adjustment; reasons : those found in the inputs
+    entries : further entries of the report, other than those on the block
+    lap : called with the name of each finished step
+    outline : finds target outlines for the figures of the page; None: no figures
+    report_path : later path of the report; with_items : True if images are described as STAC items
     """
-    with one_thread_calls():  # cameras are refitted by small matrices, between which BLAS's other threads would spin
+    with one_thread_calls():  # cameras are refitted with small matrices, for which BLAS threads only cost time
         left = compute_residuals(adjustment)
         report, verdict, refined = _judge(adjustment, left, record, warnings, reasons, entries, lap)
     images = adjustment.block.images
@@ -127,7 +127,7 @@ def _judge(
     adjustment: Adjustment, left: Residuals, record: Mapping[str, Any], warnings: Sequence[str],
     reasons: Sequence[Reason], entries: Mapping[str, Any], lap: Callable[[str], None],
 ) -> tuple[dict[str, Any], Verdict, list[RefitRPC]]:  # fmt: skip
-    """Return the entries of the report, the verdict, and the refined RPCs, one an image."""
+    """Return the entries of the report, the verdict, and the refined RPC of each image."""
     images, model = adjustment.block.images, adjustment.model
     cameras = zip(images, adjustment.values, strict=True)
     refined = state_accuracy(adjustment, [model.compute_refined_rpc(image, values) for image, values in cameras])
@@ -161,12 +161,12 @@ def _judge(
 def state_accuracy_by_standards(result: Adjustment, left: Residuals) -> dict[str, Any] | None:
     """Return mean errors of the check points and the statements of NSSDA and ASPRS, m; None without check points.
 
-    A figure is None where its coordinates were not surveyed. Means are survey - computed.
+    A figure is None if its coordinates were not surveyed. Means are survey - computed.
 
-    * NSSDA (FGDC-STD-007.3-1998, appendix 3-A), at 95 % confidence: 2.4477 · (RMSE_east + RMSE_north) / 2, defined
-      where the smaller of the two is at least 0.6 of the larger; 1.9600 · RMSE_height; 20 check points are asked for.
+    * NSSDA (FGDC-STD-007.3-1998, appendix 3-A), at 95 % confidence: 2.4477 · (RMSE_east + RMSE_north) / 2, defined if
+        the smaller of the two is at least 0.6 of the larger; 1.9600 · RMSE_height; 20 check points are required.
     * ASPRS Positional Accuracy Standards for Digital Geospatial Data, edition 2 (version 2, 2024). The standard adds
-      the survey error of the check points to the errors found at them, and asks for 30 check points::
+      the survey error of the check points to the errors found at them, and requires 30 check points::
 
           RMSE_H = sqrt(RMSE_H1² + RMSE_H2²)      RMSE_H1 = sqrt(RMSE_east² + RMSE_north²)      RMSE_H2: of the survey
           RMSE_V = sqrt(RMSE_V1² + RMSE_V2²)      RMSE_3D = sqrt(RMSE_H² + RMSE_V²)

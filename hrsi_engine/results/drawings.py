@@ -1,7 +1,7 @@
-"""What the figures of a block's report show: thinned, so that the page stays small however large the block is.
+"""Data for the figures of a block's report: thinned, so that the page stays small for blocks of any size.
 
-Known points and what stands out are always shown one by one, up to some thousand. Tie points are too where there are
-few; of many the worst, and all of them as cells of the map and of the images.
+Known points and outliers are always drawn singly, up to some thousand. So are tie points, if they are few; of many, the
+worst are drawn, and all of them as cells of the map and of the images.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,7 @@ from .tables import choose_positions
 
 @thresholds
 class REPORT_PAGE:
-    """How much of a block the report's page shows."""
+    """Limits for the amount of data on the report's page."""
 
     most_known: int = threshold(1500, "points", "known points on the map, the worst first")
     most_ties: int = threshold(2500, "points", "tie points drawn one by one")
@@ -48,15 +48,15 @@ class REPORT_PAGE:
 
 
 MOST_CHIPS = {Role.GCP: 120, Role.CHECK: 120, Role.TIE: 24}  # the worst of each role
-PICTURE_SIDES_PX = {6: 640, 24: 320, 60: 180}  # longer side of a picture, by the number of images up to which
+PICTURE_SIDES_PX = {6: 640, 24: 320, 60: 180}  # longer side of a picture, by the largest number of images
 
-#: What finds a target's outline near a position of an image: polylines in pixels, none where there is no target.
+#: Function that finds a target's outline near a position of an image: polylines in pixels, none without a target.
 Outline = Callable[[Image, np.ndarray], Sequence[np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
 class _PointSelection:
-    """What all figures share: residuals and statistics of measurements, and which points have a number on the page.
+    """Common data of all figures: residuals and statistics of measurements, and the points with a number on the page.
 
     points : (m,) the points on the page; number : (points,) the number of each, -1 without
     """
@@ -72,8 +72,7 @@ def report_figures(
 ) -> ReportFigures:
     """Return the figures of an adjusted block, which `io.pages.report` writes.
 
-    refined : the block's images with their refined RPCs: what lies on the map lies where these have it; else the
-    block's
+    refined : the block's images with their refined RPCs, which determine positions on the map; by default the block's
     outline : finds the outline of a target that was measured: with image and position it gives polylines
     """
     shown = _choose_points(result, left)
@@ -100,14 +99,14 @@ def report_figures(
 
 
 def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
-    """Number the points that are shown one by one: known ones, those of the report's tables among them, then ties."""
+    """Select the points that are drawn singly: known ones, including those of the report's tables, then tie points."""
     block, statistic = result.block, np.nan_to_num(measurement_statistic(left))
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
     placed = finite_rows(choose_positions(result))
     known = _select_worst(np.flatnonzero(placed & block.known), worst, REPORT_PAGE.most_known)
     listed = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
-    known = np.union1d(known, listed)  # a row of the page's tables leads to its point
+    known = np.union1d(known, listed)  # rows of the page's tables link to their points
     ties = np.flatnonzero(placed & ~block.known)
     if len(ties) > REPORT_PAGE.most_ties:
         ties = _select_worst(ties, worst, REPORT_PAGE.worst_ties)
@@ -123,7 +122,7 @@ def _select_worst(points: np.ndarray, worst: np.ndarray, most: int) -> np.ndarra
 
 
 def _point_columns(result: Adjustment, left: Residuals, shown: _PointSelection) -> dict[str, Any]:
-    """Return what the page's script tells of the points, by columns, and their measurements."""
+    """Return the data of points and of their measurements for the page's script, by columns."""
     block, rows, points = result.block, result.block.measurements, shown.points
     here = np.flatnonzero(shown.number[rows.point] >= 0)
     here = here[np.argsort(shown.number[rows.point[here]], kind="stable")]
@@ -160,7 +159,7 @@ def _round_numbers(values: np.ndarray, digits: int = 3) -> list[float | None]:
 
 
 def _point_rms(block: Block, shown: _PointSelection) -> np.ndarray:
-    """Return sqrt(mean(dx² + dy²)) over the measurements of each point, NaN without."""
+    """Return sqrt(mean(dx² + dy²)) over the measurements of each point; NaN without measurements."""
     square = np.sum(shown.residual_px**2, axis=1)
     known = np.isfinite(square)
     point = block.measurements.point[known]
@@ -173,7 +172,7 @@ def _make_map(
     result: Adjustment, left: Residuals, shown: _PointSelection, images: Sequence[Image],
     pictures: Mapping[str, Picture],
 ) -> BlockMap:  # fmt: skip
-    """Return footprints, points with their residuals, and tie points by cells where they are too many."""
+    """Return footprints, points with their residuals, and a field of tie points by cells if they are many."""
     block, place = result.block, choose_positions(result)
     height = middle_position(place)[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
@@ -195,9 +194,9 @@ def _make_map(
 
 
 def _make_cards(result: Adjustment, shown: _PointSelection) -> list[ImageCard]:
-    """Return the images with the largest residuals; known points and outliers first, then some ties.
+    """Return cards of the images with the largest residuals; known points and outliers first, then some tie points.
 
-    Held-out ties, wrong matches among which nobody has left out, are not drawn.
+    Held-out tie points are not drawn, because their wrong matches were not rejected.
     """
     rows = result.block.measurements
     held_out = (result.block.points.role == Role.HELD_OUT)[rows.point]
@@ -226,12 +225,12 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSe
     step = max(1, -(-len(ties) // room)) if room else len(ties) + 1
     chosen = np.concatenate([ties[::step], others])
     first_sample, last_sample, first_line, last_line = image.domain_px
-    # Parts of the image, with the mean residual of everything there
+    # Cells of the image, with the mean residual of all measurements in each
     share = (rows.xy[part] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
     column, row = np.clip((share * REPORT_PAGE.card_cells).astype(np.int64), 0, REPORT_PAGE.card_cells - 1).T
     cell, shape = row * REPORT_PAGE.card_cells + column, (REPORT_PAGE.card_cells, REPORT_PAGE.card_cells)
     with np.errstate(invalid="ignore", divide="ignore"):
-        # The mean residual of each part and its standard error, NaN where they are too few
+        # The mean residual of each cell and its standard error, NaN with too few residuals
         residual, count = shown.residual_px[part], _sum_cells(cell, None, shape)[:, :, None]
         total, square = (
             np.stack([_sum_cells(cell, values, shape) for values in columns.T], axis=2)
@@ -253,7 +252,7 @@ def _sum_cells(cell: np.ndarray, weights: np.ndarray | None, shape: tuple[int, i
 
 
 def _read_pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, Picture]:
-    """Return pictures of the wanted images that are files of pixels, by image id, as long as reading them is quick."""
+    """Return pictures of the wanted images with pixels in files, by image id, as long as reading them is fast."""
     side = next((side for most, side in PICTURE_SIDES_PX.items() if len(wanted) <= most), 0)
     found: dict[str, Picture] = {}
     pixels = 0
@@ -270,7 +269,7 @@ def _read_pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, 
 
 
 def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m: float) -> list[GroundPicture]:
-    """Return the pictures on the ground; those that others cover are shown only when their image is chosen."""
+    """Return the pictures on the ground; those covered by others are hidden until their image is selected."""
     found, covered = [], None
     for image in images:
         first_sample, last_sample, first_line, last_line = image.domain_px
@@ -303,14 +302,14 @@ def _make_chips(result: Adjustment, shown: _PointSelection, outline: Outline | N
     for which, most in MOST_CHIPS.items():
         here = np.flatnonzero(there & (role == which))
         here = here[np.lexsort((rows.image[here], rows.point[here], -worst[rows.point[here]]))]
-        cut = here[most] if len(here) > most else -1  # the point that does not have room on all of its images
+        cut = here[most] if len(here) > most else -1  # a point that would not have chips on all of its images
         chosen += here[:most][rows.point[here[:most]] != rows.point[cut]].tolist() if cut >= 0 else here.tolist()
     chips = []
     for row in chosen:
         image, point, xy = block.images[rows.image[row]], rows.point[row], result.measured_xy[row]
         residual = shown.residual_px[row]
         curves = tuple(outline(image, xy)) if outline is not None and role[row] == Role.GCP else ()
-        # The pixels around a measurement, wide enough for its outline and for the computed position if near
+        # The pixels around a measurement, with its outline and, if near, the computed position
         reach = [1.5 * float(np.abs(residual).max()), *(float(np.abs(curve - xy).max()) + 3.0 for curve in curves)]
         half = int(np.clip(max(reach), REPORT_PAGE.chip_half_px, REPORT_PAGE.largest_chip_px))
         low = np.round(xy).astype(int) - half

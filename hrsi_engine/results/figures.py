@@ -1,4 +1,4 @@
-"""The figures of an adjusted block, as the report's schema (version 1) names them."""
+"""The report's entries on an adjusted block, named as in the report's schema (version 1)."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -22,7 +22,7 @@ from .surface_figures import describe_surface
 
 @thresholds
 class WARNING:
-    """What of a block's errors is named in warnings."""
+    """Limits for errors of a block that are listed in warnings."""
 
     most_named: int = threshold(6, "measurements", "measurements named in one warning")
     gross_sigmas: float = threshold(10.0, "sigma", "error of a measurement that is worth a warning of its own")
@@ -32,9 +32,9 @@ NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
 def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC]) -> dict[str, Any]:
-    """Return the report's entries about the adjustment; paths, times and settings are the caller's.
+    """Return the report's entries on the adjustment; paths, times and settings are added by the caller.
 
-    result : the adjustment; left : what it left over; refined : the RPCs that are written, one an image
+    result : the adjustment; left : its residuals; refined : the refined RPC of each image
     Result: entries by their names in ``report.json``, ready for JSON.
     """
     rows = dict(by_image(result.block, np.ones(len(result.block.measurements), dtype=bool)))
@@ -72,7 +72,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
 
 
 def _list_exclusions(result: Adjustment) -> dict[str, Any]:
-    """Return how many measurements were left out, as blunders or as doubtful, and the worst of them."""
+    """Return the numbers of measurements rejected as blunders or as doubtful, and a list of the worst."""
     out = np.flatnonzero(result.decision != int(Decision.KEPT))
     out = out[np.argsort(-np.nan_to_num(result.statistic[out]), kind="stable")]
     return {
@@ -90,7 +90,7 @@ def _list_exclusions(result: Adjustment) -> dict[str, Any]:
 
 
 def _part_entry(part: DatumPart) -> dict[str, Any]:
-    """Return what holds images that hang together; ``by_priors`` counts parameters that come from priors."""
+    """Return the entry of images connected by common points; ``by_priors`` counts parameters determined by priors."""
     entry = asdict(part)
     entry["images"] = list(part.images[: OUTLIER.most_listed])
     entry["image_count"] = len(part.images)
@@ -119,8 +119,8 @@ def _cross_validation(result: Adjustment) -> dict[str, Any] | None:
 def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
     """Return the figures of the known points, by their role.
 
-    result : the adjustment; left : what it left over
-    Result: ``control`` and ``check``, in metres and pixels as their keys say.
+    result : the adjustment; left : its residuals
+    Result: ``control`` and ``check``, in metres and pixels as stated by their keys.
     """
     check = _survey_entry(result, left, Role.CHECK)
     points = result.block.points.role == Role.CHECK
@@ -167,9 +167,10 @@ def _survey_entry(result: Adjustment, left: Residuals, role: Role) -> dict[str, 
 
 
 def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
-    """Figures over the tie measurements that took part; ``by_rays`` splits them by the number of images.
+    """Return figures of the used tie measurements; ``by_rays`` has them by the number of images.
 
-    ``images`` are those that ties connect: at least half of an exposure's ties are kept, each with another ray.
+    ``images`` counts those connected by tie points: half of an exposure's tie measurements are kept, with another ray
+    each.
     """
     block, point = result.block, result.block.measurements.point
     exposure = block.exposure_of_image
@@ -201,7 +202,7 @@ def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[
 
 
 def rejection_warnings(result: Adjustment) -> list[str]:
-    """Name the gross errors that data snooping left out, the worst first."""
+    """Return the warning of gross errors that data snooping rejected, the worst first."""
     out = result.decision != int(Decision.KEPT)
     gross = int((out & (np.nan_to_num(result.statistic) > WARNING.gross_sigmas)).sum())
     if not gross:
@@ -218,7 +219,7 @@ def rejection_warnings(result: Adjustment) -> list[str]:
 
 
 def _find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | None:
-    """Return what check points cannot test: ``ce90_m`` and ``le90_m`` of the operations that they share with the GCPs.
+    """Return ``ce90_m`` and ``le90_m`` of coordinate operations common to check points and GCPs, which are untested.
 
     None without check points or such errors.
     """
@@ -234,7 +235,7 @@ def _find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | Non
 
 @thresholds
 class HELD_OUT:
-    """Which held-out tracks count."""
+    """Limit for held-out tracks that are evaluated."""
 
     wrong_match: float = threshold(4.0, "robust sigma", "across epipolar lines, beyond the pair's trend: not counted")
 
@@ -243,15 +244,15 @@ NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse
 
 
 def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str, Any]:
-    """Return the report's entry on held-out tie points, which took no part in the adjustment.
+    """Return the report's entry on held-out tie points, which were not used in the adjustment.
 
-    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches that these are
-    without, and under ``ties`` the same figures of as many tie points that adjusted the cameras.
+    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches, which are
+    excluded, and under ``ties`` the same figures of an equal number of adjusted tie points.
 
-    Both are intersected with the refined RPCs and judged alike: by the residuals that remain at the intersected
-    positions, and by the distance of each image point from the epipolar lines of the others of its track. Nobody has
-    tested the held-out tracks before, so wrong matches are taken from both by a test that no error of a camera triggers
-    (`evaluation.find_wrong_tracks`), and counted.
+    Both are intersected with the refined RPCs and evaluated in the same way: by the residuals at the intersected
+    positions, and by the distance of each image point from the epipolar lines of the others of its track. Held-out
+    tracks were not tested before, so wrong matches are excluded from both by a test that errors of cameras do not
+    affect (`evaluation.find_wrong_tracks`), and counted.
     """
     block = result.block
     held = block.points.role == Role.HELD_OUT
@@ -277,7 +278,7 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
 def _describe_fit(
     observations: Observations, fit: TrackFit, pairs: Sequence[PairFit], tracks: np.ndarray, wrong: np.ndarray
 ) -> dict[str, Any]:
-    """Return the figures of some ``tracks (m,)`` without the ``wrong (m,)`` ones."""
+    """Return the figures of the ``tracks (m,)`` in a mask, without the ``wrong (m,)`` ones."""
     known = tracks & np.isfinite(fit.ground).all(axis=1)
     tracks = known & ~wrong
     rows = tracks[observations.point]

@@ -1,8 +1,8 @@
-"""What the report tells of each image and each pair: acquisition, view, tie points, and what the refinement changed.
+"""The report's entries on images and pairs: acquisition, view, tie points, and the change by the refinement.
 
-The correction of an image is taken between the delivered and the refined RPC, over a grid of its pixels at the height
-of the block: in the image, a pixel minus where the delivered RPC projects the ground of the refined one; on the ground,
-the refined position of the pixel minus the delivered one. The root mean square of tie points is that of ``ties``.
+An image's correction is the difference of the original and the refined RPC, over a grid of its pixels at the height of
+the block: in the image, a pixel minus the projection by the original RPC of its ground position by the refined one; on
+the ground, the refined position of the pixel minus the original one. The RMS of tie points is that of ``ties``.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from .tables import choose_positions
 
 @thresholds
 class IMAGE_FACTS:
-    """How much the report tells of images and pairs."""
+    """Limits for the amount of data on images and pairs in the report."""
 
     grid: int = threshold(5, "px", "positions along each side of an image at which its correction is taken")
     most_pairs: int = threshold(1000, "pairs", "pairs that are listed, those with the most common tie points")
@@ -39,7 +39,7 @@ class IMAGE_FACTS:
 def add_image_facts(
     report: dict[str, Any], result: Adjustment, left: Residuals, refined: Sequence[RefitRPC]
 ) -> dict[str, Any]:
-    """Return a block's report with facts of its images, its pairs and its parameters, and where the block lies."""
+    """Return a block's report with facts on its images, pairs and parameters, and the position of the block."""
     place = choose_positions(result)
     known = finite_rows(place).any()
     images = result.block.images
@@ -49,8 +49,7 @@ def add_image_facts(
     ties = dict(by_image(result.block, _tie_rows(result)))
     for index, (image, view) in enumerate(zip(images, views, strict=True)):
         here = ties.get(index, np.zeros(0, dtype=np.int64))
-        # Mean and root mean square of the correction, in the image (px) and on the ground (m); None without
-        # any
+        # Mean and root mean square of the correction, in the image (px) and on the ground (m); None if undefined
         height_m = heights[index]
         grid = image.grid_px(IMAGE_FACTS.grid, IMAGE_FACTS.grid)
         after, before = refined[index].rpc.localize(grid, height_m).ground, image.rpc.localize(grid, height_m).ground
@@ -65,7 +64,7 @@ def add_image_facts(
         }  # fmt: skip
         try:
             geometry: Any = view.geometry()
-        except SolveError:  # a damaged RPC: the verdict tells
+        except SolveError:  # a damaged RPC, reported by the verdict
             geometry = None
         names = ("gsd_sample_m", "gsd_line_m", "incidence_deg", "azimuth_deg")
         report["images"][image.id] |= {
@@ -90,7 +89,7 @@ def add_image_facts(
 
 
 def describe_acquisition(image: Image) -> dict[str, Any]:
-    """Return satellite and time (UTC) of an image; None where neither its metadata nor its name tell."""
+    """Return satellite and time (UTC) of an image; None if neither its metadata nor its name contain them."""
     published = find_image_sensor(image)
     time = read_time(image.path) if image.path else None
     return {
@@ -100,7 +99,7 @@ def describe_acquisition(image: Image) -> dict[str, Any]:
 
 
 def _tie_rows(result: Adjustment) -> np.ndarray:
-    """Return which measurements are of tie points and took part."""
+    """Return True for the measurements of tie points that are used, ``(measurements,)``."""
     tie = result.block.points.role[result.block.measurements.point] == Role.TIE
     return np.asarray(result.took_part & tie)
 
@@ -108,7 +107,7 @@ def _tie_rows(result: Adjustment) -> np.ndarray:
 def describe_pairs(
     result: Adjustment, views: Sequence[ViewDirection], heights_m: Sequence[float]
 ) -> list[dict[str, Any]]:
-    """Return overlap, geometry, common tie points and their RMSE, of the pairs that overlap or share tie points."""
+    """Return overlap, geometry, common tie points and their RMSE of pairs that overlap or share tie points."""
     rows, used = result.block.measurements, np.flatnonzero(_tie_rows(result))
     at, shape = (rows.point[used], rows.image[used]), (len(result.block.points), len(views))
     seen = sparse.csr_matrix((np.ones(len(used)), at), shape)

@@ -23,11 +23,9 @@ RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 def block_layers(result: Adjustment, left: Residuals, delivered: Sequence[Image] = ()) -> list[Layer]:
     """Return the layers of ``block.gpkg``.
 
-    result : the adjustment; left : what it left over
-    delivered : the images with their refined RPCs, whose footprints are drawn; by default those with the RPCs as they
-    were
-    Result: footprints, points, measurements and residuals; laser points, and tie points on a surface, where there are
-    any.
+    result : the adjustment; left : its residuals
+    delivered : the images with their refined RPCs, for the footprints; by default those with the original RPCs
+    Result: footprints, points, measurements and residuals; laser points, and tie points on a surface, if there are any.
     """
     middle = middle_position(tables.choose_positions(result))
     left_over = tables.residuals_table(result, left)
@@ -46,24 +44,24 @@ def block_layers(result: Adjustment, left: Residuals, delivered: Sequence[Image]
 
 
 def residuals_epsg(result: Adjustment) -> int:
-    """Return the EPSG code of the projected CRS of a block's middle, in which residuals are shown."""
+    """Return the EPSG code of the projected CRS at the middle of a block, for the residual layer."""
     return map_epsg(*middle_position(tables.choose_positions(result))[:2])
 
 
 def name_point_operations(points: GroundPoints) -> dict[str, str]:
-    """Return the metadata by which a layer of ground points tells what brought the surveys to WGS84."""
+    """Return metadata for a layer of ground points: the coordinate operations from the surveys' CRS to WGS84."""
     described = describe_operations(points)
     return {POINT_OPERATIONS: described} if described else {}
 
 
 def _point_layer(name: str, table: tables.Table, epsg: int) -> Layer:
-    """Return a layer of points; a projected CRS takes easting and northing, heights stay ellipsoidal."""
+    """Return a layer of points; in a projected CRS they have easting and northing, and ellipsoidal heights."""
     place = table.positions
     return Layer(name, "PointZ", epsg, place if epsg == WGS84_3D else _project_positions(place, epsg), table.columns)
 
 
 def _project_positions(place: Any, epsg: int) -> Any:
-    """Return positions ``(n, 3)`` in a projected CRS; those that rows share, once."""
+    """Return positions ``(n, 3)`` in a projected CRS; positions shared by several rows are converted once."""
     if isinstance(place, StackedColumn):
         return StackedColumn(tuple(_project_positions(part, epsg) for part in place.parts))
     if isinstance(place, PickedColumn):

@@ -1,4 +1,4 @@
-"""What residuals along the lines tell of an image, for report and verdict: profile, spectrum and waves (jitter)."""
+"""Residuals of an image along its lines, for report and verdict: profile, spectrum and waves (jitter)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ from ..io.rasters.sun_angles import read_line_rate
 
 @thresholds
 class LINE_PROFILE:
-    """How much of the residuals along the lines the report tells."""
+    """Limits for the residuals along the lines in the report."""
 
     most_images: int = threshold(12, "images", "images with profile and spectrum, those with waves first")
     lines: int = threshold(100, "cells", "parts of the lines, with the mean of their residuals")
@@ -24,7 +24,7 @@ class LINE_PROFILE:
 def describe_line_profiles(
     images: Sequence[Image], profiles: Sequence[LineProfile], waves: Sequence[Sequence[Wave]]
 ) -> dict[str, Any]:
-    """Return the report's entries by image: waves, and of some images the profile and the spectrum of both axes."""
+    """Return the report's entries by image: waves, and for some images profile and spectrum of both axes."""
     order = sorted(range(len(images)), key=lambda index: -max((w.amplitude_px for w in waves[index]), default=0.0))
     drawn, told = set(order[: LINE_PROFILE.most_images]), {}
     for index, (image, profile) in enumerate(zip(images, profiles, strict=True)):
@@ -40,7 +40,7 @@ def describe_line_profiles(
 
 
 def describe_waves(image: Image, waves: Sequence[Wave]) -> list[dict[str, Any]]:
-    """Return the report's entries of an image's waves; times are None where the delivery states no line rate."""
+    """Return the report's entries of an image's waves; times are None if the delivery states no line rate."""
     if not waves:
         return []
     rate = read_line_rate(image.path) if image.path else None

@@ -1,14 +1,14 @@
-"""What refined images say of themselves: how they came about, and how well they are oriented.
+"""Metadata of refined images: their lineage and their accuracy.
 
-ERR_BIAS and ERR_RAND are, as RPC00B has them (STDI-0002), root mean squares in metres for each horizontal axis: of the
-error that all points of an image share, and of what varies from point to point in it. Both follow from the covariance Q
-of the camera's estimated parameters. On a grid over the image, with the derivatives of the ground position by them::
+ERR_BIAS and ERR_RAND are defined as in RPC00B (STDI-0002): root mean squares in metres for each horizontal axis, of the
+error common to all points of an image, and of the part that varies from point to point. Both follow from the covariance
+Q of the camera's estimated parameters. On a grid over the image, with the derivatives of the ground position by them::
 
     B = G^-1 A        A by the parameters, G by east and north, both in pixels
 
     ERR_BIAS² = 1/2 tr(mean(B) Q mean(B)')         ERR_BIAS² + ERR_RAND² = 1/2 mean(tr(B Q B'))
 
-Where the delivered camera is known not to follow a drift, that drift counts as an error too.
+A drift that was estimated but is not contained in the final camera counts as an error, too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ from .tables import choose_positions
 
 @thresholds
 class ACCURACY_GRID:
-    """How the accuracy of refined images is sampled, and how much of it is written."""
+    """Limits for sampling the accuracy of refined images, and for the ids in their metadata."""
 
     nodes: int = threshold(5, "nodes", "nodes of the grid over an image, along each axis")
     grids_at_once: int = threshold(1000, "images", "images whose grids are in memory together")
@@ -40,9 +40,9 @@ FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
 
 def state_accuracy(result: Adjustment, refined: Sequence[RefitRPC]) -> list[RefitRPC]:
-    """Return refined RPCs, in their order, with ERR_BIAS and ERR_RAND as the adjustment predicts them.
+    """Return the refined RPCs, in their order, with ERR_BIAS and ERR_RAND predicted by the adjustment.
 
-    An RPC keeps its vendor's figures where nothing was estimated, or no covariance is known.
+    An RPC keeps its vendor's figures if nothing was estimated, or no covariance is known.
     """
     height = float(middle_position(choose_positions(result))[2])
     images = result.block.images
@@ -58,7 +58,7 @@ def state_accuracy(result: Adjustment, refined: Sequence[RefitRPC]) -> list[Refi
 
 
 def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return ERR_BIAS and ERR_RAND ``(k,)`` of the images of a part of the block; NaN where they are not known."""
+    """Return ERR_BIAS and ERR_RAND ``(k,)`` of the images of a part of the block; NaN if they are not known."""
     images, cameras = result.block.images[part.start : part.stop], result.cameras
     of_part = slice(part.start, part.stop)
     covariance, values = cameras.covariance[of_part], cameras.values[of_part]
@@ -80,7 +80,7 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     flat = by_values.reshape(len(chosen), 2 * ACCURACY_GRID.nodes**2, -1)
     squares = np.sum((flat @ covariance) * flat, axis=(1, 2)) + np.sum(drift_m**2, axis=(1, 2))
     total = 0.5 * squares / ACCURACY_GRID.nodes**2
-    # What coordinate operations and the pointing of a pass may be off by shifts an image as a whole, at a given height
+    # Errors of coordinate operations and of the pointing of a pass shift an image as a whole, at a given height
     if result.shared_shifts_m is not None:
         at_height = (to_ground @ at.by_ground).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2, 3).mean(axis=1)
         rows, mean_m = result.block.measurements, np.zeros((len(known), *result.shared_shifts_m.shape[1:]))
@@ -98,7 +98,7 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
 
 
 def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]:
-    """Return what a refined image tells of itself, by the names of its metadata (``HRSI_VERSION`` and the like)."""
+    """Return the metadata of refined images, by the names of the items (``HRSI_VERSION`` and similar ones)."""
     accuracy, source = block_accuracy(report)
     # The coordinate operations of a report in one line, each once, without the exact ones
     named = [
@@ -123,7 +123,7 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
 
 
 def block_accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], str]:
-    """Return CE90 and LE90 of the check points; without any, the worst that is predicted for a part of the block."""
+    """Return CE90 and LE90 of the check points; without any, the worst predicted ones of the parts of the block."""
     check, untested = report["check"], report.get("untested_by_check_points")
     if check["ce90_m"] is not None:
         keys = {"CE90": "ce90_m", "LE90": "le90_m"}
@@ -135,9 +135,9 @@ def block_accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], 
 
 
 def add_untested_error(measured: float | None, untested: Mapping[str, float | None] | None, key: str) -> float | None:
-    """Return a figure of check points (``ce90_m`` or ``le90_m``, the key) with what they cannot test.
+    """Return a figure of check points (``ce90_m`` or ``le90_m``, the key) including the errors that they cannot test.
 
-    None where it was not measured.
+    None if it was not measured.
     """
     if measured is None or untested is None:
         return measured

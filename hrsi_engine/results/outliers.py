@@ -1,8 +1,8 @@
-"""Which residuals stand out. One rule for the report, the layers, the drawings and the panel.
+"""Detection of outliers among residuals: one rule for the report, the layers, the drawings and the panel.
 
 The statistic of a residual is its length with every coordinate in units of its own sigma; beyond `OUTLIER.sigmas` it is
-an outlier. Residuals and sigmas are those of `results.residuals`, and stand side by side in the layers, so that
-dividing one by the other gives the statistic.
+an outlier. Residuals and sigmas are those of `results.residuals`; the layers have both, and their ratio is the
+statistic.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ from .residuals import Residuals
 
 @thresholds
 class OUTLIER:
-    """Which residuals stand out."""
+    """Limit for outliers, and for their list."""
 
     sigmas: float = threshold(4.0, "sigma", "of an outlier's residual", "theory: of 2D normal errors 1 in 3000 exceeds")
     most_listed: int = threshold(200, "outliers", "outliers that the report lists")
@@ -28,7 +28,7 @@ class OUTLIER:
 def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return the length of residuals in sigmas ``(n,)``, over the coordinates that exist; NaN without any.
 
-    residual, sigma : (n, k) in the same unit; NaN where a coordinate was not measured, or has no sigma
+    residual, sigma : (n, k) in the same unit; NaN for coordinates that were not measured or have no sigma
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         squares = (residual / sigma) ** 2
@@ -42,12 +42,12 @@ def measurement_statistic(left: Residuals) -> np.ndarray:
 
 
 def is_outlier(statistics: np.ndarray) -> np.ndarray:
-    """Return which statistics are those of outliers; what could not be judged is none."""
+    """Return True for statistics of outliers; False for those that are not known (NaN)."""
     return np.nan_to_num(statistics) > OUTLIER.sigmas
 
 
 def measurement_flags(result: Adjustment, left: Residuals) -> Words:
-    """Return a word for each image measurement: ``ok``, ``outlier``, ``rejected`` (a tie left out) or ``unused``."""
+    """Return a word for each image measurement: ``ok``, ``outlier``, ``rejected`` (a tie measurement) or ``unused``."""
     role = result.block.points.role[result.block.measurements.point]
     unused = ~result.took_part
     outlier = is_outlier(measurement_statistic(left))
@@ -62,9 +62,9 @@ def ground_flags(left: Residuals) -> Words:
 
 
 def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
-    """Return the report's list of outliers, the worst first, and how many there are in all.
+    """Return the report's list of outliers, the worst first, and their total number.
 
-    Measurements that data snooping left out are there too, with the test that they failed.
+    It includes measurements rejected by data snooping, with the statistic of the failed test.
     """
     found = measurement_statistic(left)
     left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))

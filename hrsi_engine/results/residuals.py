@@ -1,17 +1,16 @@
-"""What an adjustment left over: residuals of points and measurements, before and after, and their summaries.
+"""Residuals of an adjustment: of points and measurements, before and after, and their summaries.
 
-Ground residuals are survey - computed in metres east, north and up; image residuals observed - computed in px.
-The computed position of a known point, GCP or check point, is where its rays meet by the delivered cameras: the survey
-has no part in it. (The adjusted position of a GCP is held by its survey, and the difference to it would tell little but
-the survey's sigma.) Where it was measured on one image only, it is the point on that image's ray at the known height,
-and the height residual does not exist.
+Ground residuals are survey - computed in metres east, north and up; image residuals observed - computed in px. The
+computed position of a known point, GCP or check point, is the intersection of its rays with the final cameras, without
+its survey. (The adjusted position of a GCP depends on its survey; the difference from it would mostly show the survey's
+sigma.) For a point measured on one image only, it is the point on that image's ray at the known height, and there is no
+height residual.
 
-Every residual has the standard deviation by which it is judged (`results.outliers`). Of what took part in the estimate,
-tie points and GCPs, that is the sigma of the observations themselves, of a GCP those of its survey and of its image
-points together: their residuals are smaller still. Check points took no part, so the sigma of their residual is that of
-the prediction and of the survey together. All are enlarged by a sigma0 above 1. Residuals are those of the cameras that
-are delivered; where these are known not to follow a drift that was estimated, what it does to a residual is part of its
-sigma.
+Every residual has the standard deviation by which it is tested (`results.outliers`). For adjusted points, tie points
+and GCPs, it is the sigma of the observations themselves (of a GCP's survey and image points together), although their
+residuals have smaller ones. Check points are not adjusted, so that the sigma of their residual is that of the
+prediction and of the survey together. All are multiplied by a sigma0 above 1. Residuals are those of the final cameras;
+the effect of an estimated drift that these do not contain is part of the sigma.
 """
 
 from collections.abc import Iterator
@@ -34,7 +33,7 @@ from ..refinement.stacked_cameras import linearise_images, project_to_images
 
 @thresholds
 class RESIDUAL:
-    """How many residuals are worked on together."""
+    """Limit for the number of residuals that are computed together."""
 
     known_at_once: int = threshold(20_000, "measurements", "of known points whose covariances are in memory together")
 
@@ -46,16 +45,16 @@ class Residuals:
     Parameters
     ----------
     ground_m, ground_sigma_m : (points, 3) ndarray
-        Survey - computed (east, north, up), and what it is judged by.
+        Survey - computed (east, north, up), and its standard deviation.
     measured_px, measured_sigma_px : (measurements, 2) ndarray
-        The residual that is shown and judged, and what it is judged by: of known points ``at_known_px``, of all others
-        at the adjusted position.
+        The residual that is reported and tested, and its standard deviation: for known points ``at_known_px``, for all
+        others at the adjusted position.
     at_known_px : (measurements, 2) ndarray
-        Observed - refined camera at the known position.
+        Observed - projected by the refined camera, at the known position.
     before_px : (measurements, 2) ndarray
         The same with the vendor's cameras.
     tie_before_px : (measurements, 2) ndarray
-        Of tie points, vendor's cameras, points intersected with them.
+        Residuals of tie points intersected with the vendor's cameras.
     """
 
     ground_m: np.ndarray
@@ -81,13 +80,13 @@ def compute_residuals(result: Adjustment) -> Residuals:
     Returns
     -------
     Residuals
-        Of measurements in pixels, of ground points in metres.
+        Residuals of measurements in pixels, and of ground points in metres.
     """
     block, rows = result.block, result.block.measurements
     used = (result.decision == int(Decision.KEPT)) | (block.points.role != Role.GCP)[rows.point]
     kept = block.with_measurements(used)
     at_known = survey_residuals_px(block, result.model, result.values)
-    # Points whose survey has all coordinates are judged where they are known to be, others where they came out.
+    # Points with completely surveyed positions are tested there, all others at their adjusted positions.
     known = np.flatnonzero(block.known)
     surveyed = np.zeros(len(block.points), dtype=bool)
     surveyed[known] = np.isfinite(block.points.survey_covariance_m2(known)).all(axis=(1, 2))
@@ -98,7 +97,7 @@ def compute_residuals(result: Adjustment) -> Residuals:
     single = block.rays_per_point() == 1
     for here, covariance, by_ground in _survey_covariances(result, at_known, there):
         sigma_px[here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
-        alone = single[rows.point[here]]  # where its ray meets the known height: the same error, seen on the ground
+        alone = single[rows.point[here]]  # on one ray: the same error, converted to the ground
         outwards = np.linalg.inv(by_ground[alone, :, :2])
         on_ground = outwards @ covariance[alone] @ outwards.swapaxes(1, 2)
         sigma_m[rows.point[here[alone]], :2] = np.sqrt(on_ground.diagonal(axis1=1, axis2=2))
@@ -111,7 +110,7 @@ def compute_residuals(result: Adjustment) -> Residuals:
 
 
 def state_known_sigmas_px(result: Adjustment, left: Residuals) -> np.ndarray:
-    """Return the sigmas ``(n, 2)`` of residuals at known positions by what was stated; others as they are judged."""
+    """Return the sigmas ``(n, 2)`` of residuals at known positions from stated sigmas; all others as for the tests."""
     given = replace(result, estimated_sigma_px=None, survey_factors=(1.0, 1.0, 1.0), sigma0=1.0)
     sigma = left.measured_sigma_px / result.unit_sigma
     at_known = finite_rows(left.at_known_px) & (left.measured_px == left.at_known_px).all(axis=1)
@@ -121,7 +120,7 @@ def state_known_sigmas_px(result: Adjustment, left: Residuals) -> np.ndarray:
 
 
 def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield each image's index and its measurements among the ``chosen`` (mask), images without any left out."""
+    """Yield each image's index and its measurements among the ``chosen`` (mask); images without any are skipped."""
     rows = np.flatnonzero(chosen)
     image = block.measurements.image[rows]
     order, bounds = group_by_number(image, len(block.images))
@@ -131,12 +130,12 @@ def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray
 
 
 def survey_residuals_px(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
-    """Return observed - projected ``(measurements, 2)`` of the known points' surveyed positions, NaN for all others."""
+    """Return observed - projected ``(measurements, 2)`` at the surveyed positions of known points; NaN for others."""
     return residuals_at_px(block, model, values, np.where(block.known[:, None], block.points.ground, np.nan))
 
 
 def residuals_at_px(block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """Return observed - projected ``(measurements, 2)`` of points at some positions; NaN where there is no position.
+    """Return observed - projected ``(measurements, 2)`` of points at given positions; NaN for points without position.
 
     values : (images, p) parameters of the model; ground : (points, 3) positions; NaN for those without
     """
@@ -153,15 +152,15 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
     """Return survey - computed of the known points, ``(points, 3)`` east, north, up; NaN for all others.
 
     values : (images, p) parameters of the model
-    ground : (points, 3) adjusted positions; those of GCPs are where the intersection of their rays begins
+    ground : (points, 3) adjusted positions; those of GCPs are the start of their intersection
     """
     computed = np.where(block.known[:, None], ground, np.nan)
     control = _select_control(block, ground)
     if control is not None:
         computed[control.points] = intersect_points(control, model, values, ground[control.points])
     single = block.known & (block.rays_per_point() == 1)
-    # Rays of singly measured points meet their known height by one Newton step from the survey: the corrected camera is
-    # linear over the few pixels of a residual, so one step is exact to far below a millimetre
+    # Rays of points on one image are intersected with the known height by one Newton step from the survey: the
+    # corrected camera is linear over the few pixels of a residual: the error is far below a millimetre
     rows = block.measurements
     for index, here in by_image(block, single[rows.point]):
         survey = block.points.ground[rows.point[here]]
@@ -183,14 +182,14 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
 def _survey_covariances(
     result: Adjustment, at_known: np.ndarray, chosen: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield covariances of the ``chosen`` residuals at known positions, some images at a time.
+    """Yield covariances of the ``chosen`` residuals at known positions, for some measurements at a time.
 
-    Each time rows ``(k,)``, covariances ``(k, 2, 2)`` px² and the derivatives B ``(k, 2, 3)`` by the ground. With those
-    by the image's parameters, A, the covariances are::
+    Each item has rows ``(k,)``, covariances ``(k, 2, 2)`` px² and the derivatives B ``(k, 2, 3)`` by the ground. With
+    the derivatives A by the image's parameters, the covariances are::
 
         s0² (s² I + B S B')  +  A Q A' of check points  +  d d'
 
-    with the survey's covariance S, the parameters' Q, and the drift d that the delivered camera is known not to follow.
+    with the survey's covariance S, the parameters' Q, and the estimated drift d that the final camera does not contain.
     """
     block, rows, cameras = result.block, result.block.measurements, result.cameras
     sigma, check = result.unit_sigma * result.sigma_px, block.points.role == Role.CHECK
@@ -212,13 +211,13 @@ def _survey_covariances(
 
 
 def _select_control(block: Block, ground: np.ndarray) -> Observations | None:
-    """Return the image points of the GCPs that were measured on two images or more, None without any."""
+    """Return the image points of the GCPs that were measured on two images or more; None without any."""
     several = (block.points.role == Role.GCP) & (block.rays_per_point() >= 2) & finite_rows(ground)
     return select_points(block, several) if several.any() else None
 
 
 def _ground_sigmas(result: Adjustment, kept: Block) -> np.ndarray:
-    """Return the sigmas of survey - computed ``(points, 3)`` of what was measured on two images or more, else NaN."""
+    """Return the sigmas of survey - computed ``(points, 3)`` of points measured on two images or more, else NaN."""
     block = result.block
     known = np.flatnonzero(block.known & (kept.rays_per_point() >= 2))
     covariance = np.full((len(block.points), 3, 3), np.nan)

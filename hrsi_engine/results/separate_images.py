@@ -1,6 +1,6 @@
-"""Images refined one by one, put together as the result of an adjustment without common points.
+"""Images refined separately, combined as the result of an adjustment without common points.
 
-So the residuals, tables, layers and reports of a block serve them too. Every image keeps its own model.
+So the residuals, tables, layers and reports of a block can be used for them, too. Every image keeps its own model.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from ..refinement.refine import Refinement
 
 @dataclass(frozen=True, eq=False)
 class PerImage:
-    """A model that is another one on every image; values beyond an image's own parameters are ignored."""
+    """A model that is a different one for each image; values beyond an image's own parameters are ignored."""
 
     models: dict[str, RefinementModel]
     name: str = "auto"
@@ -28,21 +28,21 @@ class PerImage:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Numbers only: the parameters' names are those of each image's model."""
+        """Placeholders: the parameters' actual names are those of each image's model."""
         return tuple(f"p_{k + 1}" for k in range(max(len(model.parameters) for model in self.models.values())))
 
     @property
     def least_points(self) -> int:
-        """Of the most demanding image."""
+        """The largest number of any image's model."""
         return max(model.least_points for model in self.models.values())
 
     @property
     def drifts(self) -> np.ndarray:
-        """Not told: every image has its own."""
+        """Not defined for different models: all False."""
         return np.zeros(len(self.parameters), dtype=bool)
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return those of the image's model, 0 for what it does not have."""
+        """Return those of the image's model, 0 for parameters that it does not have."""
         own = self.models[image.id].prior_sigmas(image, priors)
         return np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
 
@@ -70,9 +70,9 @@ class PerImage:
 
 
 def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustment:
-    """Return refinements, one an image of the block in its order, as an adjustment.
+    """Return refinements, one for each image of the block in its order, as an adjustment.
 
-    Known points on several images are intersected with the refined cameras; nothing else of a point is estimated.
+    Known points on several images are intersected with the refined cameras; no other positions are computed.
     """
     names = {found.model.name for found in refinements}
     model = (
@@ -80,7 +80,7 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     )
     values = _pad_rows([found.estimate.values for found in refinements], len(model.parameters))
     sigmas = _pad_rows([found.estimate.sigmas for found in refinements], len(model.parameters))
-    covariance = np.zeros((len(refinements), values.shape[1], values.shape[1]))  # 0 for what an image's model has not
+    covariance = np.zeros((len(refinements), values.shape[1], values.shape[1]))  # 0: not in an image's model
     for place, found in zip(covariance, refinements, strict=True):
         own = len(found.estimate.values)
         place[:own, :own] = found.estimate.covariance
@@ -103,7 +103,7 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
         ground[observations.points] = intersect_points(
             observations, model, values, block.points.ground[observations.points]
         )
-    # The shifts of `Adjustment` where each image rests on GCPs alone: the mean of theirs, at every point
+    # The shifts of `Adjustment` for images with GCPs only: the mean of theirs, at every point
     of_gcps = block.points.operation_shifts_m(np.flatnonzero(block.points.role == Role.GCP))
     shifts_m = (
         None if not of_gcps.any() else np.broadcast_to(of_gcps.mean(axis=0), (len(block.points), *of_gcps.shape[1:]))

@@ -1,9 +1,9 @@
-"""Refined images as items of a SpatioTemporal Asset Catalog (STAC 1.1): an item an image, and all in one collection.
+"""Refined images as items of a SpatioTemporal Asset Catalog (STAC 1.1): one item per image, and all in one collection.
 
-An item has the image's outline on the ground, time and sun of its acquisition, the direction that it was taken from,
-how its RPC came about (``processing``), how accurate it is (``accuracy``), and the files with sizes and checksums
-(``file``). The refined RPC stands in it too, in the fields ``rpc:…`` that `io.catalogue.stac_items` reads, so that an
-item is enough for who has the pixels elsewhere; what has no field in an extension has the prefix ``hrsi``.
+An item has the image's outline on the ground, time and sun of its acquisition, the viewing direction, the lineage of
+its RPC (``processing``), its accuracy (``accuracy``), and the files with sizes and checksums (``file``). It also
+contains the refined RPC, in the fields ``rpc:…`` that `io.catalogue.stac_items` reads, so that an item is sufficient if
+the pixels are elsewhere; properties without a field in an extension have the prefix ``hrsi``.
 """
 
 import os
@@ -35,21 +35,21 @@ STAC_EXTENSIONS = {
     "accuracy": "https://stac-extensions.github.io/accuracy/v1.0.0/schema.json",
     "file": "https://stac-extensions.github.io/file/v2.1.0/schema.json",
 }
-#: What an item says of the satellite that holds for the refined image too.
+#: Properties of the satellite in an original item that are also valid for the refined image.
 OF_SATELLITE = ("platform", "constellation", "mission", "instruments", "gsd")
 MEDIA_TYPES = {
     ".tif": "image/tiff; application=geotiff", ".tiff": "image/tiff; application=geotiff", ".jp2": "image/jp2",
     ".ntf": "application/vnd.nitf", ".vrt": "application/vnd.gdal.vrt+xml", ".txt": "text/plain",
     ".rpb": "text/plain", ".xml": "application/xml", ".json": "application/json", ".html": "text/html",
 }  # fmt: skip
-SHA256 = "1220"  # begins a multihash: SHA-256, 32 bytes
-EARLIEST = "1957-10-04T00:00:00Z"  # of an image from space, for one of unknown time
+SHA256 = "1220"  # prefix of a multihash: SHA-256, 32 bytes
+EARLIEST = "1957-10-04T00:00:00Z"  # before any image from space, for unknown times
 
 
 def describe_item(image: Image, refined: RefitRPC, report: Mapping[str, Any], folder: str) -> dict[str, Any]:
-    """Return an image with its refined RPC as a STAC item, as JSON takes it, but for its assets.
+    """Return an image with its refined RPC as a STAC item, ready for JSON, without its assets.
 
-    report : finished but for the times and what is written; folder : that the item is written for
+    report : complete except for times and written files; folder : folder of the item
     """
     rpc = refined.rpc
     outline = _orient_outline(compute_footprint(replace(image, rpc=rpc), image.middle_height_m))
@@ -58,21 +58,21 @@ def describe_item(image: Image, refined: RefitRPC, report: Mapping[str, Any], fo
     links = [] if source is None else [
         {"rel": "derived_from", "href": href_of(source.source, folder), "type": "application/geo+json"}
     ]  # fmt: skip
-    # When an image was taken; at some time before the run's date where that is not known
+    # Time of acquisition; if it is not known, an interval up to the run's date
     times = (
         {"datetime": entry["acquired"]}
         if entry["acquired"] is not None
         else {"datetime": None, "start_datetime": EARLIEST, "end_datetime": report["date"]}
     )
-    # Where the satellite and the sun stood, seen from the middle of the image
+    # Directions to the satellite and the sun from the middle of the image
     view = {}
-    if entry["incidence_deg"] is not None:  # the azimuth of a view is that of its way down, to the scene
+    if entry["incidence_deg"] is not None:  # STAC's azimuth is that from the satellite to the scene
         view = {"view:incidence_angle": entry["incidence_deg"], "view:azimuth": (entry["azimuth_deg"] + 180.0) % 360.0}
     sun = read_sun(image.path, image.rpc) if image.path else None
     if sun is not None:
         view |= {"view:sun_azimuth": sun.angles.azimuth_deg % 360.0, "view:sun_elevation": sun.angles.elevation_deg}
     angles = {key: round(value, 4) for key, value in view.items()}
-    # What the adjustment predicts for the image, and what check points (else it) say of the block
+    # Accuracy predicted by the adjustment for the image, and that of the block by check points (or predicted)
     told: dict[str, Any] = {}
     if rpc.err_bias is not None and rpc.err_rand is not None:
         each = float(np.hypot(rpc.err_bias, rpc.err_rand))
@@ -114,8 +114,8 @@ def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str,
 def describe_assets(image: Image, written: str, staged: str, folder: str) -> dict[str, Any]:
     """Return the files of a refined image as the assets of its STAC item.
 
-    written : where its refined RPC will lie; staged : where that file is now, whose size and checksum are stated
-    folder : that the item is written for: addresses below it or near it are relative
+    written : later path of its refined RPC; staged : present path of that file, whose size and checksum are stated
+    folder : folder of the item: addresses below it or near it are relative to it
     """
 
     def make_asset(path: str, *roles: str) -> dict[str, Any]:
@@ -130,7 +130,7 @@ def describe_assets(image: Image, written: str, staged: str, folder: str) -> dic
                 asset["file:checksum"] = SHA256 + entry["sha256"]
         return asset
 
-    is_sidecar, assets = written.upper().endswith(".TXT"), {}  # then the pixels stay where they are
+    is_sidecar, assets = written.upper().endswith(".TXT"), {}  # then the pixels are not copied
     if image.raster is not None:
         assets["image"] = make_asset(image.path if is_sidecar else written, "data")
         if image.size is not None:
@@ -141,7 +141,7 @@ def describe_assets(image: Image, written: str, staged: str, folder: str) -> dic
 
 
 def _orient_outline(outline: Polygon) -> Polygon | MultiPolygon:
-    """Return an outline as RFC 7946 has it: counter-clockwise, in two parts where it crosses 180 degrees."""
+    """Return an outline as in RFC 7946: counter-clockwise, in two parts if it crosses 180 degrees."""
     if outline.is_empty:
         return outline
     outline = translate(orient(outline), -360.0 * np.floor((outline.bounds[0] + 180.0) / 360.0))
@@ -153,7 +153,7 @@ def _orient_outline(outline: Polygon) -> Polygon | MultiPolygon:
 
 
 def _bounding_box(outline: Polygon | MultiPolygon) -> tuple[float, ...]:
-    """Return west, south, east, north; west is beyond east where the outline crosses 180 degrees."""
+    """Return west, south, east, north; west is larger than east if the outline crosses 180 degrees."""
     if outline.geom_type == "Polygon":
         return tuple(outline.bounds)
     bounds = [part.bounds for part in outline.geoms]

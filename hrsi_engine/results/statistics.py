@@ -1,7 +1,7 @@
-"""How residuals are distributed, and over which parts of the images points lie: what tells a sound block at a glance.
+"""Distribution of residuals and coverage of the images by points: figures that characterise the quality of a block.
 
 A normalised residual is v / (sigma sqrt(r)) with the observation's redundancy number r (Baarda 1968): a standard normal
-variable where sigmas and model are right.
+variable if sigmas and model are correct.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ from .residuals import Residuals, by_image
 
 @thresholds
 class STATISTIC:
-    """Which residuals are counted, and how much the report lists."""
+    """Limits for the evaluated residuals, and for the lists in the report."""
 
     least_redundancy: float = threshold(0.02, "", "redundancy number below which a residual is not evaluated")
     coverage_cells: int = threshold(5, "cells", "cells of the coverage by tie points, along each side of an image")
@@ -28,10 +28,10 @@ IMAGE_AXES = ("sample", "line")
 
 
 def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
-    """Return the normalised residuals of control and tie measurements that took part, by axis, ``(n,)`` each.
+    """Return the normalised residuals of the used GCP and tie measurements, by axis, ``(n,)`` each.
 
-    Check points' and held-out ties' are left out: they are only intersected, and no part of what was minimised. Without
-    redundancy numbers (images refined one by one) they are residuals over their sigmas.
+    Those of check points and held-out tie points are excluded: these are only intersected, without effect on the
+    cameras. Without redundancy numbers (images refined one by one) they are residuals over their sigmas.
     """
     redundancy = np.where(np.isfinite(result.redundancy_numbers), result.redundancy_numbers, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -54,7 +54,7 @@ def summarise_distribution(values: np.ndarray) -> dict[str, Any]:
 
 
 def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
-    """Return how many tie points that took part lie in each cell of each image, ``(cells, cells)``, lines first."""
+    """Return the number of used tie points in each cell of each image, ``(cells, cells)``, lines first."""
     block = result.block
     rows = block.measurements
     used = result.took_part & (block.points.role[rows.point] == Role.TIE)
@@ -71,13 +71,13 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
 
 
 def rank_survey_points(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
-    """Return the rows of a role's points with the largest ground residuals, the worst first; at most 200."""
+    """Return the indices of a role's points with the largest ground residuals, the worst first; at most 200."""
     here = np.flatnonzero((result.block.points.role == role) & finite_rows(left.ground_m[:, :2]))
     return here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][: STATISTIC.most_points]
 
 
 def survey_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[dict[str, Any]]:
-    """Return the points of a role with survey - computed and what it is judged by, the worst first."""
+    """Return the points of a role with survey - computed and its standard deviation, the worst first."""
     points = result.block.points
     names = ("east_m", "north_m", "height_m")
     return [
@@ -89,7 +89,7 @@ def survey_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[d
 
 
 def statistic_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
-    """Return these statistics as the report has them."""
+    """Return the report's entries of these statistics."""
     return {
         "normalised_residuals": {
             axis: summarise_distribution(values) for axis, values in normalise_residuals(result).items()

@@ -1,4 +1,4 @@
-"""What a surface says of a block, for report, layer and page."""
+"""Results of matching a block with a surface, for report, layer and page."""
 
 import base64
 from typing import Any
@@ -17,7 +17,7 @@ from .tables import Table, choose_positions
 
 @thresholds
 class SURFACE_PICTURE:
-    """Pictures of the match with a surface."""
+    """Limits for the pictures of the match with a surface."""
 
     cells: int = threshold(48, "cells", "of the maps along the longer side of the ground")
     pixel: int = threshold(5, "px", "side of a cell, or of a displacement that was searched")
@@ -25,7 +25,7 @@ class SURFACE_PICTURE:
 
 
 def describe_surface(one: SurfaceOutcome) -> dict[str, Any]:
-    """Return the report's entry of a part that a surface was matched with."""
+    """Return the report's entry of a part of the block that was matched with a surface."""
     match, sigma = one.match, np.sqrt(one.covariance_m2.diagonal())
     squares, axes = np.linalg.eigh(one.covariance_m2[:2, :2])
     return {
@@ -44,14 +44,14 @@ def describe_surface(one: SurfaceOutcome) -> dict[str, Any]:
 
 
 def compute_surface_residuals(result: Adjustment, one: SurfaceOutcome) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return adjusted positions ``(k, 3)`` of tie points, and how high they lay above the surface before and do, m."""
+    """Return adjusted positions ``(k, 3)`` of tie points, and their heights above the surface before and after, m."""
     after = choose_positions(result)[one.points]
     before_m, after_m = (at[:, 2] - surface_heights(one.surface, at[:, :2]) for at in (one.before, after))
     return after, before_m, after_m
 
 
 def surface_residuals_table(result: Adjustment) -> Table:
-    """Return the tie points that surfaces were matched with, and how high they lie above them."""
+    """Return the tie points that were matched with surfaces, and their heights above these."""
     parts = [compute_surface_residuals(result, one) for one in result.surfaces]
     after, before_m, after_m = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     points = np.concatenate([one.points for one in result.surfaces])
@@ -83,7 +83,7 @@ def draw_surfaces(result: Adjustment) -> list[SurfacePicture]:
 
 
 def _average_residuals(at: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return mean values of cells of the ground ``(rows, columns)``, north up, NaN where there is no point."""
+    """Return mean values of cells of the ground ``(rows, columns)``, north up; NaN for cells without points."""
     known = np.isfinite(at).all(axis=1) & np.isfinite(values)
     low, size = np.nanmin(at, axis=0), np.ptp(at[np.isfinite(at).all(axis=1)], axis=0)
     cell = max(float(size.max()) / SURFACE_PICTURE.cells, 1e-3)
@@ -96,7 +96,7 @@ def _average_residuals(at: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _picture(values: np.ndarray, low: float, high: float) -> tuple[str, int, int]:
-    """Return a picture of values as a ``data:`` URI, its width and height; black is ``low``, white also unknown."""
+    """Return a picture of values as a ``data:`` URI, its width and height; white is ``high`` or unknown."""
     share = np.nan_to_num((values - low) / max(high - low, 1e-9), nan=1.0)
     grey = np.kron(np.clip(255.0 * share, 0.0, 255.0).astype(np.uint8), np.ones((SURFACE_PICTURE.pixel,) * 2, np.uint8))
     return f"data:image/png;base64,{base64.b64encode(encode_png(grey)).decode('ascii')}", grey.shape[1], grey.shape[0]

@@ -2,8 +2,8 @@
 
 Every table is its positions (longitude, latitude, height) and the columns that its class of rows declares
 (`io.geopackage.declared_layers`, where a new column is declared first). Words and positions that many rows share are
-there once (`Words`, `PickedColumn`), and columns in two parts are not copied into one (`StackedColumn`): as arrays
-those of a million measurements take hundreds of megabytes.
+stored once (`Words`, `PickedColumn`), and columns in two parts are not copied into one (`StackedColumn`): as plain
+arrays, a million measurements would take hundreds of megabytes.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from .residuals import Residuals
 
 @thresholds
 class TABLE:
-    """How long layers may be."""
+    """Limit for the length of layers."""
 
     most_image_residuals: int = threshold(1_000_000, "rows", "in a layer: a map shows no more, each takes 200 bytes")
 
@@ -55,7 +55,7 @@ def images_table(result: Adjustment, images: Sequence[Image], height_m: float) -
 
 
 def laser_points_table(found: LaserOutcome) -> Table:
-    """Return all laser points with what their file says of them, whether they hold the block, and why not."""
+    """Return all laser points with the values of their file, whether they constrain the block, and why not."""
     points = found.points
     columns = LaserPointRows(
         id=points.ids,
@@ -80,7 +80,7 @@ def choose_positions(result: Adjustment) -> np.ndarray:
 
 
 def ground_points_table(result: Adjustment) -> Table:
-    """Return all points at their adjusted positions, with sigmas; known ones also as they were surveyed."""
+    """Return all points at their adjusted positions, with sigmas; known ones also with their surveyed positions."""
     points = result.block.points
     place = choose_positions(result)
     here = finite_rows(place)
@@ -126,10 +126,10 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
 
 
 def residuals_table(result: Adjustment, left: Residuals, most: int = TABLE.most_image_residuals) -> Table:
-    """Return ground residuals (one row a known point) and image residuals (one row a measurement).
+    """Return ground residuals (one row per known point) and image residuals (one row per measurement).
 
-    Of more than ``most`` image residuals an even choice is taken, with all of known points and all outliers; the table
-    of image points has every one.
+    Of more than ``most`` image residuals an even selection is taken, with those of all known points and all outliers;
+    the table of image points has all of them.
     """
     # The ground residuals of known points, with their surveyed positions
     points = result.block.points
@@ -153,7 +153,7 @@ def residuals_table(result: Adjustment, left: Residuals, most: int = TABLE.most_
 
 
 def thinning_warnings(result: Adjustment) -> list[str]:
-    """Say that the residual layers do not show every image point."""
+    """Return the warning that the residual layers do not contain every image point."""
     count = len(result.block.measurements)
     if count <= TABLE.most_image_residuals:
         return []
@@ -164,7 +164,7 @@ def thinning_warnings(result: Adjustment) -> list[str]:
 
 
 def _select_positions(place: np.ndarray | PickedColumn, here: np.ndarray, columns: LayerRows) -> Table:
-    """Return the rows that have a position; the columns themselves where all do."""
+    """Return the rows that have a position; the columns themselves if all have one."""
     return Table(place, columns) if here.all() else Table(place[here], columns.select(here))
 
 
@@ -177,7 +177,7 @@ def _identity_columns(block: Block, point: np.ndarray, image: np.ndarray) -> dic
 
 
 def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[PickedColumn, ResidualRows]:
-    """Return image residuals of measurements whose point has a position, with these."""
+    """Return the positions and the image residuals of measurements whose point has a position."""
     rows = result.block.measurements
     residual, sigma = left.measured_px, left.measured_sigma_px
     place = choose_positions(result)
@@ -188,7 +188,7 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[PickedC
         shown[:: -(-len(here) // most)] = True
         here = here[shown]
     count = len(here)
-    here = slice(None) if count == len(rows) else here  # of all nothing is copied
+    here = slice(None) if count == len(rows) else here  # no copy if all rows are used
     found = ResidualRows.of_level(
         "image",
         count,

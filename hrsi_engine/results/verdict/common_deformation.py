@@ -1,4 +1,4 @@
-"""GCPs that are turned, scaled or tilted as a whole: the drifts that they ask of the images then have one cause."""
+"""GCPs that are rotated, scaled or tilted as a whole: the drifts that they cause in the images have a common cause."""
 
 from collections.abc import Iterator, Sequence
 
@@ -17,7 +17,7 @@ _DRIFTS = ("sample_s", "sample_l", "line_s", "line_l")
 
 @thresholds
 class DEFORMATION:
-    """When drifts of images are those of a deformed survey."""
+    """Limits for drifts of images that are the effect of a deformed survey."""
 
     risk: float = threshold(1e-3, "", "probability that independent drifts look like one deformation", "F test")
     harm: float = threshold(
@@ -27,15 +27,15 @@ class DEFORMATION:
 
 
 def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for GCPs that turn, scale or tilt the ground by more than the predicted accuracy.
+    """Yield the reason for GCPs that rotate, scale or tilt the ground by more than the predicted accuracy.
 
-    Drifts of images come from their own orbits and attitudes: twelve drifts of three images are not the six numbers of
-    one linear deformation of the ground (two shears and two scales in plan, a tilt along two axes), unless the survey
-    is deformed.
+    Drifts of images come from their own orbits and attitudes: the twelve drifts of three images do not agree with the
+    six parameters of one linear deformation of the ground (two shears and two scales in plan, a tilt along two axes),
+    unless the survey is deformed.
     """
     result = evidence.result
     estimated = result.cameras
-    gcps = result.block.points.ground[result.block.points.role == Role.GCP]  # those of an earlier block are not here
+    gcps = result.block.points.ground[result.block.points.role == Role.GCP]  # without GCPs of an earlier block
     if estimated is None or len(gcps) < SOLUTION.showing_gcps or not set(_DRIFTS) <= set(estimated.model.parameters):
         return
     columns = [estimated.model.parameters.index(name) for name in _DRIFTS]
@@ -64,12 +64,12 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
 
 
 def fit_deformation(images: Sequence[Image], drifts: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the linear deformation of the ground that explains the drifts of images best.
+    """Return the linear deformation of the ground that best explains the drifts of the images.
 
     images : two or more
-    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px
-    Result: error in east, north and height by metre east and north ``(3, 2)``; and the probability of drifts so much
-    alike where each image has its own (F test).
+    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px Result: error in east,
+        north and height per metre east and north ``(3, 2)``; and the probability of such agreement of independent
+        drifts (F test).
     """
     design = np.concatenate([_make_design(image) for image in images])
     found, *_ = np.linalg.lstsq(design, drifts.ravel(), rcond=None)
@@ -81,7 +81,7 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray) -> tuple[np.nda
 
 
 def _make_design(image: Image) -> np.ndarray:
-    """Return the drifts of an image ``(4, 6)`` by each element of a deformation of the ground."""
+    """Return the derivatives ``(4, 6)`` of an image's drifts by the elements of a deformation of the ground."""
     middle = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
     by_ground = image.rpc.project_with_metric_jacobian(middle)[1][0]  # (2, 3), px/m
     by_pixel = np.linalg.inv(by_ground[:, :2])  # along the ground at one height, m/px

@@ -1,4 +1,4 @@
-"""Connection of each image to the block: tie points left out, too few tie points, parts without control, corners."""
+"""Connection of each image to the block: rejected tie points, too few tie points, parts without GCPs, corners."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ from .significance import SOUND_BLOCKS
 
 @thresholds
 class CONNECTION:
-    """When an image is not reliably connected to its block."""
+    """Limits for images that are not reliably connected to their block."""
 
     wrong_share: float = threshold(0.1, "", "share of wrong tie measurements that is reported", SOUND_BLOCKS)
     most_wrong: float = threshold(0.4, "", "share of wrong tie measurements that makes a block unusable")
@@ -32,7 +32,7 @@ class CONNECTION:
 
 
 def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for tie measurements that were left out: in the block, on an image, or between two images."""
+    """Yield reasons for rejected tie measurements: in the block, on an image, or between two images."""
     block = evidence.result.block
     ties = evidence.is_role(Role.TIE)
     total, out = int(ties.sum()), int((ties & evidence.left_out).sum())
@@ -42,7 +42,7 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     point = block.measurements.point
     rays = np.bincount(point[ties], minlength=len(block.points.ids))
     rays_out = np.bincount(point[ties & evidence.left_out], minlength=len(block.points.ids))
-    wrong = (out - int(((rays > 0) & (rays_out == rays)).sum())) / total  # of rays that all disagree one may be right
+    wrong = (out - int(((rays > 0) & (rays_out == rays)).sum())) / total  # if all rays disagree, one may be correct
     count = np.bincount(block.measurements.image[ties], minlength=len(block.images))
     lost = np.bincount(block.measurements.image[ties & evidence.left_out], minlength=len(block.images))
     bad = np.flatnonzero((count >= CONNECTION.fewest_of_pair) & (lost > CONNECTION.left_out_share * count))
@@ -71,7 +71,7 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_broken_links(evidence: Evidence) -> list[tuple[str, str, int, int]]:
-    """Return the pairs of images most of whose common tie points were left out: ids, points, points kept."""
+    """Return the pairs of images most of whose common tie points were rejected: ids, points, points kept."""
     block = evidence.result.block
     if not (evidence.left_out & evidence.is_role(Role.TIE)).any():
         return []
@@ -99,10 +99,10 @@ def _count_common_points(evidence: Evidence, chosen: np.ndarray | None) -> spars
 
 
 def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for images without any point, and for images with few tie points and no GCP."""
+    """Yield reasons for images without any used point, and for images with few tie points and no GCP."""
     result, block = evidence.result, evidence.result.block
     used = evidence.adjusting
-    exposure = block.exposure_of_image  # what holds one of its images holds all
+    exposure = block.exposure_of_image  # a constraint of one image of an exposure is one of all
     count, control = (
         np.bincount(exposure[block.measurements.image[chosen]], minlength=len(block.images))[exposure]
         for chosen in (used, used & evidence.is_role(Role.GCP))
@@ -129,7 +129,7 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for parts of a block without GCPs and without points in common with the others."""
+    """Yield the reason for parts of a block without GCPs and without common points with the others."""
     parts = [part for part in evidence.result.parts if part.gcps or part.ties]
     if len(parts) < 2 or all(part.gcps for part in parts):
         return
@@ -147,8 +147,8 @@ def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
 def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for images whose points do not determine the model at their corners.
 
-    With Q the covariance of the parameters, the variance of the correction is A Q A'. What counts is by how much the
-    worst corner exceeds the middle of the points, because the uncertainty of the block's position is common to both.
+    With Q the covariance of the parameters, the variance of the correction is A Q A'. The excess of the worst corner
+    over the middle of the points is tested, because the uncertainty of the block's position is common to both.
     """
     result, block = evidence.result, evidence.result.block
     used = evidence.adjusting

@@ -1,4 +1,4 @@
-"""Coordinate operations: did a missing grid or geoid cost more than the block is good for."""
+"""Coordinate operations: does the loss by a missing grid or geoid exceed the accuracy of the block?"""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,7 @@ from .evidence import Evidence
 
 
 def find_missing_grids(evidence: Evidence) -> Iterator[Reason]:
-    """A better coordinate operation lacks its grid, and costs more than the CE90 or LE90 that the block has without."""
+    """Yield reasons for missing grids of better coordinate operations, if the loss exceeds the block's CE90 or LE90."""
     accuracy = _predict_without_operations(evidence)
     for use in evidence.result.block.all_operations:
         text = describe_missing_grid(use)
@@ -23,7 +23,7 @@ def find_missing_grids(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
-    """PROJ knows no operation from a source's datum to WGS84, and took one for the other: that may be off by 1 km."""
+    """Yield reasons for datums without a PROJ operation to WGS84, which are treated as equal: errors up to 1 km."""
     for use in evidence.result.block.all_operations:
         if use.operation.is_ballpark:
             yield Reason(
@@ -34,7 +34,7 @@ def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_substituted_geoids(evidence: Evidence) -> Iterator[Reason]:
-    """A geoid stands in for another one, and may be farther off than the LE90 that the block has without that."""
+    """Yield reasons for substituted geoids whose error can exceed the block's LE90 without it."""
     limit = _predict_without_operations(evidence)["le90_m"]
     for use in evidence.result.block.all_operations:
         text = describe_substitute(use)

@@ -18,14 +18,14 @@ from .significance import SOUND_BLOCKS
 
 @thresholds
 class CAMERA:
-    """Errors of cameras that no observation's standard deviation contains."""
+    """Errors of cameras that are not part of any observation's standard deviation."""
 
     unmodelled_px: float = threshold(0.5, "px", "of a camera's unmodelled errors in sample and line", SOUND_BLOCKS)
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the verdict is based on.
+    """Data on which the verdict is based.
 
     Parameters
     ----------
@@ -49,17 +49,17 @@ class Evidence:
 
     @cached_property
     def left_out(self) -> np.ndarray:
-        """Which measurements data snooping left out, ``(n,)`` bool."""
+        """True for measurements that data snooping rejected, ``(n,)`` bool."""
         return self.result.decision != int(Decision.KEPT)
 
     @cached_property
     def adjusting(self) -> np.ndarray:
-        """Which measurements have a say in the cameras, ``(n,)`` bool: of GCPs and ties that were not left out."""
+        """True for measurements that determine the cameras, ``(n,)`` bool: of GCPs and tie points, not rejected."""
         return self.result.took_part & ~self.left_out & np.isin(self.row_role, [Role.GCP, Role.TIE])
 
     @cached_property
     def fields(self) -> list[ResidualField]:
-        """The significant fields in the residuals of images that were adjusted, without their waves; largest first."""
+        """The significant fields in the residuals of adjusted images, without their waves; the largest first."""
         used = self.result.took_part & ~self.left_out & (self.row_role != Role.HELD_OUT)
         image = self.result.block.measurements.image
         held = np.bincount(image[self.adjusting], minlength=len(self.result.block.images)) > 0
@@ -74,7 +74,7 @@ class Evidence:
 
     @cached_property
     def profiles(self) -> list[LineProfile]:
-        """What the residuals show of each image along its lines."""
+        """Line profiles of the images from the residuals."""
         return collect_line_profiles(self.result)
 
     @cached_property
@@ -89,12 +89,12 @@ class Evidence:
 
     @cached_property
     def camera_px(self) -> float:
-        """Standard deviation of the cameras' unmodelled errors in sample and line, px; fields and jitter included."""
+        """Standard deviation of the cameras' unmodelled errors in sample and line, px, including fields and jitter."""
         return float(np.hypot(np.hypot(CAMERA.unmodelled_px, self.field_px / np.sqrt(2.0)), self.jitter_px))
 
     @cached_property
     def jitter_px(self) -> float:
-        """RMS of the waves of an image and axis, the largest, px; 0 without any."""
+        """RMS of the waves of one image and axis, the largest one, px; 0 without any."""
         squares = [
             sum(wave.amplitude_px**2 for wave in waves if wave.axis == axis)
             for waves in self.waves
@@ -104,16 +104,16 @@ class Evidence:
 
     @property
     def can_be_simpler(self) -> bool:
-        """Whether there are models of fewer parameters than the one that was adjusted."""
+        """True if there are models with fewer parameters than the one that was adjusted."""
         return self.result.model.least_points > 1
 
     def is_followed(self, field: ResidualField) -> bool:
-        """Return whether the model that was adjusted has all terms of the one that would remove a field.
+        """Return True if the adjusted model has all terms of the model that would remove a field.
 
         Parameters
         ----------
         field : ResidualField
-            The field that the residuals have in common.
+            The systematic field of the residuals.
 
         Returns
         -------
@@ -124,7 +124,7 @@ class Evidence:
         return name in NESTED and NESTED.index(field.model) <= NESTED.index(name)
 
     def is_role(self, role: Role) -> np.ndarray:
-        """Return which measurements are of points of a role.
+        """Return True for measurements of points of a role.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Systematic residuals of an image: shift, drift, affine or quadratic terms that the model does not contain.
 
 Polynomials of the image position, with the monomials of the image-space models, are fitted to the residuals of each
-image. An F test decides whether a polynomial is significant, its RMS whether it matters.
+image. An F test decides whether a polynomial is significant, and its RMS whether it is large enough to matter.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from .significance import SIGNIFICANCE, SOUND_BLOCKS
 
 @thresholds
 class FIELD:
-    """When the residuals of an image have a systematic field."""
+    """Limits for systematic fields in the residuals of images."""
 
     most_rows: int = threshold(1000, "points", "of an image that are tested: enough for every field that matters")
     fewest_rows: int = threshold(12, "points", "fewer are not tested")
@@ -35,7 +35,7 @@ class FIELD:
 
 
 NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many
-MONOMIALS = IMAGE_SPACE[NESTED[-1]].powers.tolist()  # those of all the others are among them
+MONOMIALS = IMAGE_SPACE[NESTED[-1]].powers.tolist()  # includes those of all others
 COLUMNS_OF_MODEL = {name: [MONOMIALS.index(powers) for powers in IMAGE_SPACE[name].powers.tolist()] for name in NESTED}
 
 
@@ -78,10 +78,10 @@ def find_residual_fields(result: Adjustment, chosen: np.ndarray, residual_px: np
 def _test_fields(
     position: np.ndarray, residual: np.ndarray, begin: np.ndarray, lengths: np.ndarray
 ) -> np.ndarray:  # fmt: skip
-    """Return for which images `_find_field` is needed, ``(k,)`` bool, all at once.
+    """Return True for images for which `_find_field` is needed, ``(k,)`` bool, computed together.
 
-    The F test of the richest model, with a margin for rounding. The rows of an image are ``lengths (k,)`` rows from
-    ``begin (k,)`` on.
+    It is the F test of the largest model, with a margin for rounding. The rows of an image are ``lengths (k,)`` rows
+    from ``begin (k,)`` on.
     """
     u, v = position.T
     terms = np.column_stack([u**i * v**j for i, j in MONOMIALS])
@@ -99,7 +99,7 @@ def _test_fields(
 
 
 def _find_field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualField | None:
-    """Return the field of one image, None where it is not significant; ``position (n, 2)`` is scaled to [-1, 1].
+    """Return the field of one image, None if it is not significant; ``position (n, 2)`` is scaled to [-1, 1].
 
     A polynomial with the monomials T explains r'T (T'T)^-1 T'r of the sum of squares r'r; the models are nested.
     """

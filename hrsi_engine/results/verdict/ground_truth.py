@@ -1,8 +1,8 @@
 """Known ground against the block: GCPs, check points, laser points and DEM against their predicted accuracy.
 
-Standard deviations of surveys are often guesses, and in one sigma0 over thousands of tie points a dozen GCPs count for
-nothing. So GCPs have a test of their own: their residuals at the surveyed positions, normalised by the standard
-deviations of survey and measurement.
+Standard deviations of surveys are often guesses, and in one sigma0 over thousands of tie points a dozen GCPs have no
+effect. So GCPs have a separate test: their residuals at the surveyed positions, normalised by the standard deviations
+of survey and measurement.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .significance import SIGNIFICANCE, SOUND_BLOCKS, compute_chi_square_limit, 
 
 @thresholds
 class GroundTruthThresholds:
-    """When GCPs, check points and heights contradict the block."""
+    """Limits for GCPs, check points and heights that contradict the block."""
 
     doubtful_misfit: float = threshold(3.5, "", "RMS misfit over the expected one that is reported", SOUND_BLOCKS)
     unusable_misfit: float = threshold(7.0, "", "the same that makes a block unusable", SOUND_BLOCKS)
@@ -60,7 +60,7 @@ AXES = {"east": ("west of", "east of"), "north": ("south of", "north of"), "heig
 
 
 def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for GCPs whose residuals are larger than their standard deviations allow, singly or together."""
+    """Yield the reason for GCPs whose residuals exceed their expected standard deviations, singly or together."""
     found = list(_find_misfit(evidence, Role.GCP, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit))
     yield from found
     result, points = evidence.result, evidence.result.block.points
@@ -79,7 +79,7 @@ def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the same for check points of images refined one by one, which have no prediction on the ground."""
+    """Yield the reason for such check points of images refined separately, which have no predicted ground accuracy."""
     if not np.isfinite(evidence.result.ground_covariance_m2).any():
         yield from _find_misfit(evidence, Role.CHECK, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit)
 
@@ -112,7 +112,7 @@ def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) ->
 
 
 def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for GCPs found wrong by data snooping, at a limit that allows for the number of tests."""
+    """Yield reasons for GCPs found wrong by data snooping, with a limit that accounts for the number of tests."""
     result = evidence.result
     rows = evidence.is_role(Role.GCP)
     surveyed = int((result.block.points.role == Role.GCP).sum())
@@ -190,7 +190,7 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
             points=tuple(str(name) for name in points.ids[check]),
         )
         return
-    # Single points are compared with the scatter of the others: too small standard deviations accuse none.
+    # Single points are compared with the scatter of the others: standard deviations that are too small reject none.
     middle = np.median(squares / special.chdtri(freedom, 0.5))
     limit = np.array([compute_chi_square_limit(value, SIGNIFICANCE.risk / len(check)) for value in freedom])
     alone = squares > limit * max(middle, 1.0) * (GROUND_TRUTH.single_error / 2.0) ** 2
@@ -210,12 +210,12 @@ def _find_axis_errors(
     evidence: Evidence, error: np.ndarray, block_part: np.ndarray, own: np.ndarray, cofactors: np.ndarray,
     means: bool = False,
 ) -> list[str]:  # fmt: skip
-    """Return what is wrong with the errors ``(k, 3)`` of points along single axes, as text.
+    """Return texts on significant means or scatter of the errors ``(k, 3)`` of points along single axes.
 
     The variance of an axis's mean is that of the block, which all points share, and that of k surveys and measurements
-    over k; of what cameras do not follow at most `most_independent` errors are independent. So a common error is seen
+    over k; at most `most_independent` of the cameras' unmodelled errors are independent. So a common error is detected
     that no single point shows. ``block_part``, ``own`` are covariances ``(k, 3, 3)`` by the adjustment and of the
-    surveys, ``cofactors`` those of rays; ``means`` leaves out how they scatter, as drifts do too.
+    surveys, ``cofactors`` those of rays; ``means`` omits the test of the scatter, which drifts also cause.
     """
     ray, stated = (one.diagonal(axis1=1, axis2=2) for one in (cofactors, own))
     pixel = evidence.result.unit_sigma * float(np.median(evidence.result.sigma_px))
@@ -245,10 +245,10 @@ def _find_axis_errors(
 
 
 def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for GCPs that the others predict worse than the block says, where no check points tell.
+    """Yield the reason for GCPs with leave-one-out errors larger than predicted (only without check points).
 
-    Their errors are correlated as those of check points are, and tested alike: `find_check_point_errors`. Of two or
-    three GCPs that disagree nothing shows which is wrong.
+    Their errors are correlated and tested like those of check points: `find_check_point_errors`. If two or three GCPs
+    disagree, the wrong one cannot be identified.
     """
     for one in (part.apart for part in evidence.result.parts if part.apart is not None):
         yield Reason(
@@ -275,9 +275,9 @@ def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
 
 
 def do_check_points_agree(evidence: Evidence) -> bool:
-    """Return whether several check points agree on the ground and in the images, by the sigmas stated of both.
+    """Return True if several check points agree on the ground and in the images, by the stated sigmas of both.
 
-    What the block says of its own errors is no measure of it: these grow with what is wrong in it.
+    The block's predicted errors are not used for it: they grow with its contradictions.
     """
     block = evidence.result.block
     check = np.flatnonzero(block.points.role == Role.CHECK)
@@ -301,9 +301,9 @@ def do_check_points_agree(evidence: Evidence) -> bool:
 
 
 def is_rest_sound(evidence: Evidence, wrong: Sequence[str]) -> bool:
-    """Return whether the ``wrong`` points (ids) were left out, and the other GCPs outnumber them and are enough.
+    """Return True if the ``wrong`` points (ids) were rejected, and the other GCPs are enough and more than these.
 
-    A few GCPs that agree could all be the wrong ones, and the larger part of them that was left out the right one.
+    Otherwise the few GCPs that agree could be the wrong ones, and the rejected majority the correct ones.
     """
     points = evidence.result.block.points
     out = {finding.id for finding in evidence.result.findings if finding.left_out}
@@ -313,7 +313,7 @@ def is_rest_sound(evidence: Evidence, wrong: Sequence[str]) -> bool:
 
 
 def _compute_ray_cofactors(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:
-    """Return the cofactors ``(k, 3, 3)`` m²/px² of points intersected by independent images of 1 px."""
+    """Return the cofactors ``(k, 3, 3)`` m²/px² of points intersected from independent images, with sigmas of 1 px."""
     block, rows = evidence.result.block, evidence.result.block.measurements
     normal = np.zeros((len(block.points), 3, 3))
     for index, here in by_image(block, np.isin(rows.point, chosen)):
@@ -344,9 +344,9 @@ def _format_metres(values: np.ndarray) -> str:
 
 
 def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for laser points or a DEM that contradict one another, or the GCPs, on the block's height.
+    """Yield reasons for laser points or a DEM that contradict one another, or the GCPs, in the block's height.
 
-    GCPs that agree decide, and so do most parts of a DEM; where nothing decides, the height may be either.
+    GCPs that agree decide, and so do most parts of a DEM; otherwise it is ambiguous which height is correct.
     """
     le90_m = max((part.le90_m for part in evidence.result.parts if part.le90_m is not None), default=np.inf)
     for one in evidence.result.heights:
@@ -375,7 +375,7 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for heights that lift the block by more than the errors of its RPCs explain."""
+    """Yield the reason for heights that move the block by more than the errors of its RPCs explain."""
     result = evidence.result
     sigma_m = result.rpcs_height_sigma_m
     if not result.heights or result.rpcs_alone_m is None or sigma_m is None:
@@ -393,7 +393,7 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for heights that scatter about the ground by far more than their standard deviations."""
+    """Yield reasons for heights whose scatter about the ground is much larger than their standard deviations."""
     for one in evidence.result.heights:
         if (
             one.sigma_factor > GROUND_TRUTH.height_scatter
@@ -409,7 +409,7 @@ def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for laser points left out because they are lower: those used may be tree tops."""
+    """Yield the reason for laser points rejected because they are lower: the used ones may be canopy."""
     found = evidence.result.laser
     if found is None:
         return
@@ -429,7 +429,7 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for a file of laser points none of which is used, or so few that none of them checks another."""
+    """Yield the reason for a file of laser points of which none, or too few to control one another, are used."""
     found = evidence.result.laser
     if found is None:
         return

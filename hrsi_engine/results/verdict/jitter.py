@@ -1,4 +1,4 @@
-"""The reason for jitter: waves along the lines, which neither an RPC nor its correction follows."""
+"""The reason for jitter: waves along the lines, which neither an RPC nor its correction represents."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ from .evidence import Evidence
 
 @thresholds
 class JITTER:
-    """When jitter is a reason."""
+    """Limit for jitter that is a reason."""
 
     reported_px: float = threshold(
         0.15, "px", "smallest amplitude that is reported", "purpose: y-parallax that a DSM's matching tolerates"
@@ -22,7 +22,7 @@ class JITTER:
 
 
 def find_jitter(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for images whose residuals follow waves along their lines."""
+    """Yield the reason for images whose residuals contain waves along their lines."""
     block = evidence.result.block
     found = [
         (waves[0], image)

@@ -4,7 +4,7 @@ from scipy import special
 
 from ...foundation.thresholds import threshold, thresholds
 
-#: Where most thresholds of the verdict come from.
+#: Source of most thresholds of the verdict.
 SOUND_BLOCKS = "correct simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/sound_blocks.md)"
 
 
@@ -21,5 +21,5 @@ def compute_chi_square_limit(freedom: float, risk: float = SIGNIFICANCE.risk) ->
 
 
 def is_significant(squares: float, freedom: float, risk: float = SIGNIFICANCE.risk) -> bool:
-    """Return whether a sum of squares, in units of its variance, exceeds the critical value of chi²."""
+    """Return True if a sum of squares, in units of its variance, exceeds the critical value of chi²."""
     return freedom > 0.0 and squares > compute_chi_square_limit(freedom, risk)

@@ -14,7 +14,7 @@ from .significance import SOUND_BLOCKS, is_significant
 
 @thresholds
 class SOLUTION:
-    """When the solution of an adjustment cannot be trusted."""
+    """Limits beyond which the solution of an adjustment is not reliable."""
 
     settled_sigmas: float = threshold(1.0, "sigma", "change by one more iteration that is negligible")
     doubtful_residuals: float = threshold(3.0, "", "reported residuals over noise and camera", SOUND_BLOCKS)
@@ -38,12 +38,12 @@ class SOLUTION:
     least_prior_share: float = threshold(1e-12, "", "a prior with less share in a parameter is not derived from it")
 
 
-#: Smallest prior that a correction is compared with.
+#: Smallest prior with which a correction is compared.
 GRANTED = Priors(shift_px=SOLUTION.granted_shift_px, drift=SOLUTION.granted_drift)
 
 
 def find_divergence(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for an adjustment that did not converge, by the movement of the unknowns in one more step.
+    """Yield the reason for an adjustment that did not converge, by the change of the unknowns in one more step.
 
     The predicted decrease of half the weighted sum of squares is half the squared length of the step in sigmas.
     """
@@ -65,7 +65,7 @@ def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for residuals much larger than the observations' and cameras' standard deviations."""
     result = evidence.result
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
-    sigma0 = result.sigma0 * adjusted / stated  # of the sigmas as they were given, should they have been estimated
+    sigma0 = result.sigma0 * adjusted / stated  # for the given sigmas, if they were estimated
     if not is_significant(sigma0**2 * result.redundancy, result.redundancy):
         return
     needed, allowed = sigma0 * stated, float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2))
@@ -82,7 +82,7 @@ def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for stated sigmas that the residuals show to be far too small, or a sigma0 far above 1."""
+    """Yield the reason for stated sigmas that are much too small by the residuals, or for a sigma0 far above 1."""
     result = evidence.result
     wrong = [
         f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
@@ -106,7 +106,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_large_corrections(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for corrections that no satellite's RPC needs: wrong points cause them."""
+    """Yield reasons for corrections larger than any satellite's RPC needs, as wrong points cause them."""
     result = evidence.result
     sigma = prior_sigmas(evidence)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -136,9 +136,9 @@ def find_large_corrections(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for drifts larger than any of their sensors', where no GCPs show them.
+    """Yield the reason for drifts that are implausibly large for their sensors and not confirmed by GCPs.
 
-    Ties tell of differences between images only, and matches of one scene on two dates may well err alike.
+    Tie points determine differences between images only, and matches of a scene on two dates may have common errors.
     """
     result = evidence.result
     estimated = result.cameras
@@ -169,11 +169,11 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
 
 
 def prior_sigmas(evidence: Evidence) -> np.ndarray:
-    """Return the prior standard deviation of each parameter, ``(images, p)``; 0 where it was fixed.
+    """Return the prior standard deviation of each parameter, ``(images, p)``; 0 for fixed ones.
 
-    It follows from the share of the prior in the parameter (weight times variance) that the adjustment keeps; where it
-    keeps none (images refined one by one), from the model. Without GCPs the prior is a guess that real products
-    exceed, so it is at least `GRANTED`.
+    It follows from the prior's share in the parameter (weight times variance), which is part of the adjustment's
+    result; without that (images refined separately), from the model. Without GCPs the prior is an assumption that real
+    products exceed, so it is at least `GRANTED`.
     """
     result = evidence.result
     part_of = {name: part for part in result.parts for name in part.images}

@@ -1,4 +1,4 @@
-"""Where the relief of a surface puts the block, against what is believed of its RPCs."""
+"""Position of the block by the relief of a surface, compared with the a priori accuracy of its RPCs."""
 
 from collections.abc import Iterator
 
@@ -12,13 +12,13 @@ from .evidence import Evidence
 
 @thresholds
 class SURFACE_OFFSET:
-    """When a surface displaces a block by more than its RPCs explain."""
+    """Limit for surfaces that displace a block by more than its RPCs explain."""
 
     sigmas: float = threshold(3.5, "sigma", "displacement in plan from the position by the RPCs that is reported")
 
 
 def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for parts that the relief puts farther off than the pointing of their RPCs explains."""
+    """Yield the reason for parts that the relief displaces by more than the pointing error of their RPCs explains."""
     for one in evidence.result.surfaces:
         east, north, up = one.match.displacement_m.tolist()
         if not one.open and one.beyond_pointing > SURFACE_OFFSET.sigmas:
@@ -34,7 +34,7 @@ def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_open_surfaces(evidence: Evidence) -> Iterator[Reason]:
-    """Yield, for parts that the relief does not hold in plan, why; it accuses nothing."""
+    """Yield the reason why the relief does not determine parts in plan; it has level OK."""
     for one in evidence.result.surfaces:
         if one.open:
             yield Reason(

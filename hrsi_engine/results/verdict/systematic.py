@@ -1,4 +1,4 @@
-"""Notes and reasons for systematic residuals: a note where they do no harm yet, a reason where they do."""
+"""Notes and reasons for systematic residuals: a note for small ones, a reason for those with visible effects."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from .fields import FIELD
 
 
 def describe_residual_fields(evidence: Evidence) -> list[str]:
-    """Return notes of significant fields that do no harm yet."""
+    """Return notes of significant fields that are too small for a reason."""
     fields = [field for field in evidence.fields if FIELD.noted_px <= field.rms_px < FIELD.large_px]
     if not fields:
         return []

@@ -34,21 +34,21 @@ CONSEQUENCES = frozenset({
     "systematic-residuals", "extrapolation", "drift-implausible", "sources-disagree", "heights-off-rpcs",
     "leave-one-out-misfit", "survey-deformed", "surface-offset",
 })  # fmt: skip
-#: Reasons for single wrong GCPs, of which no slip is known that the user could mend.
+#: Reasons for single wrong GCPs without a known input error that the user could correct.
 WRONG_POINTS = frozenset({"control-groups", "control-outliers"})
-#: Reasons that do not stand against check points that agree. What check points share with GCPs they cannot tell: a
-#: datum, and with it a correction beyond any error of an RPC.
+#: Reasons that are reduced to doubtful if check points agree. These cannot detect errors common to them and the GCPs: a
+#: wrong datum, and a correction by it beyond any error of an RPC.
 MISFITS = frozenset({"residuals-too-large", "control-misfit", "control-ambiguous"})
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Accuracy of a block, and what a careful operator has to look into.
+    """Accuracy of a block, and the reasons that an operator has to examine.
 
     Parameters
     ----------
     sentence : str
-        The accuracy.
+        The accuracy, as text.
     reasons : tuple of Reason
         The worst first.
     """
@@ -58,25 +58,25 @@ class Verdict:
 
     @classmethod
     def create(cls, sentence: str, reasons: Iterable[Reason]) -> Verdict:
-        """Return the verdict with its reasons in order.
+        """Return the verdict with its reasons in the order of their levels.
 
         Parameters
         ----------
         sentence : str
-            The accuracy.
+            The accuracy, as text.
         reasons : iterable of Reason
             In any order.
 
         Returns
         -------
         Verdict
-            With the reasons in order.
+            The verdict, with the worst reasons first.
         """
         return cls(sentence, tuple(sorted(reasons, key=lambda reason: -reason.level)))
 
     @property
     def level(self) -> Level:
-        """The worst of the reasons."""
+        """The worst level of the reasons."""
         return max((reason.level for reason in self.reasons), default=Level.OK)
 
     def entry(self) -> dict[str, Any]:
@@ -107,12 +107,12 @@ class Verdict:
 def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reason]:
     """Return all reasons against a block: those found before its adjustment, and those of the result.
 
-    Where the inputs are unusable, residuals and corrections are consequences: they are left out. Wrong GCPs that the
-    adjustment left out, with a sound rest, make no block unusable; nor do misfits where check points agree.
+    If the inputs are unusable, residuals and corrections are consequences: they are omitted. Wrong GCPs that the
+    adjustment rejected, with correct other ones, make no block unusable; nor do misfits if check points agree.
 
     evidence : the adjustment, its residuals and refined RPCs
-    before : what was found in the inputs before the adjustment
-    Result: empty where nothing speaks against it.
+    before : reasons found in the inputs before the adjustment
+    Result: empty if there is no reason.
     """
     found = [reason for check in CHECKS for reason in check(evidence)]
     if ground_truth.do_check_points_agree(evidence):
@@ -140,7 +140,7 @@ def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
     result : Adjustment
         A finished adjustment.
     before : sequence of Reason
-        What was found before it (`plausibility.check_block`).
+        Reasons found before it (`plausibility.check_block`).
 
     Returns
     -------
@@ -175,7 +175,7 @@ def _format_count(number: int, what: str) -> str:
 
 
 def _describe_check_points(check: Mapping[str, Any]) -> str:
-    """Return the accuracy by check points as text; in the image where they have no ground position."""
+    """Return the accuracy by check points as text; in the image if they have no ground position."""
     predicted = check.get("predicted") or {}
     if check["ce90_m"] is None:
         if check["rmse_sample_px"] is None:
@@ -187,14 +187,14 @@ def _describe_check_points(check: Mapping[str, Any]) -> str:
         found, expected = check[key], predicted.get(key)
         if found is None:
             continue
-        # that of the heights goes without saying, unless it does not hold
+        # the predicted LE90 is given only if it is wrong by a factor of two
         told = expected is not None and (name == "CE90" or not 0.5 < found / expected < 2.0)
         parts.append(f"{name} {format_figure(found)} m" + (f" (predicted {format_figure(expected)})" if told else ""))
     return ", ".join(parts)
 
 
 def _describe_operation_error(check: Mapping[str, Any], untested: Mapping[str, Any] | None) -> str:
-    """Return the accuracy with the error of coordinate operations, which check points share; empty without."""
+    """Return the accuracy with the error of coordinate operations common to check points, as text; empty without."""
     if untested is None:
         return ""
     with_it = {name: add_untested_error(check[key], untested, key) for name, key in ACCURACIES.items() if untested[key]}
