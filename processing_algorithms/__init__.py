@@ -1,8 +1,8 @@
 """The declared algorithms, and `run` to call one by its name.
 
-To add an algorithm, write what it says of itself in the file of its group in ``declarations``, list it there in
-``ALGORITHMS``, and write its ``run`` and ``summarise`` in ``NAME.py``. Importing this package is quick: declarations
-are light, and the module of an algorithm, which imports what is heavy, is loaded when it is run.
+To add an algorithm, write its declaration in the file of its group in ``declarations``, list it there in
+``ALGORITHMS``, and write its ``run`` and ``summarise`` in ``NAME.py``. Importing this package is quick: only
+declarations are imported; the module of an algorithm, with its heavy imports, is loaded when it is run.
 """
 
 from typing import Any
@@ -39,7 +39,7 @@ def run(name: str, /, *, progress: Progress = silent, log: Log = lambda message:
     Raises
     ------
     HrsiError
-        Unknown algorithm or option, a value out of its range, or what the algorithm itself raises.
+        Unknown algorithm or option, a value out of its range, or an error of the algorithm itself.
     """
     algorithm = find_algorithm(REGISTRY, name)
     return algorithm.execute(check_options(algorithm, options), Context(progress, log))

@@ -37,7 +37,7 @@ class CropJob(NamedTuple):
 
 
 def run(options: CropOptions, context: Context) -> Report:
-    """Find each image's window and its RPC first, then write all of them together."""
+    """Determine the window and RPC of each image first, then write all of them together."""
     if options.window and options.extent:
         raise InputError("`window` and `extent` both define the area: give one of them")
     if not (options.window or options.extent or options.factor):
@@ -81,7 +81,7 @@ def run(options: CropOptions, context: Context) -> Report:
 
 
 def _find_ground_box(image: Image, extent: str, surface: HeightSurface | None, warnings: list[str]) -> list[int]:
-    """Return the first sample and line of the window that shows a box on the ground, and those after its last."""
+    """Return first sample, first line, and the sample and line after the last of the window that shows a ground box."""
     west, south, east, north = parse_box(extent, LONLAT, "", "degrees")
     x, y = np.meshgrid(np.linspace(west, east, ORTHO_GRID.nodes), np.linspace(south, north, ORTHO_GRID.nodes))
     lonlat = np.column_stack([x.ravel(), y.ravel()])
@@ -105,7 +105,7 @@ def _find_ground_box(image: Image, extent: str, surface: HeightSurface | None, w
 
 
 def _write_crop(job: CropJob, options: CropOptions, target: str, progress: Progress) -> tuple[str, ...]:
-    """Write an image's window, or the RPC of one that has no pixels; return notices."""
+    """Write the window of an image, or only its RPC if the image has no pixels; return notices."""
     window = job.window
     items = {
         "HRSI_CROP_SOURCE": os.path.basename(job.image.path),

@@ -1,4 +1,4 @@
-"""`evaluate`: how well RPCs fit, several sets of them side by side on the same tracks, ground points and DEM."""
+"""`evaluate`: accuracy of sets of RPCs, compared on the same tracks, ground points and DEM."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -61,14 +61,14 @@ from .files.result_folder import LENGTH, PAGE_FILE, check_folder, plan_folder, s
 from .interface.declare import Context, Report
 from .interface.option_groups import SearchOptions
 
-SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # it becomes part of a layer's name
+SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # part of a layer's name
 
 
 @dataclass(frozen=True, eq=False)
 class RpcSet:
-    """A set of RPCs: the block seen by them, its tracks fitted, and the surveyed points compared.
+    """A set of RPCs: the block with these cameras, the fit of its tracks, and the differences of surveyed points.
 
-    ``made_by`` is the report of the run that refined them here, if one did.
+    ``made_by`` is the report of the HRSI run that refined them, None if there is none.
     """
 
     name: str
@@ -82,7 +82,7 @@ class RpcSet:
 
 
 def run(options: EvaluateOptions, context: Context) -> Report:
-    """Read or find points, fit them under every set of RPCs, write what came out."""
+    """Read or find points, fit them with every set of RPCs, and write the results."""
     check_folder(options.folder, context)
     clock = Clock()
     refuse_idle_matches(options.search, options.tracks == AUTOMATIC_TRACKS, "tracks")
@@ -96,7 +96,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     judges = _read_points(options, images, surface, {name: files for name, (_, files, _) in cameras.items()}, context)
     block, warnings = judges.block, judges.warnings
     clock.lap("tracks")
-    # Under every set the same points: tracks of two images or more that are right under one set at least
+    # The same points for all sets: tracks in at least two images that are no outliers for at least one set
     tracks = (block.points.role == Role.TIE) & (block.rays_per_point() >= 2)
     sets: list[RpcSet] = []
     for done, (name, (source, _, rpcs)) in enumerate(cameras.items()):
@@ -143,14 +143,14 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     return report
 
 
-# ---- what is read ----------------------------------------------------------------------------------------------------
+# ---- input ----------------------------------------------------------------------------------------------------------
 
 
 def _plan_run(
     options: EvaluateOptions, images: Sequence[Image], sets: Sequence[str], surface: GridSurface | None,
     context: Context,
 ) -> Report:  # fmt: skip
-    """Return what would be done: the pairs are counted, not matched."""
+    """Return the report of a dry run: pairs are counted, not matched."""
     counts = {"images": len(images), "sets of RPCs": len(sets)}
     warnings: list[str] = []
     if options.tracks == AUTOMATIC_TRACKS:
@@ -165,7 +165,7 @@ def _plan_run(
 def _open_sets(
     options: EvaluateOptions, images: Sequence[Image], context: Context
 ) -> dict[str, tuple[str, Sequence[str], Sequence[RPC]]]:
-    """Return source, files and RPCs of each set; the images' own first, unless they are named again."""
+    """Return source, files and RPCs of each set; the set of the images' own RPCs first, unless one is equal to it."""
     own = [image.rpc for image in images]
     named: dict[str, tuple[str, Sequence[str], Sequence[RPC]]] = {}
     for text in options.rpcs:
@@ -182,13 +182,13 @@ def _open_sets(
 
 @dataclass(eq=False)
 class Judges:
-    """The points that judge RPCs.
+    """The points that evaluate RPCs.
 
     block : tracks and known points
-    found : image points that were found in the images for this evaluation
-    tracks, held_out : number of tracks that made none of the RPCs, and how many of them a run held out
-    left_out : number of tracks that made one of the RPCs
-    makers : what made sets of RPCs, by the names of the sets
+    found : tie points that were found in the images for this evaluation
+    tracks, held_out : number of tracks that no RPC was estimated from, and how many of them a run held out
+    left_out : number of tracks that an RPC was estimated from
+    makers : points from which RPCs were estimated, by the names of the sets
     """
 
     found: list[ImagePoints] = field(default_factory=list)
@@ -202,22 +202,22 @@ class Judges:
 
     @property
     def are_independent(self) -> bool:
-        """Whether the tracks made none of the RPCs."""
+        """Whether no RPC was estimated from the tracks."""
         return self.tracks > 0 and all(maker.used is not None for maker in self.makers.values())
 
     def find_tracks(
         self, search: SearchOptions, images: Sequence[Image], surface: HeightSurface | None, folder: str,
         context: Context,
     ) -> None:  # fmt: skip
-        """Find tie points in the images."""
+        """Find tie points in the images, and add the warnings of the search."""
         ties, discarded = find_ties(images, search, surface, folder, context)
         self.found, self.discarded = [ties.image_points], (*self.discarded, *discarded)
         self.warnings += ties.warnings
 
     def leave_out_makers(self, block: Block, makers: Mapping[str, MakingPoints], apart_px: float) -> None:
-        """Take the points of a block that made none of the RPCs; all of them, where none is left.
+        """Set the block without points from which RPCs were estimated; with all of them if none remain.
 
-        Tracks that were found just now lie ``apart_px`` from those of the RPCs' runs, whose pixels they would share.
+        Tracks found for this evaluation must be ``apart_px`` away from those points, with whom they would share pixels.
         """
         self.makers, self.block = makers, hold_out_ties(block, 0.0)
         used, held = (
@@ -244,10 +244,10 @@ def _read_points(
     options: EvaluateOptions, images: Sequence[Image], surface: GridSurface | None,
     files: Mapping[str, Sequence[str]], context: Context,
 ) -> Judges:  # fmt: skip
-    """Return the block of all tracks and known points that judge the RPCs, and what the user should know.
+    """Return the block of all tracks and known points that evaluate the RPCs, with warnings for the user.
 
-    What made one of the sets, whose RPC ``files`` are named, is left out. Where that leaves no tracks, others are found
-    in the images.
+    Points from which one of the sets was estimated, whose RPC ``files`` are given, are excluded. If no tracks remain,
+    others are found in the images.
     """
     file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
     ids = [image.id for image in images]
@@ -276,7 +276,7 @@ def _read_points(
     judges.leave_out_makers(block, makers, options.apart_px)
     few = judges.left_out and judges.tracks < RPC_SETS.few_predictions
     if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
-        # Others of the same images: more of each cell than a run takes by itself
+        # Further tracks in the same images: more in each cell than a run finds by default
         search = options.search.search
         many = RPC_SETS.denser * max(count_points_per_cell(search, image) for image in images)
         denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
@@ -325,7 +325,7 @@ def _set_entry(
         "dem": None,
     }  # fmt: skip
     if surface is not None:
-        # How high the tracks lie above the DEM; what stands on the ground makes the 90th percentile
+        # Heights of the tracks above the DEM; objects on the ground determine the 90th percentile
         ground = one.fit.ground[kept]
         above = ground[:, 2] - surface_heights(surface, ground[:, :2])
         above = above[np.isfinite(above)]
@@ -353,8 +353,8 @@ def _set_entry(
                 "points": len(across), "bias_px": bias, "nmad_px": float(robust_sigma(across - bias)),
                 "rmse_px": rmse(across),
             })  # fmt: skip
-    # How far the tracks under a set of RPCs lie off a surface in plan and height, where one is named.
-    # displacement_m lays them on the surface: the RPCs put everything as far off in the other direction
+    # Displacement of the tracks from a surface in plan and height, if one is given. displacement_m moves them
+    # onto the surface: the error of the RPCs has the opposite sign
     if control is not None:
         found = SurfacePlan.match_points(
             one.block.images, control[0], np.flatnonzero(kept), one.fit.ground, control[1], options.surface_kind,
@@ -365,7 +365,7 @@ def _set_entry(
 
 
 def _survey_entry(one: RpcSet, role: Role) -> Report:
-    """Return how the surveyed points of a role fit, in metres on the ground and pixels on the images."""
+    """Return the differences of the surveyed points of a role, in metres on the ground and pixels in the images."""
     points = one.block.points.role == role
     rows = points[one.block.measurements.point]
     east, north, height = (rmse(one.known_m[points, axis]) for axis in range(3))
@@ -380,9 +380,9 @@ def _survey_entry(one: RpcSet, role: Role) -> Report:
 
 
 def _rank_sets(sets: Mapping[str, Report], independent: bool) -> Report:
-    """Return the set that comes out first by each figure that exists for all; None where there is no such figure.
+    """Return the best set by each figure that exists for all sets; None if there is no such figure.
 
-    By tracks that made one of the sets, none comes out first.
+    If one of the sets was estimated from the tracks, these give no best set.
     """
     keys = {
         "predicted": lambda entry: entry["predicted_rmse_px"] if independent else None,
@@ -403,7 +403,7 @@ def _rank_sets(sets: Mapping[str, Report], independent: bool) -> Report:
 def _make_layers(
     sets: Sequence[RpcSet], observations: Observations, kept: np.ndarray, predicted: np.ndarray, report: Report
 ) -> tuple[list[Layer], dict[str, Style]]:
-    """Return footprints with each set's figures, pairs as a table, residuals of each set; and the styles of all."""
+    """Return the layers of footprints with figures, pairs (a table) and residuals of each set; and their styles."""
     images = sets[0].block.images
     ground = np.vstack([sets[0].fit.ground[kept], sets[0].block.points.ground[sets[0].block.known]])
     height = float(np.nanmedian(ground[:, 2])) if len(ground) else images[0].middle_height_m
@@ -419,15 +419,15 @@ def _make_layers(
     arrows = [_residual_layer(one, observations, kept, predicted) for one in sets]
     layers += arrows
     styles = default_styles(layers)
-    for layer in arrows:  # as those of a block
+    for layer in arrows:  # the styles of a block's residuals
         styles[layer.name] = default_styles([replace(layer, name=RESIDUAL_LAYERS[0])])[RESIDUAL_LAYERS[0]]
     return layers, styles
 
 
 def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray) -> Layer:
-    """Return the residuals of one set: of tracks on the images, of known points on the images and on the ground.
+    """Return the residuals of one set: of tracks in the images, of known points in the images and on the ground.
 
-    ``residual`` says what it is: ``predicted`` from the other images, ``fit`` by all, or at a ``known`` position.
+    ``residual`` is ``predicted`` (from the other images), ``fit`` (from all images) or ``known`` (a known position).
     """
     block, fit = one.block, one.fit
     rows, names = block.measurements, np.array([image.id for image in block.images])
@@ -457,7 +457,7 @@ def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, p
 
 
 def summarise(report: Report) -> str:
-    """Return the sets of RPCs side by side, by image, and what comes out first."""
+    """Return a table of the sets of RPCs, with figures by image, the warnings, and the best set."""
     sets, tracks = report["sets"], report["tracks"]
     any_set = next(iter(sets.values()))
     rows = {

@@ -23,7 +23,7 @@ from .interface.declare import Context, Report
 
 @thresholds
 class FIT_CHECK:
-    """How a fitted RPC is checked."""
+    """Check of a fitted RPC."""
 
     check_every: int = threshold(5, "points", "one point of so many is kept for the check")
     fewest_points: int = threshold(15, "points", "points below which none is kept for the check")
@@ -32,11 +32,11 @@ class FIT_CHECK:
     )
 
 
-SEED = 1  # of the choice of check points: the same ones every time
+SEED = 1  # of the choice of check points, so that it is repeatable
 
 
 def run(options: FitRpcOptions, context: Context) -> Report:
-    """Fit without some of the points, check on them, then fit to all and write."""
+    """Fit without some of the points and check the fit there, then fit to all points and write the RPC."""
     check_folder(options.folder, context)
     path = "" if isinstance(options.points, InMemory) else options.points
     camera = (read_adjusted_rpc(path) or read_exact_camera(path)) if path else None
@@ -54,7 +54,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     common, kept_out = options.common_denominator, np.zeros(count, dtype=bool)
     check: RpcFit | None = None
     if count >= FIT_CHECK.fewest_points:
-        # A fit without some of the points, checked there, also decides how much the fit to all is damped
+        # A fit without some of the points, checked there, also determines the damping of the fit to all
         kept_out[np.random.default_rng(SEED).permutation(count)[: count // FIT_CHECK.check_every]] = True
         check = best_fit((ground[~kept_out], image[~kept_out]), (ground[kept_out], image[kept_out]), common)
     fit_all = partial(fit_rpc, ground, image, common_denominator=common)
@@ -86,7 +86,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
 
 
 def _sample_camera(camera: SampledCamera, options: FitRpcOptions) -> Correspondences:
-    """Return correspondences of an exact camera between the heights of the options, else those that it states."""
+    """Return correspondences of an exact camera between the heights of the options, or between those that it states."""
     low, high = camera.heights_m or (None, None)
     low = low if options.min_height is None else options.min_height
     high = high if options.max_height is None else options.max_height
@@ -101,7 +101,7 @@ def _sample_camera(camera: SampledCamera, options: FitRpcOptions) -> Corresponde
 
 
 def summarise(report: Report) -> str:
-    """Return where the RPC is and how good it is."""
+    """Return the path of the RPC and the residuals of its fit."""
     check = report["check"]
     lines = [
         report["output"],

@@ -47,7 +47,7 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
 
 
 def _open_dem(options: GcpsFromReferenceOptions) -> GridSurface | None:
-    """Return the DEM; raises `InputError` where its datum has to be replaced and may not."""
+    """Return the DEM; raise `InputError` if a datum grid is missing and must not be replaced."""
     surface = dem_surface(options.dem, options.height_datum)
     if surface is not None:
         require_strict_datums(surface.operations, options.strict_datum)
@@ -55,9 +55,9 @@ def _open_dem(options: GcpsFromReferenceOptions) -> GridSurface | None:
 
 
 def _make_layer(found: FromReference, sigma_m: tuple[float, float], used: bool) -> Layer:
-    """Return the matches that agree, or those that do not, at the positions of their places in the reference.
+    """Return a layer of the matches that were used, or of those that were rejected, at their positions.
 
-    ``sigma_m`` is that of a horizontal coordinate and of the height of each place.
+    ``sigma_m`` has the standard deviations of a horizontal coordinate and of the height of each place.
     """
     control = found.control
     rows = [(part, part.used == used) for part in control.images]
@@ -83,7 +83,7 @@ def _make_layer(found: FromReference, sigma_m: tuple[float, float], used: bool) 
 
 
 def summarise(report: Report) -> str:
-    """Return what was found in each image."""
+    """Return the number of GCPs, and the matches and bias of each image."""
     reference = report["reference"]
     lines = [
         f"{report['points']} GCPs, {report['measurements']} measurements; reference {reference['gsd_m']:.2f} m per "

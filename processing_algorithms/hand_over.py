@@ -1,4 +1,4 @@
-"""`hand-over`: the adjusted block of a result folder, read again and written as a project of another program."""
+"""`hand-over`: reads the adjusted block of a result folder and writes it as a project of another program."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -103,13 +103,13 @@ def run(options: HandOverOptions, context: Context) -> Report:
 
 
 def _use_refined_rpc(image: Image, told: Mapping[str, Any], folder: str) -> Image:
-    """Return an image with the refined RPC that its result folder, by its report, holds, and with pixels that fit."""
+    """Return an image with its refined RPC from the result folder, and with the pixels to which that RPC belongs."""
     found = find_image_outputs(told, folder).get(image.id, "")
     if not os.path.isfile(found):
         raise InputError(
             f"{folder}: contains no refined RPC of {image.id}: adjust the block again and let it be written"
         )
-    resampled = (told.get("options") or {}).get("write") == RESAMPLED  # without jitter, which the RPC does not hold
+    resampled = (told.get("options") or {}).get("write") == RESAMPLED  # without jitter, which an RPC cannot represent
     return replace(image, rpc=read_rpc(found).rpc, path=found if resampled else image.path)
 
 
@@ -123,7 +123,7 @@ def _pair_entry(pair: StereoPair, gsd_m: float) -> dict[str, Any]:
 
 
 def _accuracy_of(told: Mapping[str, Any], pairs: Sequence[StereoPair], gsd_m: float) -> dict[str, Any]:
-    """Return what to expect of the next program's heights: relative, from the pairs; absolute, from the adjustment."""
+    """Return the expected accuracy of heights: relative, from the pairs; absolute, from the adjustment."""
     parts = told.get("parts") or [{}]
     verdict = told.get("verdict") or {}
     return {
@@ -135,7 +135,7 @@ def _accuracy_of(told: Mapping[str, Any], pairs: Sequence[StereoPair], gsd_m: fl
 
 
 def summarise(report: Report) -> str:
-    """Return the pairs, the accuracy to expect, and the command to type."""
+    """Return the pairs, the expected accuracy, and the commands to run."""
     lines = [
         f"{pair['left']} {pair['right']}: convergence {pair['convergence_deg']:.1f} deg, overlap "
         f"{pair['overlap']:.0%}, heights +- {pair['sigma_height_m']:.2f} m, score {pair['score']:.2f}"

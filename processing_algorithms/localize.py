@@ -1,4 +1,4 @@
-"""`localize`: image points to the ground."""
+"""`localize`: image points to ground points."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ LOCALIZED_LINE = "sample line height"
 
 
 def run(options: LocalizeOptions, context: Context) -> Report:
-    """Read image points from a file or standard input and follow their rays to the ground."""
+    """Read image points from a file or standard input and intersect their rays with the ground."""
     check_folder(options.folder, context)
     images = open_images(options.images, context, always=False)
     surface = open_terrain(options.terrain)
@@ -28,7 +28,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         points = read_image_positions(options.points, ids)
     elif len(images) > 1:
         raise InputError("lines on standard input belong to one image: give one image")
-    else:  # the text behind the coordinates is the id
+    else:  # the text after the coordinates is the id
         numbers, rest = parse_lines(standard_input(LOCALIZED_LINE), LOCALIZED_LINE.split())
         names = np.full(len(rest), ids[0])
         points = ImagePositions(np.array(rest, dtype=str), names, numbers[:, :2], numbers[:, 2])
@@ -52,15 +52,15 @@ def run(options: LocalizeOptions, context: Context) -> Report:
 def _localize_points(
     images: list[Image], points: ImagePositions, surface: HeightSurface | None
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return one row for each point, and warnings on points without ground position."""
+    """Return columns with one row for each point, and warnings on points without ground position."""
     unknown = sorted(set(points.image_ids.tolist()) - {image.id for image in images})
     if unknown:
         raise InputError(f"the points name the image {unknown[0]!r}, which is not given: add it, or remove its points")
     ground, status = np.full((len(points.ids), 3), np.nan), np.full(len(points.ids), int(Status.NO_RAY))
-    beside: list[str] = []  # images that all their points lie beside
+    beside: list[str] = []  # images with no point inside
     for image in images:
         rows = np.flatnonzero(points.image_ids == image.id)
-        # Each at its own height, else on the surface
+        # Each at its own height, otherwise on the surface
         ground[rows], converged = image.rpc.localize(points.image[rows], points.height_m[rows])
         status[rows[converged]] = int(Status.FOUND)
         without = rows[np.isnan(points.height_m[rows])]
@@ -84,7 +84,7 @@ def _localize_points(
 
 
 def summarise(report: Report) -> str:
-    """Return the ground points as lines; with their ids and images where they come from a file."""
+    """Return the ground points as lines; with their ids and images if they are from a file."""
     if "points" not in report:
         return f"{report['count']} ground points"
     if report["from_file"]:

@@ -25,7 +25,7 @@ TARGET_KINDS = {"center": "center", "centre": "center", "corner": "corner"}
 
 
 class Target(NamedTuple):
-    """One target: what it is called, on which image, how it came out, and about where it was looked for."""
+    """One target: id, image, measurement, and the approximate position at which it was searched."""
 
     id: str
     image: str
@@ -34,7 +34,7 @@ class Target(NamedTuple):
 
 
 def run(options: MeasureTargetsOptions, context: Context) -> Report:
-    """Measure every target and write points, chips and report."""
+    """Measure all targets and write points, chips and report."""
     check_folder(options.folder, context)
     if (options.points is None) == (options.edges is None):
         raise InputError("give either `points` (approximate positions) or `edges` (hand-measured edge points)")
@@ -59,7 +59,7 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
         counts = {"targets": len(targets)}
         return plan_folder(options.folder, TARGETS_FILE, counts, warnings, context, options.report)
     made = [target for target in targets if not target.measurement.refusal]
-    # A word on each image on which no target could be measured
+    # A warning for each image in which no target could be measured
     paths = {image_id(path): path for path in options.images}
     for image in dict.fromkeys(target.image for target in targets):
         refusals = [target.measurement.refusal for target in targets if target.image == image]
@@ -88,7 +88,7 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
 
 
 def _choose_kind(wanted: str, stated: str, name: str) -> str:
-    """Return what a target is: the option, else what its row says, else a centre."""
+    """Return the kind of a target: that of the option, else that of its row, else centre."""
     if wanted != AUTOMATIC_KIND:
         return wanted
     if stated and stated.lower() not in TARGET_KINDS:
@@ -101,7 +101,7 @@ def _choose_kind(wanted: str, stated: str, name: str) -> str:
 def _approximate_points(
     images: list[ImagePixels], file: str, options: MeasureTargetsOptions
 ) -> tuple[ImagePoints, list[str]]:
-    """Return the positions that a file has on the images, or where the RPCs see its ground points."""
+    """Return the image positions in a file, or the projections of its ground points, with warnings."""
     ids = [image.id for image in images]
     if not ids:
         raise InputError("approximate positions need the images they are on: name them")
@@ -114,7 +114,7 @@ def _approximate_points(
         return tables.image, warnings
     if tables.ground is None:
         raise InputError(f"{file} contains no points: add some")
-    # Where the RPCs see ground points of a file, for all images in which they lie; warn of the others
+    # Projections of the ground points, for all images that contain them; warnings for the other images
     names, image_ids, places = [], [], []
     for image in images:
         if image.rpc is None:
@@ -137,12 +137,12 @@ def _approximate_points(
 def _of_edges(
     file: str, images: Sequence[ImagePixels], options: MeasureTargetsOptions
 ) -> tuple[list[Target], list[str]]:
-    """Return the targets of the edge points that share an id and an image, and warnings."""
+    """Return one target for the edge points with the same id and image, and warnings."""
     tables = read_points(file, image_ids=[image.id for image in images])
     points, warnings = tables.image, list(tables.warnings)
     if points is None:
         raise InputError(f"{file} has no edge points: give the fields id, image, sample and line")
-    # Without its image it is known of a point only that no image begins before its first pixel
+    # Without the image it is only known that no image begins before its first pixel
     size = {image.id: image.raster.size for image in images}
     last = np.array([size.get(name, (np.inf, np.inf)) for name in points.image_ids.tolist()]).reshape(-1, 2)
     outside = ~np.all(
@@ -171,7 +171,7 @@ def _of_edges(
 
 
 def _make_layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> list[Layer]:
-    """Return the measured points, ready as image points; at their ground positions where the images have RPCs."""
+    """Return the layer of measured targets, a file of image points; with ground positions if all images have RPCs."""
     made = [target for target in targets if not target.measurement.refusal]
     found = [target.measurement for target in made]
     xy = np.array([one.xy for one in found], dtype=np.float64).reshape(-1, 2)
@@ -195,10 +195,10 @@ def _make_layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> li
 
 
 def summarise(report: Report) -> str:
-    """Return one line a target."""
+    """Return one line for each target."""
     lines = [f"{report['measured']} targets measured, {report['refused']} refused"]
     for row in report["targets"]:
-        # What is refused has no position, and nothing that could be formatted as one
+        # A refused target has no position
         told = row["refusal"] or f"{row['sample']:.2f} {row['line']:.2f} +- {row['sigma_px']:.2f} px"
         lines.append(f"{row['id']} {row['image']} {row['kind']}: {told}")
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])

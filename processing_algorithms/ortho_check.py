@@ -1,4 +1,4 @@
-"""`ortho-check`: how well orthoimages fit one another, or a reference, before and after."""
+"""`ortho-check`: misregistration between orthoimages, or from a reference, before and after the adjustment."""
 
 import itertools
 import os
@@ -40,7 +40,7 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
         counts = {"orthoimages": len(options.images), "overlapping pairs": len(pairs)}
         return plan_folder(options.folder, SHIFTS_FILE, counts, warnings, context, options.report)
     part = context.stage(0.0, 0.9)
-    window_px = options.matching.window_px + options.matching.window_px % 2  # windows have an even side
+    window_px = options.matching.window_px + options.matching.window_px % 2  # window sides are even
     how = replace(options.matching, window_px=window_px)
     found = match_pairs(pairs, how, thread_count(options.common.threads), part)
     pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
@@ -71,7 +71,7 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
 
 
 def summarise(report: Report) -> str:
-    """Return the table of misregistration, before and after."""
+    """Return the table of misregistration, before and after the adjustment."""
     entries = [*report["pairs"], report["all"]]
     names = [f"{entry['first']} - {entry['second']}" if "first" in entry else "all pairs" for entry in entries]
     width = max(map(len, names))
@@ -93,7 +93,7 @@ BEFORE, AFTER = "before", "after"
 
 
 class PlacedOrtho(NamedTuple):
-    """An orthoimage, and column and row of its corner in the first one, on whose pixels it lies."""
+    """An orthoimage, with column and row of its corner in the first orthoimage, whose grid it has."""
 
     ortho: OrthoRaster
     offset: tuple[int, int]
@@ -101,14 +101,14 @@ class PlacedOrtho(NamedTuple):
     def reader(
         self, area: tuple[int, int, int, int], shift: Sequence[int] | np.ndarray = (0, 0)
     ) -> misregistration.Read:
-        """Return a function that reads windows, moved by a shift, counted from the corner of an area."""
+        """Return a function that reads windows relative to the corner of an area, displaced by ``shift`` (px)."""
         column, row = (np.subtract(area[:2], self.offset) + shift).tolist()
         return lambda x, y, columns, rows: self.ortho.raster.read(x + column, y + row, columns, rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two orthoimages by state; ``area`` is first column, first row, columns, rows of the common ground in ``base``."""
+    """Two orthoimages by state; ``area`` (first column, first row, columns, rows) is their overlap in ``base``."""
 
     names: tuple[str, str]
     area: tuple[int, int, int, int]
@@ -118,7 +118,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class PairMatches:
-    """A pair with its windows by state, and the shift around which they were searched."""
+    """A pair with its windows by state, and the common shift around which they were matched."""
 
     pair: Pair
     matches: Mapping[str, misregistration.WindowShifts]
@@ -126,12 +126,12 @@ class PairMatches:
 
     @property
     def good(self) -> np.ndarray:
-        """Windows that were matched in every state."""
+        """Mask of the windows that were matched in every state."""
         return np.asarray(np.all([found.good for found in self.matches.values()], axis=0))
 
 
 def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
-    """Return the pairs of orthoimages that overlap, and what the user should know."""
+    """Return the pairs of overlapping orthoimages, and warnings for the user."""
     paths = list(options.images)
     if options.reference is None and len(paths) < 2:
         raise InputError("one orthoimage has nothing to be compared with: name two or more, or `reference`")
@@ -157,7 +157,7 @@ def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
         states = {state: (placed[i], placed[j]) for state, placed in sets.items()}
         corners = [(one.offset, np.add(one.offset, one.ortho.raster.size)) for both in states.values() for one in both]
         low, high = np.max([first for first, _ in corners], axis=0), np.min([last for _, last in corners], axis=0)
-        if (high > low).all():  # they overlap in every state
+        if (high > low).all():  # in every state
             pairs.append(Pair((names[i], names[j]), (*low.tolist(), *(high - low).tolist()), states, base))
     if not pairs:
         raise InputError("no two of the orthoimages overlap: check their extents")
@@ -165,7 +165,7 @@ def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
 
 
 def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> PlacedOrtho:
-    """Return an orthoimage on the pixels of the first one, resampled to them where it has others."""
+    """Return an orthoimage on the grid of the first one, resampled if its own grid differs."""
     ortho = open_ortho(path)
     offset = offset_of(base, ortho)
     if offset is not None:
@@ -180,7 +180,7 @@ def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> PlacedOrtho:
 def match_pairs(
     pairs: Sequence[Pair], options: misregistration.MisregistrationOptions, threads: int, context: Context
 ) -> list[PairMatches]:
-    """Match the windows of all pairs, in every state at the same places, around the shift that most of them share."""
+    """Match the windows of all pairs, at equal positions in every state, around the common shift of each pair."""
     found = []
     for number, pair in enumerate(pairs):
         part = stage(context.progress, number / len(pairs), (number + 1) / len(pairs))
@@ -216,7 +216,7 @@ def match_pairs(
 
 
 def _pair_entry(found: PairMatches) -> Report:
-    """Return figures of a pair, before and after in the windows matched in both."""
+    """Return the figures of a pair, before and after, from the windows matched in both."""
     pixel_m = float(np.mean(found.pair.base.pixel_m()))
     entry: Report = {"first": found.pair.names[0], "second": found.pair.names[1], "pixel_m": pixel_m}
     for state, matches in found.matches.items():
@@ -229,13 +229,13 @@ def _pair_entry(found: PairMatches) -> Report:
 
 
 def _window_positions(found: PairMatches) -> tuple[np.ndarray, np.ndarray]:
-    """Return lon, lat of all windows and metres per pixel east and down."""
+    """Return lon, lat of all windows ``(n, 2)``, and the pixel size east and down in metres."""
     pixels = found.matches[AFTER].centre + np.array(found.pair.area[:2])
     return found.pair.base.lonlat(pixels.astype(float)), np.array(found.pair.base.pixel_m())
 
 
 def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
-    """Return the windows with their shifts, in UTM and in WGS84."""
+    """Return the layers of the windows with their shifts, in UTM and in WGS84."""
     parts: list[MisregistrationRows] = []
     places = []
     for pair in found:
@@ -262,9 +262,9 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
 
 
 def _draw_maps(found: Sequence[PairMatches]) -> dict[str, Any]:
-    """Return what the page shows of the pairs with the largest misregistration: arrows on the first orthoimage.
+    """Return the drawings of the pairs with the largest misregistration: arrows on the first orthoimage.
 
-    ``pairs`` are names and maps: state, drawing, windows drawn, windows tried; ``pictures`` are the orthoimages'.
+    ``pairs`` are names and maps: state, drawing, windows matched, windows tried; ``pictures`` of the orthoimages.
     """
     pictures: dict[str, Picture | None] = {}
     pairs = []
@@ -293,7 +293,7 @@ def _median_length(pair: PairMatches) -> float:
 
 
 def _lay_out(ortho: OrthoRaster, picture: Picture | None) -> list[GroundPicture]:
-    """Return the picture of an orthoimage where it lies on the ground."""
+    """Return the picture of an orthoimage with its corners on the ground."""
     if picture is None:
         return []
     columns, rows = ortho.raster.size
@@ -303,7 +303,7 @@ def _lay_out(ortho: OrthoRaster, picture: Picture | None) -> list[GroundPicture]
 
 @thresholds
 class REGISTRATION:
-    """When orthoimages do not register as well as their uses ask for."""
+    """When the misregistration of orthoimages is too large for their use."""
 
     most_median_px: float = threshold(
         1.0, "px", "median misregistration of a pair above which the verdict is doubtful",
@@ -314,7 +314,7 @@ class REGISTRATION:
 
 
 def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
-    """Return the verdict on the registration: doubtful where a pair is beyond a pixel, or worse than before."""
+    """Return the verdict on the registration: doubtful if a pair exceeds a pixel, or is worse than before."""
     reasons = []
     told = [(f"{pair['first']} – {pair['second']}", pair) for pair in pairs if pair[AFTER]["windows"]]
     beyond = [(name, pair) for name, pair in told if pair[AFTER]["median_px"] > REGISTRATION.most_median_px]

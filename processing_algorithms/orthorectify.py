@@ -1,4 +1,4 @@
-"""`orthorectify`: orthoimages of a whole block on one map grid, through GDAL's warper."""
+"""`orthorectify`: orthoimages of a complete block on one map grid, by GDAL's warper."""
 
 import os
 import time
@@ -27,7 +27,7 @@ from .interface.declare import Context, Report
 
 
 def run(options: OrthorectifyOptions, context: Context) -> Report:
-    """Plan the grids, make the orthoimages that are not there yet, write the report."""
+    """Plan the grids, make the orthoimages that do not exist yet, and write the report."""
     start = time.monotonic()
     planned = plan_block(open_images(options.images, context), open_ortho_terrain(options), options)
     jobs, folder = jobs_of(planned, options), options.folder.output_dir
@@ -70,7 +70,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
 
 
 def summarise(report: Report) -> str:
-    """Return a line for each orthoimage."""
+    """Return one line for each orthoimage, and the warnings."""
     grid = report["grid"]
     lines = [f"{grid['crs']}, pixels of {grid['resolution']:g}, {report['resampling']}"]
     for name, entry in report["images"].items():
@@ -83,7 +83,7 @@ def summarise(report: Report) -> str:
 
 
 def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], inputs: Sequence[str]) -> None:
-    """Raise `InputError` where the output directory holds something that may not be replaced."""
+    """Raise `InputError` if the output directory contains files that must not be replaced."""
     if options.folder.output_dir.startswith(VIRTUAL):
         raise InputError(
             f"{options.folder.output_dir}: orthoimages are put together tile by tile, which no object store takes: "
@@ -100,7 +100,7 @@ def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], i
         raise InputError(
             f"{others[0]} was made from other files or with other options: add `overwrite` or choose another directory"
         )
-    try:  # the report of something else?
+    try:  # a report of another algorithm
         is_foreign = read_json(str(folder / "report.json"), "report")["algorithm"] != "orthorectify"
     except (InputError, KeyError, TypeError):
         is_foreign = os.path.exists(folder / "report.json")
@@ -109,7 +109,7 @@ def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], i
 
 
 def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
-    """Make the orthoimages that are not there; return an entry for each image."""
+    """Make the orthoimages that do not exist yet; return the report's entry of each image."""
     Path(options.folder.output_dir).mkdir(parents=True, exist_ok=True)
     threads = thread_count(options.common.threads)
     sizes = np.array([job.grid.columns * job.grid.rows for job in jobs], dtype=float)
@@ -126,7 +126,7 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
                 entries[job.image.id] = _image_entry(job, "kept", None, 0.0)
                 continue
             begin = time.monotonic()
-            # What the orthoimage tells of itself; not when: made again from the same files it has the same bytes
+            # Metadata without the time: from the same files an orthoimage has the same bytes
             lineage = {
                 "HRSI_VERSION": record["version"], "HRSI_ALGORITHM": record["algorithm"],
                 "HRSI_SOURCE": os.path.basename(job.image.path), "HRSI_RPC": rpc_history(job.image.path),
@@ -148,7 +148,7 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
 
 
 def _image_entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
-    """Return what the report says of an orthoimage; figures of one that was kept are those of its making."""
+    """Return the report's entry of an orthoimage; for one that was kept, with the figures of its computation."""
     found = figures.summary() if figures is not None else read_figures(job.path)
     return {
         "path": job.image.path, "output": job.path, "status": status, "columns": job.grid.columns,

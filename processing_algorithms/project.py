@@ -1,4 +1,4 @@
-"""`project`: ground points into images."""
+"""`project`: ground points to image points."""
 
 from functools import partial
 
@@ -41,7 +41,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
             raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give `dem` or `height`")
         if missing.size and surface is not None:
             given[missing, 2] = surface_heights(surface, given[missing, :2])
-        points = GroundPoints.create(np.array(rest, dtype=str), given)  # the text behind the coordinates is the id
+        points = GroundPoints.create(np.array(rest, dtype=str), given)  # the text after the coordinates is the id
         lost = np.count_nonzero(np.isnan(given[:, 2]))
         warnings = [f"the DEM has no height for {lost} points"] if lost else []
     ids, ground = points.ids, points.ground
@@ -77,7 +77,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
 
 
 def summarise(report: Report) -> str:
-    """Return the image points as lines; with their ids and images where they come from a file."""
+    """Return the image points as lines; with their ids and images if they are from a file."""
     if "points" not in report:
         return f"{report['count']} image points"
     if report["from_file"]:

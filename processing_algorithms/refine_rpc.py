@@ -1,4 +1,4 @@
-"""`refine-rpc`: one image or several, each by itself, from ground control points only."""
+"""`refine-rpc`: RPCs of one image or several, each refined separately, from ground control points only."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -24,13 +24,13 @@ from .files.opening import open_images
 from .interface.declare import Context, Report
 from .laboratory.direct_methods import select_models
 
-#: Sigmas of shift (px) and drift where control may lie anywhere about: generic models are for orientations of any
-#: error, 0.1 rad and more.
+#: Sigmas of shift (px) and drift if the control may have any distance from the RPC: generic models are for orientation
+#: errors of any size, 0.1 rad and more.
 ANY_ORIENTATION = (1e5, 0.1)
 
 
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
-    """Refine every image from its GCPs; write, and compare the models where that is asked for."""
+    """Refine every image from its GCPs and write the results; compare the models if requested."""
     clock = block_outputs.Clock()
     models = select_models(options.refinement.model, options.coefficient_covariance)
     images = open_images(options.images, context)
@@ -43,7 +43,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, together=False)
     with plausibility.explain_failures(reasons):
-        # Every image's refinement from its own GCPs
+        # Refinement of every image from its own GCPs
         refinements = []
         for index, image in enumerate(block.images):
             advance(context.stage(0.1, 0.3).progress, index / len(block.images), f"refining {image.id}")
@@ -51,7 +51,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
             refinements.append(refine_image(image, control, options.refinement, models))
     result = separate_result(block, refinements)
     clock.lap("refine")
-    # What the report has besides a block's: each image's model, how it was chosen, GCPs left out
+    # Entries of the report in addition to those of a block: model of each image, its choice, excluded GCPs
     rule = options.refinement.model
     more = {
         "iterations": max(found.estimate.iterations for found in refinements),
@@ -89,7 +89,7 @@ def _compare_models(
             table[name] = {"control": {}, "check": {}, "prediction_rmse_px": None, "note": str(error)}
             continue
         result = separate_result(block, others)
-        # How well it predicts GCPs from the others
+        # Error of predicting each GCP from the others
         left_out = np.concatenate([found.estimate.left_out_px for found in others])
         table[name] = {
             **control_and_check(result, compute_residuals(result)),
@@ -100,10 +100,10 @@ def _compare_models(
 
 
 def summarise(report: Report) -> str:
-    """Return a block's summary with each image's model and the table of models.
+    """Return a block's summary with the model of each image and the table of models.
 
-    The table has check points where there are any, else control points; its last column is the 2D error of each GCP
-    when it is predicted from the others.
+    The table has check points if there are any, otherwise control points; its last column is the 2D error of each GCP
+    predicted from the others.
     """
     lines = []
     for name, entry in report["image_models"].items():

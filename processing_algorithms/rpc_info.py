@@ -1,4 +1,4 @@
-"""`rpc-info`: how images see the ground and each other, and whether their RPCs are sound."""
+"""`rpc-info`: viewing geometry of images and pairs, and checks of their RPCs."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -25,7 +25,7 @@ from .interface.declare import Context, Report
 
 
 def run(options: RpcInfoOptions, context: Context) -> Report:
-    """Open the images, look at each and at every pair."""
+    """Open the images, and report the geometry of each and of every pair."""
     check_folder(options.folder, context)
     images = open_images(options.images, context)
     surface, warnings = open_terrain(options.terrain), list[str]()
@@ -36,19 +36,19 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
             "Footprints and overlaps depend on it: give `dem` or `height`"
         )
     tell(warnings, context)
-    warnings += [f"{image.id}: {ignored}" for image in images if (ignored := resampling_doubt(image))]  # told already
+    warnings += [f"{image.id}: {ignored}" for image in images if (ignored := resampling_doubt(image))]  # logged already
     views = [ViewDirection(image, surface) for image in images]
     if context.dry_run:
         return plan_folder(options.folder, RPC_INFO_FILE, {"images": len(images)}, warnings, context)
     geometries: list[ViewGeometry] = []
     for number, view in enumerate(views):
         advance(context.progress, 0.5 * number / len(views), f"image {view.image.id}")
-        # The lowest and highest ground where the user says how high it is
+        # The lowest and highest ground, if the user gives its height
         given = options.terrain.dem.dem is not None or options.terrain.height is not None
         heights = view.terrain[:, 2] if given else np.zeros(0)
         ground_range = (float(heights.min()), float(heights.max())) if heights.size else None
         doubts = find_rpc_warnings(view.image, ground_range)
-        tell(doubts, context)  # now: an RPC that is damaged may have no geometry
+        tell(doubts, context)  # before the geometry, which a damaged RPC may not have
         warnings += doubts
         geometries.append(view.geometry())
     advance(context.progress, 0.5, "pairs")
@@ -80,9 +80,9 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
 
 
 def _list_operations(crs: str | None, views: Sequence[ViewDirection]) -> list[dict[str, Any]]:
-    """Return the operations between a CRS and WGS84 at the images' place: those taken first, then the others.
+    """Return the operations between a CRS and WGS84 at the position of the images: used ones first, then others.
 
-    Those that lack a grid are told with how to get it.
+    For operations that lack a grid, it is stated how to obtain it.
     """
     if crs is None:
         return []

@@ -1,8 +1,8 @@
-"""`run`: the steps of a project one after the other, each on the results of those before, and one report of all.
+"""`run`: the steps of a project in order, each with the results of earlier steps, and one report of all steps.
 
-A step is kept where its folder has what it made, and its options and the content of its inputs are those of then: both
-are in the digest that ``report.json`` keeps of each step. So a run that was stopped goes on, and a change of the DEM
-makes orthoimages again and no tie points.
+A step is not repeated if its folder contains its files, and its options and the content of its inputs are unchanged:
+both are in the digest that ``report.json`` stores for each step. A stopped run therefore continues, and after a change
+of the DEM orthoimages are made again, but tie points are not.
 """
 
 import os
@@ -28,12 +28,12 @@ from .interface.declare import Context, Report, is_unusable
 from .interface.options import check_options
 from .projects.project_file import FOLDERS, SINGLE, Project, read_project
 
-KEPT, MADE, FAILED, LEFT_OUT = "kept", "done", "failed", "left out"  #: what became of a step
+KEPT, MADE, FAILED, LEFT_OUT = "kept", "done", "failed", "left out"  #: status of a step
 LEVELS = [level.label for level in sorted(Level)]
 
 
 def run(options: RunOptions, context: Context) -> Report:
-    """Run what has changed, and put the report together."""
+    """Run the steps that have changed, and compile the report."""
     begun, project = time.monotonic(), read_project(options.project)
     wrong = [step for step in options.steps or () if step not in FOLDERS]
     if wrong:
@@ -57,8 +57,8 @@ def run(options: RunOptions, context: Context) -> Report:
         for number, step in enumerate(FOLDERS):
             part = context.stage(number / len(FOLDERS), (number + 1) / len(FOLDERS))
             _do_step(step, project, images, results, report, options, part)
-            write_report_json(os.path.join(folder, REPORT_FILE), report)  # a run that is killed goes on from here
-        # The worst verdict of the steps with all their reasons; a step that failed is doubtful
+            write_report_json(os.path.join(folder, REPORT_FILE), report)  # a killed run continues from here
+        # The worst verdict of the steps with all their reasons; a failed step is doubtful
         steps = report["steps"]
         judged = [entry["verdict"] for entry in steps.values() if entry.get("verdict")]
         failed = [f"{name} failed" for name, entry in steps.items() if entry["status"] == FAILED]
@@ -79,7 +79,7 @@ def run(options: RunOptions, context: Context) -> Report:
 
 
 def summarise(report: Report) -> str:
-    """Return what became of each step, and the verdict."""
+    """Return the status of each step, and the verdict."""
     width = max(map(len, report["steps"]), default=0)
     lines = [f"{name:{width}}  {entry['status']}: {entry['told']}" for name, entry in report["steps"].items()]
     return "\n".join([*lines, f"{report['verdict']['sentence']}. Verdict: {report['verdict']['level']}"])
@@ -89,7 +89,7 @@ def _do_step(
     step: str, project: Project, images: tuple[str, ...], results: dict[str, Report], report: Report,
     options: RunOptions, context: Context,
 ) -> None:  # fmt: skip
-    """Do a step, or keep what it made earlier; ``report`` gets its entry, ``results`` its report."""
+    """Run a step, or keep its earlier result; its entry is added to ``report``, its own report to ``results``."""
     entries, folder = report["steps"], os.path.join(report["folder"], FOLDERS[step])
     algorithm = SINGLE if step == "triangulate" and len(images) == 1 else step
     if step not in project.steps or step not in (options.steps or FOLDERS):
@@ -129,7 +129,7 @@ def _do_step(
 def _chain_inputs(
     step: str, project: Project, images: tuple[str, ...], results: Mapping[str, Report], folder: str
 ) -> tuple[dict[str, Any], str]:
-    """Return the options that a step gets from earlier steps, and why it cannot be done; empty where it can."""
+    """Return the options of a step from earlier steps, and the reason if it cannot run, else an empty text."""
     if step == "triangulate":
         texts = {key: text for key, text in project.texts.items() if key != "output_dir" and len(images) > 1}
         return {"images": images, **texts}, ""
@@ -148,7 +148,7 @@ def _chain_inputs(
 
 
 def _tell_result(report: Report) -> str:
-    """Return what a step found, on one line."""
+    """Return the result of a step in one line."""
     if report.get("verdict"):
         return str(report["verdict"]["sentence"])
     if "grid" in report:
@@ -162,7 +162,7 @@ def _tell_result(report: Report) -> str:
 
 
 def _read_chapters(report: Report) -> list[Report]:
-    """Return the content of the page of each step, its ids made its own, for one document without scripts."""
+    """Return the pages of all steps for one document: without scripts, and with ids that are unique."""
     chapters = []
     for step, entry in report["steps"].items():
         page = os.path.join(report["folder"], FOLDERS[step], PAGE_FILE)

@@ -1,4 +1,4 @@
-"""`strip`: parts or tiles of one strip as one image with one RPC."""
+"""`strip`: one image with one RPC from parts or tiles of a strip."""
 
 import os
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from .interface.declare import Context, Report
 
 
 def run(options: StripOptions, context: Context) -> Report:
-    """Place the parts, fit the RPC of the whole, and write both."""
+    """Determine the positions of the parts, fit the RPC of the strip, and write both."""
     check_folder(options.folder, context)
     parts = open_images(options.images, context)
     if len(parts) < 2:
@@ -74,14 +74,14 @@ def run(options: StripOptions, context: Context) -> Report:
             write_rpc_text(target, strip.rpc)
         warnings += free_the_way(os.path.join(folder, file), parts[0].path, strip.rpc, changes)
         entry["max_difference_px"] = read_back_px(target, strip.rpc)
-        if grid_file:  # as `fit-rpc` reads it
+        if grid_file:  # in the format that `fit-rpc` reads
             rows = np.column_stack([strip.ground, strip.image]).tolist()
             write_csv(str(staged / grid_file), ("lon", "lat", "height", "sample", "line"), rows)
     return report
 
 
 def _join_lineages(parts: Sequence[Image], places: StripPlaces) -> Lineage:
-    """Return what the strip tells of itself: what all parts tell, and the RPC before their refinement."""
+    """Return the lineage of the strip: metadata that all parts share, and the RPC before their refinement."""
     told = [read_lineage(part) for part in parts]
     items = dict(set.intersection(*(set(lineage.items.items()) for lineage in told)))
     listed = zip(parts, places.first.tolist(), strict=True)

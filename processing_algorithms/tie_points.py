@@ -1,4 +1,4 @@
-"""`tie-points`: automatic tie points over a block, as layers and files that `adjust` and `triangulate` take."""
+"""`tie-points`: automatic tie points of a block, as layers and files that `adjust` and `triangulate` read."""
 
 import math
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     report["pairs"] = [*earlier.report.get("pairs", []), *report["pairs"]]
     report["held"] |= earlier.report.get("held", {})
     with stage_results(options.folder, report, context, discarded=discarded) as folder:
-        # The layer of points and that of their measurements, both at approximate ground positions
+        # Layers of points and of their measurements, both at approximate ground positions
         rows = found.image_points
         ids, track = np.unique(rows.ids, return_inverse=True)
         views = np.bincount(track, minlength=len(ids))
@@ -95,13 +95,13 @@ def _make_report(images: Sequence[Image], found: TiePoints, record: Report) -> R
 
 
 def _image_entry(image: Image, xy: np.ndarray) -> Report:
-    """Return an image's number of measurements, and how many of its 8 x 8 parts hold one."""
+    """Return the report's entry of an image: number of measurements, and number of its 8 x 8 parts that have one."""
     cells = 0 if image.size is None else len(np.unique(np.floor(8 * (xy + 0.5) / image.size), axis=0))
     return {"path": image.path, **item_entry(image.path), "observations": len(xy), "cells": cells}
 
 
 def summarise(report: Report) -> str:
-    """Return the numbers of points and of measurements on each image."""
+    """Return the number of points, and the number of measurements in each image."""
     ties = report["ties"]
     by_views = ", ".join(f"{count} on {views}" for views, count in ties["by_views"].items())
     lines = [f"{ties['points']} tie points ({by_views} images), {ties['observations']} measurements"]

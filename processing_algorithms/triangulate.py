@@ -1,4 +1,4 @@
-"""`triangulate`: the main job, from images and ground points to refined RPCs, residual layers and a report."""
+"""`triangulate`: from images and ground points to refined RPCs, residual layers and a report."""
 
 from collections.abc import Sequence
 
@@ -20,12 +20,12 @@ from .files.opening import dem_surface
 from .interface.declare import Context, Report
 from .interface.option_groups import AUTOMATIC_TIES, ReferenceImage, SearchOptions
 
-#: Where tie points are found, points read, the block adjusted: with a search for tie points in the images, and without.
+#: Progress after the search for tie points, reading and adjustment; with a search in the images, and without it.
 SHARES = {True: (0.8, 0.84, 0.94), False: (0.0, 0.1, 0.6)}
 
 
 def run(options: TriangulateOptions, context: Context) -> Report:
-    """Find or read tie points, adjust, write."""
+    """Find or read tie points, adjust the block, and write the results."""
     clock = block_outputs.Clock()
     automatic = options.tie_points == AUTOMATIC_TIES
     file = None if automatic else options.tie_points
@@ -38,10 +38,10 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     points = options.points
     dem = dem_surface(options.dem, points.height_datum, points.gcp_epoch)
     clock.lap("read")
-    # The share of the time that each step takes: where tie points are found in the images, that is most of it
+    # Progress at the end of each step: the search for tie points in images takes most of the time
     found_at, read_at, adjusted_at = SHARES[automatic]
     ties, pairs, kept, warnings, held = [*earlier.ties], None, tuple[str, ...](), list[str](), Report()
-    if automatic and context.dry_run:  # the pairs are counted, not matched
+    if automatic and context.dry_run:  # pairs are counted, not matched
         pairs = len(find_overlapping_pairs(images, options.search.search, dem, earlier.image_ids))
         if pairs and not points.gcps and not points.image_points and not ties:
             return block_outputs.plan_results(options.output, images, None, [], [], context, pairs)
@@ -84,7 +84,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
 
 
 def _require_possible(earlier: EarlierBlock, automatic: bool, reference: ReferenceImage) -> None:
-    """Raise `InputError` where images cannot join an earlier block in this way."""
+    """Raise `InputError` if images cannot join an earlier block with these options."""
     if reference.reference and earlier.images:
         raise InputError("`reference` cannot be combined with `add_to`: remove one of them")
     if automatic and earlier.joint is not None:
@@ -98,7 +98,7 @@ def _find_new_ties(
     images: Sequence[Image], earlier: EarlierBlock, search: SearchOptions, dem: HeightSurface | None, folder: str,
     context: Context,
 ) -> tuple[list[ImagePoints], tuple[str, ...], list[str], Report]:  # fmt: skip
-    """Return tie points, the folders to discard when the results are written, warnings, and the report's entries."""
+    """Return tie points, the folders to be removed after writing the results, warnings, and entries of the report."""
     found, discarded = find_ties(images, search, dem, folder, context, earlier.image_ids)
     points = found.image_points
     for table in earlier.ties:

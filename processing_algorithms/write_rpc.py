@@ -1,4 +1,4 @@
-"""`write-rpc`: an RPC into a GeoTIFF, a sidecar or a VRT, and the original back."""
+"""`write-rpc`: an RPC into a GeoTIFF, a sidecar or a VRT; or restoring the original."""
 
 import itertools
 import os
@@ -18,7 +18,7 @@ from .files.result_folder import plan
 from .interface.declare import Context, Report
 
 _NEEDS_FOLDER = ("copy", "vrt")
-#: What prepares an RPC beside pixels, by the choice of `write`; and the kinds of files that hold it alone.
+#: Functions that write an RPC with pixels, by the choice of `write`; and the kinds of files with an RPC alone.
 WRITERS: dict[str, Callable[[str, str, RPC, Transaction, Progress], tuple[str, ...]]] = {
     "copy": rpc_files.prepare_geotiff_copy,
     "in-place": lambda path, _, rpc, changes, progress: rpc_files.prepare_in_place(path, rpc, changes, progress),
@@ -28,7 +28,7 @@ SIDECAR_KINDS = {"sidecar": "rpc-txt", "rpb": "rpb", "xml": "isd", "geom": "geom
 
 
 def run(options: WriteRpcOptions, context: Context) -> Report:
-    """Find every image's RPC and its output first, then write or restore all of them, or none."""
+    """Determine the RPC and the output of every image first, then write or restore all of them, or none."""
     jobs = [] if options.restore else _plan_jobs(options, context.inputs)
     if context.dry_run:
         return plan(context, None, [job.output for job in jobs] or options.images, {"images": len(options.images)})
@@ -36,14 +36,14 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
     with Transaction(options.output_dir or os.path.dirname(options.images[0])) as changes:
         count = len(jobs) or len(options.images)
         parts = [stage(context.progress, index / count, (index + 1) / count) for index in range(count)]
-        # Where no image keeps an original, an earlier run may have brought all back, and nothing is to do
+        # If no image keeps an original, an earlier run may have restored all, and nothing is to be done
         notices: dict[str, tuple[str, ...]] = {}
         for path, part in zip(options.images, parts, strict=True) if options.restore else ():
             advance(part, 0.0)
             notices[path] = rpc_files.prepare_restoring(path, changes, part)
         restored = {image_id(path): path for path, told in notices.items() if told}
         for file in {file for path in restored.values() if (file := find_jitter_file(path)) is not None}:
-            if JitterFile(file).ids <= set(restored):  # else it serves the others; each curve names its RPC
+            if JitterFile(file).ids <= set(restored):  # else it is used by other images; each curve identifies its RPC
                 changes.remove(file)
         without = [path for path, told in notices.items() if not told]
         if without and len(without) < len(notices):
@@ -80,7 +80,7 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
 
 
 class WriteJob(NamedTuple):
-    """One image: where it lies, where its RPC goes and how, and the RPC."""
+    """One image: its path, the output and way of writing, and the RPC."""
 
     path: str
     output: str
@@ -89,18 +89,18 @@ class WriteJob(NamedTuple):
 
 
 def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob]:
-    """Return what is to be written; raise `InputError` before anything is."""
+    """Return the outputs to be written; raise `InputError` before anything is written."""
     if options.write in _NEEDS_FOLDER and not options.output_dir:
         raise InputError(f"`write` {options.write} needs `output_dir`: name a directory for the results")
     jobs = []
     for path in options.images:
-        # An RPC file alone has no pixels to copy and becomes a sidecar
+        # An RPC file alone has no pixels: it becomes a sidecar
         how = (
             "sidecar" if options.write in _NEEDS_FOLDER and rpc_files.rpc_reader_of(path) is not None else options.write
         )
         suffix, folder = OUTPUT_ENDINGS[how], options.output_dir or os.path.dirname(path)
         output = path if suffix is None else os.path.join(folder, image_id(path) + suffix)
-        # The RPC to be written: that of `rpc`, else the image's own
+        # The RPC to be written: that of `rpc`, otherwise the image's own
         given = options.rpc
         if given and len(options.images) > 1 and not os.path.isdir(given):
             raise InputError(

@@ -64,6 +64,7 @@ class JitterFile:
 
     def find_curve(self, image_id: str, rpc: RPC) -> tuple[JitterCurve | None, str]:
         """Return the curve of an image and an empty text; without a curve None, and a message if it is for another RPC.
+
         Raises `InputError` if its rows are damaged.
         """
         lines, values, known = list[int](), list[list[float]](), None

@@ -1,1 +1,1 @@
-"""Steps that the algorithms on blocks share: reading, choosing a model, writing results."""
+"""Steps that the algorithms for blocks share: reading, choosing a model, writing results."""

@@ -1,8 +1,8 @@
-"""From options to a block: opens the images, reads the points, and joins images to a block that was adjusted before.
+"""From options to a block: opens the images, reads the points, and joins images to an earlier adjusted block.
 
-Where images join a block, either everything is free: the earlier measurements take part again with the cameras as they
-were before any adjustment, and the result is that of one adjustment of all. Or the earlier cameras are observations: of
-the earlier points nothing is used again but what they say of the cameras together (`adjustment.joint_prior`).
+If images join a block, either all cameras are free: the earlier measurements are used again with the cameras before any
+adjustment, and the result equals one adjustment of all images. Or the earlier cameras are observations: of the earlier
+block only the joint estimate and covariance of its cameras are used (`adjustment.joint_prior`).
 """
 
 import os
@@ -38,33 +38,33 @@ from ..files.opening import open_images, require_ids
 from ..interface.declare import Context
 from ..interface.option_groups import FREE, NO_TIES, BlockGrowthOptions, PointFiles, SearchOptions
 
-ANY_YEAR = 2020.0  # to learn whether PROJ has the motion of a plate
-FASTEST_PLATE_M = 0.08  # a year: the Pacific plate's 0.68 degrees in a million years (Altamimi et al. 2017)
-IMAGES_ASKED = 10  # for the time when they were taken
-GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point file is read for
+ANY_YEAR = 2020.0  # for testing whether PROJ has the motion of a plate
+FASTEST_PLATE_M = 0.08  # per year: the Pacific plate's 0.68 degrees in a million years (Altamimi et al. 2017)
+IMAGES_ASKED = 10  # most images whose acquisition time is read
+GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: purposes for which a point file is read
 
 
 def read_block(
     images: Sequence[Image], points: PointFiles, dem: GridSurface | None = None, tie_points: str | None = None,
     ties: Sequence[ImagePoints] = (), known: Sequence[GroundPoints] = (),
 ) -> tuple[Block, list[str]]:  # fmt: skip
-    """Read point files and put the block together with ties and known points; return it and what the user should know.
+    """Read point files and assemble the block with ties and known points; return it with warnings for the user.
 
-    Ground positions count in the layer of GCPs only: a layer of image points may be one that HRSI wrote, at adjusted
-    positions.
+    Ground positions are used from the layer of GCPs only: a layer of image points may be one that HRSI wrote, with
+    adjusted positions.
 
-    points : the point files, what is control, and sigmas where files give none
-    dem : gives surveyed points without heights theirs; tie_points : file of tie points
-    ties, known : tie points and ground points that are there already
+    points : the point files, the selection of control, and sigmas for files that have none
+    dem : heights of surveyed points without heights; tie_points : file of tie points
+    ties, known : tie points and ground points that exist already
 
-    Raises `InputError` where a file cannot be read, or nothing is measured on any image.
+    Raises `InputError` if a file cannot be read, or no point is measured in any image.
     """
     warnings: list[str] = []
     ground: list[GroundPoints] = list(known)
     measured: list[ImagePoints] = list(ties)
     of_dem = () if dem is None else dem.operations
     pairs: list[ImagePoints] = []
-    held_out: list[str] = []  # by an earlier run
+    held_out: list[str] = []  # in an earlier run
     files = {GCPS: points.gcps, MEASURED: points.image_points, TIES: None if tie_points == NO_TIES else tie_points}
     for purpose, spec in [(purpose, spec) for purpose, file in files.items() if file for spec in several_specs(file)]:
         if purpose == GCPS:
@@ -84,7 +84,7 @@ def read_block(
             table, left_out = of_block(tables.image, images) if purpose == TIES else (tables.image, [])
             warnings += left_out
             (pairs if tables.pairwise else measured).append(table)
-        if purpose == GCPS or tables.image is None:  # positions in other layers are not used, nor what is said of them
+        if purpose == GCPS or tables.image is None:  # positions of other layers are not used
             warnings += tables.warnings
     if pairs:
         measured.append(join_image_points(pairs))
@@ -104,9 +104,9 @@ def read_block(
 
 
 def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bool) -> list[str]:
-    """Return what the user should know of coordinate operations; raise `InputError` where ``strict_datum`` forbids one.
+    """Return warnings on coordinate operations; raise `InputError` if ``strict_datum`` forbids one.
 
-    That includes how far plate-fixed datums that are taken for WGS84 lie off it when the images were taken.
+    They include the difference from WGS84, at the time of the images, of plate-fixed datums that are used as WGS84.
     """
     require_strict_datums(uses, strict_datum)
     told = list_operation_warnings(uses)
@@ -135,9 +135,9 @@ def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bo
 
 
 def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, list[str]]:
-    """Return the tie measurements on images of the block, and a warning where the file has others: a part of a block.
+    """Return the tie measurements in images of the block, and a warning if the file has others: of a larger block.
 
-    Where less than two images are known, nothing is left out: then the names are wrong, and the block says so.
+    If fewer than two images are known, all are kept: then the names are wrong, and the block reports them.
     """
     named = find_unique_ids(ties.image_ids)[0]
     known = np.isin(named, [image.id for image in images])
@@ -147,9 +147,9 @@ def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, l
 
 
 def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) -> tuple[list[ImagePoints], list[str]]:
-    """Return the measurements on images of the block: files may be those of a larger one.
+    """Return the measurements in images of the block: files may be those of a larger block.
 
-    Where an image of the block has no measurement, nothing is left out: then its name may be the wrong one.
+    If an image of the block has no measurement, all are kept: then a name may be wrong.
     """
     known = {image.id for image in images}
     named = {str(name) for table in measured for name in find_unique_ids(table.image_ids)[0]}
@@ -168,9 +168,9 @@ def _omission_warning(table: ImagePoints, others: Sequence[str]) -> str:
 
 
 def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
-    """Return the matches of image pairs as tracks: the same position on an image is the same point everywhere.
+    """Return the matches of image pairs as tracks: equal positions in an image are the same point in all pairs.
 
-    A track that meets an image at two positions contradicts itself and is left out.
+    A track with two positions in one image is inconsistent and is omitted.
     """
     image = np.concatenate([table.image_ids for table in tables])
     xy = np.concatenate([table.xy for table in tables])
@@ -189,7 +189,7 @@ def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
 
 
 def refuse_idle_matches(search: SearchOptions, is_automatic: bool, instead: str) -> None:
-    """Raise `InputError` where matches are named and nothing is done with them: the option ``instead`` is used."""
+    """Raise `InputError` if `matches` is given but not used, because the option ``instead`` is used."""
     if search.matches and not is_automatic:
         raise InputError(f"`matches` {search.matches} is not used if `{instead}` is not auto: remove one of them")
 
@@ -203,12 +203,12 @@ class EARLIER_BLOCK:
     )
 
 
-EARLIER = "earlier:"  # before ids of earlier tie points where new ones have the same ids
+EARLIER = "earlier:"  # prefix of earlier tie point ids if new ones have the same ids
 
 
 @dataclass(frozen=True, eq=False)
 class EarlierBlock:
-    """What joins the new images: earlier images, ties and known points, or what is known of the cameras together."""
+    """Earlier block that new images join: its images, ties and known points, or the joint estimate of its cameras."""
 
     images: tuple[Image, ...] = ()
     ties: tuple[ImagePoints, ...] = ()
@@ -222,7 +222,7 @@ class EarlierBlock:
         return [image.id for image in self.images]
 
     def adjust_options(self, options: AdjustOptions) -> AdjustOptions:
-        """Return the options with what is known of the earlier cameras."""
+        """Return the options with the joint estimate of the earlier cameras as prior."""
         if self.joint is None or self.model is None:
             return options
         return replace(options, model=self.model, earlier=self.joint)
@@ -232,9 +232,9 @@ def open_joined_images(
     paths: Sequence[str], growth: BlockGrowthOptions, tie_points: str | None, shared_images: Sequence[Sequence[str]],
     context: Context,
 ) -> tuple[list[Image], EarlierBlock]:  # fmt: skip
-    """Return the images of a block, those of an earlier one that they join first, and that block.
+    """Return the images of a block, those of an earlier block that they join first, and that earlier block.
 
-    What is in the log tells which of them are tiles or bands of one exposure and are adjusted as one camera.
+    The log names images that are tiles or bands of one exposure and are adjusted as one camera.
     """
     new = open_images(paths, context)
     earlier = read_earlier(growth, new, tie_points)
@@ -247,14 +247,14 @@ def open_joined_images(
 
 
 def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_points: str | None = None) -> EarlierBlock:
-    """Return the block that the images join; an empty one where the options name none."""
+    """Return the block that the images join; an empty one if the options name none."""
     if options.add_to is None:
         return EarlierBlock()
     record = read_record(options.add_to)
     require_ids([*(one.path for one in record.images), *(image.path for image in images)],
                 [*(one.id for one in record.images), *(image.id for image in images)])  # fmt: skip
     if options.earlier_cameras != FREE:
-        # The cameras before any adjustment, and what that said of them together
+        # The cameras before any adjustment, and their joint estimate from the earlier one
         source = os.path.join(record.folder, CAMERAS_FILE)
         joint = read_joint_arrays(read_cameras(record.folder), source)
         if set(joint.images) != {one.id for one in record.images}:
@@ -269,7 +269,7 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
     earlier = open_block_images(record)
     ids = [one.id for one in record.images]
     tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
-    measured, ground = tables[1].image, tables[0].ground  # no ground points: a block of tie points alone
+    measured, ground = tables[1].image, tables[0].ground  # no ground points: a block of tie points only
     ground = GroundPoints.create([], np.empty((0, 3))) if ground is None else ground
     if measured is None:
         raise InputError(f"{record.folder}: its block.gpkg has no points: adjust that block again")
@@ -280,7 +280,7 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
 
 
 def open_block_images(record: BlockRecord) -> tuple[Image, ...]:
-    """Return the images of a block with their cameras as they were before its adjustment."""
+    """Return the images of a block with their cameras before its adjustment."""
     paths = restore_image_paths((one.id, one.path, one.item) for one in record.images)
     missing = [path for path in paths if not os.path.exists(path) and not path.startswith("/vsi")]
     if missing:
@@ -292,9 +292,9 @@ def open_block_images(record: BlockRecord) -> tuple[Image, ...]:
 def _rename_conflicts(
     measured: ImagePoints, ground: GroundPoints, tie_points: str | None
 ) -> tuple[ImagePoints, GroundPoints]:
-    """Return earlier points with other ids of the tie points where a new file means other points by the same ids.
+    """Return earlier points, with new ids for its tie points if a new file uses the same ids for other points.
 
-    They are the same points unless the new file has one of them at another place of the same image.
+    Equal ids are the same points unless the new file has one of them at another position in the same image.
     """
     if not tie_points or tie_points == NO_TIES:
         return measured, ground

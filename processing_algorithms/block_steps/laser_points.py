@@ -1,4 +1,4 @@
-"""Laser points of a block as options, points and report: for `triangulate` and `adjust`."""
+"""Laser points of a block: reading by options, adjustment and report entries, for `triangulate` and `adjust`."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ from .inputs import tell_operations
 
 @thresholds
 class LASER_LOOK:
-    """Which laser points are looked at, and how often."""
+    """Selection of laser points near the images, and rounds of measuring tie points at them."""
 
     beside_px: float = threshold(
         100.0, "px", "distance of a laser point from an image within which a shift of the block may bring it in"
@@ -49,10 +49,10 @@ NOT_SEEN = "not on two images"
 def add_laser_points(
     block: Block, options: LaserFile, files: PointFiles, context: Context
 ) -> tuple[LaserPoints | None, Block, list[str]]:
-    """Read the laser points that options name, with a doubt where one is not to be used; None without.
+    """Read the laser points that options name, with a doubt for those that are not used; None if none are named.
 
-    Only those on two images or more count; raises `InputError` where there are none. Also returned are the block with
-    their coordinate operations, and what the user should know of these.
+    Only points in at least two images are used; raises `InputError` if there are none near the images. Also returned
+    are the block with their coordinate operations, and warnings on these.
     """
     if not options.laser:
         return None, block, []
@@ -72,7 +72,7 @@ def add_laser_points(
 
 
 def _count_views(images: Sequence[Image], ground: np.ndarray, beside_px: float) -> np.ndarray:
-    """Return how many images each place ``(n, 3)`` lies on, or at most so far beside."""
+    """Return the number of images that contain each position ``(n, 3)``, or are at most ``beside_px`` away from it."""
     count = np.zeros(len(ground), dtype=np.int64)
     for image in images:
         first_sample, last_sample, first_line, last_line = image.domain_px
@@ -81,7 +81,7 @@ def _count_views(images: Sequence[Image], ground: np.ndarray, beside_px: float) 
         high = np.array([last_sample, last_line]) + beside_px
         with np.errstate(invalid="ignore"):
             seen = np.flatnonzero(((xy >= low) & (xy <= high)).all(axis=1))
-        # a polynomial comes back into the image far outside its domain: the ray must come back to the place
+        # far outside its domain a polynomial returns into the image: the ray must lead back to the position
         back = image.rpc.localize(xy[seen], ground[seen, 2]).ground
         count[seen[np.abs(back[:, :2] - ground[seen, :2]).max(axis=1) < 1e-3]] += 1
     return count
@@ -90,9 +90,9 @@ def _count_views(images: Sequence[Image], ground: np.ndarray, beside_px: float) 
 def with_surface(
     options: AdjustOptions, file: SurfaceFile, points: PointFiles, block: Block
 ) -> tuple[AdjustOptions, Block, list[str]]:
-    """Open the surface that is to hold the block, where one is named.
+    """Open the surface that constrains the block, if one is named.
 
-    Returned are the options with it, the block with its coordinate operations, and what the user should know of these.
+    Return the options with the surface, the block with its coordinate operations, and warnings on these.
     """
     opened = open_control_surface(file, points, options.surface_kind, block.images[0].rpc)
     if opened is None:
@@ -112,10 +112,10 @@ def with_free_control(
     options: AdjustOptions, surface: HeightSurface | None, laser: LaserPoints | None,
     reference: ReferencePlaces | None = None,
 ) -> AdjustOptions:  # fmt: skip
-    """Return options of an adjustment with laser points, places of a reference, and the DEM that holds heights.
+    """Return the options of an adjustment with laser points, places of a reference, and a DEM that constrains heights.
 
-    The ``surface`` is that DEM. It holds them where its standard deviation is given, and with laser points or places:
-    then that is, where none is given, the one of its cell size.
+    ``surface`` is that DEM. It is used if its standard deviation is given, or with laser points or places; then the
+    default of its standard deviation follows from its cell size.
     """
     places = [points.ground for points in (laser, reference) if points is not None]
     if options.sigma_dem_m is None and not places:
@@ -131,10 +131,10 @@ def with_free_control(
 def adjust_at_laser_points(
     block: Block, options: AdjustOptions, threads: int, context: Context
 ) -> tuple[Adjustment, list[str]]:
-    """Adjust a block with laser points, with tie points measured at them; also warnings.
+    """Adjust a block with laser points, and tie points measured at them; also return warnings.
 
-    The laser points are looked up with the cameras of an adjustment before, and again where the block has moved by more
-    than the ties may lie beside them.
+    The laser points are projected with the cameras of a preceding adjustment, and again if the block has moved by more
+    than the allowed distance of tie points from laser points.
     """
     laser = options.laser
     if laser is None or sum(image.raster is not None for image in block.images) < 2:
@@ -164,7 +164,7 @@ def adjust_at_laser_points(
 
 
 def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
-    """Return by how much the block lies above the laser points; 0 where they hold it already."""
+    """Return the median height of the block above the laser points; 0 if they constrain the block already."""
     found = result.laser
     if found is not None and (found.reason == "").sum() >= LASER_LOOK.few_points:
         return 0.0
@@ -179,7 +179,7 @@ def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
 
 
 def describe_laser(result: Adjustment, options: LaserFile) -> tuple[Report, list[str]]:
-    """Return what the report says of the laser points, and a warning where few of them hold anything."""
+    """Return the report's entry on the laser points, and a warning if few of them are used."""
     found = result.laser
     if found is None:
         return {}, []

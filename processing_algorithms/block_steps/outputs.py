@@ -1,6 +1,6 @@
-"""From an adjustment to files: refined RPCs, layers, reports. Everything is staged and appears at once.
+"""From an adjustment to files: refined RPCs, layers, reports. They are staged and moved into place together.
 
-Refined RPCs go into copies of the images, virtual images, ``_RPC.TXT`` files, or the images themselves.
+Refined RPCs are written to copies of the images, virtual images, ``_RPC.TXT`` files, or the images themselves.
 """
 
 import os
@@ -50,21 +50,21 @@ Writer = Callable[[str, str, RPC, Lineage, Progress], object]
 Pairs = Sequence[tuple[Image, RefitRPC]]
 
 
-#: By the choice of `write`: ending of the new file, and what writes it.
+#: By the choice of `write`: ending of the new file, and the function that writes it.
 NEW_FILES: dict[str, tuple[str, Writer]] = {
     "copy": (".tif", lambda source, target, rpc, lineage, part: write_geotiff_copy(source, target, rpc, part, lineage)),
     "vrt": (".vrt", lambda source, target, rpc, lineage, part: write_vrt(source, target, rpc, lineage)),
     "sidecar": ("_RPC.TXT", lambda source, target, rpc, lineage, part: write_rpc_text(target, rpc, lineage)),
 }
 IN_PLACE, WRITE_NOTHING, RESAMPLED = "in-place", "none", "resampled"
-NEW_FILES[RESAMPLED] = NEW_FILES["copy"]  # whose pixels are then written without jitter
-WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
+NEW_FILES[RESAMPLED] = NEW_FILES["copy"]  # the pixels of the copy are then replaced by those without jitter
+WITHOUT_PIXELS = "sidecar"  # for an RPC file alone a new RPC file is written in any case
 WITHHELD = "no refined RPC was written, because the result is unusable: correct the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
-UNWANTED_RESIDUALS = {"wgs84": "residuals_utm", "utm": "residuals_wgs84"}  #: layer left out, by `residual_crs`
+UNWANTED_RESIDUALS = {"wgs84": "residuals_utm", "utm": "residuals_wgs84"}  #: omitted layer, by `residual_crs`
 LAYERS_FILE, STAC_FILE = "block.gpkg", "stac.json"
 HELD_OUT_TIES = "held-out tie points"
-#: What a dry run counts, and the roles of the points.
+#: Counts of a dry run, and the roles of their points.
 COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE, HELD_OUT_TIES: Role.HELD_OUT}
 
 
@@ -86,7 +86,7 @@ class Clock:
         self._start = self._last = time.monotonic()
 
     def lap(self, part: str) -> None:
-        """Close a part; the memory that it does not need any more is not kept for the next one."""
+        """End a part, and release free memory before the next one."""
         return_free_memory()
         now = time.monotonic()
         self.seconds[part] = round(now - self._last, 3)
@@ -98,7 +98,7 @@ class Clock:
 
 
 def require_room(output: BlockOutput, images: Sequence[Image], context: Context) -> None:
-    """Raise `InputError`, before the work begins, where its results would replace what they may not replace."""
+    """Raise `InputError`, before the computation, if its results would replace files that must not be replaced."""
     names = _file_names(output, images)
     folder = output.folder
     check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs)
@@ -107,7 +107,7 @@ def require_room(output: BlockOutput, images: Sequence[Image], context: Context)
 
 
 def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
-    """Return the names of the files that a block's results are written into."""
+    """Return the names of the files with a block's results."""
     own = [REPORT_FILE, LAYERS_FILE, RECORD_FILE, CAMERAS_FILE, *([PAGE_FILE] if output.report else [])]
     items = [STAC_FILE, *(f"{image.id}_{STAC_FILE}" for image in images)] if output.stac else []
     return [*own, *items, *plan_file_names(images, output.write).values()]
@@ -119,15 +119,15 @@ def plan_results(
 ) -> Report:  # fmt: skip
     """Return the report of a dry run: the files, the counts and the verdict of the checks before an adjustment.
 
-    block : as far as it is known before tie points are found; None where nothing is
-    warnings : what the user should know; reasons : what was found in the inputs
-    pairs : overlapping pairs in which tie points would be looked for
-    together : whether the images are adjusted together, and what is known of them so is written
+    block : as far as it is known before tie points are found; None if nothing is known
+    warnings : for the user; reasons : findings of the checks of the inputs
+    pairs : overlapping pairs that would be matched for tie points
+    together : whether the images are adjusted together, so that the joint estimate of their cameras is written
     """
     counts = {"images": len(images)}
     if block is not None:
         counts |= {name: int(np.sum(block.points.role == role)) for name, role in COUNTED.items()}
-        if not counts[HELD_OUT_TIES]:  # a run chooses them, only earlier ones are there
+        if not counts[HELD_OUT_TIES]:  # they are chosen in the run; only earlier ones exist
             del counts[HELD_OUT_TIES]
         counts["image points"] = len(block.measurements)
     if pairs is not None:
@@ -143,10 +143,10 @@ def finish_block(
     output: BlockOutput, adjustment: Adjustment, warnings: Sequence[str], reasons: Sequence[Reason], entries: Report,
     clock: Clock, context: Context, discarded: Sequence[str] = (),
 ) -> Report:  # fmt: skip
-    """Assemble what an adjustment comes to, judge and write it; return the report.
+    """Assemble the results of an adjustment, assess and write them; return the report.
 
-    warnings, reasons : what was found before; entries : what the report has besides a block's entries
-    discarded : folders that are not needed any more when all is written
+    warnings, reasons : found before the adjustment; entries : entries of the report in addition to those of a block
+    discarded : folders that are removed when everything is written
     """
     outline = find_outline if output.report else None
     with explain_failures(reasons):
@@ -160,17 +160,17 @@ def finish_block(
 def write_results(
     output: BlockOutput, result: BlockResult, clock: Clock, context: Context, discarded: Sequence[str] = ()
 ) -> Report:
-    """Write everything that the options ask for and the verdict allows; return the report."""
+    """Write all files that the options request and the verdict allows; return the report."""
     report, pairs, target, cameras = result.report, result.pairs, output.folder, result.cameras
     images = [image for image, _ in pairs]
     cover = output.document
     report["document"] = {"title": cover.title, "client": cover.client, "place": cover.place}
-    how, stale = output.write, list[str]()  # files of earlier runs that have to go
+    how, stale = output.write, list[str]()  # files of earlier runs that must be removed
     if result.is_unusable and how != WRITE_NOTHING and not output.force_write:
         how, stale = WRITE_NOTHING, earlier_rpcs(target.output_dir, context.inputs)
         report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
     cameras_file = os.path.join(target.output_dir, CAMERAS_FILE)
-    if cameras is None and os.path.exists(cameras_file):  # it would pass for one of this run
+    if cameras is None and os.path.exists(cameras_file):  # it would be mistaken for one of this run
         stale.append(cameras_file)
     found, jitter_file = result.jitter_curves, os.path.join(target.output_dir, JITTER_FILE)
     curves = {} if found is None or how == WRITE_NOTHING else dict(found)
@@ -192,7 +192,7 @@ def write_results(
         left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
         layers = [layer for layer in result.layers if layer.name != left_out]
         write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
-        # What earlier runs and other programs left, which would win over what is written now
+        # Files of earlier runs and other programs that would take precedence over the new ones
         for file in stale:
             changes.remove(file)
         for image, new in new_files:
@@ -223,7 +223,7 @@ def _write_new_files(
     pairs: Pairs, targets: Mapping[str, str], how: str, curves: dict[str, JitterCurve], items: Mapping[str, str],
     context: Context,
 ) -> None:  # fmt: skip
-    """Write refined RPCs into new files by image id; the curves of images that are resampled without jitter go."""
+    """Write refined RPCs to new files by image id; curves of images that are resampled are removed from ``curves``."""
     for part, (image, new) in _tell_writing(pairs, context):
         _, write = NEW_FILES[how if image.has_file else WITHOUT_PIXELS]
         write(image.path, targets[image.id], new.rpc, _lineage_of(image, items), part)
@@ -234,7 +234,7 @@ def _write_new_files(
 def _write_curves_in_place(
     in_place: Pairs, curves: dict[str, JitterCurve], output_dir: str, changes: Transaction
 ) -> None:
-    """Write the curves of images that are written in place beside them, where that is not the output folder."""
+    """Write the jitter curves of images that are written in place into their folders, except the output folder."""
     rpcs = defaultdict[str, dict[str, RPC]](dict)  # by folder and image
     for image, new in in_place:
         if image.id in curves:
@@ -246,7 +246,7 @@ def _write_curves_in_place(
 
 
 def _tell_writing(pairs: Pairs, context: Context) -> Iterator[tuple[Progress, tuple[Image, RefitRPC]]]:
-    """Yield images with refined RPCs, and the progress of the part of the work that writes each of them."""
+    """Yield the images with refined RPCs, each with the part of the progress that belongs to it."""
     for done, (image, new) in enumerate(pairs):
         part = stage(context.progress, done / len(pairs), (done + 1) / len(pairs))
         advance(part, 0.0, f"writing {image.id}")
@@ -256,7 +256,7 @@ def _tell_writing(pairs: Pairs, context: Context) -> Iterator[tuple[Progress, tu
 def _name_outputs(
     report: Report, options: BlockOutput, how: str, images: Sequence[Image], names: Mapping[str, str], together: bool
 ) -> None:
-    """Enter where the results will lie; ``how`` refined RPCs are written, of images that were adjusted ``together``."""
+    """Enter the paths of the results; ``how`` refined RPCs are written, ``together`` is whether the cameras are."""
     folder = options.folder.output_dir
     for image in images:
         output = os.path.join(folder, names[image.id]) if image.id in names else None
@@ -273,7 +273,7 @@ def _name_outputs(
 def _write_items(
     folder: Path, report: Report, images: Sequence[Image], described: Sequence[Report], output_dir: str
 ) -> None:
-    """Write the STAC items of refined images whose files lie in a temporary ``folder``, or are the images."""
+    """Write the STAC items of refined images, whose files are in a temporary ``folder`` or are the images."""
     items = []
     for image, item in zip(images, described, strict=True):
         entry = report["images"][image.id]

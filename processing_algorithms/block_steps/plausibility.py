@@ -1,4 +1,4 @@
-"""Whether the inputs of a block can be what they claim, and whether the adjusted block lies on the DEM."""
+"""Checks whether the inputs of a block are plausible, and whether the adjusted block agrees with the DEM."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,9 +22,9 @@ from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
 def input_reasons(
     block: Block, surface: HeightSurface | None, sigma_shift_px: float | None = None, sigma_drift: float | None = None
 ) -> list[Reason]:
-    """Return what in a block's inputs a careful operator would have to look into, worst first.
+    """Return the findings in a block's inputs that a careful operator would check, the worst first.
 
-    The sigmas are those of the RPCs' errors where the user states them.
+    The sigmas are a priori standard deviations of the RPCs, if the user gives them.
     """
     found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
     for code, find_doubt, advice in (
@@ -41,7 +41,7 @@ def input_reasons(
 
 @contextmanager
 def explain_failures(reasons: Sequence[Reason]) -> Iterator[None]:
-    """Say what is wrong with the inputs where an adjustment fails on them, not how the adjustment failed."""
+    """Replace the error of a failed adjustment by the worst finding in its inputs, if there is one."""
     try:
         yield
     except (SolveError, InputError) as error:
@@ -53,7 +53,7 @@ def explain_failures(reasons: Sequence[Reason]) -> Iterator[None]:
 
 @thresholds
 class DEM_OFFSET:
-    """When a block lies off the DEM."""
+    """When a block deviates in height from the DEM."""
 
     fewest_points: int = threshold(10, "points", "points with a height of the DEM that the median needs")
     least_m: float = threshold(1.0, "m", "offset that grass, interpolation and a DEM's own errors may cause")
@@ -61,10 +61,10 @@ class DEM_OFFSET:
 
 
 def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[str]:
-    """Return a warning where the tie points of a block without GCPs lie clearly off the DEM, and it does not hold them.
+    """Return a warning if the tie points of a block without GCPs clearly deviate from a DEM that is no constraint.
 
-    Orthoimages made with this DEM are then displaced against one another by the offset times the difference of the
-    tangents of their view angles.
+    Orthoimages made with this DEM are then displaced relative to each other by the deviation times the difference of
+    the tangents of their view angles.
     """
     role = result.block.points.role
     if surface is None or sigma_dem_m is not None or np.any(role == Role.GCP):
@@ -86,7 +86,7 @@ def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_
 
 
 def ground_reasons(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[Reason]:
-    """Return what says that the DEM does not show the ground that the adjusted tie points have."""
+    """Return the reasons why the DEM does not show the ground of the adjusted tie points."""
     if surface is None:
         return []
     role = result.block.points.role

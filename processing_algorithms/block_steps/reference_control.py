@@ -1,4 +1,4 @@
-"""GCPs from a reference orthoimage as options, points and report: for `gcps-from-reference` and `triangulate`."""
+"""GCPs from a reference orthoimage: options, points and report entries, for `gcps-from-reference` and `triangulate`."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ from .inputs import tell_operations
 
 @thresholds
 class REFERENCE_SIGMA:
-    """Standard deviation of a reference orthoimage where none is given."""
+    """Standard deviation of a reference orthoimage if none is given."""
 
     pixels: float = threshold(2.0, "px", "standard deviation in its pixels, up to that of satellites' own")
     satellite_m: float = threshold(
@@ -41,10 +41,10 @@ PREFIX = "REF"
 
 
 class FromReference(NamedTuple):
-    """What matching gave: images, places found, accuracy of the reference, report entries and warnings.
+    """Result of matching: images, places found, accuracy of the reference, report entries and warnings.
 
-    excessive : whether an RPC lies farther beside the reference than both can explain
-    operations : how the reference and the DEM came to WGS84
+    excessive : whether the RPC and the reference differ by more than their accuracies can explain
+    operations : transformations of the reference and the DEM to WGS84
     """
 
     images: Sequence[Image]
@@ -60,13 +60,13 @@ def find_reference_control(
     images: Sequence[Image], options: ReferenceImage, surface: HeightSurface | None, sigma_dem_m: float | None,
     context: Context, epoch: float | None = None,
 ) -> FromReference:  # fmt: skip
-    """Match images, as far as they have pixels, with a reference orthoimage.
+    """Match the images that have pixels with a reference orthoimage.
 
-    surface : heights of its points; without, `InputError` says so
-    sigma_dem_m : standard deviation of these heights; None tells it from the size of the DEM's cells
-    epoch : year in which a CRS fixed to a plate is brought to WGS84
+    surface : heights of the points; None raises `InputError`
+    sigma_dem_m : standard deviation of these heights; None derives it from the cell size of the DEM
+    epoch : year at which coordinates in a plate-fixed CRS are transformed to WGS84
 
-    Raises `InputError` where there is no orthoimage or no DEM, or no image has pixels.
+    Raises `InputError` if there is no orthoimage or no DEM, or no image has pixels.
     """
     path = options.reference
     if path is None:
@@ -85,7 +85,7 @@ def find_reference_control(
         sigma_h_m = dem_sigma_m(cell_size_m(surface, middle[0])) if len(middle) else 1.0
     satellite_m = max(REFERENCE_SIGMA.satellite_m, REFERENCE_SIGMA.satellite_pixels * reference.gsd_m)
     sigma_xy_m = options.reference_sigma or min(REFERENCE_SIGMA.pixels * reference.gsd_m, satellite_m)
-    # The errors of the coordinate operations that made the places count, too
+    # The errors of the coordinate operations of the places are included
     shared_m = largest_sigma_m(reference.operations)[0], largest_sigma_m(of_dem)[1]
     accuracy = checks.ReferenceAccuracy(*np.hypot((sigma_xy_m, sigma_h_m), shared_m).tolist())
     control, wrong_parts = checks.drop_wrong_parts(with_pixels, control, accuracy)
@@ -122,7 +122,7 @@ def _image_entry(found: Any, shift: Any) -> Report:
 
 
 def reference_points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
-    """Return the GCPs and their measurements, those that agree."""
+    """Return the GCPs and their image measurements that agree with the bias of their image."""
     control = found.control
     seen = np.unique(np.concatenate([part.places[part.used] for part in control.images]))
     sigma = np.tile(found.accuracy.compute_sigmas(control.ground[seen]), (len(seen), 1))
@@ -140,7 +140,7 @@ def reference_points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
 
 
 def reference_reasons(entries: Report) -> list[Reason]:
-    """Return what speaks against the reference of a block: it shows nothing of it, or lies far from where RPCs put it.
+    """Return reasons against the reference of a block: no image matches it, or the RPCs differ from it too much.
 
     ``entries`` are those of the block's report.
     """
@@ -169,10 +169,10 @@ def read_reference_block(
     images: Sequence[Image], files: PointFiles, dem: GridSurface | None, tie_points: str | None,
     ties: Sequence[ImagePoints], reference: ReferenceImage, sigma_dem_m: float | None, context: Context,
 ) -> tuple[Block, ReferencePlaces | None, list[str], Report]:  # fmt: skip
-    """Read a block with the GCPs of the reference among its points; also these as places, warnings, report entries.
+    """Read a block with the GCPs of the reference among its points; also return them as places, warnings, entries.
 
-    Where surveyed GCPs contradict the reference, they are right, and it is left out. Where the RPCs lie farther beside
-    it than both can explain, it is the reference that is believed, and the user is told.
+    If surveyed GCPs contradict the reference, it is not used. If the RPCs differ from it by more than both accuracies
+    can explain, the reference is used, and a warning is given.
     """
     found = find_reference_control(images, reference, dem, sigma_dem_m, context, files.gcp_epoch)
     ground, measured = reference_points(found)

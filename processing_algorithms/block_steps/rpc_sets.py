@@ -1,7 +1,7 @@
-"""Sets of RPCs in directories, and the image points that made them: the folder of the run that refined them tells.
+"""Sets of RPCs in directories, and the image points from which they were estimated, found by the report of the run.
 
-An RPC that was adjusted to a tie point fits it, whatever the camera is in truth. So points that made an RPC do not
-judge it; those that its run held out do.
+An RPC that was adjusted to a tie point fits it, for any true camera. Points from which an RPC was estimated therefore
+do not evaluate it; those that its run held out do.
 """
 
 import os
@@ -31,7 +31,7 @@ MAKERS = ("triangulate", "adjust", "refine-rpc")  #: algorithms that refine RPCs
 
 @thresholds
 class RPC_SETS:
-    """When a measurement is one that made an RPC, and when the figures of a set of RPCs say little."""
+    """When a measurement was used for an RPC, and when a set of RPCs has too few predictions."""
 
     same_px: float = threshold(0.1, "px", "distance of two measurements that are the same one, read or found again")
     few_predictions: int = threshold(30, "predictions", "predictions below which a warning is given")
@@ -40,10 +40,10 @@ class RPC_SETS:
 
 @dataclass(frozen=True, eq=False)
 class MakingPoints:
-    """The image points of the run that refined a set of RPCs; None where its layers are not there any more.
+    """Image points of the run that refined a set of RPCs; None if its layers do not exist any more.
 
-    used : those of GCPs and tie points that could bend the cameras
-    held_out : those of tie points that the run held out
+    used : measurements of GCPs and tie points, which influenced the cameras
+    held_out : measurements of tie points that the run held out
     """
 
     report: str
@@ -52,7 +52,7 @@ class MakingPoints:
 
 
 def find_making_points(files: Sequence[str], image_ids: Sequence[str]) -> MakingPoints | None:
-    """Return the points that made the RPCs of some files; None where no file says that it was refined here."""
+    """Return the points from which the RPCs of some files were estimated; None if HRSI refined none of them."""
     reports: dict[str, bool] = {}
     for file in files:
         told = maker_of(file)
@@ -76,7 +76,7 @@ def find_making_points(files: Sequence[str], image_ids: Sequence[str]) -> Making
 
 
 def _names_output(path: str, file: str) -> bool:
-    """Return whether a report is of a run that wrote a file; its folder may have been moved."""
+    """Return whether a report belongs to a run that wrote a file; its folder may have been moved."""
     report = read_report(path)
     if report is None or report["algorithm"] not in MAKERS:
         return False
@@ -84,7 +84,7 @@ def _names_output(path: str, file: str) -> bool:
 
 
 def split_measurements(tables: Sequence[PointTables]) -> tuple[ImagePoints, ImagePoints]:
-    """Return the image points that could bend cameras and those of held-out ties; check points are neither."""
+    """Return the image points that influenced cameras, and those of held-out ties; check points are in neither."""
     used, held = list[ImagePoints](), list[ImagePoints]()
     for image, ground in ((one.image, one.ground) for one in tables if one.image is not None):
         passive, out = (
@@ -97,7 +97,7 @@ def split_measurements(tables: Sequence[PointTables]) -> tuple[ImagePoints, Imag
 
 
 def find_points_near(block: Block, measured: ImagePoints, apart_px: float) -> np.ndarray:
-    """Return a mask of the points of a block that come near one of the ``measured`` image points on any image."""
+    """Return the mask of the points of a block within ``apart_px`` of a ``measured`` point in at least one image."""
     rows = block.measurements
     near = np.zeros(len(block.points), dtype=bool)
     image_ids = np.asarray(measured.image_ids)
@@ -113,11 +113,11 @@ NEVER_RPC = (".gpkg", ".json", ".html", ".csv", ".aux.xml", ".png", ".jpg", ".lo
 
 
 def rpcs_of_folder(folder: str, images: Sequence[Image], log: Log) -> tuple[list[str], list[RPC]]:
-    """Return files and RPCs that a directory holds for images; raise `InputError` where one is missing.
+    """Return files and RPCs in a directory for images; raise `InputError` if one is missing.
 
-    For an image ``a.tif`` that is the RPC of ``a.tif``, of another file with the id ``a`` (``a.vrt``, ``a_RPC.TXT``),
-    or of a file whose name has ``a`` in it as a word (``run-a.adjusted_rpc.xml``). The RPC of a whole scene is moved to
-    the image's crop.
+    For an image ``a.tif`` the RPC is that of ``a.tif``, of another file with the id ``a`` (``a.vrt``, ``a_RPC.TXT``),
+    or of a file whose name contains ``a`` as a word (``run-a.adjusted_rpc.xml``). The RPC of a scene is moved to the
+    image's crop.
     """
     if not os.path.isdir(folder):
         raise InputError(f"{folder}: no such directory: `rpcs` needs NAME=DIR")
@@ -129,7 +129,7 @@ def rpcs_of_folder(folder: str, images: Sequence[Image], log: Log) -> tuple[list
 
 
 def _rpc_of(folder: str, names: Sequence[str], image: Image) -> tuple[str, RPC]:
-    """Return the file and the RPC of one image."""
+    """Return the file and the RPC of one image in a directory."""
     same = [name for name in names if name == os.path.basename(image.path)]
     of_id = [name for name in names if image_id(name).lower() == image.id.lower() and name not in same]
     word = re.compile(rf"(?<![A-Za-z0-9]){re.escape(image.id)}(?![A-Za-z0-9])", re.IGNORECASE)
@@ -145,7 +145,7 @@ def _rpc_of(folder: str, names: Sequence[str], image: Image) -> tuple[str, RPC]:
         except InputError:
             if name not in others:
                 raise
-            continue  # something else that has the image's name in its own
+            continue  # another file whose name contains that of the image
         if reading is not None:
             return name, reading.rpc
     raise InputError(

@@ -1,4 +1,4 @@
-"""What a person reads of an adjusted block: the lines on the terminal, and what is said of the choice of a model."""
+"""Summary of an adjusted block: the lines on the terminal, and the messages on the choice of a model."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ COLUMN_WIDTHS = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "
 
 
 def summarise(report: Report) -> str:
-    """Return how it went, control and check points, what to be careful with, and where the results lie."""
+    """Return the lines on convergence, control and check points, warnings and verdict."""
     redundancy, explained = report["redundancy"], list[str]()
     if redundancy != round(redundancy):
         share = "a parameter with a prior counts with the share that follows from observations"
@@ -70,7 +70,7 @@ def summarise(report: Report) -> str:
 
 
 def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
-    """Return the reasons with what to do about each, the worst last, and below them the verdict in one sentence."""
+    """Return the reasons with their advice, the worst last, and after them the verdict in one sentence."""
     lines = []
     for reason in reversed(verdict["reasons"]):
         lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
@@ -78,12 +78,12 @@ def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
 
 
 def format_digits(value: float | None) -> str:
-    """Return a figure with three digits, a dash where there is none."""
+    """Return a number with three decimals, a dash for None."""
     return "-" if value is None else f"{value:.3f}"
 
 
 def choice_warnings(choice: ModelChoice | None) -> list[str]:
-    """Return what is to be said of a choice: doubts about the GCPs, and those that had no say in it."""
+    """Return the warnings on a choice of model, and the GCPs that were excluded from it."""
     if choice is None:
         return []
     suspects = [
@@ -95,7 +95,7 @@ def choice_warnings(choice: ModelChoice | None) -> list[str]:
 
 
 def choice_entries(rule: str, choice: ModelChoice | None) -> dict[str, Any]:
-    """Return the report's entry about a choice; none where the model was named."""
+    """Return the report's entry on a choice of model; empty if the user named the model."""
     if choice is None:
         return {}
     entry = {

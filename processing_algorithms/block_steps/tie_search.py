@@ -1,4 +1,4 @@
-"""The search for tie points as `tie-points` and `triangulate` run it, also where images join an earlier search."""
+"""The search for tie points for `tie-points` and `triangulate`, also if images join an earlier search."""
 
 from __future__ import annotations
 
@@ -28,18 +28,17 @@ from ..interface.declare import Context, Report
 from ..interface.option_groups import SearchOptions
 from .inputs import join_image_points, of_block
 
-UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, while the search is at work or was stopped
+UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, until the search has ended
 
 
 def find_ties(
     images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, output_dir: str, context: Context,
     earlier: Collection[str] = (),
 ) -> tuple[TiePoints, tuple[str, ...]]:  # fmt: skip
-    """Find the tie points of a block as the options say; also return the folder that is needed for this run only.
+    """Find the tie points of a block by the options; also return the folder that is needed for this run only.
 
-    What is finished is kept there, on the disk or in an object store, until the caller discards it with the results.
-
-    Images with the ids ``earlier`` are not matched with one another again.
+    Finished parts are stored in that folder, on the disk or in an object store, until the caller discards it. Images
+    with the ids ``earlier`` are not matched with each other again.
     """
     if earlier and options.matches:
         raise InputError("`matches` cannot be combined with `add_to`: remove one of them")
@@ -64,7 +63,7 @@ def find_ties(
 
 
 def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
-    """Return the matches of files of another program as tracks; raise `InputError` where they hold none."""
+    """Return the matches of files of another program as tracks; raise `InputError` if they contain none."""
     ids = [image.id for image in images]
     tables = [read_points(measurements_of(file), image_ids=ids) for file in several_specs(spec)]
     pairs = [of_block(table.image, images)[0] for table in tables if table.pairwise and table.image is not None]
@@ -84,7 +83,7 @@ def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
 
 
 def connection_entries(found: TiePoints) -> Report:
-    """Return what holds each image, as reports have it: sound links, images in one block with it, pairs tried."""
+    """Return the report's entries on the connection of each image: reliable links, images of its part, pairs tried."""
     return {
         "held": {
             hold.image: {"links": hold.links, "images": hold.images, "pairs_tried": hold.tried,
@@ -94,12 +93,12 @@ def connection_entries(found: TiePoints) -> Report:
     }  # fmt: skip
 
 
-FIRST_LETTER = "T"  # of the ids of tie points: a number follows
+FIRST_LETTER = "T"  # of tie point ids: a number follows
 
 
 @dataclass(frozen=True, eq=False)
 class EarlierTies:
-    """What an earlier search found: images, measurements, positions (tracks, 3) in the order of ids, its report."""
+    """Result of an earlier search: images, measurements, positions (tracks, 3) in the order of ids, its report."""
 
     images: tuple[Image, ...] = ()
     points: ImagePoints | None = None
@@ -112,7 +111,7 @@ class EarlierTies:
         return [image.id for image in self.images]
 
     def with_new(self, found: TiePoints) -> TiePoints:
-        """Return the earlier points with those found now behind them, numbered on."""
+        """Return the earlier points followed by those found now, with continued numbers."""
         if self.points is None or self.ground is None:
             return found
         new, new_ids, track = join_ties(found.image_points, self.points)
@@ -125,12 +124,12 @@ class EarlierTies:
 
 
 def join_ties(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, np.ndarray, np.ndarray]:
-    """Return new tie points without what is known, joined to the earlier points that they meet, others numbered on.
+    """Return new tie points without known measurements; those that meet earlier points get the ids of these.
 
-    A track that stands on an earlier image where one earlier point does is that point, seen by further images: without
-    such points nothing would tie an image to pairs of others along their epipolar lines. One that meets several points,
-    or has another place on an image of the one that it meets, stays a point of its own: its new id, and which of those
-    found it is, are returned too.
+    A track with the position of one earlier point in an earlier image is that point, seen in further images: without
+    such points, no tie point would connect an image to pairs of other images along their epipolar lines. A track that
+    meets several points, or has another position in an image of the point that it meets, remains a new point; the new
+    ids, and the numbers of their tracks, are returned too.
     """
     known, row = _round_positions(earlier), _round_positions(new)
     place, met = match_names(row, known)
@@ -140,7 +139,7 @@ def join_ties(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, np.n
     np.minimum.at(first, track[met], old_track[place[met]])
     np.maximum.at(last, track[met], old_track[place[met]])
     joined = first == last
-    # Another place on an image where the earlier point has one already
+    # Another position in an image where the earlier point has one already
     images = np.unique(np.concatenate([find_unique_ids(table.image_ids)[0] for table in (earlier, new)]))
     image, old_image = (np.searchsorted(images, np.asarray(table.image_ids)) for table in (new, earlier))
     there = np.isin(first[track] * len(images) + image, old_track * len(images) + old_image)
@@ -156,7 +155,7 @@ def join_ties(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, np.n
 
 
 def _round_positions(points: ImagePoints) -> np.ndarray:
-    """Return image and position of each measurement, to a thousandth of a pixel."""
+    """Return image and position of each measurement as text, rounded to a thousandth of a pixel."""
     texts = np.char.mod("%.3f", points.xy)
     return np.char.add(
         np.char.add(np.asarray(points.image_ids), " "), np.char.add(np.char.add(texts[:, 0], " "), texts[:, 1])
@@ -164,7 +163,7 @@ def _round_positions(points: ImagePoints) -> np.ndarray:
 
 
 def read_earlier_ties(folder: str | None, images: Sequence[Image]) -> EarlierTies:
-    """Return what an earlier search left in its output directory; nothing where none is named."""
+    """Return the result of an earlier search from its output directory; empty if none is named."""
     if folder is None:
         return EarlierTies()
     report = read_report(os.path.join(folder, "report.json"))
@@ -182,7 +181,7 @@ def read_earlier_ties(folder: str | None, images: Sequence[Image]) -> EarlierTie
     placed = read_points(f"{layers}|layername={TIES_LAYER}").ground
     if measured is None or placed is None:
         raise InputError(f"{layers}: contains no tie points: search those of the earlier images again")
-    ids, _ = find_unique_ids(measured.ids)  # points may have been removed by hand, or their positions
+    ids, _ = find_unique_ids(measured.ids)  # the user may have removed points, or their positions
     ground = np.full((len(ids), 3), np.nan)
     row, same = match_names(ids, placed.ids)
     ground[same] = placed.ground[row[same]]

@@ -1,1 +1,1 @@
-"""What each algorithm says of itself: its options, help and results; light, so that all are read at once."""
+"""Declarations of the algorithms: options, help and results; quick to import, so that all are read at once."""

@@ -1,4 +1,4 @@
-"""Image points: the algorithms that find or measure them."""
+"""Declarations of the algorithms that find or measure image points."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ TIES_FILE, TIES_LAYER = "block.gpkg", "tie_points"
 
 @options(kw_only=True)
 class TiePointsOptions:
-    """What `tie-points` takes."""
+    """Options of `tie-points`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC")
     add_to: str | None = option(
@@ -52,7 +52,7 @@ GCPS_FILE, GCPS_LAYER = "gcps.gpkg", "gcps"
 
 @options(kw_only=True)
 class GcpsFromReferenceOptions:
-    """What `gcps-from-reference` takes."""
+    """Options of `gcps-from-reference`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC and pixels")
     reference: groups.MandatoryReference = nest_options(groups.MandatoryReference)
@@ -96,7 +96,7 @@ TARGETS_FILE, TARGETS_LAYER = "targets.gpkg", "targets"
 
 @options(kw_only=True)
 class MeasureTargetsOptions:
-    """What `measure-targets` takes."""
+    """Options of `measure-targets`."""
 
     images: tuple[str, ...] = option((), "Images; not needed with `edges`", kind=Kind.IMAGES, metavar="IMAGE")
     points: str | None = option(

@@ -1,4 +1,4 @@
-"""Orthoimages: the algorithms that make and compare them."""
+"""Declarations of the algorithms that make and compare orthoimages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ...hrsi_engine.ortho.options import MisregistrationOptions
 from ..interface import option_groups as groups
 from ..interface.declare import Algorithm, Kind
 
-#: GDAL's kernels (`io.rasters.ortho_warp.RESAMPLING`).
+#: GDAL's resampling methods (`io.rasters.ortho_warp.RESAMPLING`).
 RESAMPLING_NAMES = (
     "near", "bilinear", "cubic", "cubicspline", "lanczos", "average", "rms", "mode", "max", "min", "med", "q1", "q3",
 )  # fmt: skip
@@ -17,7 +17,7 @@ FORMAT_NAMES = ("cog", "gtiff")
 
 @options(kw_only=True)
 class OrthorectifyOptions:
-    """What `orthorectify` takes."""
+    """Options of `orthorectify`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC")
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
@@ -97,7 +97,7 @@ SHIFTS_FILE, SHIFTS_LAYERS = "misregistration.gpkg", ("misregistration_utm", "mi
 
 @options(kw_only=True)
 class OrthoCheckOptions:
-    """What `ortho-check` takes."""
+    """Options of `ortho-check`."""
 
     images: tuple[str, ...] = option(help="Orthoimages", kind=Kind.IMAGES, metavar="ORTHO")
     reference: str | None = option(

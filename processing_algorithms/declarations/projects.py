@@ -1,4 +1,4 @@
-"""Projects: the algorithm that runs all steps of a project file."""
+"""Declaration of the algorithm that runs all steps of a project file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..interface.option_groups import Common, report_option
 
 @options(kw_only=True)
 class RunOptions:
-    """What `run` takes."""
+    """Options of `run`."""
 
     project: str = option(help="Project file (TOML)", kind=Kind.PROJECT, metavar="PROJECT")
     steps: tuple[str, ...] | None = option(

@@ -1,4 +1,4 @@
-"""RPCs: the algorithms that judge, write, cut, join, use or fit them."""
+"""Declarations of the algorithms that evaluate, write, crop, join, apply or fit RPCs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EVALUATION_FILE = "evaluation.gpkg"
 
 @options(kw_only=True)
 class EvaluateOptions:
-    """What `evaluate` takes."""
+    """Options of `evaluate`."""
 
     images: tuple[str, ...] = groups.images_option()
     rpcs: tuple[str, ...] = option(
@@ -79,7 +79,7 @@ EVALUATE = Algorithm(
 )  # fmt: skip
 
 
-#: What the output of an image is called, by way of writing; None is the image itself.
+#: Ending of the output of an image, by way of writing; None is the image itself.
 OUTPUT_ENDINGS: dict[str, str | None] = {
     "copy": ".tif", "in-place": None, "vrt": ".vrt", "sidecar": "_RPC.TXT", "rpb": ".RPB", "xml": ".xml",
     "geom": ".geom", "json": ".json",
@@ -88,7 +88,7 @@ OUTPUT_ENDINGS: dict[str, str | None] = {
 
 @options(kw_only=True)
 class WriteRpcOptions:
-    """What `write-rpc` takes."""
+    """Options of `write-rpc`."""
 
     images: tuple[str, ...] = groups.images_option("Images, or RPC files alone (then `write` cannot be copy or vrt)")
     rpc: str | None = option(
@@ -128,17 +128,17 @@ WRITE_RPC = Algorithm(
 )  # fmt: skip
 
 
-#: GDAL's kernels that leave a feature where it is: average takes whole pixels and is up to 0.4 of them off, mode
-#: prefers the upper left of equals.
+#: GDAL's kernels that do not displace features: average uses complete pixels and displaces by up to 0.4 of them, mode
+#: prefers the upper left of equal values.
 KERNELS = ("cubic", "near", "bilinear", "cubicspline", "lanczos")
 
-#: Formats, and how the names of their files end.
+#: Formats, and the endings of their file names.
 FORMAT_ENDINGS = {"gtiff": ".tif", "cog": ".tif", "vrt": ".vrt"}
 
 
 @options(kw_only=True)
 class CropOptions:
-    """What `crop` takes."""
+    """Options of `crop`."""
 
     images: tuple[str, ...] = groups.images_option()
     window: str | None = groups.window_option("Window to cut; the first pixel is 0, 0")
@@ -186,7 +186,7 @@ CROP = Algorithm(
 
 @options(kw_only=True)
 class StripOptions:
-    """What `strip` takes."""
+    """Options of `strip`."""
 
     images: tuple[str, ...] = groups.images_option(
         "Parts of one strip, or tiles of one scene; RPC files alone give the RPC only"
@@ -228,7 +228,7 @@ RPC_INFO_FILE = "rpc_info.gpkg"
 
 @options(kw_only=True)
 class RpcInfoOptions:
-    """What `rpc-info` takes."""
+    """Options of `rpc-info`."""
 
     images: tuple[str, ...] = groups.images_option()
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
@@ -266,7 +266,7 @@ POINTS_FILE = "points.gpkg"
 
 @options(kw_only=True)
 class ProjectOptions:
-    """What `project` takes."""
+    """Options of `project`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
     points: str | None = option(
@@ -299,7 +299,7 @@ PROJECT = Algorithm(
 
 @options(kw_only=True)
 class LocalizeOptions:
-    """What `localize` takes."""
+    """Options of `localize`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
     points: str | None = option(
@@ -332,7 +332,7 @@ LOCALIZE = Algorithm(
 
 @options(kw_only=True)
 class FitRpcOptions:
-    """What `fit-rpc` takes."""
+    """Options of `fit-rpc`."""
 
     points: str = option(
         help="Table of correspondences, a CSV or vector layer; or an exact camera: ISD XML with ephemeris and "
@@ -386,7 +386,7 @@ NEXT_PROGRAMS = ("cars", "s2p", "asp", "micmac", "colmap", "nerf", "points")
 
 @options(kw_only=True)
 class HandOverOptions:
-    """What `hand-over` takes."""
+    """Options of `hand-over`."""
 
     result: str = option(help="Output directory of an adjustment", kind=Kind.RESULT, metavar="RESULT")
     to: str = option(

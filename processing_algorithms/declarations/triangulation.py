@@ -1,4 +1,4 @@
-"""Triangulation: the algorithms that adjust the RPCs of images."""
+"""Declarations of the algorithms that adjust the RPCs of images."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from ...hrsi_engine.refinement.model_table import RefineOptions
 from ..interface import option_groups as groups
 from ..interface.declare import Algorithm, Kind
 
-#: What a map should show of an adjusted block.
+#: Layers of an adjusted block that are shown on a map.
 BLOCK_LAYERS = tuple(f"block.gpkg|layername={name}" for name in ("images", "ground_points", "residuals_utm"))
 
 
 @options(kw_only=True)
 class TriangulateOptions:
-    """What `triangulate` takes."""
+    """Options of `triangulate`."""
 
     images: tuple[str, ...] = groups.images_option()
     points: groups.PointFiles = nest_options(groups.PointFiles)
@@ -60,7 +60,7 @@ TRIANGULATE = Algorithm(
 
 @options(kw_only=True)
 class AdjustAlgorithmOptions:
-    """What `adjust` takes."""
+    """Options of `adjust`."""
 
     images: tuple[str, ...] = groups.images_option()
     points: groups.PointFiles = nest_options(groups.PointFiles)
@@ -102,7 +102,7 @@ ADJUST = Algorithm(
 
 @options(kw_only=True)
 class RefineAlgorithmOptions:
-    """What `refine-rpc` takes."""
+    """Options of `refine-rpc`."""
 
     images: tuple[str, ...] = groups.images_option()
     points: groups.PointFiles = nest_options(groups.PointFiles)

@@ -1,5 +1,5 @@
-"""What `import hrsi` offers to people: the declared algorithms as functions, and results that show themselves.
+"""Content of `import hrsi`: the declared algorithms as functions, and results with a display for notebooks.
 
-The functions are made from the declarations, as the command line and the QGIS dialogs are; nothing of an algorithm is
-said here again.
+The functions are made from the declarations, as the command line and the QGIS dialogs are; descriptions of the
+algorithms are not repeated here.
 """

@@ -1,8 +1,8 @@
 """The declared algorithms as functions: ``hrsi.triangulate(images, gcps="gcps.gpkg")``, and opening images.
 
-Each function is made from its declaration: parameters, defaults and description are those of the command line. What is
-given may be in memory (`convert_options`), messages name the parameters, and without ``output_dir`` the results lie in
-a folder that goes when the `Result` does.
+Each function is made from its declaration: parameters, defaults and description are those of the command line. Values
+may be objects in memory (`convert_options`), messages name the parameters, and without ``output_dir`` the results are
+in a temporary folder that is deleted with the `Result`.
 """
 
 import inspect
@@ -46,14 +46,14 @@ def open(source: Any, rpc: Any = None, id: str | None = None) -> Any:
         An image that GDAL opens, or an RPC file alone (``_RPC.TXT``, ``.RPB``, DIMAP or ISD XML, ``.geom``); an array
         ``(lines, samples)`` of grey values, which needs ``rpc``.
     rpc : RPC or path, optional
-        A camera to be used instead of the image's own; an RPC, what `read_rpc` returned, or a file.
+        A camera to be used instead of the image's own: an RPC, the result of `read_rpc`, or a file.
     id : str, optional
         Name in the block; by default the file's stem without a trailing ``_RPC``.
 
     Returns
     -------
     Image or list of Image
-        With ``rpc``, ``size`` and a way to the pixels; a list for a sequence.
+        With ``rpc``, ``size`` and access to the pixels; a list for a sequence.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def open(source: Any, rpc: Any = None, id: str | None = None) -> Any:
 
 
 def _camera_of(given: Any) -> RPC | None:
-    """Return the RPC that is given as such, or within something read: an image, or what `read_rpc` returns."""
+    """Return a given RPC, or that of an object with an RPC: an image, or a result of `read_rpc`; else None."""
     if hasattr(given, "line_num_coeff") and hasattr(given, "samp_off"):  # rasterio's: ``dataset.rpcs``
         return RPC.from_rasterio(given)
     inner = given if isinstance(given, RPC) else getattr(given, "rpc", None)
@@ -94,7 +94,7 @@ def _image(given: Any) -> str:
     return ImageInMemory(given if isinstance(given, Image) else Image("image", camera, getattr(given, "size", None)))
 
 
-#: What becomes of a value by the kind of its option, others stay as they are; images in memory go with their names.
+#: Conversion of a value by the kind of its option; other kinds are unchanged. Images in memory keep their names.
 TAKEN: dict[Kind, Callable[[Any], Any]] = {
     Kind.IMAGES: lambda given: [_image(one) for one in (given if isinstance(given, (list, tuple)) else [given])],
     Kind.RASTER: path_of,
@@ -103,15 +103,15 @@ TAKEN: dict[Kind, Callable[[Any], Any]] = {
 
 
 def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options by keyword as their declaration takes them.
+    """Return options by keyword, converted to the types of their declaration.
 
-    ``given`` has None for what is not given. A `Block` as images brings its points with it.
+    None in ``given`` means not given. A `Block` given as images adds its points.
     """
     options = {key: value for key, value in given.items() if value is not None}
     kinds = {param.key: param.kind for param in algorithm.params}
     options = {key: _convert_results(value, kinds.get(key)) for key, value in options.items()}
     if isinstance(block := options.get("images"), Block):
-        # Its known points and all its measurements, by the options that take them
+        # Its known points and all its measurements, as the options for them
         known, rows = block.points.select(block.known), block.measurements
         names = np.array([image.id for image in block.images])
         ids = block.points.ids[rows.point]
@@ -126,7 +126,7 @@ def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
 
 
 def _convert_results(given: Any, kind: Kind | None) -> Any:
-    """Return a value in which results stand for their folders, and for the images that they wrote."""
+    """Return a value with results replaced by their folders, or by the images that they wrote."""
     if isinstance(given, Mapping) and kind is Kind.FOLDERS:
         return {
             name: FolderOfRpcs(one) if isinstance(one, Mapping) else _convert_results(one, kind)
@@ -139,13 +139,13 @@ def _convert_results(given: Any, kind: Kind | None) -> Any:
 
 
 class FolderOfRpcs(str):
-    """A temporary folder with RPC files of cameras by image id; it is deleted with this path."""
+    """A temporary folder with an RPC file of each camera, by image id; it is deleted with this path object."""
 
     __slots__ = ("kept",)
     kept: TemporaryDirectory[str]
 
     def __new__(cls, rpcs: Mapping[str, RPC]) -> "FolderOfRpcs":
-        """Write the files."""
+        """Write the files into a new folder."""
         kept = TemporaryDirectory(prefix="hrsi-")
         for name, rpc in rpcs.items():
             write_rpc_text(os.path.join(kept.name, f"{name}_RPC.TXT"), rpc)
@@ -154,11 +154,11 @@ class FolderOfRpcs(str):
         return made
 
 
-#: Algorithms whose results are files for later work: those need a folder of the caller's.
+#: Algorithms whose results are files for later use: they need a folder of the caller.
 MAKES_FILES = frozenset({"orthorectify", "simulate", "crop", "strip"})
-#: What is written into a folder that goes with the result: RPCs alone, no copies of images, no page.
+#: Options of a temporary result: RPC files alone, no copies of images, no report page.
 BRIEF = {"write": "sidecar", "report": False}
-#: What says how high the ground is under points in arrays.
+#: Options that give the height of the ground for points in arrays.
 TERRAIN = tuple(param.key for param in params_of(TerrainOptions))
 PYTHON = Face(lambda param: param.key, "help(hrsi.{name})")
 _OPTION = re.compile(r"--([a-z][a-z0-9-]*)")
@@ -189,7 +189,7 @@ def make_call(algorithm: Algorithm) -> Callable[..., Result]:
                 kept = TemporaryDirectory(prefix="hrsi-")
                 options = {**brief, **options, "output_dir": kept.name, "overwrite": True}
             report = algorithm.execute(check_options(algorithm, options, PYTHON), context)
-        except HrsiError as error:  # it names the parameters
+        except HrsiError as error:  # with the names of the parameters
             raise type(error)(_spell_message(str(error), algorithm)) from error.__cause__
         tables = [value.points for value in options.values() if isinstance(value, PointsInMemory)]
         return Result(report, options.get("output_dir") or report.get("folder"), kept, tables)
@@ -202,7 +202,7 @@ def make_call(algorithm: Algorithm) -> Callable[..., Result]:
 
 
 def _spell_message(text: str, algorithm: Algorithm) -> str:
-    """Return a message in which options are named as parameters: by their keys."""
+    """Return a message with the options replaced by the names of the parameters."""
     keys = {param.name: param.key for param in algorithm.params}
     spelt = spell_arguments(text, algorithm.params, lambda param: param.key)
     return _OPTION.sub(lambda found: keys.get(found[1], found[0]), spelt)
@@ -212,28 +212,28 @@ def _spell_message(text: str, algorithm: Algorithm) -> str:
 
 
 def project(images: Any, points: Any, **options: Any) -> Any:
-    """Return where ground points lie in an image; arrays give arrays.
+    """Return the positions of ground points in an image; arrays give arrays.
 
     Parameters
     ----------
     images : image, or several with a table
-        What `open` takes, or what it returned.
+        As for `open`, or its result.
     points : (n, 3) or (n, 2) array, table, or file
-        Lon, lat in degrees and ellipsoidal height; without heights ``height`` or ``dem`` says how high the ground is.
-        Tables and files as of the command line.
+        Lon, lat in degrees and ellipsoidal height; without heights, ``height`` or ``dem`` gives that of the ground.
+        Tables and files as for the command line.
     **options : Any
         ``height``, ``dem``, ``dem_datum``, ``height_datum``; with a table or a file every option of ``hrsi project``.
 
     Returns
     -------
     (n, 2) ndarray or Result
-        Sample, line in pixels, (0, 0) is the centre of the first pixel; NaN where an image has no answer. Of a table
-        or a file a `Result`, whose `Result.points` has the columns id, image, sample, line.
+        Sample, line in pixels, (0, 0) is the centre of the first pixel; NaN if a point has no image position. For a
+        table or a file a `Result`, whose `Result.points` has the columns id, image, sample, line.
 
     Raises
     ------
     HrsiError
-        Points without height where nothing says how high the ground is.
+        Points without height if the height of the ground is not given.
     """
     if not _is_array(points):
         return DECLARED["project"](images, points=points, **options)
@@ -251,28 +251,28 @@ def project(images: Any, points: Any, **options: Any) -> Any:
 
 
 def localize(images: Any, points: Any, **options: Any) -> Any:
-    """Return where the rays of image points meet the ground; arrays give arrays.
+    """Return the intersections of the rays of image points with the ground; arrays give arrays.
 
     Parameters
     ----------
     images : image, or several with a table
-        What `open` takes, or what it returned.
+        As for `open`, or its result.
     points : (n, 2) or (n, 3) array, table, or file
         Sample and line in pixels, (0, 0) is the centre of the first pixel; with an ellipsoidal height each, or
-        ``height`` or ``dem``. Tables and files as of the command line.
+        ``height`` or ``dem``. Tables and files as for the command line.
     **options : Any
         ``height``, ``dem``, ``dem_datum``, ``height_datum``; with a table or a file every option of ``hrsi localize``.
 
     Returns
     -------
     (n, 3) ndarray or Result
-        Lon, lat in degrees, ellipsoidal height in metres; NaN where a ray meets no ground. Of a table or a file a
-        `Result`, whose `Result.points` has the columns id, image, lon, lat, height, status.
+        Lon, lat in degrees, ellipsoidal height in metres; NaN if a ray does not meet the ground. For a table or a file
+        a `Result`, whose `Result.points` has the columns id, image, lon, lat, height, status.
 
     Raises
     ------
     HrsiError
-        Points without height where nothing says how high the ground is.
+        Points without height if the height of the ground is not given.
     """
     if not _is_array(points):
         return DECLARED["localize"](images, points=points, **options)
@@ -287,7 +287,7 @@ def localize(images: Any, points: Any, **options: Any) -> Any:
 
 
 def _is_array(points: Any) -> bool:
-    """Tell whether points are numbers without names: an array, or a list of numbers or of rows."""
+    """Return whether points are numbers without names: an array, or a list of numbers or of rows."""
     if isinstance(points, (list, tuple)):
         return bool(len(points)) and not isinstance(points[0], (str, os.PathLike))
     return isinstance(points, np.ndarray) and points.dtype.names is None
@@ -296,7 +296,7 @@ def _is_array(points: Any) -> bool:
 def _read_array_call(
     name: str, images: Any, points: Any, options: dict[str, Any], what: str
 ) -> tuple[Image, np.ndarray, HeightSurface | None]:
-    """Return the image, the points ``(n, 2 or 3)`` (``what`` they are) and the ground that options name."""
+    """Return the image, the points ``(n, 2 or 3)``, described by ``what``, and the ground surface of the options."""
     one = images[0] if isinstance(images, (list, tuple)) and len(images) == 1 else images
     if isinstance(one, (list, tuple)):
         raise InputError("an array of points belongs to one image: give one, or a table with the column image")
@@ -313,18 +313,18 @@ def _read_array_call(
     return image, rows, open_terrain(fill_options(TerrainOptions, checked))
 
 
-#: Functions that are called otherwise than their algorithm.
+#: Functions whose names differ from those of their algorithms.
 RENAMED = {"refine-rpc": "refine"}
 PROGRESS = "progress"
 
 
 def function_name(algorithm: str) -> str:
-    """Return what the function of an algorithm is called."""
+    """Return the name of the function of an algorithm."""
     return RENAMED.get(algorithm, algorithm.replace("-", "_"))
 
 
 def signature_of(algorithm: Algorithm) -> inspect.Signature:
-    """Return the signature: what is needed may stand without its name, all else is named."""
+    """Return the signature: required parameters may be positional, all others are keywords."""
     parameters = [
         inspect.Parameter(
             param.key,
@@ -338,7 +338,7 @@ def signature_of(algorithm: Algorithm) -> inspect.Signature:
 
 
 def sort_parameters(algorithm: Algorithm) -> list[Param]:
-    """Return the options with those first that may stand without their names, the needed ones before the others."""
+    """Return the options, with those first that may be positional, the required ones before the others."""
     return sorted(
         algorithm.params, key=lambda param: (not _is_first(param), not (_is_first(param) and _is_needed(param)))
     )

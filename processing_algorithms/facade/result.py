@@ -1,4 +1,4 @@
-"""What a call of the facade returns: the report, and the tables and files that the algorithm wrote, read when asked."""
+"""Result of a call of the facade: the report, and the tables and files that the algorithm wrote, read on demand."""
 
 import html
 import os
@@ -19,7 +19,7 @@ from ...hrsi_engine.io.rpc_files import read_rpc
 from .. import REGISTRY
 from ..interface.declare import Report, spell_arguments
 
-#: Layers that hold what a short name means, the first one that is there.
+#: Layers of short names: the first one that exists is used.
 SHORT_NAMES = {
     "images": ("images",),
     "points": ("ground_points",),
@@ -29,18 +29,18 @@ SHORT_NAMES = {
 
 
 class Result:
-    """The result of an algorithm; made by the functions of `hrsi`, or by `hrsi.read_result` from a folder.
+    """The result of an algorithm, from the functions of `hrsi`, or by `hrsi.read_result` from a folder.
 
     Parameters
     ----------
     report : dict
-        The report, as ``report.json`` has it.
+        The report, as in ``report.json``.
     folder : path, optional
-        Where the files lie; None where nothing was written.
+        Folder of the files; None if no files were written.
     kept : TemporaryDirectory, optional
-        A folder that goes with the result: where no ``output_dir`` was given.
+        A temporary folder that is deleted with the result, if no ``output_dir`` was given.
     given : sequence
-        The tables that were given: where one is of GeoPandas, tables come back so.
+        The tables that were given: if one is of GeoPandas, tables are returned in the same way.
     """
 
     def __init__(
@@ -59,17 +59,17 @@ class Result:
 
     @property
     def verdict(self) -> str:
-        """``ok``, ``doubtful`` or ``unusable``; empty where an algorithm judges nothing."""
+        """``ok``, ``doubtful`` or ``unusable``; empty if the algorithm has no verdict."""
         return str(self.report.get("verdict", {}).get("level", ""))
 
     @property
     def reasons(self) -> list[dict[str, Any]]:
-        """What to look into, the worst first: ``code``, ``level``, ``message``, ``advice``, ``images``, ``points``."""
+        """Reasons of the verdict, worst first: ``code``, ``level``, ``message``, ``advice``, ``images``, ``points``."""
         return list(self.report.get("verdict", {}).get("reasons", []))
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should know besides."""
+        """Warnings for the user."""
         return [self._spell_text(text) for text in self.report.get("warnings", [])]
 
     def summary(self) -> str:
@@ -94,8 +94,8 @@ class Result:
         Returns
         -------
         pandas.DataFrame, geopandas.GeoDataFrame or dict of arrays
-            A GeoDataFrame with its CRS where one was given; a dict where pandas is not installed. Positions are
-            ``lon, lat`` or ``x, y``; footprints ``geometry`` (shapely), as GeoPandas takes them.
+            A GeoDataFrame with its CRS if one was given; a dict if pandas is not installed. Positions are ``lon, lat``
+            or ``x, y``; footprints ``geometry`` (shapely), as in GeoPandas.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class Result:
 
     @property
     def points(self) -> Any:
-        """The points on the ground, adjusted, with standard deviations; of `project` and `localize` what they found."""
+        """The adjusted ground points with standard deviations; for `project` and `localize` their results."""
         listed = self.report.get("points")
         if self.folder is None and isinstance(listed, list):
             names = listed[0].keys() if listed else ()
@@ -126,12 +126,12 @@ class Result:
 
     @property
     def image_points(self) -> Any:
-        """The measurements with their residuals, weights and flags; of `tie_points` what was found."""
+        """The measurements with their residuals, weights and flags; for `tie_points` those found."""
         return self._short("image_points")
 
     @property
     def residuals(self) -> Any:
-        """The residuals, a row for each known point (``level`` ground) and each measurement (``level`` image)."""
+        """The residuals: one row for each known point (``level`` ground) and each measurement (``level`` image)."""
         return self._short("residuals")
 
     # ---- files -------------------------------------------------------------------------------------------------------
@@ -143,14 +143,14 @@ class Result:
 
     @property
     def rpcs(self) -> dict[str, RPC]:
-        """The refined RPCs by image id. Raises `InputError` where none was written, with the reason of the verdict."""
+        """The refined RPCs by image id. Raises `InputError` if none was written, with the reason of the verdict."""
         if not (written := find_image_outputs(self.report, self.folder)):
             worst = next((reason["message"] for reason in self.reasons), "none was asked for")
             raise InputError(f"{self.algorithm} wrote no refined RPC: {worst} (`write`, `force_write`)")
         return {name: read_rpc(path).rpc for name, path in written.items()}
 
     def _locate(self, frame: Any) -> Any:
-        """Return found points with a geometry: where they are on the ground, or where they were given."""
+        """Return points with a geometry: their ground position if known, otherwise the position that was given."""
         geopandas, given = import_module("geopandas"), self._located
         if "lon" in frame:
             places = geopandas.points_from_xy(frame["lon"], frame["lat"], frame["height"])
@@ -160,7 +160,7 @@ class Result:
         return geopandas.GeoDataFrame(frame, geometry=[places.get(str(name)) for name in frame["id"]], crs=given.crs)
 
     def _layers(self) -> dict[str, str]:
-        """Return each layer's file by its name."""
+        """Return the file of each layer by the layer's name."""
         files = sorted(self.folder.glob("*.gpkg")) if self.folder is not None else []
         return {name: str(file) for file in files for name in geopackage_layers(str(file))}
 
@@ -176,7 +176,7 @@ class Result:
     def _spell_text(self, text: str) -> str:
         return spell_arguments(text, REGISTRY[self.algorithm].params, lambda param: param.key)
 
-    # ---- how it shows itself -----------------------------------------------------------------------------------------
+    # ---- display -----------------------------------------------------------------------------------------------------
 
     def _headline(self) -> str:
         verdict = self.report.get("verdict")
@@ -192,7 +192,7 @@ class Result:
         return f"<{self.algorithm}: {line if len(line) <= 200 else line[:199] + '…'}>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the verdict, its reasons, and control and check points."""
+        """Return the display in a notebook: the verdict, its reasons, and control and check points."""
         parts = [f"<p><b>{html.escape(self.algorithm)}</b> {html.escape(self._headline())}</p>"]
         if self.reasons:
             told = (f"{html.escape(self._spell_text(r['message']))} <i>{html.escape(self._spell_text(r['advice']))}</i>"
@@ -213,7 +213,7 @@ class Result:
 
 
 def read_result(folder: str | os.PathLike[str]) -> Result:
-    """Return the result that an earlier run left in a folder, of the command line, of QGIS or of Python.
+    """Return the result in the folder of an earlier run of the command line, QGIS or Python.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
     Raises
     ------
     InputError
-        The folder holds no ``report.json`` of HRSI.
+        The folder contains no ``report.json`` of HRSI.
     """
     path = Path(folder) / "report.json"
     report = read_json(str(path), "report")
@@ -243,5 +243,5 @@ def _column(values: list[Any]) -> np.ndarray:
 
 
 def _make_frame(columns: dict[str, np.ndarray]) -> Any:
-    """Return columns as a table of pandas where that is installed."""
+    """Return columns as a table of pandas if it is installed, otherwise unchanged."""
     return columns if util.find_spec("pandas") is None else import_module("pandas").DataFrame(columns)

@@ -1,4 +1,4 @@
-"""Coordinates as lines of text, as `gdaltransform` takes and prints them."""
+"""Coordinates as lines of text, in the format of `gdaltransform`."""
 
 import math
 import sys
@@ -12,7 +12,7 @@ from ...hrsi_engine.io.opening.numbers import has_decimal_commas, parse_finite
 
 
 def standard_input(example: str) -> Iterable[str]:
-    """Return the lines that are piped in; raise `InputError` where nothing is, instead of waiting for a person."""
+    """Return the piped lines; if there is no pipe, raise `InputError` instead of waiting for keyboard input."""
     if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
         raise InputError(f"no points are given: name a file with `points`, or pipe lines {example!r} into the command")
     return sys.stdin
@@ -44,7 +44,7 @@ def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray,
 
 
 def make_point_rows(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return some columns as rows for a report, without the coordinates of points of which one is not finite."""
+    """Return some columns as rows for a report; the coordinates of points with a non-finite one are NaN."""
     numbers = [name for name in names if columns[name].dtype.kind == "f"]
     lost = ~np.all([np.isfinite(columns[name]) for name in numbers], axis=0)
     values = [np.where(lost, np.nan, columns[name]) if name in numbers else columns[name] for name in names]
@@ -52,7 +52,7 @@ def make_point_rows(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> 
 
 
 def format_lines(rows: Iterable[Iterable[float | str | None]], separator: str = " ") -> str:
-    """Return rows as text with 15 significant digits, ``nan`` where there is no value."""
+    """Return rows as text with 15 significant digits, and ``nan`` for a missing value."""
     texts = (
         ["nan" if cell is None else cell if isinstance(cell, str) else f"{cell:.15g}" for cell in row if cell != ""]
         for row in rows

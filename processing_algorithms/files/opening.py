@@ -1,4 +1,4 @@
-"""What algorithms open in the same way: images, with their pixels where these are needed, and the terrain."""
+"""Opening of images, with their pixels where they are needed, and of the terrain, as several algorithms need it."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -23,9 +23,9 @@ from .result_folder import LENGTH, tell
 
 
 def open_images(paths: Sequence[str], context: Context, always: bool = True) -> list[Image]:
-    """Open the images of an algorithm, or RPC files alone; log where each RPC came from, others, and doubts about it.
+    """Open the images of an algorithm, or RPC files alone; log the source of each RPC, other sources, and doubts.
 
-    A filter stays silent (not ``always``) unless there was a choice between several RPCs.
+    For a filter (not ``always``) only a choice between several RPCs is logged.
     """
     require_ids(paths, [image_id(path) for path in paths])
     images = []
@@ -41,7 +41,7 @@ def open_images(paths: Sequence[str], context: Context, always: bool = True) -> 
 
 
 def require_ids(paths: Sequence[str], ids: Sequence[str]) -> None:
-    """Raise `InputError` where two images have the same id."""
+    """Raise `InputError` if two images have the same id."""
     named: dict[str, str] = {}
     for path, name in zip(paths, ids, strict=True):
         if name in named:
@@ -52,14 +52,14 @@ def require_ids(paths: Sequence[str], ids: Sequence[str]) -> None:
 
 
 def is_on_image(image: Image, xy: np.ndarray) -> np.ndarray:
-    """Tell of image points ``(n, 2)`` whether they lie on the image's pixels, or where its RPC is meant for."""
+    """Return the mask of image points ``(n, 2)`` on the image's pixels, or in the validity domain of an RPC file."""
     first_sample, last_sample, first_line, last_line = image.domain_px
     low, high = np.array([first_sample, first_line]) - 0.5, np.array([last_sample, last_line]) + 0.5
     return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))
 
 
 class ImagePixels(NamedTuple):
-    """An image opened for its pixels; ``rpc`` is None where it has none."""
+    """An image opened for its pixels; ``rpc`` is None if it has none."""
 
     id: str
     path: str
@@ -68,14 +68,14 @@ class ImagePixels(NamedTuple):
 
 
 def open_pixels(path: str, band: int = 1) -> ImagePixels:
-    """Open an image; raises `InputError` where it has no pixels, or an RPC that is damaged."""
+    """Open an image; raise `InputError` if it has no pixels, or a damaged RPC."""
     raster = GdalRaster(path, band)
     found = read_rpc_or_none(path)
     return ImagePixels(image_id(path), path, raster, None if found is None else found.rpc)
 
 
 def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None) -> np.ndarray:
-    """Return lon, lat, height ``(n, 3)`` of image points on a surface, else at the RPC's mean height.
+    """Return lon, lat, height ``(n, 3)`` of image points on a surface, or at the RPC's mean height without a surface.
 
     NaN without RPC.
     """
@@ -87,7 +87,7 @@ def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None)
 
 
 def window_area(text: str | None, argument: str) -> Area | None:
-    """Return the window of ``sample,line,samples,lines``; `InputError` naming the argument for another text."""
+    """Return the window of ``sample,line,samples,lines``; raise `InputError` with the argument for other text."""
     if text is None:
         return None
     try:
@@ -98,21 +98,21 @@ def window_area(text: str | None, argument: str) -> Area | None:
 
 
 def ground_warnings(images: Sequence[ImagePixels], grounds: Sequence[np.ndarray]) -> list[str]:
-    """Return a word on each image with an RPC whose points ``(n, 3)`` have no ground position, all or some."""
+    """Return a warning for each image with an RPC in which some or all points ``(n, 3)`` have no ground position."""
     lost = {image.id: int(np.isnan(ground).any(axis=1).sum()) for image, ground in zip(images, grounds, strict=True)
             if image.rpc is not None}  # fmt: skip
     return [f"{name}: {count} points have no position on the terrain" for name, count in lost.items() if count]
 
 
 def dem_surface(dem: DemOptions, height_datum: str, epoch: float | None = None) -> GridSurface | None:
-    """Return the DEM that options name, opened; None without. ``height_datum`` counts where it has no own."""
+    """Return the opened DEM of the options, None if none is named; its own datum precedes ``height_datum``."""
     return open_dem(dem.dem, dem.dem_datum or height_datum, epoch) if dem.dem else None
 
 
 def open_control_surface(
     file: SurfaceFile, points: PointFiles, kind: str, near: RPC
 ) -> tuple[GridSurface, float] | None:
-    """Return the surface that options name, and the standard deviation of its heights near an image, m; None without.
+    """Return the surface of the options, and the standard deviation (m) of its heights near an image; None if none.
 
     kind : ``dsm`` or ``dtm``
     """
@@ -125,7 +125,7 @@ def open_control_surface(
 
 
 def open_terrain(options: TerrainOptions) -> HeightSurface | None:
-    """Return the ground surface that the options name; None where they name none."""
+    """Return the ground surface of the options, a DEM or a constant height; None if they name none."""
     if options.dem.dem is not None and options.height is not None:
         raise InputError("`dem` and `height` both define the height of the ground: give one of them")
     if options.height is not None:

@@ -1,6 +1,6 @@
-"""From options to the orthoimages of a block: terrain, common grid, and how the chunks of each are warped, and by whom.
+"""From options to the orthoimages of a block: terrain, common grid, and the warping of their chunks.
 
-Threads share what is open here; workers open it themselves.
+Threads share opened files; workers of a scheduler open their own.
 """
 
 import hashlib
@@ -57,7 +57,7 @@ METRES_PER_DEGREE = 111_320.0
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """The surface, what identifies it in fingerprints, and what the user should know."""
+    """The ground surface, what identifies it in fingerprints, and warnings for the user."""
 
     surface: HeightSurface
     identity: list[Any]
@@ -66,7 +66,7 @@ class Terrain:
 
 @dataclass(frozen=True, eq=False)
 class BlockPlan:
-    """The block's orthoimages: grids by image id on one lattice."""
+    """Orthoimages of a block: grids by image id, on one common lattice."""
 
     images: Sequence[Image]
     terrain: Terrain
@@ -79,7 +79,7 @@ class BlockPlan:
 
 
 def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
-    """Return the terrain that the options name; exactly one source must be there."""
+    """Return the terrain of the options, of which exactly one source must be given."""
     sources = {
         "dem": options.terrain.dem.dem,
         "height": options.terrain.height,
@@ -115,7 +115,7 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
 
 
 def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyOptions) -> BlockPlan:
-    """Return the grids of all images, and what the user should know."""
+    """Return the grids of all images, and warnings for the user."""
     seen: dict[str, str] = {}
     for image in images:
         if image.raster is None:
@@ -135,7 +135,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
         crs = map_grids.choose_map_crs(ground)
     else:
         named = _parse_crs(options.crs, "crs")
-        named = named.sub_crs_list[0] if named.sub_crs_list else named  # without a height part
+        named = named.sub_crs_list[0] if named.sub_crs_list else named  # without vertical part
         if not (named.is_projected or named.is_geographic):
             raise InputError(f"`crs` {options.crs!r} is neither projected nor geographic: choose another")
         crs = str(named.to_wkt())
@@ -144,12 +144,12 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
     fitting = map_grids.round_resolution(finest_m / unit_m)
     resolution = options.resolution or fitting
     if not 1.0 / ORTHO_GRID.largest_ratio <= resolution * unit_m / finest_m <= ORTHO_GRID.largest_ratio:
-        raise InputError(  # another unit was meant
+        raise InputError(  # wrong unit
             f"`resolution` {resolution:g} is in units of the CRS {pyproj.CRS.from_wkt(crs).name!r}, {unit.unit_name}, "
             f"and makes pixels of {resolution * unit_m:.3g} m, where the images have {finest_m:.3g} m: give about "
             f"{fitting:g}, or a `crs` in metres"
         )
-    # How the terrain came to WGS84, and by what the orthoimages' map is reached from there
+    # Operations of the terrain to WGS84, and from there to the map of the orthoimages
     operations = (*getattr(terrain.surface, "operations", ()), *operations_of(crs).uses_at("orthoimages", ground))
     warnings = [*terrain.warnings, *_terrain_warnings(images, terrain), *list_operation_warnings(operations)]
     grids = _make_grids(images, terrain.surface, crs, resolution, options.extent)
@@ -157,7 +157,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
 
 
 def _parse_crs(name: str, option: str) -> pyproj.CRS:
-    """Return a CRS that an option names."""
+    """Return the CRS of an option's text."""
     try:
         return pyproj.CRS.from_user_input(name)
     except pyproj.exceptions.CRSError:
@@ -185,9 +185,9 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
 def parse_box(
     extent: str, crs: str, words: str = "each, union, overlap, or ", whose: str = "the orthoimages' CRS"
 ) -> tuple[float, ...]:
-    """Return west, south, east, north in a CRS of ``W,S,E,N``, or of ``W,S,E,N [CRS]`` what holds it.
+    """Return west, south, east, north in a CRS, of ``W,S,E,N``, or the bounding box of ``W,S,E,N [CRS]`` in it.
 
-    Messages name the CRS as ``whose``, and ``words`` that the option takes besides a box.
+    In messages ``whose`` names the CRS, and ``words`` the other values of the option.
     """
     numbers, _, named = extent.strip().removesuffix("]").partition("[")
     try:
@@ -201,7 +201,7 @@ def parse_box(
         )
     if not named:
         return box
-    # The outline goes by way of WGS84, as everything does
+    # The outline is transformed by way of WGS84, as all positions are
     west, south, east, north = box
     x, y = np.linspace(west, east, ORTHO_GRID.nodes), np.linspace(south, north, ORTHO_GRID.nodes)
     sides = [np.stack(np.broadcast_arrays(*side), axis=1) for side in ((x, south), (x, north), (west, y), (east, y))]
@@ -216,7 +216,7 @@ def parse_box(
 def _make_grids(
     images: Sequence[Image], surface: HeightSurface, crs: str, resolution: float, extent: str
 ) -> dict[str, map_grids.MapGrid]:
-    """Return each image's grid for an extent as the option says it."""
+    """Return the grid of each image for the extent of the option."""
     bounds = {image.id: map_grids.compute_footprint_bounds(image, surface, crs, resolution) for image in images}
     every = np.array(list(bounds.values()))
     if extent == "each":
@@ -238,13 +238,13 @@ def _make_grids(
 
 ENDING = "_ortho.tif"
 MASK = "mask"
-#: Whose versions decide about the bytes of an orthoimage.
+#: Packages whose versions influence the bytes of an orthoimage.
 DECISIVE = ("hrsi", "gdal", "proj")
 
 
 @dataclass(frozen=True, eq=False)
 class OrthoJob:
-    """One orthoimage: how its pixels map, how it is warped, and all that it is made from, for the fingerprint."""
+    """One orthoimage: mapping of its pixels, parameters of the warping, and all inputs for the fingerprint."""
 
     image: Image
     path: str
@@ -260,12 +260,12 @@ class OrthoJob:
 
     @cached_property
     def key(self) -> str:
-        """The fingerprint that its file will carry."""
+        """Fingerprint that the file of the orthoimage will contain."""
         return orthoimages.fingerprint(self.made_from)
 
 
 def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
-    """Return the orthoimages of a plan."""
+    """Return the orthoimages of a plan, one job each."""
     form, used = orthoimages.OrthoFormat(options.format, options.compression), versions()
     jobs, jitter_files = [], dict[str, JitterFile]()
     for image in plan.images:
@@ -281,7 +281,7 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
         scale = mapping.source_pixels_per_pixel()
         warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
-        # Everything on which the pixels and the file depend
+        # All data on which the pixels and the file depend
         coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
         made_from = {
             "image": orthoimages.file_state(image.path), "terrain": plan.terrain.identity, "crs": grid.crs,
@@ -297,7 +297,7 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
 
 
 def _nodata_value(given: str | None, source: OrthoSource) -> float | None:
-    """Return the value of pixels that the image does not show; None for a mask band."""
+    """Return the value of pixels outside the image; None for a mask band."""
     own = [value for value in source.nodata if value is not None]
     if given == MASK or (given is None and not own and source.masked):
         return None
@@ -314,7 +314,7 @@ def _nodata_value(given: str | None, source: OrthoSource) -> float | None:
 
 @dataclass(frozen=True)
 class OrthoRecipe:
-    """All that a worker needs to make chunks of an orthoimage; ``key`` tells one from another."""
+    """All data that a worker needs for chunks of an orthoimage; recipes are compared by ``key``."""
 
     key: str
     path: str = field(compare=False)
@@ -328,7 +328,7 @@ class OrthoRecipe:
 
 
 def chunks_of(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, calls: Calls) -> Iterator[orthoimages.OrthoChunk]:
-    """Yield the chunks of all orthoimages, in the order in which they are written."""
+    """Yield the chunks of all orthoimages in the order in which they are written."""
     windows = ((job, window) for job in jobs for window in orthoimages.chunk_windows(job.grid, job.warp))
     if not calls.elsewhere:
         parts = ((job.source, job.mapping.chunk, job.warp, window) for job, window in windows)
@@ -339,7 +339,7 @@ def chunks_of(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, calls: Cal
 
 
 def recipe_of(job: OrthoJob, options: OrthorectifyOptions) -> OrthoRecipe:
-    """Return what travels of a job: names of files by which other processes find them, nothing that is open."""
+    """Return the data of a job for other processes: file names that are valid there, and no opened files."""
     terrain = options.terrain
     dem = replace(terrain.dem, dem=_elsewhere(terrain.dem.dem), dem_datum=_elsewhere(terrain.dem.dem_datum))
     datum = path_elsewhere(terrain.height_datum)
@@ -375,7 +375,7 @@ def _chunk_elsewhere(part: tuple[OrthoRecipe, map_grids.GridWindow]) -> orthoima
 
 @lru_cache(maxsize=8)
 def _open_recipe(recipe: OrthoRecipe) -> tuple[OrthoSource, OrthoMapping]:
-    """Return image and mapping of a recipe, kept for its next chunks."""
+    """Return image and mapping of a recipe, cached for its next chunks."""
     source = OrthoSource(recipe.path)
     mapping = OrthoMapping(recipe.rpc, source.size, _open_surface(recipe.terrain), recipe.grid, recipe.error_px,
                            recipe.jitter)  # fmt: skip

@@ -1,4 +1,4 @@
-"""The output directory of an algorithm: what it will hold (a dry run tells that alone), and writing it."""
+"""The output directory of an algorithm: its planned content (for a dry run), and writing it."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ REPORT_FILE, PAGE_FILE = "report.json", "report.html"
 
 @thresholds
 class LENGTH:
-    """How much logs, pages and the last lines on the terminal name."""
+    """Limits of what logs, pages and the last lines on the terminal list."""
 
     most_images: int = threshold(20, "images", "of a larger block only images with several RPCs are logged")
     most_chips: int = threshold(200, "targets", "whose chips a page shows")
@@ -37,12 +37,12 @@ def plan(
     context: Context, folder: str | None, names: Sequence[str], counts: Mapping[str, int], warnings: Sequence[str] = (),
     verdict: Mapping[str, Any] | None = None,
 ) -> Report:  # fmt: skip
-    """Return the report of a dry run: what would be written, how much there is, and what the checks found.
+    """Return the report of a dry run: files that would be written, counts, and the result of the checks.
 
-    folder : the output directory; None where the result would be printed only
+    folder : the output directory; None if the result would only be printed
     names : files that would be written, in the folder or with their own paths
-    counts : what was read, by its name in the plural; warnings : what the user should know
-    verdict : of the checks of the inputs; by default nothing was found
+    counts : numbers of inputs, by their name in the plural; warnings : for the user
+    verdict : of the checks of the inputs; by default that nothing was found
     """
     files = [os.path.join(folder or "", name) for name in names]
     tell(warnings, context)
@@ -57,7 +57,7 @@ def plan(
 
 
 def check_folder(options: ResultFolder | OptionalFolder, context: Context) -> None:
-    """Raise `InputError` where the output directory of the options, if any, cannot take a result."""
+    """Raise `InputError` if the output directory of the options, if any, cannot take a result."""
     if options.output_dir:
         check_output_dir(options.output_dir, options.overwrite, inputs=context.inputs)
 
@@ -66,14 +66,14 @@ def plan_folder(
     options: ResultFolder | OptionalFolder, file: str, counts: Mapping[str, int], warnings: Sequence[str],
     context: Context, page: bool = False,
 ) -> Report:  # fmt: skip
-    """Return the report of a dry run that would write a report, perhaps its page, and one more file."""
+    """Return the report of a dry run that would write a report, one more file and, with ``page``, a page."""
     names = [REPORT_FILE, file, *([PAGE_FILE] if page else [])] if options.output_dir else []
     return plan(context, options.output_dir, names, counts, warnings)
 
 
 @contextmanager
 def stage_results(options: ResultFolder, report: Report, context: Context, **settings: Any) -> Iterator[Path]:
-    """Yield a temporary folder for files that move into the output directory together, with the report; tell warnings.
+    """Yield a temporary folder, whose files move into the output directory with the report; log the warnings.
 
     ``settings`` are further arguments of `stage_folder`.
     """
@@ -88,7 +88,7 @@ def write_folder(
     options: ResultFolder | OptionalFolder, report: Report, file: str, layers: Sequence[Layer], context: Context,
     page: str = "", **pictures: Any,
 ) -> None:  # fmt: skip
-    """Write ``report.json``, the layers' GeoPackage and a ``page`` (its template) into the output directory, if any."""
+    """Write ``report.json``, a GeoPackage of layers and a ``page`` (a template) into the output directory, if any."""
     if options.output_dir:
         with stage_folder(options.output_dir, context.inputs, options.overwrite) as folder:
             write_geopackage(str(folder / file), layers, progress=stage(context.progress, 0.9, 1.0))

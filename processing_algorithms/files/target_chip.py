@@ -1,4 +1,4 @@
-"""The chip of a measured target: its surroundings, edge points and fitted curve."""
+"""Picture (chip) of a measured target: its surroundings, edge points and fitted curve."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement, meas
 
 @thresholds
 class TARGET_CHIP:
-    """What a picture of a target shows."""
+    """Content of a picture of a target."""
 
     margin_px: float = threshold(8.0, "px", "margin around the target")
     same_target_px: float = threshold(3.0, "px", "a target found farther from a measurement is another one")
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:
-    """Return the picture of a target; around the approximate position where the measurement was refused."""
+    """Return the picture of a target; if the measurement was refused, around the approximate position."""
     grey, origin = None, np.zeros(2)
     middle = approximate if made.refusal else made.xy
     if raster is not None and middle is not None:
@@ -32,7 +32,7 @@ def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Ras
 
 
 def find_outline(image: Image, measured_px: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return the outline of the target that was measured on an image; nothing where there is none that is sharp."""
+    """Return the outline of the target that was measured in an image; empty if no clear target is found there."""
     if image.raster is None:
         return ()
     made = measure_target(image.raster, measured_px, "center")

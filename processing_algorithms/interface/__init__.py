@@ -1,1 +1,1 @@
-"""What an algorithm says of itself, and how the command line reads it."""
+"""The declaration of algorithms, and how the command line reads it."""

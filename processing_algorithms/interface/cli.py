@@ -33,39 +33,39 @@ from .option_groups import LineOptions
 from .options import TYPED, OptionSource, check_options, find_algorithm
 from .terminal import RunLog, TerminalProgress, require_own_file, terminal_of
 
-UNUSABLE = 3  #: exit code of a result that was written for looking only
+UNUSABLE = 3  #: exit code of a result that is written but unusable
 _OWN_PACKAGE = __name__.partition(".")[0]
-FILE_CLOCK_S = 2.0  #: by which file systems round times
-_NEW_OBJECTS = 50_000  # between two looks for objects that only each other hold; ours are few
+FILE_CLOCK_S = 2.0  #: resolution of the times of file systems
+_NEW_OBJECTS = 50_000  # objects between two searches for reference cycles; HRSI makes few
 _DEBUG = "HRSI_DEBUG"  #: environment variable: any text but 0 shows tracebacks
 
 
 def run_process() -> int:
-    """Run the command line in a process that is there for this one run; return its exit code."""
+    """Run the command line in a process of its own; return its exit code."""
     gc.set_threshold(_NEW_OBJECTS)
     share_one_heap()
     try:
         return main()
     finally:
-        gc.freeze()  # the system takes all at once: no need to look through the modules for what can go first
-        quit_on_signals()  # whatever the end of the interpreter takes
+        gc.freeze()  # the system frees all memory at once
+        quit_on_signals()  # signals end the process while the interpreter ends
 
 
 def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] = REGISTRY) -> int:
     """Run the command line and return its exit code.
 
-    0 done, 1 not solved, 2 wrong input, 3 the result is unusable, 130 interrupted, 143 terminated.
+    0: done, 1: not solved, 2: wrong input, 3: the result is unusable, 130: interrupted, 143: terminated.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # terminals that lack a letter of a name or a unit
+        sys.stdout.reconfigure(errors="backslashreplace")  # for terminals that lack a character
     given = list(sys.argv[1:] if words is None else words)
     try:
         with signals_as_exceptions():
             try:
                 code = _dispatch_command(given, registry)
-                sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
-            except BrokenPipeError:  # the reader of our output has gone: `hrsi ... | head`
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
+                sys.stdout.flush()  # a closed pipe is noticed here, not at exit
+            except BrokenPipeError:  # the reader of the output has ended: `hrsi ... | head`
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python prints an error at exit
                 return 1
             except (Exception, KeyboardInterrupt) as error:
                 message, code = describe(error)
@@ -74,8 +74,8 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
                 if os.environ.get(_DEBUG, "0") not in ("", "0"):
                     traceback.print_exception(error)
             return code
-    except KeyboardInterrupt as error:  # outside the work: before it, after it, or while its error was being told
-        if ending() is None:  # none of ours
+    except KeyboardInterrupt as error:  # before or after the run, or while an error was printed
+        if ending() is None:  # not sent as a signal
             raise
         message, code = describe(error)
         print(f"ERROR: {message}", file=sys.stderr)
@@ -85,7 +85,7 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
 def describe(error: BaseException) -> tuple[str, int]:
     """Return the message of an error for the user, on one line, and the exit code.
 
-    Once a signal has come, every error that ends the work is taken for its consequence.
+    After a signal, every error that ends the run is regarded as its consequence.
     """
     if (signalled := ending()) is not None:
         code, message = signalled
@@ -149,7 +149,7 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
 
 
 def _init_project(words: list[str]) -> None:
-    """Write a project file; tell on stderr how the folder was understood."""
+    """Write a project file; print on stderr how the files of the folder were interpreted."""
     from ..projects.inference import write_project  # loads GDAL
 
     parser = CommandParser("hrsi init")
@@ -164,7 +164,7 @@ def _init_project(words: list[str]) -> None:
 
 
 def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
-    """Return the page of an algorithm or of a command; without words, or for several, the list of them."""
+    """Return the page of an algorithm or of a command; without a word, or for several, the list of algorithms."""
     if len(words) != 1 or words[0] in HELP:
         return f"{registry_help(registry)}\n"
     if words[0] in COMMANDS:  # no algorithms
@@ -179,12 +179,12 @@ def _format_json(value: Mapping[str, Any]) -> str:
 
 
 def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource = TYPED) -> int:
-    """Run an algorithm with options as they were typed and print what came out; ``origin`` has further options.
+    """Run an algorithm with typed options and print its results; ``origin`` has further options.
 
-    Returns 0, 1 where it found no solution, 2 where a dry run found the input wrong, 3 where no result can be used.
+    Returns 0, or 1 without a solution, 2 if a dry run finds wrong inputs, 3 if the result is unusable.
     """
     spelt = partial(spell_arguments, params=algorithm.params)
-    # The log is begun first, so that it gets wrong options too
+    # The log is opened first, so that it contains errors in the options too
     log: RunLog | None = None
     path, others = split_log(words)
     if path is not None:
@@ -247,7 +247,7 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
             log.write("RESULT", text)
     if line.json:
         print(_format_json(report), end="")
-    elif line.dry_run or not folder:  # the lines are what was asked for
+    elif line.dry_run or not folder:  # the lines are the result
         print(summary)
     elif not line.quiet:
         outputs = list_outputs(report, folder, begun)
@@ -258,7 +258,7 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
 
 
 def _judge_report(report: Report, line: LineOptions, spelt: Callable[[str], str], log: RunLog | None) -> int:
-    """Return the exit code that a report asks for, and tell why where it is not 0."""
+    """Return the exit code for a report, and print the reason if it is not 0."""
     if unsolved := report.get("unsolved"):
         code, reason = SolveError.exit_code, str(unsolved)
     elif is_unusable(report):
@@ -273,7 +273,7 @@ def _judge_report(report: Report, line: LineOptions, spelt: Callable[[str], str]
 
 
 def list_outputs(report: Mapping[str, Any], folder: str, begun: float) -> list[str]:
-    """Return what a run made, a path each: what its report names, and all files of the folder since a time (s)."""
+    """Return the paths of a run's results: those in its report, and files of the folder changed since ``begun`` (s)."""
     from ...hrsi_engine.io.output_dir import find_image_outputs  # loads GDAL
 
     outputs = report.get("outputs")
@@ -291,7 +291,7 @@ HELP, HELP_ALL, JSON_USAGE = {"--help", "-h"}, "--help-all", "--json-usage"
 
 
 def version_page() -> str:
-    """Return the version, and below it those of the libraries, as far as they can be loaded."""
+    """Return the version of HRSI, followed by those of the libraries that can be loaded."""
     lines = {}
     try:
         from ...hrsi_engine.io.catalogue.lineage import versions

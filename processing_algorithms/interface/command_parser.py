@@ -1,6 +1,6 @@
 """From a declaration to an argument parser and its help page.
 
-The parser only sorts words into options; what their values may be is checked by `options.check_options`.
+The parser only assigns words to options; `options.check_options` checks their values.
 """
 
 import argparse
@@ -18,16 +18,16 @@ from .options import KINDS, suggestion
 
 _NEGATIVE_VALUE = re.compile(r"-[.\d]")
 OUTPUT_PARAMS, COMMON_PARAMS = params_of(ResultFolder), params_of(Common)
-LINE_PARAMS = params_of(LineOptions)  #: of the command line itself
-#: Commands that are no algorithms, and what they do.
+LINE_PARAMS = params_of(LineOptions)  #: options of the command line itself
+#: Commands that are no algorithms, with their help.
 COMMANDS = {
     "help": "Show the page of an algorithm",
     "init": "Write a project file for hrsi run from the images, points and DEM of a folder",
     "rerun": "Repeat a run from its report.json, with other options where they are given",
     "completion": "Print what a shell needs to complete hrsi: bash, zsh or fish",
 }
-SHORT = {"output_dir": ["-o"], "quiet": ["-q"], "format": ["-f"]}  #: options with a letter, as GDAL and POSIX have them
-MOST_SHOWN = 12  #: options that ``--help`` shows, with images, output directory and quiet
+SHORT = {"output_dir": ["-o"], "quiet": ["-q"], "format": ["-f"]}  #: options with one letter, as in GDAL and POSIX
+MOST_SHOWN = 12  #: most options that ``--help`` shows, with images, output directory and quiet
 #: Headings of help pages.
 IMAGES_TITLE, MAIN_TITLE, OUTPUT_TITLE, ADVANCED_TITLE, COMMON = (
     "images",
@@ -36,10 +36,10 @@ IMAGES_TITLE, MAIN_TITLE, OUTPUT_TITLE, ADVANCED_TITLE, COMMON = (
     "advanced options",
     "common options",
 )
-COMMON_KEYS = {param.key for param in COMMON_PARAMS}  #: of options that every algorithm has
+COMMON_KEYS = {param.key for param in COMMON_PARAMS}  #: options that every algorithm has
 _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 
-#: How options of a kind are spelt; every other kind takes one word.
+#: Number of words of options of a kind; every other kind has one.
 SPELLING: dict[Kind, dict[str, Any]] = {
     Kind.IMAGES: {"nargs": "*"},
     Kind.RESULT: {"nargs": "?"},
@@ -50,7 +50,7 @@ SPELLING: dict[Kind, dict[str, Any]] = {
 
 
 class CommandParser(argparse.ArgumentParser):
-    """An argument parser whose errors are `InputError` and whose options may stand between the images."""
+    """An argument parser that raises `InputError`, and accepts options between the images."""
 
     def __init__(self, prog: str, **settings: Any) -> None:
         def formatter(prog: str) -> argparse.HelpFormatter:
@@ -62,7 +62,7 @@ class CommandParser(argparse.ArgumentParser):
         raise InputError(f"{message.replace('argument ', '', 1)}; see {self.prog} --help")
 
     def parse_words(self, words: Sequence[str]) -> dict[str, Any]:
-        """Return the options that were given, as text; raise InputError for unknown ones."""
+        """Return the given options as text; raise `InputError` for unknown options."""
         joined: list[str] = []
         for word in words:  # ``--height -3e1`` as ``--height=-3e1``: the parser takes some negative values for options
             if joined and _NEGATIVE_VALUE.match(word) and _LONG_OPTION.match(joined[-1]):
@@ -78,11 +78,11 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def algorithm_parser(algorithm: Algorithm, groups: Mapping[str, Sequence[Param]] | None = None) -> CommandParser:
-    """Return the parser of one algorithm's command line; for a help page with some ``groups`` of its options only."""
+    """Return the parser of an algorithm's command line; for a help page with only some ``groups`` of its options."""
     prog = f"hrsi {algorithm.name}"
     words = [(value_name(param), param.kind) for param in algorithm.params if param.kind in POSITIONAL_KINDS]
     images = "".join(f" {word}{'...' if kind is Kind.IMAGES else ''}" for word, kind in words)
-    # The examples as a shell takes them, lines broken before options
+    # The examples for a shell, with line breaks before options
     lines = [f"example{'s' * (len(algorithm.examples) > 1)}:"] if algorithm.examples else []
     for example in algorithm.examples:
         lines.append("  ")
@@ -103,7 +103,7 @@ def algorithm_parser(algorithm: Algorithm, groups: Mapping[str, Sequence[Param]]
     for title, params in (groups or sections(algorithm.params)).items():
         section = parser.add_argument_group(title)
         for param in params:
-            if param in LINE_PARAMS and param.kind is Kind.FLAG:  # what is not asked for does not happen: no opposite
+            if param in LINE_PARAMS and param.kind is Kind.FLAG:  # flags that are off by default: no opposite
                 section.add_argument(*SHORT.get(param.key, []), f"--{param.name}", action="store_true", help=param.help)
             else:
                 add_option(section, param, [*algorithm.params, *LINE_PARAMS])
@@ -111,7 +111,7 @@ def algorithm_parser(algorithm: Algorithm, groups: Mapping[str, Sequence[Param]]
 
 
 def help_page(algorithm: Algorithm, whole: bool = False) -> str:
-    """Return the page of ``--help``: examples, then the options that most runs need; ``whole``: all, in groups."""
+    """Return the page of ``--help``: examples and the most common options; with ``whole`` all options, in groups."""
     listed: dict[str, Sequence[Param]] = {**sections(algorithm.params)}
     quiet = [param for param in LINE_PARAMS if param.key == "quiet"]
     images, output = listed.get(IMAGES_TITLE, ()), [*listed.get(OUTPUT_TITLE, ()), *quiet]
@@ -133,7 +133,7 @@ def help_page(algorithm: Algorithm, whole: bool = False) -> str:
 
 
 def json_usage(algorithm: Algorithm) -> dict[str, Any]:
-    """Return what an algorithm says of itself, for programs: ``--json-usage``."""
+    """Return the declaration of an algorithm for programs: ``--json-usage``."""
     listed = [*algorithm.params, *LINE_PARAMS]
     changed = [{"kind": one.kind.value, "help": spell_arguments(one.help, listed), "short": SHORT.get(one.key),
                 "positional": one.kind in POSITIONAL_KINDS, "metavar": value_name(one)} for one in listed]  # fmt: skip
@@ -145,7 +145,7 @@ def json_usage(algorithm: Algorithm) -> dict[str, Any]:
 
 
 def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[Param]) -> None:
-    """Add a declared option to the parser; its key is missing from the result unless the option is given."""
+    """Add a declared option to the parser; the parsed result contains its key only if the option is given."""
     positional = param.kind in POSITIONAL_KINDS
     settings = {"help": option_help(param, params), **SPELLING.get(param.kind, {})}
     if param.kind is not Kind.FLAG:
@@ -192,7 +192,7 @@ def registry_help(registry: Mapping[str, Algorithm]) -> str:
 
 
 def read_template(name: str) -> str:
-    """Return a text that lies beside this file."""
+    """Return a text from the folder ``templates``."""
     return Path(__file__).with_name("templates").joinpath(name).read_text(encoding="utf-8")
 
 
@@ -202,8 +202,7 @@ def value_name(param: Param) -> str:
 
 
 def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
-    """Return the options under the headings of the help page: those of a dataclass under its title; at the end those
-    that every algorithm has."""
+    """Return the options by headings of the help page: titles of dataclasses; at the end those of every algorithm."""
     listed: dict[str, list[Param]] = {IMAGES_TITLE: [], MAIN_TITLE: [], OUTPUT_TITLE: []}
     common: list[Param] = []
     outputs = {output.name for output in OUTPUT_PARAMS}  # a folder may be optional
@@ -215,8 +214,7 @@ def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
 
 
 def split_log(words: Sequence[str]) -> tuple[str | None, list[str]]:
-    """Return the file that words name as ``--log``, before they are parsed (what is wrong in them goes there too), and
-    the other words."""
+    """Return the file of ``--log``, and the other words; read before these are parsed, whose errors are logged too."""
     for place, word in enumerate(words):
         name, equals, value = word.partition("=")
         if name == "--log" and equals:

@@ -1,7 +1,7 @@
-"""Completion for shells: scripts made from the declarations, so that a key press starts no Python.
+"""Completion for shells: scripts made from the declarations, so that completion starts no Python.
 
-What a word may be is an `Offer`: some words, files, folders, or nothing (a number, a text). The shell's own completion
-does the rest: quoting, `~`, descending into folders.
+The possible completions of a word are an `Offer`: words, files, folders, or nothing (a number, a text). The shell's own
+completion does the rest: quoting, `~`, descending into folders.
 """
 
 import shlex
@@ -14,7 +14,7 @@ from .declare import POSITIONAL_KINDS, READ_KINDS, Algorithm, Kind, Param
 from .options import suggestion
 
 _FOLDER_KINDS = (Kind.OUTPUT_DIR, Kind.FOLDERS)
-_DESCRIPTION = 72  # characters of a help text that are shown beside a word
+_DESCRIPTION = 72  # characters of a help text that are shown with a word
 
 
 class Offer(NamedTuple):
@@ -26,7 +26,7 @@ class Offer(NamedTuple):
 
 
 def completion_script(shell: str, registry: Mapping[str, Algorithm]) -> str:
-    """Return the script that a shell reads to complete ``hrsi``; raise `InputError` for an unknown shell."""
+    """Return the completion script of ``hrsi`` for a shell; raise `InputError` for an unknown shell."""
     if shell not in SHELLS:
         near = suggestion(shell, SHELLS)
         raise InputError(f"there is no completion for {shell!r}{near}: give {', '.join(SHELLS)}")
@@ -41,14 +41,14 @@ def offer_of(param: Param) -> Offer:
 
 
 def _option_words(param: Param) -> tuple[str, ...]:
-    """Return how an option is spelt; an algorithm's flag also with ``no-``."""
+    """Return the spellings of an option; for a flag of an algorithm also that with ``no-``."""
     if param.kind is Kind.FLAG and param not in LINE_PARAMS:
         return f"--{param.name}", f"--no-{param.name}"
     return () if param.kind in POSITIONAL_KINDS else (f"--{param.name}",)
 
 
 def _params_by_command(registry: Mapping[str, Algorithm]) -> dict[str, tuple[Param, ...]]:
-    """Return what may be given behind each algorithm, and behind ``rerun``, with the command line's own options."""
+    """Return the options of each algorithm, and of ``rerun``, with the command line's own options."""
     commands = {name: (*algorithm.params, *LINE_PARAMS) for name, algorithm in registry.items()}
     return commands | {"rerun": (*OUTPUT_PARAMS, *LINE_PARAMS)}
 
@@ -58,7 +58,7 @@ def _summaries_of(registry: Mapping[str, Algorithm]) -> dict[str, str]:
 
 
 def _short_help(param: Param, params: tuple[Param, ...]) -> str:
-    """Return the beginning of an option's help for one line beside it."""
+    """Return the beginning of an option's help, for one line."""
     text = " ".join(option_help(param, params).replace("%%", "%").partition(" [")[0].split())
     return text if len(text) <= _DESCRIPTION else f"{text[: _DESCRIPTION - 1].rstrip()}…"
 

@@ -1,4 +1,4 @@
-"""What an algorithm says of itself, once: the command line, the QGIS dialog and the documentation are made from it."""
+"""The declaration of an algorithm, from which the command line, the QGIS dialog and the documentation are made."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Report = dict[str, Any]
 Log = Callable[[str], None]
 Filled = TypeVar("Filled")
 _ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
-#: Modules of the engine that a run needs, loaded when it begins.
+#: Modules of the engine that a run needs, imported when it begins.
 _WHEN_RUN = (
     "io.rasters.images", "foundation.json_values", "io.safety.folder_lock", "io.catalogue.deliveries",
     "io.catalogue.lineage", "io.safety.transactions", "foundation.workers.threads",
 )  # fmt: skip
-POSITIONS_CRS = "EPSG:4979"  #: of all ground positions in results: longitude, latitude, ellipsoidal height
-SCHEMA = 1  #: of reports
+POSITIONS_CRS = "EPSG:4979"  #: CRS of all ground positions in results: longitude, latitude, ellipsoidal height
+SCHEMA = 1  #: version of the format of reports
 
 
 class Kind(Enum):
@@ -48,12 +48,12 @@ class Kind(Enum):
     GROUPS = "groups of ids"  #: joined by + within a group, separated by commas: ``A+B,C+D``
     RANGE = "range"  #: two numbers ``LOW,HIGH``, or one for both
     RESULT = "result folder"  #: of an earlier run; positional
-    FOLDERS = "named folders"  #: ``NAME=DIR``; given again for each
+    FOLDERS = "named folders"  #: ``NAME=DIR``; repeated for each
     PROJECT = "project file"  #: TOML; positional
     OUTPUT_DIR = "output directory"
 
 
-#: The kind that a field's type tells; a text with choices is a choice.
+#: Kind of an option by the type of its field; a text with choices is a choice.
 KIND_OF_TYPE = {
     "bool": Kind.FLAG,
     "int": Kind.INTEGER,
@@ -67,18 +67,18 @@ KIND_OF_TYPE = {
 
 #: Kinds of parameters that name files to read.
 READ_KINDS = (Kind.IMAGES, Kind.RASTER, Kind.POINTS, Kind.FILE, Kind.RESULT, Kind.PROJECT)
-#: The layer that the folder of a result stands for, by the option's key; others choose it by themselves.
+#: Layer that is used for the folder of a result, by the option's key; other options choose it themselves.
 LAYER_OF_RESULT = {"terrain_points": "ground_points", "gcps": "ground_points"}
-#: Kinds of parameters that stand without a name on the command line.
+#: Kinds of parameters that are positional on the command line.
 POSITIONAL_KINDS = (Kind.IMAGES, Kind.RESULT, Kind.PROJECT)
 
 
 @dataclass(frozen=True)
 class Param:
-    """One option: ``name`` as on the command line (``sigma-dem``), ``help`` without a closing full stop.
+    """One option: ``name`` as on the command line (``sigma-dem``), ``help`` without a full stop at the end.
 
-    ``argument`` is the field of a dataclass that it is made from (``sigma_dem_m``), as messages name it; ``group`` the
-    title of that dataclass, under which ``--help-all`` lists the option.
+    ``argument`` is the field of the dataclass (``sigma_dem_m``), as in messages; ``group`` is the title of that
+    dataclass, under which ``--help-all`` lists the option.
     """
 
     name: str
@@ -92,13 +92,13 @@ class Param:
     minimum: float | None = None
     maximum: float | None = None
     metavar: str = ""
-    piped: bool = False  #: where it is not given, standard input is read; a dialog has none and asks for it
+    piped: bool = False  #: if it is not given, standard input is read; dialogs, which have none, require it
     argument: str = ""
     group: str = field(default="", compare=False)
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Words accepted besides a file or box: the lower-case ones of a metavar like ``auto|none|FILE``."""
+        """Words accepted instead of a file or box: the lower-case ones of a metavar like ``auto|none|FILE``."""
         parts = self.metavar.split("|")
         takes_more = "FILE" in parts or self.kind is Kind.EXTENT
         return tuple(part for part in parts if part.isalnum() and part.islower()) if takes_more else ()
@@ -111,14 +111,14 @@ class Param:
 
 @dataclass(frozen=True)
 class Context:
-    """What an algorithm gets besides its options.
+    """Arguments of an algorithm besides its options.
 
-    progress : where it reports how far it is; False cancels
-    log : where it tells messages, one line each
-    command : the run as a person typed it; made from the options where nobody did
-    inputs : files that its options name for reading: no result may take their place
-    record : the entries that every report begins with: what ran, when, how, on which inputs
-    dry_run : whether all is read and checked, and nothing done or written
+    progress : callback for the progress; False cancels
+    log : callback for messages, one line each
+    command : the run as the user typed it; otherwise it is made from the options
+    inputs : files that the options name for reading: no result may replace them
+    record : entries at the beginning of every report: algorithm, date, options, inputs
+    dry_run : whether inputs are only read and checked, and nothing is computed or written
     """
 
     progress: Progress
@@ -129,12 +129,12 @@ class Context:
     dry_run: bool = False
 
     def stage(self, begin: float, end: float) -> Context:
-        """Return the context of a part of the work, between two fractions of the whole."""
+        """Return the context of a part of the work, whose progress is between two fractions of the whole."""
         return replace(self, progress=stage(self.progress, begin, end))
 
 
 def params_of(options: type) -> tuple[Param, ...]:
-    """Return the options that a dataclass declares, nested ones where they stand; a shared one counts once."""
+    """Return the options that a dataclass declares, nested ones at their place; a shared option is listed once."""
     found: dict[str, Param] = {}
     for part in fields(options):
         inner, said = inner_options_of(part), option_of(part)
@@ -147,7 +147,7 @@ def params_of(options: type) -> tuple[Param, ...]:
 
 
 def _declare_param(part: Field[Any], said: Option) -> Param:
-    """Return the declaration of a field."""
+    """Return the declaration of an option from a dataclass field."""
     required = part.default is MISSING
     if said.kind is not None:
         kind = Kind(said.kind)
@@ -174,7 +174,7 @@ def fill_options(options: type[Filled], values: Mapping[str, Any]) -> Filled:
 
 
 def settings_of(options: Any) -> dict[str, Any]:
-    """Return the options that were given or have a default, by key, as a report keeps them."""
+    """Return the options that are given or have a default, by key, as they are stored in a report."""
     found: dict[str, Any] = {}
     for part in fields(options):
         value = getattr(options, part.name)
@@ -187,14 +187,14 @@ def settings_of(options: Any) -> dict[str, Any]:
 
 
 def _plain_value(value: Any) -> Any:
-    """Return a value for JSON: groups of ids as they are typed."""
+    """Return a value for JSON, with groups of ids as they are typed."""
     if not isinstance(value, tuple):
         return value
     return ["+".join(item) if isinstance(item, tuple) else item for item in value]
 
 
 def format_default(param: Param) -> str | None:
-    """Return a default of several words or numbers as a person types it; None where there is none."""
+    """Return a default of several words or numbers as a user types it; None if there is none."""
     plain = _plain_value(param.default)
     if not isinstance(plain, list):
         return None if plain is None else str(plain)
@@ -210,17 +210,17 @@ class Algorithm:
     """A declared algorithm.
 
     name : as on the command line
-    title, group, summary, help : texts for people; they name options as arguments in backticks
+    title, group, summary, help : texts for users; they name options as arguments in backticks
     options : dataclass of the options, which are its fields (`params_of`)
-    module : that holds ``run(options, context)``, which returns the report as a dict for JSON (its key ``unsolved``
-        says in a line why there is no solution, where that is written and no error), and ``summarise(report)``, which
-        returns the few lines that a person reads; loaded when it is run, so that it may import at its top what is
-        heavy. By default it has the algorithm's name, in the folder above the declarations
-    examples : command lines that run on what ``hrsi simulate``'s own example makes
+    module : with ``run(options, context)``, which returns the report as a dict for JSON (its key ``unsolved`` is a
+    line on why there is no solution, if that is no error), and ``summarise(report)``, which returns a few lines for
+    the user; it is imported when the algorithm runs, so that it may have heavy imports. By default it has the
+    algorithm's name, in the folder above the declarations
+    examples : command lines that run on the example data of ``hrsi simulate``
     main : options that ``--help`` shows, besides images and output; by default the first that are not advanced
-    layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
-    images_made : what the images are called that it writes, where it does: the report's ``images.*.output``; in a model
-        the next step takes them; ``are_maps`` where they have map coordinates, so that a map shows them
+    layers : layers of the result that are shown on a map, as ``file|layername=…`` below the output directory
+    images_made : name of the images that it writes, if any (``images.*.output`` of the report); in a model they are the
+    input of the next step; ``are_maps`` if they have map coordinates, so that they are shown on a map
     """
 
     name: str
@@ -238,7 +238,7 @@ class Algorithm:
 
     @property
     def work_module(self) -> str:
-        """The module that does the work."""
+        """The module with ``run`` and ``summarise``."""
         package = self.options.__module__.partition(".declarations.")[0]
         return self.module or f"{package}.{self.name.replace('-', '_')}"
 
@@ -250,8 +250,8 @@ class Algorithm:
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
         """Run with checked options, by key, as the only writer in the output directory.
 
-        Folders, archives and lists among the images are replaced by the images that they hold, folders of results
-        among the points by their layers. All images are closed in the end: nothing stays open when the work is done.
+        Folders, archives and lists among the images are replaced by the images in them, folders of results among the
+        points by their layers. All images are closed at the end, also after an error.
         """
         modules = (self.work_module, *(f"{_ROOT}.hrsi_engine.{name}" for name in _WHEN_RUN))
         with quitting_on_signals():
@@ -266,7 +266,7 @@ class Algorithm:
             elif value and param.kind is Kind.POINTS and type(value) is str:
                 options = {**options, param.key: deliveries.resolve_points(value, LAYER_OF_RESULT.get(param.key, ""))}
         made: Any = fill_options(self.options, options)
-        # Only with an output directory is there a file to tell of inputs
+        # Only with an output directory is there a report with a list of inputs
         named = self.files_by_option(options) if options.get("output_dir") else None
         record = {
             "schema": SCHEMA, "algorithm": self.name,
@@ -285,7 +285,7 @@ class Algorithm:
             where_they_lie = options.get("restore") or options.get("write") == "in-place" or not target
             locked = [path for path in images if os.path.exists(path)] if "write" in options and where_they_lie else []
             with lock.only_writer(*((None,) if context.dry_run else (target, locked))):
-                if not context.dry_run:  # what a run that was stopped left where this one reads or writes
+                if not context.dry_run:  # what a stopped run left in folders of this one
                     folders = {os.path.dirname(path) or "." for path in images} | {target or "."}
                     for notice in transactions.recover_folders(filter(os.path.isdir, folders)):
                         context.log(notice)
@@ -296,7 +296,7 @@ class Algorithm:
             rasters.close_images()
 
     def summarise(self, report: Report) -> str:
-        """Return the lines of a report that a person reads."""
+        """Return the lines of a report for the user."""
         if report.get("dry_run"):
             lines = [f"{count} {name}" for name, count in report["counts"].items()]
             files = [f"{entry['path']}{' (replaced)' if entry['replaces'] else ''}" for entry in report["files"]]
@@ -310,10 +310,10 @@ class Algorithm:
         return text
 
     def inputs(self, options: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return the files that checked options name for reading, without what stands behind ``|``."""
+        """Return the files that checked options name for reading, without the part after ``|``."""
         files: list[str] = []
         for param in self.params:
-            is_read = param.kind in READ_KINDS or "FILE" in param.metavar.split("|")  # a geoid grid is a text
+            is_read = param.kind in READ_KINDS or "FILE" in param.metavar.split("|")  # a geoid grid is a text option
             value = options.get(param.key) if is_read else None
             named = [value] if isinstance(value, str) else value or ()
             for text in (name for name in named if not isinstance(name, InMemory)):
@@ -332,7 +332,7 @@ class Algorithm:
         return {key: files for key, files in named.items() if files}
 
     def command(self, given: Mapping[str, Any]) -> str:
-        """Return the command line of checked options; images come last."""
+        """Return the command line of checked options; images are last."""
         params = sorted(
             (param for param in self.params if param.key in given), key=lambda p: p.kind in POSITIONAL_KINDS
         )
@@ -360,12 +360,12 @@ class Algorithm:
 
 
 def is_unusable(report: Report) -> bool:
-    """Return whether a report has the verdict that its result cannot be used; algorithms without one never do."""
+    """Return whether the verdict of a report is that its result is unusable; False for algorithms without a verdict."""
     return bool(report.get("verdict", {}).get("level") == Level.UNUSABLE.label)
 
 
 def unusable_text(report: Report) -> str:
-    """Return on one line why a result cannot be used, and what to do first."""
+    """Return one line on why a result is unusable, and the advice."""
     verdict = report["verdict"]
     worst = next(iter(verdict["reasons"]), None)
     reason = f": {worst['message']}; {worst['advice']}" if worst else ""
@@ -377,14 +377,14 @@ _ARGUMENT = re.compile(r"`([a-z][a-z0-9_]*)`")
 
 
 def option_label(param: Param) -> str:
-    """Return an option as it stands on the command line: ``--sigma-image``, ``IMAGE``."""
+    """Return an option as on the command line: ``--sigma-image``, ``IMAGE``."""
     return (param.metavar or "IMAGE") if param.kind in POSITIONAL_KINDS else f"--{param.name}"
 
 
 def spell_arguments(text: str, params: Iterable[Param], spelling: Callable[[Param], str] = option_label) -> str:
-    """Return a text with the arguments that it names as options: ```sigma_dem_m``` becomes ``--sigma-dem``.
+    """Return a text in which arguments are replaced by options: ```sigma_dem_m``` becomes ``--sigma-dem``.
 
-    An argument that is no option of the algorithm keeps its name, without the backticks.
+    An argument that is no option of the algorithm is kept as words, without the backticks.
     """
     listed = list(params)
     known = {param.argument: param for param in listed} | {param.key: param for param in listed}

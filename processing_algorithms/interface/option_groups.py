@@ -1,4 +1,4 @@
-"""Options that several algorithms share, as dataclasses that theirs are made of."""
+"""Groups of options that several algorithms share, as dataclasses that are nested in their options."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...hrsi_engine.measurement.tie_options import TieOptions
 from .declare import Kind
 
 DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
-EARLIEST_EPOCH = 1957.0  # no image from space is older
+EARLIEST_EPOCH = 1957.0  # year of the first satellite
 POINTS = "FILE[|layername=L]"
-#: Words instead of a file of tie points: those that matching finds, and none.
+#: Values instead of a file of tie points: search by matching, and none.
 AUTOMATIC_TIES, NO_TIES = "auto", "none"
-#: What cameras of an earlier block are when others join them.
+#: Use of the cameras of an earlier block when images join it.
 FREE, OBSERVED = "free", "observed"
 COMPRESSION_NAMES = ("deflate", "lzw", "zstd", "none")
 WINDOW = "SAMPLE,LINE,SAMPLES,LINES"
@@ -26,17 +26,17 @@ WINDOW = "SAMPLE,LINE,SAMPLES,LINES"
 def images_option(
     help: str = "Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json)",
 ) -> Any:
-    """Return the field of the images, the positional arguments."""
+    """Return the option of the images, the positional arguments."""
     return option(help=help, kind=Kind.IMAGES, metavar="IMAGE")
 
 
 def report_option(help: str = "Write report.html") -> Any:
-    """Return the field that asks for a page."""
+    """Return the option of the report page."""
     return option(True, help)
 
 
 def hold_out_option() -> Any:
-    """Return the field of the share of tie tracks that is held out."""
+    """Return the option of the share of tie tracks that are held out."""
     return option(
         0.1,
         "Share of the tie points that the adjustment does not use and that check its result, in blocks with more than "
@@ -45,21 +45,21 @@ def hold_out_option() -> Any:
 
 
 def band_option(help: str = "Band of the image") -> Any:
-    """Return the field of a band."""
+    """Return the option of a band."""
     return option(1, help, minimum=1)
 
 
 def compression_option() -> Any:
-    """Return the field of the compression of images (`io.rasters.orthoimages.COMPRESSION`)."""
+    """Return the option of the compression of images (`io.rasters.orthoimages.COMPRESSION`)."""
     return option("deflate", "Compression, all of them lossless", choices=COMPRESSION_NAMES, advanced=True)
 
 
 def window_option(help: str) -> Any:
-    """Return the field of a window of an image."""
+    """Return the option of a window of an image."""
     return option(None, help, metavar=WINDOW)
 
 
-# ---- where results go ------------------------------------------------------------------------------------------------
+# ---- results --------------------------------------------------------------------------------------------------------
 
 
 @options
@@ -138,7 +138,7 @@ class BlockOutput:
 
 
 def ground_crs_option() -> Any:
-    """Return the field of the CRS of ground points."""
+    """Return the option of the CRS of ground points."""
     return option(
         None, "CRS of ground points whose file does not name one (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS"
     )
@@ -155,7 +155,7 @@ def height_datum_option() -> Any:
 
 
 def strict_datum_option() -> Any:
-    """Return the field of whether a missing grid is an error."""
+    """Return the option of whether a missing grid is an error."""
     return option(
         False,
         "Stop if the geoid or the grid of a better coordinate operation is not installed, instead of using the next "
@@ -312,7 +312,7 @@ class WorkerOptions:
 
     @property
     def certificates(self) -> Certificates:
-        """What is shown to a scheduler that encrypts."""
+        """TLS certificates for the connection to a scheduler."""
         return Certificates(self.scheduler_ca, self.scheduler_certificate, self.scheduler_key)
 
 

@@ -1,6 +1,6 @@
-"""Options as given by a person or a script, checked against their declaration; the command line and `run` both use it.
+"""Options from a user or a script, checked against their declaration; used by the command line and `run`.
 
-`KINDS` has one entry for each `Kind`: what a value may be, and how interfaces speak of it.
+`KINDS` has one entry for each `Kind`: its values, and their names in the interfaces.
 """
 
 import difflib
@@ -17,10 +17,10 @@ from .declare import Algorithm, Kind, Param, option_label
 
 @dataclass(frozen=True)
 class OptionSource:
-    """Origin of the options of a run that were not typed, as of a repeated run.
+    """Options of a run that were not typed, for example of a repeated run, and their origin.
 
-    given : options by key, over which those that were typed win
-    messages : what is told first; record : further entries of the report
+    given : options by key; typed options take precedence
+    messages : printed first; record : further entries of the report
     """
 
     given: Mapping[str, Any] = field(default_factory=dict)
@@ -33,7 +33,7 @@ TYPED = OptionSource()  #: all options are typed
 
 @dataclass(frozen=True)
 class Face:
-    """How an interface spells options, and where it describes them (``{name}`` of an algorithm)."""
+    """Spelling of options in an interface, and where they are described (``{name}`` is the algorithm)."""
 
     label: Callable[[Param], str] = option_label
     help: str = "hrsi {name} --help"
@@ -43,10 +43,10 @@ COMMAND_LINE = Face()
 
 
 def check_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = COMMAND_LINE) -> dict[str, Any]:
-    """Return every option of an algorithm by keyword: the given ones checked, the others at their default.
+    """Return all options of an algorithm by keyword: the given ones checked, the others with their defaults.
 
-    Messages name the options as the ``face`` does. Raises `InputError` where an option is unknown or missing, or its
-    value is not of its kind, choices or range.
+    Messages name the options as in ``face``. Raises `InputError` if an option is unknown or missing, or its value is
+    not of its kind, choices or range.
     """
     known = algorithm.defaults()
     for key in given:
@@ -82,7 +82,7 @@ def check_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = C
 
 
 def find_algorithm(registry: Mapping[str, Algorithm], name: str, commands: Iterable[str] = ()) -> Algorithm:
-    """Return the algorithm of a name; raise InputError with the nearest names, of ``commands`` too, where is none."""
+    """Return the algorithm of a name; if it is unknown, raise `InputError` with similar names, also of ``commands``."""
     if name not in registry:
         near = suggestion(name, [*registry, *commands])
         raise InputError(f"there is no algorithm {name!r}{near}; hrsi --help lists them")
@@ -90,7 +90,7 @@ def find_algorithm(registry: Mapping[str, Algorithm], name: str, commands: Itera
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """Return what may have been meant by a misspelt word: ``; did you mean gcps?``, or nothing."""
+    """Return a suggestion for a misspelt word: ``; did you mean gcps?``, or an empty text."""
     near = difflib.get_close_matches(word, list(known), n=2)
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
@@ -98,13 +98,13 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 def _parse_text(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError
-    if not value:  # most likely an empty variable of a script
+    if not value:  # probably an empty variable of a script
         raise ValueError
     return value
 
 
 def _parse_path(value: Any) -> str:
-    """Accept text and path objects."""
+    """Return the path of a text or path object."""
     return _parse_text(os.fspath(value))
 
 
@@ -114,20 +114,20 @@ def _parse_paths(value: Any) -> tuple[str, ...]:
 
 
 def _parse_ids(value: Any) -> tuple[str, ...]:
-    """Accept ``"A,B"`` or a sequence of ids; numbers are ids too."""
+    """Return the ids of ``"A,B"`` or of a sequence; numbers are allowed as ids."""
     items = value.split(",") if isinstance(value, str) else value
     return tuple(text for item in items if (text := str(item).strip()))
 
 
 def _parse_groups(value: Any) -> tuple[tuple[str, ...], ...]:
-    """Accept ``"A+B,C"``, a sequence of such groups, or of sequences of ids."""
+    """Return the groups of ``"A+B,C"``, of a sequence of such groups, or of sequences of ids."""
     items = value.split(",") if isinstance(value, str) else value
     groups = [item.split("+") if isinstance(item, str) else item for item in items]
     return tuple(tuple(text for one in group if (text := str(one).strip())) for group in groups if group)
 
 
 def _parse_folders(value: Any) -> tuple[str, ...]:
-    """Accept ``"A=DIR;B=DIR"``, a sequence of such words, or directories by name."""
+    """Return ``NAME=DIR`` texts of ``"A=DIR;B=DIR"``, of a sequence of such texts, or of directories by name."""
     if isinstance(value, Mapping):
         value = [f"{name}={os.fspath(folder)}" for name, folder in value.items()]
     items = value.split(";") if isinstance(value, str) else value
@@ -140,7 +140,7 @@ def _parse_folders(value: Any) -> tuple[str, ...]:
 
 
 def _parse_range(value: Any) -> tuple[float, float]:
-    """Accept ``"LOW,HIGH"``, two numbers, or one for both."""
+    """Return the limits of ``"LOW,HIGH"``, of two numbers, or of one number for both."""
     items = value.split(",") if isinstance(value, str) else value
     numbers = [_parse_number(item) for item in (items if isinstance(items, (list, tuple)) else [items])]
     low, high = numbers * 2 if len(numbers) == 1 else numbers
@@ -156,7 +156,7 @@ def _parse_integer(value: Any) -> int:
 
 
 def _parse_number(value: Any) -> float:
-    """Accept finite numbers."""
+    """Return a finite number; raise `TypeError` or `ValueError` for anything else."""
     if isinstance(value, bool):
         raise TypeError
     number = float(value)
@@ -172,12 +172,12 @@ def _parse_flag(value: Any) -> bool:
 
 
 class KindFacts(NamedTuple):
-    """How an option of a kind is given, in every interface.
+    """Properties of options of a kind, for all interfaces.
 
-    parse : what becomes of a value, a text or a Python object; raises `TypeError` or `ValueError`
-    expected : what a message says of a value of another kind: ``--threads 'x' is not a whole number``
-    metavar : what stands for the value in the help, where the declaration names nothing
-    annotation, described : its type in Python's stubs, where it has no choices, and in descriptions of functions
+    parse : converts a value, a text or a Python object; raises `TypeError` or `ValueError`
+    expected : description of valid values in messages: ``--threads 'x' is not a whole number``
+    metavar : placeholder of the value in the help, if the declaration has none
+    annotation, described : type in Python's stubs (without choices), and in descriptions of functions
     """
 
     parse: Callable[[Any], Any]

@@ -1,4 +1,4 @@
-"""`hrsi rerun report.json`: the run that a report tells of, again, and what has changed since among its inputs."""
+"""`hrsi rerun report.json`: repeats the run of a report, and lists which of its inputs have changed since."""
 
 import itertools
 import os
@@ -13,15 +13,15 @@ from .declare import READ_KINDS, Algorithm, Kind, Param, option_label
 from .options import OptionSource, find_algorithm
 
 _REPORT = "report.json"
-#: Options of a run that are not repeated unasked: what they allowed was allowed once.
+#: Options that are not repeated: their permission was for one run.
 ONCE = ("overwrite", "force_write")
 _NEEDED = {"algorithm": str, "options": dict}
 
 
 def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tuple[Algorithm, list[str], OptionSource]:
-    """Return algorithm, typed options and the origin of the others for ``report.json [options]``.
+    """Return the algorithm, the typed words, and the other options with their origin, for ``report.json [options]``.
 
-    Raises `InputError` where there is no report, or it does not tell enough of its run.
+    Raises `InputError` if there is no report, or it does not contain the options of its run.
     """
     if not words or words[0].startswith("-"):
         raise InputError("rerun needs a report first: hrsi rerun report.json [options]")
@@ -60,12 +60,12 @@ def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tu
 
 
 class _Places:
-    """Where the files of an earlier run are now: where they were, or where all lies that was moved with the report."""
+    """Present paths of the files of an earlier run: unchanged, or moved together with the report."""
 
     def __init__(self, path: str, report: Mapping[str, Any]) -> None:
         self._report = report
         self._folders = [str(report["directory"])] if isinstance(report.get("directory"), str) else []
-        # The report lies in the output directory; what that was relative to has moved with it
+        # The report is in the output directory; the folder to which that was relative has moved with it
         output = report["options"].get("output_dir")
         if isinstance(output, str) and not os.path.isabs(output):
             up = os.path.normpath(output).split(os.sep)
@@ -74,19 +74,19 @@ class _Places:
                 self._folders.append(os.path.normpath(os.path.join(here, *[os.pardir] * len(up))))
 
     def file(self, path: str) -> str:
-        """Return where a file or folder is now."""
+        """Return the present path of a file or folder; unchanged if it is not found."""
         return next((place for place in self._candidates(path) if os.path.exists(place)), path)
 
     def _candidates(self, path: str) -> Iterator[str]:
         if os.path.isabs(path):
             yield path
-            for old, new in itertools.pairwise(self._folders):  # absolute, below the folder that was moved
+            for old, new in itertools.pairwise(self._folders):  # absolute, below the moved folder
                 yield os.path.join(new, os.path.relpath(path, old))
         else:
             yield from (os.path.join(folder, path) for folder in self._folders)
 
     def move(self, param: Param, value: Any) -> Any:
-        """Return an option's value with its files where they are now."""
+        """Return the value of an option with the present paths of its files."""
         if isinstance(value, (list, tuple)):
             return [self.move(param, item) for item in value]
         if not isinstance(value, str) or value in param.words:
@@ -97,7 +97,7 @@ class _Places:
         return ";".join(self._move_spec(part) for part in value.split(";"))
 
     def _move_spec(self, text: str) -> str:
-        """Return a file with its layer (``FILE|layername=L``), list (``@FILE``) or pattern where it is now."""
+        """Return the present path of a file with layer (``FILE|layername=L``), a list (``@FILE``) or a pattern."""
         file, bar, layer = text.partition("|")
         sign = "@" if file.startswith("@") and not self._exists(file) else ""
         bare = file.removeprefix(sign)
@@ -109,7 +109,7 @@ class _Places:
         return any(map(os.path.exists, self._candidates(path)))
 
     def find_changes(self) -> Iterator[tuple[str, str]]:
-        """Yield the inputs that have changed since the earlier run, and how they differ."""
+        """Yield the inputs that have changed since the earlier run, with the kind of change."""
         for entry in self._report.get("inputs") or ():
             if not isinstance(entry, dict) or not isinstance(entry.get("path"), str):
                 continue

@@ -1,4 +1,4 @@
-"""Progress and messages of a run: on a terminal, in the manner of GDAL where there is none, and in a log file."""
+"""Progress and messages of a run: on a terminal, as GDAL's ticks without a terminal, and in a log file."""
 
 import os
 import re
@@ -15,7 +15,7 @@ _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage
 
 @thresholds
 class LIVE_LINE:
-    """When and how wide the live line of progress is drawn, and what of it is logged."""
+    """Drawing of the live line of progress, and what of it is logged."""
 
     redraw_s: float = threshold(0.1, "s", "least time between two drawings")
     foreseen_share: float = threshold(0.02, "", "share of the work from which the rest is foreseen")
@@ -30,9 +30,9 @@ _REST_COLUMNS = len(" 59:59 min left")
 
 
 class TerminalProgress:
-    """Write ``0...10...20...`` to a stream as work goes on, and messages on lines of their own between them.
+    """Writes ``0...10...20...`` to a stream as the work proceeds, and messages on separate lines in between.
 
-    Nothing is written before the first call, so that what fails at once leaves the error alone on the stream.
+    Nothing is written before the first call, so that after an immediate failure the stream has the error only.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -42,7 +42,7 @@ class TerminalProgress:
 
     def progress(self, fraction: float, message: str = "") -> bool:
         """Write the ticks up to ``fraction``; never cancels."""
-        reached = min(max(int(fraction * _TICKS + 1e-9), 0), _TICKS - 1)  # the last tick is `finish`'s
+        reached = min(max(int(fraction * _TICKS + 1e-9), 0), _TICKS - 1)  # the last tick is written by `finish`
         new = "".join(map(_tick_text, range(self._ticks + 1, reached + 1)))
         if new:
             self._ticks = reached
@@ -50,19 +50,19 @@ class TerminalProgress:
         return True
 
     def log(self, message: str) -> None:
-        """Write a message on a line of its own."""
+        """Write a message on a separate line."""
         self.break_line()
         self._write(f"{message}\n", line_open=False)
 
     def finish(self) -> None:
-        """Complete the bar, if it was begun."""
+        """Complete the ticks, if any were written."""
         if self._ticks >= 0:
             rest = "".join(map(_tick_text, range(self._ticks + 1, _TICKS + 1)))
             self._write(f"{rest} - done.\n", line_open=False)
             self._ticks = -1
 
     def break_line(self) -> None:
-        """End a line that ticks have begun."""
+        """End a line with ticks, if one is open."""
         if self._line_open:
             self._write("\n", line_open=False)
 
@@ -73,16 +73,16 @@ class TerminalProgress:
 
 
 class SilentTerminal(TerminalProgress):
-    """Write nothing."""
+    """Writes nothing."""
 
     def _write(self, text: str, line_open: bool = True) -> None:
         pass
 
 
 class LiveTerminal(TerminalProgress):
-    """One line, as wide as the terminal and drawn again and again: what is done, how far it is, how long it will take.
+    """One line of the width of the terminal, which is redrawn: message, progress and remaining time.
 
-    stream : a terminal; columns : returns its width; now : returns seconds
+    stream : a terminal; columns : function that returns its width; now : function that returns seconds
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class LiveTerminal(TerminalProgress):
         self._furthest, self._message, self._drawn = 0.0, "", ""
 
     def progress(self, fraction: float, message: str = "") -> bool:
-        """Draw the line again, but not all too often; the bar never goes back."""
+        """Redraw the line for a new message, or after a minimum time; the progress never decreases."""
         self._furthest = min(max(fraction, self._furthest), 1.0)
         changed, self._message = message not in ("", self._message), message or self._message
         if changed or self._now() - self._drawn_at >= LIVE_LINE.redraw_s:
@@ -104,13 +104,13 @@ class LiveTerminal(TerminalProgress):
         return True
 
     def finish(self) -> None:
-        """Leave a line that says how long it took."""
+        """Replace the line by the duration of the run."""
         if self._drawn_at >= 0.0:
             self._erase()
             self._write(f"done in {spell_duration(self._now() - self._start)}\n", line_open=False)
 
     def break_line(self) -> None:
-        """Erase the line: what is written next takes its place."""
+        """Erase the line; the next text is written in its place."""
         if self._line_open:
             self._erase()
             self._line_open = False
@@ -134,8 +134,8 @@ class LiveTerminal(TerminalProgress):
 
 
 def progress_line(message: str, fraction: float, elapsed_s: float, columns: int) -> str:
-    """Return one line of progress that fits in a number of columns: message, bar, share, time that remains."""
-    columns = max(columns, LIVE_LINE.least_columns) - 1  # a full line would break
+    """Return one line of progress for a number of columns: message, bar, percentage, remaining time."""
+    columns = max(columns, LIVE_LINE.least_columns) - 1  # a full line would wrap
     rest = ""
     if fraction >= LIVE_LINE.foreseen_share and elapsed_s >= LIVE_LINE.foreseen_s:
         rest = f" {spell_duration(elapsed_s * (1.0 - fraction) / fraction)} left"
@@ -150,7 +150,7 @@ def progress_line(message: str, fraction: float, elapsed_s: float, columns: int)
 
 
 def spell_duration(seconds: float) -> str:
-    """Return a time as people say it: ``42 s``, ``3:05 min``, ``2:10 h``."""
+    """Return a duration as ``42 s``, ``3:05 min`` or ``2:10 h``."""
     whole = round(seconds)
     if whole < 100:
         return f"{whole} s"
@@ -159,7 +159,7 @@ def spell_duration(seconds: float) -> str:
 
 
 def terminal_of(stream: TextIO, quiet: bool) -> TerminalProgress:
-    """Return the progress writer of a stream: silent where ``quiet``, a live line on a terminal, else GDAL's ticks."""
+    """Return the progress writer of a stream: silent if ``quiet``, a live line on a terminal, else GDAL's ticks."""
     if quiet:
         return SilentTerminal(stream)
     is_live = stream.isatty() and os.environ.get("TERM", "") != "dumb"
@@ -169,7 +169,7 @@ def terminal_of(stream: TextIO, quiet: bool) -> TerminalProgress:
 def _columns_of(stream: TextIO) -> int:
     try:
         return os.get_terminal_size(stream.fileno()).columns
-    except (OSError, ValueError):  # no terminal any more
+    except (OSError, ValueError):  # not a terminal any more
         return 80
 
 
@@ -186,9 +186,9 @@ _RPC = re.compile(rb"LINE_?OFF", re.IGNORECASE)
 
 
 class RunLog:
-    """Appends progress and messages to a file, made where missing; each line in one go, so that there are no half ones.
+    """Appends progress and messages to a file, created if missing; each line in one call, so that lines are complete.
 
-    ``spell`` brings messages into the words of the command line.
+    ``spell`` replaces arguments in messages by options of the command line.
     """
 
     def __init__(self, path: str, spell: Callable[[str], str] = str) -> None:
@@ -199,22 +199,22 @@ class RunLog:
         except OSError as error:
             raise InputError(f"--log {path} cannot be written ({error.strerror}): name another file") from None
         if os.path.isfile(path) and os.path.getsize(path) > 0 and not _part(path, -1).endswith(b"\n"):
-            # It ends within a line, as a program that was killed leaves it
+            # A killed program may have left an incomplete line at the end
             os.write(self._descriptor, b"\n")
 
     def write(self, kind: str, text: str) -> None:
-        """Append a line: its time, what it is (``START``, ``PROGRESS``, ``INFO``, ``WARNING``, ``ERROR``, ``END``)."""
+        """Append a line with time and kind: ``START``, ``PROGRESS``, ``INFO``, ``WARNING``, ``ERROR``, ``END`` …."""
         line = f"{run_date()} {kind:<8} {' '.join(text.split())}\n".encode("utf-8", "backslashreplace")
         size = os.fstat(self._descriptor).st_size
         try:
             written = os.write(self._descriptor, line)
-        except OSError:  # a full disk is told where results are written, not here
+        except OSError:  # a full disk is reported where results are written
             written = 0
         if 0 < written < len(line):
             os.ftruncate(self._descriptor, size)
 
     def progress(self, fraction: float, message: str = "") -> bool:
-        """Append how far the work is, where that is news."""
+        """Append the progress if the message is new or the progress has increased enough."""
         if message not in ("", self._message) or fraction >= self._told + LIVE_LINE.step_share:
             self._told, self._message = max(fraction, self._told), message or self._message
             self.write("PROGRESS", f"{100 * self._told:.0f} % {self._message}")
@@ -231,10 +231,10 @@ class RunLog:
 
 
 def require_own_file(path: str, words: Iterable[str]) -> None:
-    """Raise `InputError` where a log would be written into another file: one that ``words`` name, or no log.
+    """Raise `InputError` if a log would be appended to another file: an input among ``words``, or no log.
 
-    What stands in a folder or fits a pattern is not named itself: so an existing file has to be a log, or a text that
-    is called ``.log`` or ``.txt`` and holds no RPC.
+    Files in a folder or of a pattern are not named themselves: an existing file must therefore be a log, or a text
+    named ``.log`` or ``.txt`` that contains no RPC.
     """
     named = {part.partition("|")[0].lstrip("@") for word in words for part in word.split("=")[-1].split(";")}
     if os.path.realpath(path) in {os.path.realpath(file) for file in named if file}:

@@ -1,4 +1,4 @@
-"""An adjustment of a session, and what it becomes with every edit, as the panel shows them."""
+"""The adjustment of a session, and its continuation after edits, for display in the panel."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,13 +18,13 @@ from .rows import Key
 
 
 def describe_outlier(image_id: str, statistic: float) -> str:
-    """Return what a table says of a measurement that stands out."""
+    """Return the remark of a table on an outlying measurement."""
     return f"{image_id}: {statistic:.1f} sigma off"
 
 
 @dataclass(frozen=True, eq=False)
 class ListedMeasurements:
-    """A block with the measurements that a table lists alone: which they are, and what each is judged by (n, 2)."""
+    """The measurements that tables list: block, keys, and the standard deviations (n, 2) for their tests, px."""
 
     block: Block
     keys: Sequence[Key]
@@ -32,12 +32,12 @@ class ListedMeasurements:
 
     @cached_property
     def row_of(self) -> dict[Key, int]:
-        """Where each measurement stands."""
+        """Row number of each measurement."""
         return {key: row for row, key in enumerate(self.keys)}
 
     @cached_property
     def typical_px(self) -> np.ndarray:
-        """What known points' measurements on each image are judged by in the middle ``(images, 2)``, 0 without."""
+        """Median of `sigma_px` of the known points' measurements in each image ``(images, 2)``; 0 if there are none."""
         rows = self.block.measurements
         usable = np.flatnonzero(self.block.known[rows.point] & np.isfinite(self.sigma_px).all(axis=1))
         image, typical = rows.image[usable], np.zeros((len(self.block.images), 2))
@@ -47,7 +47,7 @@ class ListedMeasurements:
 
 
 class CurrentResiduals:
-    """Residuals (px) by point and image, by cameras that follow; those of edited points are given apart."""
+    """Residuals (px) by point and image, with the present cameras; ``now`` has those of edited points."""
 
     def __init__(
         self, watched: ListedMeasurements, left: np.ndarray, edited: Collection[str],
@@ -56,20 +56,20 @@ class CurrentResiduals:
         self._watched, self._left, self._edited, self._now = watched, left, frozenset(edited), now
 
     def get(self, key: Key, default: tuple[float, float]) -> tuple[float, float]:
-        """Return the residual of a measurement."""
+        """Return the residual of a measurement, or ``default``."""
         row = None if key[0] in self._edited else self._watched.row_of.get(key)
         return self._now.get(key, default) if row is None else (float(self._left[row, 0]), float(self._left[row, 1]))
 
 
 @dataclass(frozen=True, eq=False)
 class CurrentView:
-    """What the panel shows of a block with its measurements as they are now.
+    """State of a block with its present measurements, for display in the panel.
 
     corrections : parameters of the model by image id
-    residual_px : by (point, image), observed - computed at the surveyed position
+    residual_px : by (point, image), observed - computed from the surveyed position
     residual_m : by point, survey - computed
-    statistics : by (point, image), the length of the residual in sigmas
-    image_suspicions, point_suspicions : why, by the same keys
+    statistics : by (point, image), length of the residual in standard deviations
+    image_suspicions, point_suspicions : reasons, by the same keys
     """
 
     model: RefinementModel
@@ -82,7 +82,7 @@ class CurrentView:
 
     @cached_property
     def measurement_suspicions(self) -> dict[str, list[str]]:
-        """Why measurements of a point are suspicious, by the point."""
+        """Reasons why measurements of a point are suspicious, by point."""
         found: dict[str, list[str]] = {}
         for (point, _), reason in self.image_suspicions.items():
             found.setdefault(point, []).append(reason)
@@ -91,10 +91,10 @@ class CurrentView:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AdjustmentView(CurrentView):
-    """An adjustment as the panel shows it.
+    """An adjustment for display in the panel.
 
-    verdict : on the block; check : figures of the check points as in the report
-    follower : goes on from it when points are edited; listed : ids of the points of the list
+    verdict : of the block; check : figures of the check points as in the report
+    follower : continues the adjustment after edits of points; listed : ids of the points of the list
     """
 
     verdict: Verdict
@@ -107,7 +107,7 @@ class AdjustmentView(CurrentView):
 
     @cached_property
     def watched(self) -> ListedMeasurements:
-        """What is shown of the measurements when cameras follow an edit."""
+        """The listed measurements, whose residuals are computed again after each edit."""
         block = self.result.block
         rows = (block.known | np.isin(block.points.ids, list(self.listed)))[block.measurements.point]
         kept = block.with_measurements(rows)
@@ -120,7 +120,7 @@ class AdjustmentView(CurrentView):
 
 
 def list_keys(block: Block) -> list[Key]:
-    """Return point and image of each measurement."""
+    """Return point and image ids of each measurement."""
     rows, images = block.measurements, [image.id for image in block.images]
     names = block.points.ids[rows.point].tolist()
     return list(zip(names, [images[index] for index in rows.image.tolist()], strict=True))

@@ -1,7 +1,7 @@
-"""Adjusting what was measured so far: a snapshot in, cameras, residuals and suspicions out. Thread-safe.
+"""Adjustment of the present measurements: a block in, cameras, residuals and suspicions out. Thread-safe.
 
-`adjust_block` does it from the beginning, with every test; `follow` goes on from there with what was edited since: what
-the panel shows between two adjustments are residuals by cameras that follow every edit.
+`adjust_block` adjusts from the beginning, with all tests; `follow` continues from its result with the points edited
+since: between two adjustments, the panel shows residuals with cameras that follow every edit.
 """
 
 from collections.abc import Collection, Iterator
@@ -32,7 +32,7 @@ from .session import PointSession
 
 
 def block_of(session: PointSession) -> Block:
-    """Return the session as a block; later edits do not change it. Raises `InputError` where nothing is measured."""
+    """Return the session as a block, independent of later edits. Raises `InputError` if nothing is measured."""
     measured = image_points(session)
     if not len(measured) and session.ties is None:
         raise InputError("no point is measured on any image: measure one first")
@@ -43,7 +43,7 @@ def block_of(session: PointSession) -> Block:
 def adjust_block(
     block: Block, model: str, progress: Progress = silent, listed: Collection[str] = frozenset()
 ) -> AdjustmentView:
-    """Adjust a block with a model's name or a rule that chooses one; residuals are of known and of ``listed`` points.
+    """Adjust a block with a model, or a rule that chooses one; return residuals of known and of ``listed`` points.
 
     Raises `SolveError`, `InputError`, `Cancelled`.
     """
@@ -57,11 +57,11 @@ def adjust_block(
         result.model.compute_refined_rpc(image, values)
         for image, values in zip(block.images, result.values, strict=True)
     ]
-    # GCPs that disagree with the others, by data snooping and by the choice of the model
+    # GCPs that contradict the others, by data snooping and by the choice of the model
     suspects = {name: finding.message for finding in result.findings for name in finding.concerned}
     for gcp in result.choice.suspects if result.choice else ():
         suspects.setdefault(gcp.id, f"{gcp.image}: {gcp.deviation_px:.1f} px from where the others put it")
-    # Measurements that stand out, by the test that the report uses, and ties that were left out
+    # Outliers by the test of the report, and tie measurements that were excluded
     found = measurement_statistic(left)
     left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))
     found = np.where(left_out, result.statistic, found)
@@ -83,16 +83,16 @@ def adjust_block(
 
 
 def follow(session: PointSession) -> CurrentView:
-    """Return the block with the measurements of a session as they are now, at once; it must have been adjusted.
+    """Return the state with the present measurements of a session, which must have been adjusted.
 
-    Raises `SolveError` where what was edited leaves cameras undetermined.
+    Raises `SolveError` if the edited measurements do not determine the cameras.
     """
     adjusted = session.adjusted
     if adjusted is None:
         raise InputError("the block is not adjusted yet: adjust it first")
     edited = session.list_edits()
     now = assemble(list(session.images.values()), [ground_points(session, edited)], [image_points(session, edited)])
-    with one_thread_calls():  # a camera system is small: threads of BLAS would wait for one another three times as long
+    with one_thread_calls():  # a camera system is small: three times as fast without BLAS threads
         new = adjusted.follower.follow(edited, now)
         watched, model = adjusted.watched, adjusted.model
         own = adjusted.result.unit_sigma * now.measurements.sigma_px

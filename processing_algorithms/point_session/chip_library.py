@@ -1,4 +1,4 @@
-"""The rows of a library of image chips, `chips.gpkg`: pixels around measured GCPs with their survey."""
+"""Library of image chips, `chips.gpkg`: pixels around measured GCPs, with their survey."""
 
 import base64
 import os
@@ -28,7 +28,7 @@ class CHIPS:
 
 
 class ChipLibrary:
-    """The chips of a GeoPackage ``path``, in ``rows``; a file that does not exist has none."""
+    """Chips of the GeoPackage ``path`` as columns ``rows``; empty if the file does not exist."""
 
     def __init__(self, path: str) -> None:
         self.path, found = path, dict.fromkeys(ChipRows.declared, np.empty(0))
@@ -48,7 +48,7 @@ class ChipLibrary:
         return SurveyPoint(str(self.rows.id[row]), lon, lat, height, ROLES[0], sigma_xy, sigma_h, operation)
 
     def find_rows(self, point: SurveyPoint) -> np.ndarray:
-        """Return the rows of a point's chips ``(k,)``: of its id near it, and of any id at its place."""
+        """Return the rows of a point's chips ``(k,)``: chips of its id near it, and chips of any id at its position."""
         here = np.array([[point.lon, point.lat, point.height]])
         places = np.column_stack([self.rows.lon, self.rows.lat])
         away_m = np.hypot(*((places - here[:, :2]) * metres_per_degree(here)[:, :2]).T)
@@ -56,16 +56,16 @@ class ChipLibrary:
         return np.flatnonzero(away_m <= limit_m)
 
     def read_pixels(self, row: int) -> ArrayRaster:
-        """Return the pixels of a chip; the value 0 is no pixel."""
+        """Return the pixels of a chip; the value 0 means no pixel."""
         grey = decode_png(base64.b64decode(str(self.rows.pixels[row])))
         return ArrayRaster(grey.astype(np.float32), grey > 0)
 
     def read_position(self, row: int) -> np.ndarray:
-        """Return where the point is in a chip: sample, line ``(2,)``."""
+        """Return the position of the point in a chip: sample, line ``(2,)``."""
         return np.array(self._numbers(row, ("sample", "line")))
 
     def read_geometry(self, row: int) -> np.ndarray:
-        """Return the metres east and north (rows) of a sample and a line (columns) of a chip, ``(2, 2)``."""
+        """Return the metres east and north (rows) per sample and line (columns) of a chip, ``(2, 2)``."""
         names = ("east_by_sample_m", "east_by_line_m", "north_by_sample_m", "north_by_line_m")
         return np.array(self._numbers(row, names)).reshape(2, 2)
 

@@ -1,10 +1,10 @@
-"""A library of image chips: GCPs that were measured once are found in new images by matching.
+"""Library of image chips: GCPs that were measured once are found in new images by matching.
 
-A chip has the pixels around a measured GCP, the ground that they cover, and the survey of the GCP. In a new image it is
+A chip has the pixels around a measured GCP, their size on the ground, and the survey of the GCP. In a new image it is
 compared with the pixels around the predicted position, resampled by the local geometry of both images: with the metres
-east and north that a pixel of the chip covers, G (2, 2), and the derivatives of the new image's camera by metres east
-and north, P (2, 2), a step in the chip is P G times that step in the image. Matching and refusals are those of points
-that are transferred between images (`measurement.point_transfer`).
+east and north of a pixel of the chip, G (2, 2), and the derivatives of the new image's coordinates by metres east and
+north, P (2, 2), a step in the chip corresponds to P G times that step in the image. Matching and its tests are those of
+points that are transferred between images (`measurement.point_transfer`).
 """
 
 import base64
@@ -34,7 +34,7 @@ def differentiate_by_metres(session: PointSession, image_id: str, point: SurveyP
 
 
 def find_by_chips(session: PointSession, name: str, images: Sequence[str]) -> dict[str, Transfer]:
-    """Measure a point on images by matching the library's chips of it; empty where the library has none."""
+    """Measure a point in images by matching its chips in the library; return an empty dict if there are none."""
     library, point = session.library, session.points[name]
     rows = [] if library is None else library.find_rows(point).tolist()
     if library is None or not rows:
@@ -65,7 +65,7 @@ def _find_on_image(
 
 
 def list_library_points(session: PointSession) -> list[SurveyPoint]:
-    """Return the GCPs of the library that lie on an image of the session and are not in its list, each once."""
+    """Return the GCPs of the library that are in an image of the session and not in its list, each once."""
     library, found = session.library, dict[str, SurveyPoint]()
     if library is None:
         return []
@@ -78,13 +78,13 @@ def list_library_points(session: PointSession) -> list[SurveyPoint]:
 
 
 def save_chips(session: PointSession) -> int:
-    """Add a chip of every measured GCP and check point to the library; return how many are new, or others than before.
+    """Add chips of all measured GCPs and check points to the library; return the number of new or changed chips.
 
-    Not of measurements that the adjustment suspects. A chip takes the place of that of the same point and image.
+    Suspicious measurements are omitted. A chip replaces that of the same point and image.
     """
     if session.library is None:
         return 0
-    library = session.library = ChipLibrary(session.library.path)  # as others have left it
+    library = session.library = ChipLibrary(session.library.path)  # read again: other programs may have changed it
     old = library.rows
     keys = list(zip(*(np.asarray(old[name]).tolist() for name in ("id", "image")), strict=True))
     places = zip(*(np.asarray(old[name]).tolist() for name in ("image_sample", "image_line")), strict=True)
@@ -107,7 +107,7 @@ def save_chips(session: PointSession) -> int:
 
 
 def _cut_chip(session: PointSession, point: SurveyPoint, image_id: str, dates: dict[str, str]) -> list[dict[str, Any]]:
-    """Return the row of a chip; none where the image shows nothing. ``dates`` of images are looked up once."""
+    """Return the row of a chip in a list, empty if it has no contrast; ``dates`` caches the dates of images."""
     image, measured = session.images[image_id], session.measured[(point.id, image_id)]
     xy = np.array([measured.sample, measured.line])
     low = np.maximum(np.round(xy).astype(int) - CHIPS.half_px, 0)

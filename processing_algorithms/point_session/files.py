@@ -1,4 +1,4 @@
-"""A session as the engine's tables, and in a file: a block's GeoPackage with images, ground_points and image_points."""
+"""A session as tables of the engine, and as a file: a GeoPackage with images, ground_points and image_points."""
 
 import json
 import os
@@ -31,7 +31,7 @@ from .session import PointSession
 
 
 def ground_points(session: PointSession, names: Collection[str] | None = None) -> GroundPoints:
-    """Return the points of the list, or those of them that are named."""
+    """Return the points of the list, or only those with the ``names``."""
     points = [point for point in session.points.values() if names is None or point.id in names]
     operations = list(dict.fromkeys(point.operation for point in points if point.operation))
     number = np.array([operations.index(one.operation) if one.operation else -1 for one in points], dtype=np.int16)
@@ -47,7 +47,7 @@ def ground_points(session: PointSession, names: Collection[str] | None = None) -
 
 
 def image_points(session: PointSession, names: Collection[str] | None = None) -> ImagePoints:
-    """Return the measurements of the points of the list, or of those of them that are named."""
+    """Return the measurements of the points of the list, or only of those with the ``names``."""
     keys = [key for key in session.measured if names is None or key[0] in names]
     rows = [session.measured[key] for key in keys]
     return ImagePoints.create(
@@ -59,7 +59,7 @@ def image_points(session: PointSession, names: Collection[str] | None = None) ->
 
 
 def images_layer(session: PointSession) -> Layer:
-    """Return the images' footprints at the mean height of the points."""
+    """Return the layer of the images' footprints at the mean height of the points."""
     images = list(session.images.values())
     heights = [point.height for point in session.points.values()]
     height = float(np.mean(heights)) if heights else float(np.mean([image.middle_height_m for image in images]))
@@ -75,10 +75,10 @@ def images_layer(session: PointSession) -> Layer:
 
 
 def point_layers(session: PointSession) -> list[Layer]:
-    """Return ``ground_points`` and ``image_points`` as they stand, without any residual."""
+    """Return the layers ``ground_points`` and ``image_points`` of the present state, without residuals."""
     known = ground_points(session)
     unknown = np.full(len(known), np.nan)
-    # All measurements, of tie points too, at the surveyed positions where there are such
+    # All measurements, also of tie points; at the surveyed positions if there are any
     measured = stack_image_points([image_points(session), *([] if session.ties is None else [session.ties])])
     ids, xy = np.asarray(measured.ids), measured.xy
     index = {name: row for row, name in enumerate(known.ids.tolist())}
@@ -87,7 +87,7 @@ def point_layers(session: PointSession) -> list[Layer]:
         id=known.ids, role=_role_labels(known.role), height=known.ground[:, 2],
         sigma_east_m=unknown, sigma_north_m=unknown, sigma_height_m=unknown,
         rays=np.bincount(at[at >= 0], minlength=len(known)),
-        # The survey, whatever the geometry is
+        # The survey, for any geometry of the layer
         survey_lon=known.ground[:, 0], survey_lat=known.ground[:, 1], survey_height=known.ground[:, 2],
         sigma_xy=known.sigma_m[:, 0], sigma_h=known.sigma_m[:, 1],
     )  # fmt: skip
@@ -115,15 +115,15 @@ _ROLES = {Role.CHECK: "check", Role.OFF: "off", Role.TIE: TIE, Role.HELD_OUT: TI
 def open_block(path: str) -> PointSession:
     """Open the GeoPackage of a session or of a result of `triangulate`, `adjust` or `refine-rpc`.
 
-    The session's ``model`` is that of the report beside it, if there is one.
+    The session's ``model`` is that of the report in the same folder, if there is one.
 
-    Raises `InputError` where it has not the layers, or an image is not where it was.
+    Raises `InputError` if a layer is missing, or an image is not found.
     """
     names = layer_names(path)
     missing = [name for name in ("images", "ground_points", "image_points") if name not in names]
     if missing:
         raise InputError(f"{path}: has no layer {missing[0]!r}: open the block.gpkg of a result, or begin a new one")
-    # The images' files: as named, or beside the GeoPackage
+    # The files of the images: as named, or in the folder of the GeoPackage
     folder = os.path.dirname(os.path.abspath(path))
     found = []
     for file in text_columns(path, "images", ("path",))["path"]:
@@ -142,7 +142,7 @@ def open_block(path: str) -> PointSession:
     report = read_report(os.path.join(os.path.dirname(path), "report.json")) or {}
     session.model = str(report.get("model") or "")
     gcps = str((report.get("options") or {}).get("gcps") or "")
-    with suppress(InputError):  # another program's file, or one without photographs
+    with suppress(InputError):  # a file of another program, or without photographs
         if os.path.exists(split_spec(gcps)[0]):
             find_photos(session, gcps)
         columns = text_columns(path, "ground_points", ("id", "photo"))
@@ -151,12 +151,12 @@ def open_block(path: str) -> PointSession:
 
 
 def _read_tie_list(path: str) -> set[str]:
-    """Return the tie points that somebody placed: only these have a position of their own beside the adjusted one."""
+    """Return the tie points that the user placed: only these have their own position next to the adjusted one."""
     if not layer_names(path)["ground_points"]:
         return set()
     try:
         columns = text_columns(path, "ground_points", ("id", "role", "survey_lon"))
-    except InputError:  # of another program, without such columns
+    except InputError:  # of another program, without these columns
         return set()
     rows = zip(columns["id"], columns["role"], columns["survey_lon"], strict=True)
     return {name for name, role, placed in rows if role == TIE and placed}
@@ -166,7 +166,7 @@ def new_session(
     images: Sequence[str], gcps: str = "", image_points: str = "", ground_crs: str | None = None,
     height_datum: str = "layer",
 ) -> PointSession:  # fmt: skip
-    """Begin with image files and, where there are such, files of ground and image points."""
+    """Return a session of image files and, if given, files of ground and image points."""
     opened = _open_images(images)
     ids = [image.id for image in opened]
     tables = [
@@ -187,9 +187,9 @@ def new_session(
 
 
 def find_photos(session: PointSession, source: str) -> None:
-    """Enter the photographs that a file of points names in its field ``photo``, relative to itself.
+    """Enter the photographs that a file of points names in its field ``photo``, relative to its folder.
 
-    Without such a field they are in the folder ``photos`` beside the file, if there is one.
+    Without such a field they are in the folder ``photos`` next to the file, if it exists.
     """
     table = read_table(source)
     ids = table.columns["id"].tolist()
@@ -205,7 +205,7 @@ def _enter_photos(session: PointSession, folder: str, named: Mapping[str, str]) 
 
 
 def read_ground_points(source: str) -> list[SurveyPoint]:
-    """Return the ground points of a layer or file, to be added to a session."""
+    """Return the ground points of a layer or file, for adding them to a session."""
     ground = read_points(source).ground
     if ground is None:
         raise InputError(f"{source}: contains no ground positions: name another layer")
@@ -213,7 +213,7 @@ def read_ground_points(source: str) -> list[SurveyPoint]:
 
 
 def save(session: PointSession, path: str = "") -> None:
-    """Save a session, with the residuals of its adjustment where nothing was edited since; others' layers stay."""
+    """Save a session, with the residuals of its adjustment if nothing was edited since; other layers are kept."""
     target = path or session.path
     if not target:
         raise InputError("the block has no file yet: name one")
@@ -222,7 +222,7 @@ def save(session: PointSession, path: str = "") -> None:
     if adjusted is not None and session.is_adjusted:
         plain = layers
         layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left)}
-        # Mark the tie points of the list among the ground points: by a position of their own
+        # Mark the tie points of the list among the ground points, by their own position
         ground = layers["ground_points"]
         columns = {name: np.array(ground.fields[name], dtype=np.float64) for name in SURVEYED}
         for row, name in enumerate(np.asarray(ground.fields["id"]).tolist()):
@@ -231,7 +231,7 @@ def save(session: PointSession, path: str = "") -> None:
                 columns["survey_lon"][row], columns["survey_lat"][row] = point.lon, point.lat
                 columns["survey_height"][row] = point.height
         layers["ground_points"] = replace(ground, fields=GroundPointRows(**{**ground.fields, **columns}))
-        # … and add what took no part in it: points that are off, or that no image shows
+        # … and add points that were not used: those that are off, or in no image
         for name in ("ground_points", "image_points"):
             layers[name] = _with_others(layers[name], plain[name])
     if any(point.photo for point in session.points.values()):
@@ -243,7 +243,7 @@ def save(session: PointSession, path: str = "") -> None:
 
 
 def _with_others(full: Layer, plain: Layer) -> Layer:
-    """Return a layer of an adjustment with the rows of the session that it has not, told by point and image."""
+    """Return a layer of an adjustment with the rows of the session that it lacks, by point and image."""
     named = [name for name in ("id", "image") if name in plain.fields]
     there = set(zip(*(np.asarray(full.fields[name]).tolist() for name in named), strict=True))
     keys = zip(*(np.asarray(plain.fields[name]).tolist() for name in named), strict=True)
@@ -269,7 +269,7 @@ def _make_session(
     images: Sequence[Image], ground: GroundPoints | None, image: ImagePoints | None, path: str,
     listed_ties: Collection[str] = (),
 ) -> PointSession:  # fmt: skip
-    """Return a session; measurements of points that are not in its list are tie points."""
+    """Return a session; measurements of points that are not in its list become tie points."""
     points = [] if ground is None else _survey_points(ground, listed_ties)
     if image is None:
         return PointSession(images, points, path=path)
@@ -288,7 +288,7 @@ def _make_session(
 
 
 def _survey_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> list[SurveyPoint]:
-    operations = [*(json_text(use.entry()) for use in ground.operations), ""]  # the last one is that of number -1
+    operations = [*(json_text(use.entry()) for use in ground.operations), ""]  # the last one belongs to number -1
     return [
         SurveyPoint(
             str(ground.ids[row]), float(ground.ground[row, 0]), float(ground.ground[row, 1]),

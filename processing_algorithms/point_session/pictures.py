@@ -1,4 +1,4 @@
-"""What helps to recognise a point: the photographs of its survey, and the chips of where it was measured before."""
+"""Pictures for recognising a point: photographs of its survey, and chips of its earlier measurements."""
 
 import os
 from collections.abc import Hashable, Mapping
@@ -28,7 +28,7 @@ class PointPicture:
 
 
 def list_photos(point: SurveyPoint) -> list[str]:
-    """Return the photographs of a point: the named one, or those of a folder whose names begin with its id."""
+    """Return the photographs of a point: the named file, or the files of a folder whose names begin with its id."""
     if not os.path.isdir(point.photo):
         return [point.photo] if os.path.isfile(point.photo) else []
     names = [name for name in sorted(os.listdir(point.photo)) if name.lower().endswith(PHOTO_ENDINGS)]
@@ -43,7 +43,7 @@ def list_photos(point: SurveyPoint) -> list[str]:
 def list_pictures(
     session: PointSession, name: str, known: Mapping[Hashable, PointPicture]
 ) -> dict[Hashable, PointPicture]:
-    """Return the pictures of a point by what they show; those of them that are ``known`` are not made again."""
+    """Return the pictures of a point by key; pictures that are ``known`` are not made again."""
     point, made = session.points[name], dict[Hashable, PointPicture]()
     for path in list_photos(point):
         made[path] = PointPicture(os.path.basename(path), path)
@@ -67,5 +67,5 @@ def list_pictures(
 
 
 def _draw_chip(raster: Raster, xy: np.ndarray) -> str:
-    """Return the pixels around a measured position with a cross there, as SVG."""
+    """Return the pixels around a measured position, with a cross there, as SVG."""
     return draw_target_chip(replace(chip_of(make_refusal(BY_HAND, BY_HAND), xy, raster), position=xy))

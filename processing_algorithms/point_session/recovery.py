@@ -1,7 +1,7 @@
-"""Measurements outlive the program: every edit that a session's file does not hold is in a journal.
+"""Recovery of measurements: every unsaved edit of a session is written to a journal.
 
-The journal's first entry has all points and measurements, the others what was changed. It goes when the session is
-saved or given up. What is left by a program that was killed is found by `find_journals` and brought back by `recover`.
+The first entry of the journal has all points and measurements, the others have the changes. The journal is removed when
+the session is saved or discarded. Journals of killed programs are found by `find_journals` and restored by `recover`.
 """
 
 import os
@@ -19,9 +19,9 @@ from .session import PointSession
 
 
 class EditKeeper:
-    """Keeps the edits of one session in a journal below a folder.
+    """Writes the edits of one session to a journal below a folder.
 
-    ``failure`` says why it does not (no space, no permission); empty while it does. Editing goes on all the same.
+    ``failure`` is the reason if that fails (no space, no permission), otherwise empty. Editing continues in any case.
     """
 
     def __init__(self, root: str | Path) -> None:
@@ -30,18 +30,18 @@ class EditKeeper:
         self.failure = ""
 
     def follow(self, session: PointSession) -> None:
-        """Give up the session followed so far, and keep the edits of another."""
+        """Discard the journal of the present session, and record the edits of another."""
         self.discard()
         self._session, session.on_change = session, self._keep
         if session.changed:
             self._keep(Change({}))
 
     def discard(self) -> None:
-        """Forget what was kept: it is saved now, or nobody wants it."""
+        """Remove the journal: the edits are saved or not wanted any more."""
         self._journal.discard()
 
     def leave(self) -> None:
-        """Stop, and let what was kept lie for `find_journals`."""
+        """Stop recording, and keep the journal for `find_journals`."""
         self._journal.leave()
 
     def _keep(self, change: Change) -> None:
@@ -66,10 +66,10 @@ class EditKeeper:
 
 @dataclass(frozen=True)
 class JournalSession:
-    """What a program left that ended without saving.
+    """Unsaved session of a program that has ended.
 
-    path : the block's GeoPackage, empty where it was never saved; images : their files; sources : the arguments of
-    `new_session` where it was begun by that; time_s : of the last edit, seconds since 1970
+    path : the block's GeoPackage, empty if it was never saved; images : their files; sources : the arguments of
+    `new_session`, if it was made by that; time_s : time of the last edit, seconds since 1970
     """
 
     folder: Path
@@ -82,7 +82,7 @@ class JournalSession:
 
 
 def find_journals(root: str | Path) -> list[JournalSession]:
-    """Return what was left by programs that have ended, the oldest first."""
+    """Return the unsaved sessions of programs that have ended, the oldest first."""
     found = []
     for left in find_orphan_journals(root):
         points, measured = dict[str, SurveyPoint](), dict[Key, ImageMeasurement]()
@@ -102,16 +102,16 @@ def find_journals(root: str | Path) -> list[JournalSession]:
 
 
 def recover(unsaved: JournalSession) -> PointSession:
-    """Return a session as it was, with its tie points where their file is still there.
+    """Return the session as it was, with its tie points if their file still exists.
 
-    `forget` what was left when another journal, or a file, holds it.
-    Raises `InputError` where the block or its images are not there any more.
+    Call `forget` when another journal, or a file, contains the session.
+    Raises `InputError` if the block or its images do not exist any more.
     """
     session = None
     if unsaved.path and os.path.exists(unsaved.path):
         session = open_block(unsaved.path)
     elif unsaved.sources:
-        with suppress(InputError):  # a layer of the project was handed over as a file, which QGIS has removed since
+        with suppress(InputError):  # QGIS may have removed the file of a project layer
             session = new_session(**unsaved.sources)
     session = session or new_session(list(unsaved.images))
     session.restore(unsaved.points, unsaved.measured)
@@ -119,18 +119,18 @@ def recover(unsaved: JournalSession) -> PointSession:
 
 
 def forget(unsaved: JournalSession) -> None:
-    """Remove what was left."""
+    """Remove the journal of an unsaved session."""
     remove_journal(unsaved.folder)
 
 
 def _drop_nulls(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values without those that JSON has no number for: NaN, the default."""
+    """Return the values without null, which JSON has for NaN, the default."""
     return {name: value for name, value in values.items() if value is not None}
 
 
 def _drop_defaults(row: SurveyPoint | ImageMeasurement) -> dict[str, Any]:
-    """Return the values of a row but those that are the default; quicker than ``asdict`` with many thousand rows."""
-    return {name: value for name, value in vars(row).items() if value == value and value != ""}  # NaN is not itself
+    """Return the values of a row without defaults; faster than ``asdict`` for many thousand rows."""
+    return {name: value for name, value in vars(row).items() if value == value and value != ""}  # NaN differs from NaN
 
 
 def _entry(change: Change) -> dict[str, Any]:

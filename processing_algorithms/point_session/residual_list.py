@@ -1,4 +1,4 @@
-"""All residuals of a session in one list, the worst first, and what they come to by role."""
+"""All residuals of a session in one list, the largest first, and their statistics by role."""
 
 import math
 
@@ -9,7 +9,7 @@ from .session import PointSession
 
 
 def list_residuals(session: PointSession) -> list[ResidualRow]:
-    """Return the measurements that have a residual, the worst first: by its length in sigmas."""
+    """Return the measurements that have a residual, sorted by its length in standard deviations, the largest first."""
     rows = []
     for key, measured in session.measured.items():
         left, length, why = session.judge(key)
@@ -19,7 +19,7 @@ def list_residuals(session: PointSession) -> list[ResidualRow]:
 
 
 def summarise_roles(session: PointSession) -> list[str]:
-    """Return a line for each role: how many points and measurements, and the RMSE of their residuals."""
+    """Return one line for each role: numbers of points and measurements, and the RMSE of their residuals."""
     lines, of_points, of_images = [], session.rows(), list_residuals(session)
     for role in (*ROLES[:2], TIE):
         rows = [row for row in of_images if row.point.role == role]

@@ -1,4 +1,4 @@
-"""What a point session holds and shows: ground points, measurements, and every edit, so that it can be undone."""
+"""Rows that a point session contains and shows: ground points, measurements; and its edits, with undo and redo."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..interface.declare import params_of
 
-#: A point that is ``off`` keeps its measurements and takes no part.
+#: A point that is ``off`` keeps its measurements and is not used.
 ROLES = ("gcp", "check", "off")
-TIE = "tie"  #: of a point without a survey, whose position is where its rays meet; it is made so, and stays so
+TIE = "tie"  #: role of a point without survey, at the intersection of its rays; it cannot be changed
 TRANSFERRED = "transfer"  #: kind of a measurement that was found by matching
-CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` takes it as it is
-#: The adjustment's option that the panel offers; all others are at their defaults.
+CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` uses the click itself
+#: The option of the adjustment that the panel offers; all others have their defaults.
 MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "model")
 
 
@@ -38,10 +38,10 @@ class PANEL:
 
 @dataclass(frozen=True)
 class SurveyPoint:
-    """A ground point with a surveyed position, or a tie point where its rays meet; NaN sigmas take the default.
+    """A ground point with a surveyed position, or a tie point at the intersection of its rays; NaN sigma: default.
 
-    ``operation`` is what brought it to WGS84, as a report's ``crs_operations`` have it (JSON); ``photo`` is a
-    photograph of it, or a folder with photographs whose names begin with ids.
+    ``operation`` is its operation to WGS84, as in ``crs_operations`` of a report (JSON); ``photo`` is a photograph, or
+    a folder with photographs whose names begin with ids.
     """
 
     id: str
@@ -57,7 +57,7 @@ class SurveyPoint:
 
 @dataclass(frozen=True)
 class ImageMeasurement:
-    """Where a point was measured on an image; a NaN sigma takes the default."""
+    """Position at which a point was measured in an image; NaN sigma: default."""
 
     sample: float
     line: float
@@ -68,7 +68,7 @@ class ImageMeasurement:
 
 @dataclass(frozen=True)
 class PointRow:
-    """A ground point, its residuals (survey - computed, metres east, north, up; NaN without), why it is suspicious."""
+    """A ground point, its residuals (survey - computed, metres east, north, up; else NaN), and why it is suspicious."""
 
     point: SurveyPoint
     images: int
@@ -78,7 +78,7 @@ class PointRow:
 
 @dataclass(frozen=True)
 class MeasurementRow:
-    """A point on one image: predicted and measured position, residual (px), and why it is suspicious, if it is."""
+    """A point in one image: predicted and measured position, residual (px), and why it is suspicious, if it is."""
 
     image: str
     predicted: tuple[float, float]
@@ -90,7 +90,7 @@ class MeasurementRow:
 
 @dataclass(frozen=True)
 class ResidualRow:
-    """A measurement with its residual (px), its length in sigmas, and why it is suspicious, if it is."""
+    """A measurement with its residual (px), its length in standard deviations, and why it is suspicious, if it is."""
 
     point: SurveyPoint
     image: str
@@ -105,10 +105,10 @@ Key = tuple[str, str]  #: point and image
 
 @dataclass(frozen=True)
 class Change:
-    """New entries of a session.
+    """Changed entries of a session.
 
-    measured : by point and image; None takes a measurement away. points : all known points in their order, or None
-    where they stay
+    measured : by point and image; None removes a measurement. points : all known points in their order, or None if
+    they are not changed
     """
 
     measured: Mapping[Key, ImageMeasurement | None]
@@ -117,7 +117,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Edit:
-    """One thing that the user did: its name for a menu, and how to take it back and do it again."""
+    """One edit of the user: its name for a menu, and the changes that undo and redo it."""
 
     title: str
     back: Change
@@ -125,19 +125,19 @@ class Edit:
 
 
 class History:
-    """The edits of a session, and where in them it stands.
+    """The edits of a session, and the present state among them.
 
-    ``state`` is a number that every state has of its own: after undoing it is that of the state before.
+    ``state`` is a unique number of each state: after undoing it is that of the state before.
     """
 
     def __init__(self, apply: Callable[[Change], None]) -> None:
         self._apply = apply
         self._done: list[tuple[int, Edit]] = []  # the state before each edit, and the edit
-        self._undone: list[tuple[int, Edit]] = []  # the state after each, the next to be done again last
+        self._undone: list[tuple[int, Edit]] = []  # the state after each, the next to be redone last
         self.state = self._states = 0
 
     def do(self, edit: Edit) -> None:
-        """Make an edit; what was undone before it cannot be done again."""
+        """Make an edit; edits that were undone before cannot be redone any more."""
         self._undone.clear()
         self._done = [*self._done[1 - PANEL.longest_history :], (self.state, edit)]
         self._states += 1
@@ -145,11 +145,11 @@ class History:
         self._apply(edit.forth)
 
     def undo(self) -> str:
-        """Take the last edit back and return its title; empty without any."""
+        """Undo the last edit and return its title; empty if there is none."""
         return self._step(self._done, self._undone, "back")
 
     def redo(self) -> str:
-        """Do again what was taken back last and return its title; empty without any."""
+        """Redo the edit that was undone last and return its title; empty if there is none."""
         return self._step(self._undone, self._done, "forth")
 
     def _step(self, source: list[tuple[int, Edit]], target: list[tuple[int, Edit]], way: str) -> str:
@@ -163,10 +163,10 @@ class History:
 
     @property
     def undo_title(self) -> str:
-        """What `undo` would take back, empty for nothing."""
+        """Title of the edit that `undo` would undo, empty if there is none."""
         return self._done[-1][1].title if self._done else ""
 
     @property
     def redo_title(self) -> str:
-        """What `redo` would do again, empty for nothing."""
+        """Title of the edit that `redo` would redo, empty if there is none."""
         return self._undone[-1][1].title if self._undone else ""

@@ -1,4 +1,4 @@
-"""The state of a point session and every way to change it."""
+"""The state of a point session and all its edits."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ if TYPE_CHECKING:
     from .chip_library import ChipLibrary
     from .targets import Fit
 
-TRANSFER_PX = 0.05  # relief within the window and the interpolation, of which the fit's own sigma knows nothing
+TRANSFER_PX = 0.05  # relief within the window and interpolation, not included in the sigma of the fit
 NO_POSITION = (math.nan, math.nan, math.nan)
 
 
 class PointSession:
     """Images, known points with their measurements, tie points (which are not edited), and the last adjustment.
 
-    ``path`` is the GeoPackage that it was opened from or saved to, empty before; ``model`` that of the adjustment found
-    there; ``sources`` the arguments of `files.new_session` where it was begun by that. ``on_change`` is told of every
-    change of points and measurements.
+    ``path`` is the GeoPackage from which it was opened or to which it was saved, else empty; ``model`` that of the
+    adjustment in it; ``sources`` the arguments of `files.new_session`, if it was made by that. ``on_change`` is called
+    with every change of points and measurements.
     """
 
     def __init__(
@@ -62,35 +62,35 @@ class PointSession:
         self.library: ChipLibrary | None = None  # of GCPs that were measured in other blocks
         self.on_change: Callable[[Change], None] = lambda change: None
         self.history = History(self._apply)
-        self._saved: int | None = 0  # the state that the file holds
+        self._saved: int | None = 0  # the state in the file
         self.adjusted: AdjustmentView | None = None
-        self._adjusted_from = Snapshot(self)  # what the adjustment saw
-        self._edited: set[Key] = set()  # measurements that are others than those adjusted
-        self.shown: CurrentView | None = None  # what tables show: the adjustment, or what followed it
+        self._adjusted_from = Snapshot(self)  # state that was adjusted
+        self._edited: set[Key] = set()  # measurements that differ from those adjusted
+        self.shown: CurrentView | None = None  # shown in tables: the adjustment, or its continuation
         self._shown_from = self._adjusted_from
-        self._stale: set[Key] = set()  # measurements that are others than those shown
-        self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, made when asked for
-        self._shifts: dict[str, np.ndarray] | None = None  # by image, made when asked for
+        self._stale: set[Key] = set()  # measurements that differ from those shown
+        self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, cached
+        self._shifts: dict[str, np.ndarray] | None = None  # by image, cached
 
     @property
     def changed(self) -> bool:
-        """Whether there are edits that the file does not hold."""
+        """Whether there are edits that are not in the file."""
         return self.history.state != self._saved
 
     @property
     def is_adjusted(self) -> bool:
-        """Whether the adjustment is of the points and measurements as they are now."""
+        """Whether the adjustment is of the present points and measurements."""
         return self.adjusted is not None and self.history.state == self._adjusted_from.state
 
     def note_save(self, path: str) -> None:
-        """Remember that a file holds the session as it is now."""
+        """Record that a file contains the present session."""
         self.path, self._saved = path, self.history.state
         self.on_change(Change({}))
 
-    # ---- what the tables show ----------------------------------------------------------------------------------
+    # ---- content of tables -------------------------------------------------------------------------------------
 
     def rows(self) -> list[PointRow]:
-        """Return all known points, in the order in which they came."""
+        """Return all known points, in the order in which they were added."""
         counts = Counter(map(itemgetter(0), self.measured))
         stale = self._others_than(self._shown_from, self._stale)
         rows = []
@@ -104,17 +104,17 @@ class PointSession:
         return rows
 
     def measurements(self, name: str) -> list[MeasurementRow]:
-        """Return a point on every image; those in which it does not lie are told by ``is_inside``."""
+        """Return a point in every image; ``is_inside`` is False for images that do not contain it."""
         return [self.measurement(name, image) for image in self.images]
 
     def on_image(self, image_id: str) -> dict[str, MeasurementRow]:
-        """Return the points that lie on an image, or are measured there."""
+        """Return the points that are inside an image, or are measured in it."""
         self._predict_all(image_id)
         rows = {name: self.measurement(name, image_id) for name in self.points}
         return {name: row for name, row in rows.items() if row.is_inside or row.measured}
 
     def measurement(self, name: str, image_id: str) -> MeasurementRow:
-        """Return a point on one image."""
+        """Return a point in one image."""
         sample, line = self.predict_place(name, image_id)
         first_sample, last_sample, first_line, last_line = self.images[image_id].domain_px
         inside = first_sample <= sample <= last_sample and first_line <= line <= last_line
@@ -123,14 +123,14 @@ class PointSession:
         return MeasurementRow(image_id, (sample, line), inside, self.measured.get(key), residual, suspicion)
 
     def judge(self, key: Key) -> tuple[tuple[float, float], float, str]:
-        """Return a measurement's residual (px), its length in sigmas, and why it is suspicious; NaN without."""
+        """Return a measurement's residual (px), its length in standard deviations, and why it is suspicious, if so."""
         if self.shown is None or key in self._stale:
             return NO_POSITION[:2], math.nan, ""
         left, length = self.shown.residual_px.get(key, NO_POSITION[:2]), self.shown.statistics.get(key, math.nan)
         return left, length, self.shown.image_suspicions.get(key, "")
 
     def predict_place(self, name: str, image_id: str) -> tuple[float, float]:
-        """Return where a point should be on an image, as `project` has it."""
+        """Return the predicted position of a point in an image, by `project`."""
         known = self._predicted.setdefault(image_id, {})
         if name not in known:
             point = self._point(name)
@@ -139,9 +139,9 @@ class PointSession:
         return known[name]
 
     def find_next_gap(self, name: str, step: int) -> str:
-        """Return the next point (``step`` 1; -1: the one before) that is not measured on an image which shows it.
+        """Return the next point (``step`` 1; -1: the previous one) that is not measured in an image that contains it.
 
-        Points that are off are passed over. The point itself where there is no other.
+        Points that are off are skipped. The point itself is returned if there is no other.
         """
         names = list(self.points)
         if not names:
@@ -158,9 +158,9 @@ class PointSession:
         return name
 
     def project(self, image_id: str, ground: np.ndarray) -> np.ndarray:
-        """Return where an image sees ground points ``(n, 3)``.
+        """Return the positions of ground points ``(n, 3)`` in an image, sample and line ``(n, 2)``.
 
-        By the last adjustment, else by the image's own RPC; without an adjusted GCP with the shift that was measured.
+        By the last adjustment, otherwise by the image's RPC; without an adjusted GCP with the measured shift added.
         """
         if self._shifts is None:
             self._shifts = self._estimate_shifts()
@@ -175,9 +175,9 @@ class PointSession:
     def _estimate_shifts(self) -> dict[str, np.ndarray]:
         """Return the median offset (px) of measured surveyed points from their image's camera ``(2,)``, by image.
 
-        Only of images whose camera follows no GCP yet: check points move none.
+        Only for images without an adjusted GCP: check points do not change the camera.
         """
-        surveyed: dict[str, list[float]] = {}  # five numbers a point, flat: the fastest way into an array
+        surveyed: dict[str, list[float]] = {}  # five numbers for each point, flat: the fastest way into an array
         followed = set[str]()
         for (name, image_id), measured in self.measured.items():
             point = self.points[name]
@@ -195,36 +195,36 @@ class PointSession:
         }
 
     def is_located(self, image_id: str) -> bool:
-        """Whether anything measured on an image tells how far its RPC is off."""
+        """Whether measurements in an image determine the error of its RPC."""
         ties = self.adjusted is not None and self.ties is not None and image_id in self.ties.image_ids
         return ties or any(image == image_id for _, image in self.measured)
 
     def estimate_margin_px(self, image_id: str) -> float:
-        """Return how far points may lie from where they are predicted on an image."""
+        """Return the expected largest error (px) of predicted positions in an image."""
         if not self.is_located(image_id):
             return PANEL.vendor_px
         return PANEL.adjusted_px if self.shown is not None else PANEL.shifted_px
 
     def is_seen(self, point: SurveyPoint) -> bool:
-        """Whether a point, in the list or not, lies on any image."""
+        """Whether a point, in the list or not, is inside any image."""
         ground = np.array([[point.lon, point.lat, point.height]])
         return any(
             abs(point.lon - image.rpc.long_off)
-            < PANEL.rpc_reach * image.rpc.long_scale  # farther off RPCs see anything
+            < PANEL.rpc_reach * image.rpc.long_scale  # RPCs are not valid far outside
             and abs(point.lat - image.rpc.lat_off) < PANEL.rpc_reach * image.rpc.lat_scale
             and (np.abs(self.project(name, ground)[0] - image.centre_px) <= image.half_size_px).all()
             for name, image in self.images.items()
         )
 
     def middle_height_m(self) -> float:
-        """Return the middle height of the ground; where nothing is known of it that of the images' RPCs."""
+        """Return the median height of the ground; if it is unknown, that of the images' RPCs."""
         heights = self.ground_heights_m()
         if not len(heights):
             heights = np.array([image.middle_height_m for image in self.images.values()] or [0.0])
         return float(np.median(heights))
 
     def ground_heights_m(self) -> np.ndarray:
-        """Return heights of the ground ``(n,)``: of the known points, without any of the adjusted tie points."""
+        """Return ground heights ``(n,)``: of the known points, or if there are none, of the adjusted tie points."""
         known = [point.height for point in self.points.values() if point.role != TIE]
         if known or self.adjusted is None:
             return np.array(known)
@@ -232,7 +232,7 @@ class PointSession:
         return ties[np.isfinite(ties)]
 
     def _predict_all(self, image_id: str) -> None:
-        """Predict all points on an image at once: one by one takes seconds with many images and points."""
+        """Predict all points in an image at once: one by one takes seconds with many images and points."""
         known = self._predicted.setdefault(image_id, {})
         points = [point for name, point in self.points.items() if name not in known]
         if points:
@@ -241,7 +241,7 @@ class PointSession:
             known.update({point.id: (sample, line) for point, (sample, line) in zip(points, xy, strict=True)})
 
     def list_edits(self) -> set[str]:
-        """Return the points that are not as the adjustment saw them, those that are gone among them."""
+        """Return the points that differ from those in the adjustment, including removed ones."""
         return self._others_than(self._adjusted_from, self._edited)
 
     def _others_than(self, before: Snapshot, measured: set[Key]) -> set[str]:
@@ -254,7 +254,7 @@ class PointSession:
     # ---- edits -------------------------------------------------------------------------------------------------
 
     def add_points(self, points: Sequence[SurveyPoint]) -> None:
-        """Add known points; raise `InputError` for an id that is there already."""
+        """Add known points; raise `InputError` if an id exists already."""
         for point in points:
             if point.id in self.points:
                 raise InputError(f"ground point {point.id} is in the list already: rename one of them")
@@ -267,7 +267,7 @@ class PointSession:
         self._edit(f"remove {name}", {key: None for key in self.measured if key[0] == name}, kept)
 
     def set_role(self, name: str, role: str) -> None:
-        """Make a point control or check point, or take it off; a tie point has no survey, and stays what it is."""
+        """Make a point a GCP or check point, or switch it off; a tie point has no survey, and remains a tie point."""
         if TIE in (role, self._point(name).role) and role != self._point(name).role:
             what = "has no survey" if self._point(name).role == TIE else "has a survey"
             raise InputError(f"point {name} {what}: remove it, and begin one of the other kind")
@@ -278,12 +278,12 @@ class PointSession:
         self._set_point(f"{name} as {role}", replace(self._point(name), role=role))
 
     def set_sigma(self, name: str, field: str, sigma_m: float | None) -> None:
-        """Set ``sigma_xy`` or ``sigma_h`` of a point; None takes the default of the adjustment."""
+        """Set ``sigma_xy`` or ``sigma_h`` of a point; None: the default of the adjustment."""
         sigma: dict[str, Any] = {field: _sigma(f"ground point {name}", field, sigma_m)}
         self._set_point(f"{field} of {name}", replace(self._point(name), **sigma))
 
     def set_measurement(self, name: str, image_id: str, measured: ImageMeasurement) -> None:
-        """Enter where a point is on an image; raise `InputError` for coordinates that are no numbers."""
+        """Enter the measured position of a point in an image; raise `InputError` if a coordinate is not finite."""
         where = f"ground point {self._point(name).id} on {image_id}"
         if not (math.isfinite(measured.sample) and math.isfinite(measured.line)):
             raise InputError(f"{where}: sample and line must be numbers: enter both")
@@ -291,12 +291,12 @@ class PointSession:
         self._edit(f"{name} on {image_id}", {(name, image_id): new})
 
     def remove_measurement(self, name: str, image_id: str) -> None:
-        """Forget where a point is on an image, if that was known."""
+        """Remove the measurement of a point in an image, if there is one."""
         if (name, image_id) in self.measured:
             self._edit(f"forget {name} on {image_id}", {(name, image_id): None})
 
     def fit(self, image_id: str, click: tuple[float, float], kind: str, is_seen: bool = True) -> Fit:
-        """Measure the target near a place, clicked on (``is_seen``) or predicted; nothing changes."""
+        """Measure the target near a position, clicked (``is_seen``) or predicted, without changing the session."""
         from .targets import fit_target  # loads much that nothing needs before something is measured
 
         if kind not in CLICK_KINDS:
@@ -304,7 +304,7 @@ class PointSession:
         return fit_target(self.images[image_id], click, kind, is_seen)
 
     def measure(self, name: str, image_id: str, click: tuple[float, float], kind: str, is_seen: bool = True) -> Fit:
-        """Measure the target near a place; where it is refused, nothing changes and the fit says why."""
+        """Measure the target near a position; if it is refused, nothing is changed, and the fit has the reason."""
         fit = self.fit(image_id, click, kind, is_seen)
         if not fit.refusal:
             self.set_measurement(name, image_id, fit.measured)
@@ -318,7 +318,7 @@ class PointSession:
         self._edit(title, {(point.id, image_id): measured}, self.points | {point.id: point})
 
     def accept_transfers(self, name: str, found: Mapping[str, Transfer]) -> None:
-        """Measure a point where matching has found it on images, in one edit."""
+        """Enter measurements of a point that matching has found in images, in one edit."""
         new = {
             (name, image): ImageMeasurement(
                 *one.xy, math.hypot(one.sigma_px, TRANSFER_PX), TRANSFERRED, one.correlation
@@ -330,27 +330,27 @@ class PointSession:
             self._edit(f"{name} transferred to {', '.join(image for _, image in new)}", new)
 
     def move_point(self, point: SurveyPoint) -> None:
-        """Take another position of a point over that follows from its measurements: no edit of its own."""
+        """Set the position of a point that follows from its measurements; this is not an edit."""
         self.points = {name: point if name == point.id else old for name, old in self.points.items()}
         for known in self._predicted.values():
             known.pop(point.id, None)
 
     def undo(self) -> str:
-        """Take the last edit back; return what it was, empty without any."""
+        """Undo the last edit and return its title; empty if there is none."""
         return self.history.undo()
 
     def redo(self) -> str:
-        """Do again what was taken back last; return what it was, empty without any."""
+        """Redo the edit that was undone last and return its title; empty if there is none."""
         return self.history.redo()
 
     def restore(self, points: Mapping[str, SurveyPoint], measured: Mapping[Key, ImageMeasurement]) -> None:
-        """Take other points and measurements in one edit; no file holds them."""
+        """Replace points and measurements in one edit; no file contains them."""
         gone = {key: None for key in self.measured.keys() - measured.keys()}
         self._edit("recover", gone | dict(measured), points)
         self._saved = None
 
     def accept(self, adjusted: AdjustmentView, seen: Snapshot | None = None) -> None:
-        """Take over an adjustment of what was ``seen`` (as it is now): its cameras predict, its residuals are shown."""
+        """Set an adjustment of the state ``seen`` (default: now); its cameras predict, its residuals are shown."""
         self.adjusted, self._adjusted_from = adjusted, seen or Snapshot(self)
         before = self._adjusted_from.measured
         self._edited = {
@@ -359,7 +359,7 @@ class PointSession:
         self._show(adjusted, self._adjusted_from, set(self._edited))
 
     def follow(self, followed: CurrentView) -> None:
-        """Show what an adjustment becomes with everything as it is now."""
+        """Show the continuation of the adjustment with the present points and measurements."""
         self._show(followed, Snapshot(self), set())
 
     def _show(self, shown: CurrentView, seen: Snapshot, stale: set[Key]) -> None:
@@ -404,7 +404,7 @@ class PointSession:
 
 
 class Snapshot:
-    """Points and measurements of a session at one moment; later edits do not change it."""
+    """Points and measurements of a session at one time, independent of later edits."""
 
     def __init__(self, session: PointSession) -> None:
         self.state = session.history.state
@@ -412,7 +412,7 @@ class Snapshot:
 
 
 def _sigma(where: str, field: str, sigma: float | None) -> float:
-    """Return a standard deviation, NaN for the default; raise `InputError` for what is none."""
+    """Return a standard deviation, NaN for the default; raise `InputError` if it is not above 0."""
     if sigma is None or math.isnan(sigma):
         return math.nan
     if not 0.0 < sigma < math.inf:

@@ -1,4 +1,4 @@
-"""A click on an image becomes a measurement: the centre or corner near it, with a chip that shows the fit."""
+"""Measures the target near a click in an image: its centre or corner, with a chip that shows the fit."""
 
 import math
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from ..files.target_chip import chip_of
 from .rows import PANEL, ImageMeasurement
 
 BY_HAND = "point"
-#: How well the middle of an object is what was surveyed, and how well the cameras' models follow it: a fit's own sigma
-#: of some hundredths of a pixel knows of neither, and would make every click an outlier among older measurements.
+#: Error of identifying the surveyed point with the centre of an object, and of the cameras' models, in px: the sigma
+#: of a fit, some 0.01 px, does not include them, and would make every click an outlier among other measurements.
 IDENTIFICATION_PX = 0.1
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What a click gave: the measurement, or the reason why there is none, and a chip (SVG) either way."""
+    """Result of a click: the measurement, or the reason why it was refused, and a chip (SVG) in both cases."""
 
     measured: ImageMeasurement
     refusal: str
@@ -30,10 +30,10 @@ class Fit:
 
 
 def fit_target(image: Image, click: tuple[float, float], kind: str, is_seen: bool = True) -> Fit:
-    """Measure the target near a click (sample, line) as `measure-targets` does; ``point`` takes the click itself.
+    """Measure the target near a click (sample, line) as `measure-targets` does; ``point`` uses the click itself.
 
-    A ``center`` must be that of a clear shape which covers the click, or nearly so. Texture has none: there the click
-    itself is taken where somebody has seen (``is_seen``) what he clicked on, else it is refused.
+    A ``center`` must be that of a clear shape that covers the click, or nearly so. In texture without a shape, the
+    click itself is used if the user has seen the point (``is_seen``), otherwise the measurement is refused.
 
     Raises `InputError` for an image without pixels.
     """
@@ -55,7 +55,7 @@ def fit_target(image: Image, click: tuple[float, float], kind: str, is_seen: boo
         measured = ImageMeasurement(float(made.xy[0]), float(made.xy[1]), sigma_px, made.kind, float(made.quality))
         return Fit(measured, made.refusal, draw_target_chip(chip_of(made, xy, image.raster)))
     finally:
-        close_images()  # a session lasts for hours, and files that are open cannot be replaced everywhere
+        close_images()  # open files cannot be replaced on all systems
 
 
 def _is_clear(made: TargetMeasurement, click: np.ndarray) -> bool:

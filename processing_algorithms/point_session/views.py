@@ -1,6 +1,6 @@
-"""What an image shows of a place on the ground, and the places where points are looked for on other images.
+"""View of an image around a ground position, and search ranges of points in other images.
 
-That goes by the cameras as they are known now.
+Both use the present cameras.
 """
 
 import math
@@ -30,11 +30,11 @@ from .session import PointSession
 
 @dataclass(frozen=True)
 class View:
-    """An image around a place (sample, line): a source in which map x is the sample and map y minus the line.
+    """An image around a position (sample, line): a source in which map x is the sample and map y the negative line.
 
-    ``source`` is empty for an image without pixels; ``half_px`` is shown to each side; the view is turned by
-    ``north_deg`` clockwise to have north on top; ``segment`` is where the point lies at the heights that it may have
-    ``(3, 2)``, None where nothing tells.
+    ``source`` is empty for an image without pixels; ``half_px`` is half the side of the view, which is rotated by
+    ``north_deg`` clockwise so that north is up; ``segment`` has the positions of the point at its possible heights
+    ``(3, 2)``, None if no other image determines them.
     """
 
     source: str
@@ -45,7 +45,7 @@ class View:
 
 
 def view_of(session: PointSession, name: str, image_id: str) -> View:
-    """Return the view of a point on an image, around where it was measured, else where it is predicted."""
+    """Return the view of a point in an image, around its measured or, without a measurement, its predicted position."""
     measured, point, image = session.measured.get((name, image_id)), session.points[name], session.images[image_id]
     middle = session.predict_place(name, image_id) if measured is None else (measured.sample, measured.line)
     north = differentiate_by_metres(session, image_id, point)[:, 1]
@@ -60,9 +60,9 @@ def view_of(session: PointSession, name: str, image_id: str) -> View:
 
 
 def trace_heights(session: PointSession, name: str, first_id: str, second_id: str) -> np.ndarray:
-    """Return where a point that is measured on one image lies on another ``(3, 2)``, by the cameras as they are known.
+    """Return the positions ``(3, 2)`` in one image of a point that is measured in another, by the present cameras.
 
-    At the lowest, the highest and the likeliest of the heights that it may have.
+    They are those at its lowest, highest and most probable height.
     """
     measured, heights = session.measured[(name, first_id)], list_heights(session, name)
     xy = np.array([[measured.sample, measured.line]] * len(heights))
@@ -70,7 +70,7 @@ def trace_heights(session: PointSession, name: str, first_id: str, second_id: st
 
 
 def list_heights(session: PointSession, name: str) -> tuple[float, float, float]:
-    """Return the lowest, the highest and the likeliest height that a point may have."""
+    """Return the lowest, the highest and the most probable height of a point (m)."""
     point, rays = session.points[name], sum(other == name for other, _ in session.measured)
     heights, middle = session.ground_heights_m(), session.middle_height_m()
     if point.role != TIE or rays > 1:
@@ -82,13 +82,13 @@ def list_heights(session: PointSession, name: str) -> tuple[float, float, float]
 
 
 def place_on(session: PointSession, image_id: str, lonlat: tuple[float, float], height_m: float) -> tuple[float, float]:
-    """Return where an image sees a place on the ground (sample, line), by the last adjustment if there is one."""
+    """Return the position (sample, line) of a ground position in an image, by the last adjustment if there is one."""
     (xy,) = session.project(image_id, np.array([[*lonlat, height_m]]))
     return float(xy[0]), float(xy[1])
 
 
 def dem_height(dem: str, height_datum: str, lonlat: tuple[float, float]) -> float:
-    """Return the ellipsoidal height (m) of a DEM at a place; raise `InputError` where it has none."""
+    """Return the ellipsoidal height (m) of a DEM at a position; raise `InputError` if it has none."""
     (height,) = surface_heights(open_dem(dem, height_datum), np.array([lonlat]))
     if not np.isfinite(height):
         raise InputError(f"{dem}: has no height at {lonlat[0]:.6f}, {lonlat[1]:.6f}: type one")
@@ -96,7 +96,7 @@ def dem_height(dem: str, height_datum: str, lonlat: tuple[float, float]) -> floa
 
 
 def locate_ground(session: PointSession, image_id: str, xy: np.ndarray, heights_m: np.ndarray) -> np.ndarray:
-    """Return lon, lat, height ``(n, 3)`` of what an image shows at places ``(n, 2)`` of such heights ``(n,)``.
+    """Return lon, lat, height ``(n, 3)`` of image positions ``(n, 2)`` at given heights ``(n,)``.
 
     By the last adjustment if there is one.
     """
@@ -114,14 +114,14 @@ def locate_ground(session: PointSession, image_id: str, xy: np.ndarray, heights_
 
 
 def new_tie(session: PointSession, name: str, image_id: str, xy: tuple[float, float]) -> SurveyPoint:
-    """Return a tie point at what an image shows at a place, at the middle height of the points."""
+    """Return a tie point at an image position, at the median height of the points."""
     ground = locate_ground(session, image_id, np.array([xy]), np.array([session.middle_height_m()]))
     lon, lat, height = ground[0].tolist()
     return SurveyPoint(name, lon, lat, height, TIE)
 
 
 def place_tie(session: PointSession, name: str) -> SurveyPoint:
-    """Return a tie point where its rays meet; as it is where it has but one, or they do not meet."""
+    """Return a tie point at the intersection of its rays; unchanged if it has only one, or they do not intersect."""
     point = session.points[name]
     known = GroundPoints.create([name], np.array([[point.lon, point.lat, point.height]]), np.array([int(Role.TIE)]))
     block = assemble(list(session.images.values()), [known], [image_points(session, {name})])
@@ -136,10 +136,10 @@ def place_tie(session: PointSession, name: str) -> SurveyPoint:
 
 
 def find_transfers(session: PointSession, name: str, images: Sequence[str] = ()) -> dict[str, Transfer]:
-    """Measure a point, by matching, on the images (default: all) that should show it and where it is not measured.
+    """Measure a point by matching in those images (default: all) that contain it and in which it is not measured.
 
-    It is matched from the image on which it was measured first; where it is measured on none, from the chips of the
-    library. Raises `InputError` where there are none either.
+    It is matched from the image in which it was measured first; if there is none, from the chips of the library.
+    Raises `InputError` if there are no chips either.
     """
     here = [image for (other, image) in session.measured if other == name]
     wanted = [row.image for row in session.measurements(name) if row.is_inside and row.measured is None]

@@ -1,1 +1,1 @@
-"""Project files: what they hold, how they are checked, and how one is written from what a folder holds."""
+"""Project files: their content, its check, and writing one from the files of a folder."""

@@ -1,6 +1,6 @@
-"""`hrsi init FOLDER`: a project file from the images, point files and DEM of a folder, for a person to correct.
+"""`hrsi init FOLDER`: a project file from the images, point files and DEM of a folder, which the user corrects.
 
-Comments in the file tell how columns, CRS and ids were understood.
+Comments in the file state how columns, CRS and ids were interpreted.
 """
 
 import os
@@ -27,13 +27,13 @@ from ..interface.command_parser import read_template
 POINT_ENDINGS = (".csv", ".tsv", ".txt", ".tab", ".gpkg", ".geojson", ".shp", ".points")
 NO_GAPS = "# fill_gaps = 8   # interpolates gaps of the DEM of up to 8 cells"
 
-#: A point file as an option names it, the CRS that it needs, and what was read.
+#: A point file as an option names it, the CRS that it needs, and its points.
 FoundPoints = tuple[str, str, PointTables]
 
 
 @thresholds
 class INFERENCE:
-    """What a file of a folder is taken for."""
+    """Interpretation of the files in a folder."""
 
     beyond_deg: float = threshold(0.5, "degree", "distance of ground points from the images' footprints")
     probe_px: int = threshold(2000, "px", "columns and rows of a DEM that are read to find its gaps")
@@ -41,9 +41,9 @@ class INFERENCE:
 
 
 def write_project(folder: str, path: str, overwrite: bool = False) -> list[str]:
-    """Write the project file of a folder; return how the folder was understood, a line each.
+    """Write the project file of a folder; return one line on the interpretation of each file.
 
-    Raises `InputError` where the folder contains no image with an RPC, or the file exists.
+    Raises `InputError` if the folder contains no image with an RPC, or the file exists.
     """
     if os.path.exists(path) and not overwrite:
         raise InputError(f"{path} exists: allow `overwrite`, or name another file")
@@ -74,7 +74,7 @@ def write_project(folder: str, path: str, overwrite: bool = False) -> list[str]:
 
 
 def _read_point_file(file: str, corners: np.ndarray, image_ids: Sequence[str]) -> FoundPoints | None:
-    """Return a point file as it is, or else with the columns and CRS that bring it to the corners (n, 2) of images."""
+    """Return a point file, with columns and CRS added if otherwise its points are not near the corners (n, 2)."""
     utm = f"EPSG:{map_epsg_of(corners)}"
     orders = {"lon,lat": "", "lat,lon": "", "x,y": utm, "y,x": utm}
     specs = [(f"{file}|columns=id,{order},height", crs) for order, crs in orders.items()]
@@ -93,7 +93,7 @@ def _read_point_file(file: str, corners: np.ndarray, image_ids: Sequence[str]) -
 
 
 def _describe_points(points: Sequence[FoundPoints], here: str) -> list[str]:
-    """Return the lines of the project file on control and measurements."""
+    """Return the lines of the project file on control points and measurements."""
     lines, ids = list[str](), dict[str, set[str]]()
     for key, what in (("gcps", "ground"), ("image_points", "image")):
         fit = [one for one in points if getattr(one[2], what) is not None]
@@ -116,7 +116,7 @@ def _describe_points(points: Sequence[FoundPoints], here: str) -> list[str]:
 
 
 def _describe_dem(files: Sequence[str], here: str) -> tuple[str, str]:
-    """Return the lines on the first raster of heights (a band of signed numbers with a CRS), and on its gaps."""
+    """Return the lines on the first raster of heights (one band of signed numbers with a CRS), and on its gaps."""
     opened = ((file, open_dataset(file)[0]) for file in files)
     path, dem = next(((file, dem) for file, dem in opened if dem is not None and _is_dem(dem)), ("", None))
     if dem is None:
@@ -126,7 +126,7 @@ def _describe_dem(files: Sequence[str], here: str) -> tuple[str, str]:
     told += f"\ndem = {json_text(os.path.relpath(path, here))}"
     step = max(1, -(-max(band.XSize, band.YSize) // INFERENCE.probe_px))
     empty = band.GetMaskBand().ReadAsArray(buf_xsize=-(-band.XSize // step), buf_ysize=-(-band.YSize // step)) == 0
-    holes = ndimage.binary_fill_holes(~empty) & empty  # without what lies beyond its edge
+    holes = ndimage.binary_fill_holes(~empty) & empty  # without the area beyond its edge
     if not holes.any():
         return told, NO_GAPS
     widest = step * (2 + int(np.ceil(2.0 * ndimage.distance_transform_edt(holes).max())))
@@ -135,6 +135,6 @@ def _describe_dem(files: Sequence[str], here: str) -> tuple[str, str]:
 
 
 def _is_dem(dem: Any) -> bool:
-    """Tell whether a GDAL dataset has one band of signed numbers, a CRS, and no RPC."""
+    """Return whether a GDAL dataset has one band of signed numbers, a CRS, and no RPC."""
     on_map = dem.GetSpatialRef() is not None and not dem.GetMetadata("RPC")
     return on_map and dem.RasterCount == 1 and dem.GetRasterBand(1).ReadAsArray(0, 0, 1, 1).dtype.kind in "if"

@@ -1,7 +1,7 @@
 """A project file (TOML): its texts, the inputs that its steps share, and a table of options for each step.
 
-Options are those of the algorithms, so that they are checked, and described to editors, by the declarations. Paths
-count from the file's folder.
+The options are those of the algorithms, whose declarations check them and describe them to editors. Relative paths
+refer to the folder of the file.
 """
 
 import os
@@ -19,7 +19,7 @@ from ..interface.options import suggestion
 FOLDERS = {
     "triangulate": "triangulated", "orthorectify": "orthoimages", "ortho-check": "check", "evaluate": "evaluation",
 }  # fmt: skip
-SINGLE = "refine-rpc"  #: what takes the place of `triangulate` where there is one image
+SINGLE = "refine-rpc"  #: replaces `triangulate` if there is one image
 TEXTS = {
     "title": "Title of the report", "client": "Who the report is for", "place": "Where the images were taken",
     "output_dir": "Directory for the results",
@@ -28,11 +28,11 @@ SHARED = (
     "images", "gcps", "image_points", "gcp_ids", "check_ids", "ground_crs", "height_datum", "gcp_epoch", "dem",
     "dem_datum",
 )  # fmt: skip
-SKIP = "skip"  #: a step with this set is left out
+SKIP = "skip"  #: a step with this key set is not run
 
 
 class Project(NamedTuple):
-    """Texts for the report, inputs by option key, and options of each step that is not left out; paths as seen here."""
+    """Texts for the report, inputs by option key, and options of each step that is run; paths relative to here."""
 
     path: str
     texts: Mapping[str, str]
@@ -40,13 +40,13 @@ class Project(NamedTuple):
     steps: Mapping[str, Mapping[str, Any]]
 
     def options_of(self, step: str, algorithm: str) -> dict[str, Any]:
-        """Return the options of a step, done by an algorithm: its own, and the shared ones that it takes."""
+        """Return the options of a step for an algorithm: its own, and the shared options that the algorithm has."""
         known = REGISTRY[algorithm].defaults()
         return {**{key: value for key, value in self.shared.items() if key in known}, **self.steps[step]}
 
 
 def read_project(path: str) -> Project:
-    """Return the project of a file; raise `InputError` naming table and key of what cannot be."""
+    """Return the project of a file; raise `InputError` with table and key of an invalid entry."""
     require_size(path, "names")
     try:
         with open(path, "rb") as file:
@@ -73,7 +73,7 @@ def read_project(path: str) -> Project:
 
 
 def _place_options(path: str, step: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options by key, their files as seen from here."""
+    """Return options by key, with file names that are valid in the working directory."""
     found, names = {}, [step, SINGLE] if step == "triangulate" else [step]
     params = {param.key: param for name in reversed(names) for param in REGISTRY[name].params}
     for name, value in table.items():
@@ -85,7 +85,7 @@ def _place_options(path: str, step: str, table: Mapping[str, Any]) -> dict[str, 
 
 
 def _place_value(folder: str, param: Param, value: Any) -> Any:
-    """Return an option's value with the files that it names as seen from here."""
+    """Return an option's value with file names that are valid in the working directory."""
     if param.kind is Kind.IMAGES:
         return [_place_file(folder, str(one)) for one in ([value] if isinstance(value, str) else value)]
     if not isinstance(value, str) or value in param.words or value in param.choices:

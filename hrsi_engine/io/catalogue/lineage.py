@@ -133,6 +133,7 @@ def _iso_time(time: float | None) -> str | None:
 
 def _list_files(paths: Iterable[str]) -> Iterator[tuple[str, str | None]]:
     """Yield the files behind paths with the CRS that they state: the files in a folder, the side files of a dataset.
+
     Files that cannot be read are omitted: the reader of the option reports them.
     """
     for path in paths:

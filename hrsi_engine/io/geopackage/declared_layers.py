@@ -1,4 +1,5 @@
 """The layers that HRSI writes: one class each, which declares the columns once (`typed_rows`).
+
 A new column is one line here and its values where the rows are made: for an adjusted block in `results.tables`, for
 other layers in the algorithm that writes them. Field texts, titles of forms and tables of the documentation follow.
 Layers of the laboratory are declared with its algorithms.

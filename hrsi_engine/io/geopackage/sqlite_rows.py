@@ -413,6 +413,7 @@ def fill_rtree(rows: Inserter, rtree: str, tree: RtreeTables | None) -> None:
 
 def _order_by_keys(major: np.ndarray, minor: np.ndarray) -> np.ndarray:
     """Return the order of rows by ``major`` (small numbers), then by ``minor``, rounded to the bits that 64 leave.
+
     Keys that contain the row number are sorted once: a fifth of the time of a stable sort of two columns.
     """
     row_bits, major_bits = len(major).bit_length(), int(major.max()).bit_length()

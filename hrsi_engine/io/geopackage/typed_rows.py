@@ -7,6 +7,7 @@ The rows of a layer are an object of its class, with one argument for each colum
 A column that is given and not declared, or declared and not given, is an error for mypy and at run time. The object is
 the mapping of columns that a `Layer` takes; the writer gets types and descriptions of the fields from it, the styles
 their titles, and `scripts/list_layers.py` the tables of the documentation.
+
 Columns with shared values, or in parts, take less memory than an array of their rows.
 """
 

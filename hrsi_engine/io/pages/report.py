@@ -195,6 +195,7 @@ def mark_code(text: str) -> Markup:
 
 def figure(value: Any, digits: int = 3, unit: str = "") -> str:
     """Return a number with fixed decimals; a dash for None.
+
     With four decimals or more, a positive number that would be written as 0 is written as smaller than the last digit.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)):

@@ -69,6 +69,7 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
 
 def _database_mark(folder: str) -> str:
     """Return a mark of the GeoPackage that differs after any change to it; copies and archives keep the mark.
+
     The first bytes of a database contain its change counter.
     """
     path = os.path.join(folder, LAYERS_FILE)

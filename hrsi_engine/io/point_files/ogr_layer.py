@@ -195,6 +195,7 @@ def _read_columns(
     layer: ogr.Layer, names: Mapping[str, str], with_geometry: bool
 ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray | None] | None:
     """Return fields of a layer from OGR's Arrow stream (``names``: HRSI's -> the layer's), or None if not possible.
+
     Numbers (n,) float64, NaN for NULL, or texts (n,) str; feature ids (n,); positions (n, 3).
     """
     try:

@@ -1,4 +1,5 @@
 """CARS (CNES): a configuration in JSON. Its paths are relative to its folder, the output to the working directory.
+
 ``geoid: false``: heights are ellipsoidal. No initial elevation is given: CARS computes its epipolar grids on it, and
 with a surface through the tie points its surface model of the s2p triplet had waves of 10 m at the margin.
 Source: https://cars.readthedocs.io, "Configuration" (1.3).
