@@ -150,7 +150,7 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     both = template[0], np.where(area[1], area[0], np.mean(area[0]))
     grey, place = (blur(np.asarray(pixels, dtype=np.float32), SHIFT.smoothing_px) for pixels in both)
     core = grey[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px]
-    if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # handles 1e30
+    if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # no overflow
         return _make_failure(WindowOutcome.FLAT)
     score = correlate_template(core, place[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px])
     row, column = divmod(int(np.argmax(score)), score.shape[1])
