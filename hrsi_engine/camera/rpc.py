@@ -348,7 +348,7 @@ class RPC:
         return image, jacobian / metres_per_degree(ground)[:, None, :]
 
     def px_per_m(self, ground: np.ndarray) -> np.ndarray:
-        """Return the number of pixels per metre on the ground, as geometric mean of two perpendicular directions.
+        """Return the number of pixels per metre on the ground, the geometric mean of the two principal directions.
 
         Parameters
         ----------

@@ -161,7 +161,7 @@ def _raise(number: int, _frame: FrameType | None) -> None:
     if _State.raised_at is None:
         _State.number, _State.raised_at = number, time.monotonic()
         raise TerminationRequest if number == signal.SIGTERM else KeyboardInterrupt
-    if time.monotonic() > _State.raised_at + PATIENCE.same_signal_s:  # the user repeats the signal: the clean-up is not awaited
+    if time.monotonic() > _State.raised_at + PATIENCE.same_signal_s:  # the user repeats the signal: end at once
         _quit(number, _frame)
 
 

@@ -140,7 +140,7 @@ def _select_compact(
         np.concatenate(chosen), np.r_[0, np.cumsum(count[keep])], np.full(len(chosen), scale),
         np.full(len(chosen), sign),
     )  # fmt: skip
-    # Regions that vanish by an erosion of ``within_px`` are elongated
+    # Ratio of the axes, for even regions that of their edge, which is ``within_px`` outside the region
     within_px = REGION.even_inset_px if sign == EVEN else 0.0
     starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
