@@ -130,7 +130,7 @@ class Follower:
     # ---- equations -------------------------------------------------------------------------------------------------
 
     def _select_before(self, edited: np.ndarray) -> _PointEquations:
-        """Return the observations of the points ``edited (m,)`` as they were in the adjustment."""
+        """Return the observations of the points ``edited (m,)`` in the adjustment, before they were edited."""
         observations, weighting = self._problem.observations, self._last.weighting
         priors = weighting.points
         mixed = priors.mixed[edited] if priors.correlated else priors.mixed

@@ -5,9 +5,8 @@ point tens of kilometres above the ground, where linearised equations are invali
 So the block is made consistent before anything is tested:
 
 1. A few dozen points that connect each pair of images are intersected near the ground: a height has the standard
-deviation of the RPC's height range here. 2. Measurements that disagree with the others of their points (`consensus`)
-are left out: that test needs no
-   cameras.
+   deviation of the RPC's height range here.
+2. Measurements that disagree with the others of their points (`consensus`) are left out, a test without cameras.
 3. A shift of each image is estimated with the points, robustly and from coarse to fine: the scale of the weights
    falls from that of the residuals to a few standard deviations of a measurement (graduated non-convexity, Blake and
    Zisserman 1987). A pair of images with only wrong matches has no effect if other pairs connect these images.

@@ -58,24 +58,24 @@ class HOLD_OUT:
 
 @options
 class AdjustOptions:
-    """How to adjust; what is said of each option is also its help on the command line and in the dialogs.
+    """Options of an adjustment; their descriptions are also the help on the command line and in the dialogs.
 
     Parameters
     ----------
     dem : HeightSurface, optional
-        A surface that holds the heights of tie points, where ``sigma_dem_m`` says how well.
+        A surface whose heights constrain the tie points, with the standard deviation ``sigma_dem_m``.
     laser : LaserPoints, optional
-        Laser points that hold the heights of the tie points around them; those with a ``doubt`` hold none.
+        Laser points that constrain the heights of the tie points around them; those with a ``doubt`` are not used.
     reference : ReferencePlaces, optional
-        GCPs of the block that are places of an orthoimage: they hold it in plan with errors that they share.
+        GCPs of the block that are places of an orthoimage: they constrain it in plan, and share most of their error.
     earlier : JointCameras, optional
-        What an earlier adjustment says of some of the images: their prior.
+        The cameras of an earlier adjustment, as the prior of some of the images.
     jitter_estimate : JitterEstimate, optional
-        The curves by which the measurements are corrected already, for the accuracy of the result.
+        The curves by which the measurements were corrected already, for the accuracy of the result.
     max_iterations : int
-        Of the Gauss-Newton loop.
+        Largest number of Gauss-Newton iterations.
     tolerance : float
-        The loop ends where a step lowers the cost by less than this share.
+        The iterations end if a step decreases the cost by less than this share.
     """
 
     model: str = option(

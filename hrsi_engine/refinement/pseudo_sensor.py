@@ -7,7 +7,7 @@ With the pseudo rays of `pseudo_rays` (X along the samples, z up) the corrected 
     Y = Ys + dYs + (H + dH - z) t_y              y = -X sin(dpsi_z) + Y cos(dpsi_z)
 
 and each correction is a constant or ``a0 + aS u + aL v`` with (u, v) the image position centred and scaled to [-1, 1]
-(eqs. 4.18-4.23). Two things differ from the thesis, both below a hundredth of a pixel for errors of 1 mrad and worth
+(eqs. 4.18-4.23). Two formulas differ from the thesis, both below a hundredth of a pixel for errors of 1 mrad and worth
 several pixels at 0.1 rad. Directions are transformed by rotation matrices, whereas the thesis adds angles to psi_x and
 psi_y separately. And yaw has its own correction: the thesis's psi_z rotates the sensor's position with its direction
 about the middle of the image, while a yaw error of the sensor does not move the orbit. So yaw has the constant, and

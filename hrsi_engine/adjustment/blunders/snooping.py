@@ -1,10 +1,10 @@
 """Rounds of data snooping: blunders are found and left out; each round continues from the last solution.
 
-1. A start without measurements that disagree with the others of their points (`consensus`), also those of GCPs. Surveys
-have a thousandth of their weights here, so that a wrong one does not distort the tie points. 2. Cameras and decisions
-on measurements (`ties`) alternate until they settle; then the surveys get their own weights. 3. GCPs are tested in
-groups (`control`) with the cofactors of that solution. After a new solution without the wrong ones the measurements are
-tested again, because wrong GCPs may have distorted the cameras.
+1. A start without measurements that disagree with the others of their points (`consensus`), also those of GCPs.
+   Surveys have a thousandth of their weights here, so that a wrong one does not distort the tie points.
+2. Cameras and decisions on measurements (`ties`) alternate to convergence; then the surveys get their own weights.
+3. GCPs are tested in groups (`control`) with the cofactors of that solution. After a new solution without the wrong
+   ones the measurements are tested again, because wrong GCPs may have distorted the cameras.
 """
 
 from copy import copy

@@ -75,9 +75,9 @@ def propagate_pointing(
     """Return the effect of a pass's pointing error on each point.
 
     prior_sigma : (cameras, p) a priori standard deviations
-    cameras, parameters : indices of the pass's cameras, and of the parameters that are a camera's pointing Result:
-        movement of each point by the common error, east, north, up, (m, 3, parameters); and the excess of the own
-        errors in C, (m, 3, 3).
+    cameras, parameters : indices of the pass's cameras, and of the parameters that are a camera's pointing
+    Result: movement of each point by the common error, east, north, up, (m, 3, parameters); and the excess of the own
+    errors in C, (m, 3, 3).
     """
     given = solution.state, solution.weight, solution.weighting.points, solution.weighting.contributes
     unmoved = loop.equations.form_normals(*given)

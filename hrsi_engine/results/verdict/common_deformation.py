@@ -67,9 +67,9 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray) -> tuple[np.nda
     """Return the linear deformation of the ground that best explains the drifts of the images.
 
     images : two or more
-    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px Result: error in east,
-        north and height per metre east and north ``(3, 2)``; and the probability of such agreement of independent
-        drifts (F test).
+    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px
+    Result: error in east, north and height per metre east and north ``(3, 2)``; and the probability of such agreement
+    of independent drifts (F test).
     """
     design = np.concatenate([_make_design(image) for image in images])
     found, *_ = np.linalg.lstsq(design, drifts.ravel(), rcond=None)
