@@ -1,4 +1,4 @@
-"""Work in a background task of QGIS: the desktop stays alive, and the user can cancel."""
+"""Background tasks of QGIS: the window remains responsive, and the user can cancel."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ..hrsi_engine.foundation.progress import Progress
 from .dependencies import missing_package_message
 
-_BEGUN: set[BackgroundTask] = set()  # QGIS holds the C++ half of a task only: the Python half must outlive it
+_BEGUN: set[BackgroundTask] = set()  # QGIS keeps only the C++ half of a task: the Python half must exist as long
 
 
 def run_apart(work: Callable[[], Any]) -> Any:
-    """Return what ``work`` returns; where a thread of QGIS calls, it runs in a thread that Python has made.
+    """Return the result of ``work``; if the caller is a thread of QGIS, run it in a thread made by Python.
 
-    Python has a state for a thread of QGIS during one call only. pyproj 3.7 frees its context with that state, and
-    finds the freed one again in the next call of that thread, which ends QGIS (pyproj4/pyproj, issue 1622).
+    For a thread of QGIS, Python has a thread state during one call only. pyproj 3.7 frees its context with that state,
+    and uses the freed one in the next call of that thread, which crashes QGIS (pyproj4/pyproj, issue 1622).
     """
     if threading.get_ident() == threading.main_thread().ident:
         return work()
@@ -29,12 +29,12 @@ def run_apart(work: Callable[[], Any]) -> Any:
 
 
 class BackgroundTask(QgsTask):
-    """Calls ``work`` with its progress once it is started, and then, in the main thread, ``on_end`` with itself.
+    """Calls ``work`` with a progress callback when it is started, and then ``on_end`` with itself in the main thread.
 
-    ``outcome`` is what ``work`` has returned, None without; what it needs it has to hold itself.
-    ``failure`` says why it has come to nothing, empty where the user has cancelled. Nobody needs to hold one that has
-    begun. Who waits for its end gives ``on_end`` instead of connecting to its signals: a function that holds a task and
-    is held by its signals is a cycle that Python's collector may clear, in any thread, before the signal calls it.
+    ``outcome`` is the result of ``work``, None without a result; ``work`` must keep references to what it needs.
+    ``failure`` is the reason of a failure, empty if the user has cancelled. A started task needs no other reference.
+    To be informed of its end, give ``on_end`` instead of connecting to its signals: a function that references a task,
+    and is referenced by its signals, is a cycle that Python's collector may clear, in any thread, before the call.
     """
 
     def __init__(self, title: str, work: Callable[[Progress], Any], on_end: Callable[[Any], None]) -> None:
@@ -45,7 +45,7 @@ class BackgroundTask(QgsTask):
         self._work, self._on_end = work, on_end
 
     def start(self) -> None:
-        """Hand it to the task manager of QGIS."""
+        """Add the task to the task manager of QGIS."""
         _BEGUN.add(self)
         QgsApplication.taskManager().addTask(self)
 
@@ -58,17 +58,17 @@ class BackgroundTask(QgsTask):
             self.failure = str(error)
         except ImportError as error:
             self.failure = missing_package_message(error) or repr(error)
-        except Exception as error:  # in a thread of QGIS it would vanish
+        except Exception as error:  # in a thread of QGIS it would not be shown
             self.failure = f"{type(error).__name__}: {error}"
         return not self.failure
 
     def finished(self, result: bool) -> None:
-        """Tell who waits; called by QGIS in the main thread, also for a task that was cancelled before it began."""
+        """Call ``on_end``; QGIS calls this in the main thread, also for a task that was cancelled before it began."""
         _BEGUN.discard(self)
         self.is_done = result
         self._on_end(self)
 
     def progress(self, fraction: float, message: str = "") -> bool:
-        """Show how far it is; return False once the user has cancelled."""
+        """Set the progress of the task; return False if the user has cancelled."""
         self.setProgress(100.0 * fraction)
         return not self.isCanceled()

@@ -1,4 +1,4 @@
-"""The dialog of an algorithm with many parameters: QGIS's own, its advanced parameters in groups with titles."""
+"""The dialog of an algorithm with many parameters: that of QGIS, with the advanced ones in groups with titles."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from .translation import tr
 
 
 class GroupedDialog(AlgorithmDialog):
-    """Shows the parameters under *Advanced* in the groups of the full help, each in a closed box."""
+    """Shows the parameters under *Advanced* in the groups of the full help, each in a collapsed box."""
 
     def getParametersPanel(self, alg: Any, parent: Any) -> Any:
         panel = super().getParametersPanel(alg, parent)
@@ -28,5 +28,5 @@ class GroupedDialog(AlgorithmDialog):
                 advanced.layout().addWidget(box)
             wrapper = panel.wrappers[parameter.name()]
             for widget in filter(None, (wrapper.wrappedLabel(), wrapper.wrappedWidget())):
-                boxes[group].layout().addWidget(widget)  # and so out of the list
+                boxes[group].layout().addWidget(widget)  # which removes them from the list
         return panel

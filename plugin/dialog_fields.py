@@ -1,4 +1,4 @@
-"""Fields of our own in the dialogs of Processing: for images, for a word or a layer or file, and for an extent."""
+"""Fields of HRSI in the dialogs of Processing: for images, for a word or a layer or file, and for an extent."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -31,9 +31,9 @@ DIALOGS = getattr(Qgis, "ProcessingMode", QgsProcessingGui)  # the enumeration m
 
 
 class DialogField:
-    """What Processing calls for a widget wrapper: gives the one that fits the kind of dialog.
+    """Factory of a widget wrapper for Processing: returns the one for the kind of dialog.
 
-    In the modeler, where a value may also be the output of another step, QGIS's own field is used.
+    In the modeler, where a value may also be the output of another step, the field of QGIS is used.
     """
 
     wrapper: type[QgsAbstractProcessingParameterWidgetWrapper]
@@ -49,10 +49,10 @@ class DialogField:
 
 
 class LayerOrFile:
-    """An editable list of words and project layers, with a button to browse for a file, all in ``widget``.
+    """An editable list of words and project layers, with a button to choose a file; ``widget`` contains all.
 
-    Its value is a word, the id of a layer (or its selected features), or what was typed; empty for nothing. It is no
-    widget itself: Processing wraps what it is given anew, as a plain QWidget, and would forget this object.
+    Its value is a word, the id of a layer (or its selected features), or the typed text; empty if nothing is chosen.
+    It is no widget itself: Processing wraps a given widget again as a plain QWidget, and would lose this object.
     """
 
     def __init__(self, words: Sequence[str] = (), layers: bool = True, file_filter: str = "") -> None:
@@ -107,7 +107,7 @@ class LayerOrFile:
         return str(self.box.itemData(index)) if index >= 0 else text
 
     def _offer_selection(self) -> None:
-        """Offer the selected features of a layer that has some."""
+        """Show the check box for selected features if the layer has any."""
         layer = QgsProject.instance().mapLayer(self._text())
         has_some = isinstance(layer, QgsVectorLayer) and layer.selectedFeatureCount() > 0
         self.selected_only.setVisible(has_some)
@@ -121,7 +121,7 @@ class LayerOrFile:
 
 
 class WordWrapper(QgsAbstractProcessingParameterWidgetWrapper):
-    """A `LayerOrFile` as Processing wants it; kept here, as Processing wraps the widget anew, as a plain QWidget."""
+    """A `LayerOrFile` as a wrapper of Processing, which keeps it: Processing wraps its widget as a plain QWidget."""
 
     def createWidget(self) -> QWidget:
         param = self.parameterDefinition()
@@ -146,13 +146,13 @@ class WordWidget(DialogField):
 
 
 class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
-    """How many images are chosen, and a button to choose among the project's layers and files.
+    """A field with the number of chosen images, and a button to choose among the project's layers and files.
 
-    The state is here and not in a widget of our own: Processing wraps the created widget anew, as a plain QWidget.
+    The state is in the wrapper, not in the widget: Processing wraps the created widget again as a plain QWidget.
     """
 
     def createWidget(self) -> QWidget:
-        widget = self._widget = QWidget()  # kept: Qt would call a Python object that is collected
+        widget = self._widget = QWidget()  # kept: Qt would call a deleted Python object
         self._text = QLineEdit(widget)
         self._text.setReadOnly(True)
         button = QToolButton(widget)
@@ -192,22 +192,22 @@ class ImagesWidget(DialogField):
 
 
 class ExtentWrapper(QgsAbstractProcessingParameterWidgetWrapper):
-    """A list of the words and "a box", beside QGIS's own field for a box; choosing a box there chooses it here.
+    """A list of the words and "a box", and QGIS's field for a box; choosing a box there also selects "a box".
 
-    The state is here and not in a widget of our own: Processing wraps the created widget anew, as a plain QWidget.
+    The state is in the wrapper, not in the widget: Processing wraps the created widget again as a plain QWidget.
     """
 
     _dialog: Any = None
     _box: Any = None
 
     def createWidget(self) -> QWidget:
-        widget = self._widget = QWidget()  # kept: Qt would call a Python object that is collected
+        widget = self._widget = QWidget()  # kept: Qt would call a deleted Python object
         self._words, self._box = QComboBox(widget), QgsExtentWidget(widget, QgsExtentWidget.WidgetStyle.CondensedStyle)
         for word in self.parameterDefinition().metadata().get("words", ()):
             self._words.addItem(word, word)
         self._words.addItem(tr("a box:"), "")
         self._box.setNullValueAllowed(True, tr("from the map, a layer, or drawn"))
-        self._box.clear()  # which shows that text
+        self._box.clear()  # this shows the text
         self._words.currentIndexChanged.connect(lambda _index: self.widgetValueHasChanged.emit(self))
         self._box.extentChanged.connect(lambda _extent: self._on_box())
         self._box.toggleDialogVisibility.connect(self._show_dialog)
@@ -252,13 +252,13 @@ class ExtentWrapper(QgsAbstractProcessingParameterWidgetWrapper):
         self.widgetValueHasChanged.emit(self)
 
     def _offer_map(self) -> None:
-        """Let the box be taken from the map, or drawn there."""
+        """Offer to take the box from the map, or to draw it there."""
         canvas = self.widgetContext().mapCanvas()
         if canvas is not None:
             self._box.setMapCanvas(canvas)
 
     def _show_dialog(self, is_shown: bool) -> None:
-        """Make room for drawing on the map, and come back."""
+        """Minimise the dialog while the user draws on the map, and show it again afterwards."""
         if self._dialog is None:
             return
         if not is_shown:

@@ -1,6 +1,6 @@
-"""The tour at the first start: an example block is measured, adjusted, and its residual arrows are seen on the map.
+"""The tour at the first start: an example block is measured and adjusted, and its residuals are shown on the map.
 
-The example is simulated in a second or two: nothing has to be downloaded, and its images have pixels to measure on.
+The example is simulated in a second or two: no download is needed, and its images have pixels to measure in.
 """
 
 import math
@@ -17,14 +17,14 @@ from .background_task import BackgroundTask
 from .points_panel.dock import PointsDock
 from .translation import tr
 
-SKIPPED_FOR_EVER = "hrsi/first_steps_done"  #: the setting that says that nobody wants to see it again
+SKIPPED_FOR_EVER = "hrsi/first_steps_done"  #: setting: the user does not want the tour again
 IMAGES = 3
 EXAMPLE: dict[str, Any] = {
     "images": IMAGES, "along": "-12,0,12", "size": 500, "gcps": 6, "checks": 12, "ties": 40, "relief": 40.0, "seed": 5,
 }  # fmt: skip
-SHOWN_LAYERS = ("images", "residuals_utm")  # from below
+SHOWN_LAYERS = ("images", "residuals_utm")  # from bottom to top
 
-#: What is done, and what the button says that does it.
+#: Text of each step, and label of its button.
 STEPS = (
     (
         "1. Load the example: three simulated satellite images, six GCPs and twelve check points. "
@@ -49,7 +49,7 @@ STEPS = (
 
 
 class FirstSteps(QDialog):
-    """Four steps, each with a button that does it; the main window stays free."""
+    """Four steps with a button each; the main window can be used at the same time."""
 
     def __init__(self, dock: PointsDock, folder: str = "", canvas: Any = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -57,7 +57,7 @@ class FirstSteps(QDialog):
         self.setModal(False)
         self._dock, self._canvas = dock, canvas
         self.folder = Path(folder or Path(QgsApplication.qgisSettingsDirPath()) / "hrsi" / "example")
-        self.missing: tuple[str, str] = ("", "")  # GCP and image that are to be measured
+        self.missing: tuple[str, str] = ("", "")  # GCP and image to be measured
         self._task: BackgroundTask | None = None
         layout = QVBoxLayout(self)
         self.texts, self.buttons = [], []
@@ -86,7 +86,7 @@ class FirstSteps(QDialog):
         self.refresh()
 
     def step(self) -> int:
-        """Return the step that is next: 0 to 3, 4 at the end."""
+        """Return the next step: 0 to 3, 4 at the end."""
         session = self._dock.session
         if not self.missing[0] or self.missing[0] not in session.points:
             return 0
@@ -95,7 +95,7 @@ class FirstSteps(QDialog):
         return 2 if session.adjusted is None else 3
 
     def refresh(self) -> None:
-        """Offer the step that is next, and those before it again."""
+        """Enable the next step and those before it."""
         for number, (text, button) in enumerate(zip(self.texts, self.buttons, strict=True)):
             button.setEnabled(number <= self.step() and self._task is None)
             font = text.font()
@@ -121,25 +121,25 @@ class FirstSteps(QDialog):
             session = point_session.new_session(images, *points)
             gcps = {name for name, point in session.points.items() if point.role == "gcp"}
             self.missing = next(key for key in session.measured if key[0] in gcps)
-            del session.measured[self.missing]  # before anybody has edited anything
+            del session.measured[self.missing]  # not an edit
             self._dock.show_session(session, self.missing[0])
             self._dock.show()
         self.note.setText("" if task.is_done else task.failure or tr("cancelled"))
         self.refresh()
 
     def show_point(self) -> None:
-        """Show the GCP where it is to be measured."""
+        """Show the GCP at its predicted position."""
         self._dock.show()
         self._dock.choose(self.missing[0])
         self._dock.frame_image(self.missing[1])
         self.note.setText(tr("Click in the framed view of {}").format(self.missing[1]))
 
     def adjust(self) -> None:
-        """Adjust, as the panel's own button does."""
+        """Adjust, as the button of the panel does."""
         self._dock.adjust()
 
     def show_arrows(self) -> None:
-        """Save the block, and load its residuals."""
+        """Save the block, and load its residual layers."""
         path = str(self.folder / "block.gpkg")
         self._dock.save_as(path)
         project = QgsProject.instance()
@@ -163,5 +163,5 @@ class FirstSteps(QDialog):
 
 
 def is_tour_wanted() -> bool:
-    """Return whether nobody has said yet that the tour is not wanted."""
+    """Return False if the user has chosen not to see the tour again."""
     return not QgsSettings().value(SKIPPED_FOR_EVER, False, type=bool)

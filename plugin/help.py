@@ -1,4 +1,4 @@
-"""The help of an algorithm, from its declaration: in the panel of its dialog, and the page behind *Help*."""
+"""The help of an algorithm, made from its declaration: for the panel of its dialog, and a page for *Help*."""
 
 from functools import partial
 from html import escape
@@ -13,12 +13,12 @@ from .dependencies import absence_note, speed_note
 from .parameters import field_choosers, label_of, qgis_name
 from .translation import tr
 
-#: By algorithm: the picture of its help, in the folder ``pictures``.
+#: Picture of the help by algorithm, in the folder ``pictures``.
 HELP_PICTURES = {
     "triangulate": "residuals", "adjust": "residuals", "orthorectify": "registration", "ortho-check": "registration",
     "tie-points": "tie", "match": "tie", "measure-targets": "measuring", "evaluate": "leave_one_out",
 }  # fmt: skip
-#: What a picture shows.
+#: Captions of the pictures.
 _CAPTIONS = {
     "residuals": "Residuals in plan (surveyed minus computed) of a result: blue at GCPs, green at check points, which "
     "the adjustment does not use. The legend has the scale of the arrows.",
@@ -32,7 +32,7 @@ _CAPTIONS = {
 
 def short_help(declaration: Algorithm) -> str:
     """Return the help of an algorithm and of each of its parameters as HTML."""
-    # The arguments that a text names, as the dialog labels them
+    # The arguments that a text names, with the labels of the dialog
     spell = partial(spell_arguments, params=declaration.params, spelling=label_of)
     paragraphs = [part for part in spell(declaration.help).split("\n\n") if part.strip()] or [declaration.summary]
     notes = [note for note in (absence_note(), *paragraphs, speed_note()) if note]
@@ -41,7 +41,7 @@ def short_help(declaration: Algorithm) -> str:
         url = QUrl.fromLocalFile(str(Path(__file__).parent / "pictures" / f"{name}.png")).toString()
         parts.insert(0, f'<p><img src="{escape(url)}" alt="" width="232"/><br/>{_CAPTIONS[name]}</p>')
     parts.append(f"<h2>{tr('Parameters')}</h2>")
-    # QGIS writes <b> in dark grey, which nobody reads with its dark theme
+    # QGIS writes <b> in dark grey, which is unreadable in its dark theme
     parts += [
         f"<p><strong>{_text(label_of(param))}</strong><br/>{_text(spell(param.help))}.</p>"
         for param in declaration.params
@@ -50,12 +50,12 @@ def short_help(declaration: Algorithm) -> str:
 
 
 def as_rich_text(plain: str) -> str:
-    """Return plain text for a place where Qt guesses from it whether it is HTML, such as a tool tip."""
+    """Return plain text as HTML for places where Qt guesses whether a text is HTML, such as tool tips."""
     return f"<qt>{'<br/>'.join(map(escape, plain.splitlines()))}</qt>"
 
 
 def _text(plain: str) -> str:
-    """Return plain text on one line for HTML; quotes stay, for the places that show the source."""
+    """Return plain text on one line for HTML; quotes are kept, for places that show the source."""
     return escape(" ".join(plain.split()), quote=False)
 
 
@@ -72,7 +72,7 @@ vertical-align: top }} code, pre {{ font-size: 14px; white-space: pre-wrap }}</s
 
 
 def help_url(declaration: Algorithm) -> str:
-    """Write help, parameters with names and defaults, and a command line; return the URL that a browser opens."""
+    """Write the page with help, parameters with names and defaults, and a command line; return its URL."""
     examples = "".join(f"<h2>On the command line</h2><pre>{escape(line)}</pre>" for line in declaration.examples[:1])
     page = Path(QgsProcessingUtils.tempFolder()) / f"hrsi-{declaration.name}.html"
     text = _PAGE.format(

@@ -1,7 +1,7 @@
-"""From what a user picks in QGIS to what the engine opens: a file name, or ``FILE|layername=L``.
+"""Conversion of what a user chooses in QGIS to what the engine opens: a file name, or ``FILE|layername=L``.
 
-A layer that is more than its file (in memory, edited, filtered, joined, from a database, in a CRS set by hand) is
-copied to a temporary GeoPackage. This happens in the main thread, before the algorithm runs.
+A layer that differs from its file (in memory, edited, filtered, joined, from a database, with a CRS set by the user) is
+copied to a temporary GeoPackage. This is done in the main thread, before the algorithm runs.
 """
 
 import re
@@ -31,7 +31,7 @@ _NUMBERS = re.compile(r"[-+0-9.eE,\s]+")  #: a box without the name of a CRS
 
 
 def raster_source(value: Any, context: QgsProcessingContext) -> str:
-    """Return what GDAL opens for a raster layer of the project, its id or name, or a path."""
+    """Return the source that GDAL opens, of a raster layer of the project, its id or name, or a path."""
     value = _static(value)
     layer = _project_layer(value, context)
     if isinstance(layer, QgsRasterLayer):
@@ -45,7 +45,7 @@ def raster_sources(values: Any, context: QgsProcessingContext) -> list[str]:
 
 
 def list_sources(values: Any) -> list[Any]:
-    """Return one or several values as a list; a text may hold several, separated by semicolons."""
+    """Return one or several values as a list; a text may contain several, separated by semicolons."""
     if values is None or values == NULL:
         return []
     if isinstance(values, str):
@@ -57,7 +57,7 @@ def point_source(value: Any, name: str, context: QgsProcessingContext, feedback:
     """Return ``FILE`` or ``FILE|layername=L`` for a vector layer of the project or a path.
 
     value : layer, layer id or name, feature source definition (also: selected features only) or path
-    name : layer name of the copy, where one is needed; `QgsProcessingException` tells that it could not be written
+    name : layer name of a copy, if one is needed; raises `QgsProcessingException` if it cannot be written
     """
     selected_only = isinstance(value, QgsProcessingFeatureSourceDefinition) and value.selectedFeaturesOnly
     value = _static(value)
@@ -72,7 +72,7 @@ def point_source(value: Any, name: str, context: QgsProcessingContext, feedback:
     options = QgsVectorFileWriter.SaveVectorOptions()
     options.driverName, options.layerName = "GPKG", name
     options.onlySelectedFeatures = selected_only
-    options.layerOptions = ["FID=_feature"]  # so that a field named fid stays a field, whatever it holds
+    options.layerOptions = ["FID=_feature"]  # so that a field named fid is not the FID
     options.feedback = feedback
     transforms = context.transformContext()
     error, message, *_ = QgsVectorFileWriter.writeAsVectorFormatV3(layer, str(path), transforms, options)
@@ -83,7 +83,7 @@ def point_source(value: Any, name: str, context: QgsProcessingContext, feedback:
 
 
 def name_fields(source: str, chosen: Mapping[str, str]) -> str:
-    """Return a source of points with the fields that were chosen, by the names that the engine knows; '' is none."""
+    """Return a source of points with the chosen fields, by HRSI's names; '' means not chosen."""
     columns = ",".join(f"{field}={name}" for field, name in chosen.items() if name)
     return f"{source}|columns={columns}" if source and columns else source
 
@@ -91,41 +91,41 @@ def name_fields(source: str, chosen: Mapping[str, str]) -> str:
 def read_box(
     definition: QgsProcessingParameterDefinition, value: Any, context: QgsProcessingContext
 ) -> tuple[QgsRectangle, QgsCoordinateReferenceSystem]:
-    """Return a box as QGIS gives it (``xmin,xmax,ymin,ymax [CRS]``, a rectangle, a layer), and its CRS if it names one.
+    """Return a box in a format of QGIS (``xmin,xmax,ymin,ymax [CRS]``, rectangle, layer), and its CRS if it states one.
 
-    The box is null where the value is none.
+    The box is null if the value is no box.
     """
     box = QgsProcessingParameters.parameterAsExtent(definition, value, context)
     if type(value) is QgsRectangle or (isinstance(value, str) and _NUMBERS.fullmatch(value)):
-        return box, QgsCoordinateReferenceSystem()  # QGIS itself would take the project's
+        return box, QgsCoordinateReferenceSystem()  # QGIS would use that of the project
     return box, QgsProcessingParameters.parameterAsExtentCrs(definition, value, context)
 
 
 def crs_text(crs: QgsCoordinateReferenceSystem) -> str:
-    """Return a CRS as the engine takes it: EPSG:code, or WKT 2 where it has none.
+    """Return a CRS as text for the engine: EPSG:code, or WKT 2 if it has none.
 
-    QGIS's default, WKT 1, has no words for heights above an ellipsoid: it is empty for EPSG:4979.
+    QGIS's default, WKT 1, cannot represent heights above an ellipsoid: it is empty for EPSG:4979.
     """
     wkt = crs.toWkt(QgsCoordinateReferenceSystem.WktVariant.WKT_PREFERRED)
     return str(crs.authid() if crs.authid().startswith("EPSG:") else wkt)
 
 
 def _static(value: Any) -> Any:
-    """Unpack feature source definitions and properties."""
+    """Return the plain value of feature source definitions and properties."""
     if isinstance(value, QgsProcessingFeatureSourceDefinition):
         value = value.source
     return value.staticValue() if isinstance(value, QgsProperty) else value
 
 
 def _project_layer(value: Any, context: QgsProcessingContext) -> Any:
-    """Return the open layer that a value means, None where it is a path."""
+    """Return the open layer of a value, None if it is a path."""
     if not isinstance(value, str):
         return value
     return QgsProcessingUtils.mapLayerFromString(value, context, allowLoadingNewLayers=False)
 
 
 def _file_source(layer: QgsVectorLayer) -> str | None:
-    """Return the source of a layer that shows just what its file holds (features, fields and CRS), else None."""
+    """Return the source of a layer that is identical to its file (features, fields and CRS), otherwise None."""
     provider, fields = layer.providerType(), layer.fields().count()
     is_changed = (
         layer.isModified()
@@ -137,7 +137,7 @@ def _file_source(layer: QgsVectorLayer) -> str | None:
     if is_changed or provider not in ("ogr", "delimitedtext"):
         return None
     parts = QgsProviderRegistry.instance().decodeUri(provider, layer.source())
-    if provider == "delimitedtext":  # with a geometry made from columns the layer knows more than its file
+    if provider == "delimitedtext":  # a geometry from columns is not in the file
         return None if layer.isSpatial() else str(parts["path"])
     if parts.get("openOptions") or parts.get("layerId") not in (None, "", 0, "0"):
         return None

@@ -1,4 +1,4 @@
-"""What the plugin is in a QGIS whose Python is too old: a message that says so. Nothing here needs a newer one."""
+"""The plugin in a QGIS whose Python is too old: a message. This file must not need a newer Python."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from qgis.core import Qgis, QgsMessageLog
 
 
 def old_python_message() -> str:
-    """Return what is missing, and which QGIS brings it."""
+    """Return a message on the version of Python that is needed, and the versions of QGIS that have it."""
     version = ".".join(map(str, sys.version_info[:3]))
     return (
         f"HRSI needs Python 3.11 or later, and this QGIS ({Qgis.QGIS_VERSION}) runs on Python {version}. "
@@ -19,7 +19,7 @@ def old_python_message() -> str:
 
 
 class OldPythonPlugin:
-    """Tells the message in the log, and in the desktop above the map; ``iface`` is None in ``qgis_process``."""
+    """Shows the message in the log, and on the desktop above the map; ``iface`` is None in ``qgis_process``."""
 
     def __init__(self, iface: Any) -> None:
         self.iface = iface
@@ -32,4 +32,4 @@ class OldPythonPlugin:
         self.iface.messageBar().pushMessage("HRSI", old_python_message(), Qgis.MessageLevel.Critical, 0)
 
     def unload(self) -> None:
-        """Nothing was added."""
+        """Nothing to remove."""

@@ -1,4 +1,4 @@
-"""The offer to install the packages that make matching faster: what is run is shown, and one click runs it."""
+"""The offer to install packages for faster matching: the command is shown, and one click runs it."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .background_task import BackgroundTask
 from .dependencies import can_install, install_command, missing_fast_packages, quote_command
 from .translation import tr
 
-TOLD_LINES = 3  # of what pip says last
+TOLD_LINES = 3  # last lines of the output of pip
 
 
 class PackageOffer:
-    """A question with the command for QGIS's Python; the answer of the installation comes in the message bar."""
+    """A dialog with the command for QGIS's Python; the message bar shows the result of the installation."""
 
     def __init__(self, bar: QgsMessageBar, parent: QWidget | None = None) -> None:
         self._bar, self._parent = bar, parent
 
     def show(self) -> None:
-        """Offer what is missing; say so where nothing is."""
+        """Offer the missing packages; show a message if none is missing."""
         missing = missing_fast_packages()
         if not missing:
             self._bar.pushMessage("HRSI", tr("Matching is fast: numba and OpenCV are there."), Qgis.MessageLevel.Info)
@@ -58,7 +58,7 @@ class PackageOffer:
 
 
 def run_installer(command: Sequence[str]) -> None:
-    """Run a command; raise InputError with its last lines where it fails."""
+    """Run a command; raise `InputError` with the last lines of its output if it fails."""
     process = QProcess()
     process.setProcessChannelMode(QProcess.ProcessChannelMode.MergedChannels)
     process.start(command[0], list(command[1:]))

@@ -1,4 +1,4 @@
-"""QGIS's enumerations under their names since QGIS 3.36, which QGIS 4 (Qt 6) asks for; QGIS 3.22 has the older ones."""
+"""Parameters of Processing from declared options; and QGIS's enumerations, with their names before QGIS 3.36."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ else:
     NO_THREADING = QgsProcessingAlgorithm.Flag.FlagNoThreading
 
 
-SHORT_DIALOG = 12  # fields that a person sees at one glance
+SHORT_DIALOG = 12  # most fields of a dialog without groups
 _ABBREVIATIONS = {
     "crs": "CRS", "dem": "DEM", "dir": "directory", "gcp": "GCP", "gcps": "GCPs", "gsd": "GSD", "h": "height",
     "rpc": "RPC", "rpcs": "RPCs", "stac": "STAC items", "utm": "UTM", "xy": "easting and northing",
@@ -57,7 +57,7 @@ _ABBREVIATIONS = {
 
 
 class _AnyFile:
-    """Accept every layer and every path; the engine says what is wrong with a file."""
+    """Accept every layer and every path; the engine reports invalid files."""
 
     def checkValueIsAcceptable(self, value: Any, context: QgsProcessingContext | None = None) -> bool:
         definition = cast(QgsProcessingParameterDefinition, self)
@@ -69,10 +69,10 @@ class _AnyFile:
 class ImagesParameter(_AnyFile, QgsProcessingParameterMultipleLayers):
     """Raster layers of the project, image files and RPC files without pixels."""
 
-    widget = f"{__package__}.dialog_fields.ImagesWidget"  #: imported by the dialogs, there is no GUI in qgis_process
+    widget = f"{__package__}.dialog_fields.ImagesWidget"  #: imported by the dialogs only: qgis_process has no GUI
 
     def valueAsPythonString(self, value: Any, context: QgsProcessingContext) -> str:
-        """Return the value for QGIS's history, which would leave out what is no raster layer: RPC files."""
+        """Return the value for QGIS's history, which itself would omit RPC files, because they are no raster layers."""
         return repr(raster_sources(value, context))
 
     def createFileFilter(self) -> str:
@@ -91,21 +91,21 @@ class PointsParameter(_AnyFile, QgsProcessingParameterFeatureSource):
 
 
 class ExtentParameter(_AnyFile, QgsProcessingParameterExtent):
-    """A box on the map, or a word that the engine knows."""
+    """A box on the map, or a word that the option accepts."""
 
 
 class FileParameter(_AnyFile, QgsProcessingParameterFile):
-    """A file name, with or without a dot in it, or a word that the engine knows."""
+    """A file name, with or without a dot in it, or a word that the option accepts."""
 
 
-#: The dialog's fields for parameters that take a word or a file, and a word or a box; imported by the dialogs only.
+#: Fields of the dialog for a word or a file, and for a word or a box; imported by the dialogs only.
 WORD_WIDGET = {"widget_wrapper": {"class": f"{__package__}.dialog_fields.WordWidget"}}
 EXTENT_WIDGET = {"widget_wrapper": {"class": f"{__package__}.dialog_fields.ExtentWidget"}}
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Where the value of a parameter is read from: a run's algorithm, its parameters, context and feedback."""
+    """Source of parameter values: the algorithm of a run, its parameters, context and feedback."""
 
     algorithm: QgsProcessingAlgorithm
     parameters: Mapping[str, Any]
@@ -117,14 +117,14 @@ class Reading:
         return getattr(self.algorithm, method)(dict(self.parameters), qgis_name(param), self.context)
 
     def raw(self, param: Param) -> Any:
-        """Return a parameter as it was given."""
+        """Return the value of a parameter as given."""
         return self.parameters[qgis_name(param)]
 
 
 class Binding(NamedTuple):
-    """How one kind of parameter is made and read; ``read`` is only called for values that were given.
+    """How parameters of one kind are made and read; ``read`` is only called for values that were given.
 
-    A class of QGIS may stand for what makes it, and a ``parameterAs…`` method of QGIS for what reads it.
+    ``make`` may be a class of QGIS, and ``read`` the name of a ``parameterAs…`` method of QGIS.
     """
 
     make: Callable[..., QgsProcessingParameterDefinition]
@@ -137,23 +137,23 @@ def qgis_name(param: Param) -> str:
 
 
 def label_of(param: Param) -> str:
-    """Return what the dialog writes beside a parameter: ``Sigma image (px)``."""
+    """Return the label of a parameter in the dialog: ``Sigma image (px)``."""
     return tr(words_of(param)) + (f" ({param.unit})" if param.unit else "")
 
 
 def words_of(param: Param) -> str:
-    """Return the name of a parameter in words, English: ``Sigma image``."""
+    """Return the name of a parameter as English words: ``Sigma image``."""
     words = " ".join(_ABBREVIATIONS.get(word, word) for word in param.name.split("-"))
     return words[0].upper() + words[1:]
 
 
 def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParameterDefinition:
-    """Make the QGIS parameter of a declared one."""
+    """Return the QGIS parameter of a declared option."""
     make = BINDINGS[param.kind].make
     made = make(**_common(param)) if isinstance(make, type) else make(param)
     made.setHelp(f"{spell_arguments(param.help, params, label_of)}.")
-    # In a long dialog inputs, outputs and what must be given stand above "Advanced": how it is done has defaults, and
-    # thirty fields in a column hide the three that are needed
+    # In a long dialog inputs, outputs and required parameters are above "Advanced": the others have defaults, and
+    # thirty fields in a column would hide the three that are needed
     is_long = len(params) > SHORT_DIALOG and any(other.kind in READ_KINDS for other in params)
     first = (*READ_KINDS, Kind.EXTENT, Kind.FOLDERS, Kind.OUTPUT_DIR)
     is_first = param.required or "FILE" in param.metavar.split("|") or param.kind in first
@@ -163,7 +163,7 @@ def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParam
 
 
 def label_gcp_fields() -> dict[str, str]:
-    """Return the fields of GCPs that a user chooses, by the names that the engine knows, and their labels."""
+    """Return the labels of the GCP fields that a user can choose, by HRSI's names."""
     return {
         "id": tr("GCP field: id"), "height": tr("GCP field: height"), "sigma_h": tr("GCP field: sigma height"),
         "sigma_east": tr("GCP field: sigma east"), "sigma_north": tr("GCP field: sigma north"),
@@ -171,7 +171,7 @@ def label_gcp_fields() -> dict[str, str]:
 
 
 def field_choosers(param: Param) -> dict[str, QgsProcessingParameterDefinition]:
-    """Make the parameters that choose fields in the layer of GCPs, by the names that the engine knows."""
+    """Return the parameters that choose fields in the layer of GCPs, by HRSI's names."""
     if (param.key, param.kind) != ("gcps", Kind.POINTS):
         return {}
     made = {}
@@ -185,7 +185,7 @@ def field_choosers(param: Param) -> dict[str, QgsProcessingParameterDefinition]:
 
 
 def option_value(param: Param, reading: Reading) -> Any:
-    """Return the value of a parameter as the engine takes it; the declared default where none is given."""
+    """Return the value of a parameter for the engine; the declared default if none is given."""
     value = reading.parameters.get(qgis_name(param))
     if value is None or value == NULL or value == "":
         return param.default
@@ -209,18 +209,18 @@ def _images(param: Param) -> QgsProcessingParameterDefinition:
 
 
 def _points(param: Param) -> QgsProcessingParameterDefinition:
-    optional = {"optional": not (param.required or param.piped)}  # a blank choice in the dialog stands for the default
+    optional = {"optional": not (param.required or param.piped)}  # empty in the dialog: the default
     return _with_words(PointsParameter(types=[VECTOR], **_common(param) | optional), param)
 
 
 def _text(param: Param) -> QgsProcessingParameterDefinition:
-    """Make a text field; with a browse button where a file name is among what it takes (``auto|none|FILE``)."""
+    """Return a text parameter; with a button to browse if a file name is allowed (``auto|none|FILE``)."""
     made = FileParameter if "FILE" in param.metavar.split("|") else QgsProcessingParameterString
     return _with_words(made(**_common(param)), param)
 
 
 def _with_words(made: QgsProcessingParameterDefinition, param: Param) -> QgsProcessingParameterDefinition:
-    """Give a parameter the field that offers the words which it takes besides a file, if there are such."""
+    """Set the field that offers the words which a parameter accepts instead of a file, if there are any."""
     if param.words:
         made.setMetadata(WORD_WIDGET | {"words": list(param.words)})
     return made
@@ -255,20 +255,20 @@ def _read_points(param: Param, reading: Reading) -> str:
 
 
 def _read_crs(param: Param, reading: Reading) -> str:
-    """Return EPSG:code, or WKT where the CRS has none."""
+    """Return EPSG:code, or WKT if the CRS has no code."""
     crs = reading.call("parameterAsCrs", param)
-    return crs_text(crs) if crs.isValid() else str(reading.raw(param))  # the engine says what is wrong with it
+    return crs_text(crs) if crs.isValid() else str(reading.raw(param))  # the engine reports what is wrong
 
 
 def _read_extent(param: Param, reading: Reading) -> str:
-    """Return a word as it is, a box as ``W,S,E,N [CRS]``."""
+    """Return a word unchanged, a box as ``W,S,E,N [CRS]``."""
     value = reading.raw(param)
     value = value.staticValue() if isinstance(value, QgsProperty) else value
     if value in param.words:
         return str(value)
     box, crs = read_box(reading.algorithm.parameterDefinition(qgis_name(param)), value, reading.context)
     if box.isNull():
-        return str(value)  # the engine says what is wrong with it
+        return str(value)  # the engine reports what is wrong
     sides = (box.xMinimum(), box.yMinimum(), box.xMaximum(), box.yMaximum())
     return ",".join(map(repr, sides)) + (f" [{crs_text(crs)}]" if crs.isValid() else "")
 

@@ -1,4 +1,4 @@
-"""Entry point of the QGIS plugin: it brings the Processing provider and the panel, and takes them away again."""
+"""Entry point of the QGIS plugin: adds the Processing provider and the panel, and removes them."""
 
 from functools import partial
 from typing import Any
@@ -15,7 +15,7 @@ from .translation import install_translator, tr
 
 
 class HrsiPlugin:
-    """What QGIS keeps of the plugin; ``iface`` is None in ``qgis_process``."""
+    """The plugin object of QGIS; ``iface`` is None in ``qgis_process``."""
 
     def __init__(self, iface: Any) -> None:
         self.iface = iface
@@ -25,24 +25,24 @@ class HrsiPlugin:
         self._exit_guard: Any = None
         self._steps: Any = None
         self._recovery: Any = None
-        self._actions: list[QAction] = []  # of the menu, beside the panel's
+        self._actions: list[QAction] = []  # of the menu, without that of the panel
         self._translator = install_translator()
 
     def initProcessing(self) -> None:
         """Register the provider; ``qgis_process`` calls only this."""
         self.provider = HrsiProvider()
         QgsApplication.processingRegistry().addProvider(self.provider)
-        self.provider.refreshAlgorithms()  # models find their steps, and so their outputs, once these are registered
+        self.provider.refreshAlgorithms()  # models can only be loaded when the algorithms of their steps are registered
 
     def initGui(self) -> None:
-        """Register the provider in the desktop, and the panel, hidden at first."""
+        """Register the provider in the desktop, and add the panel, which is hidden at first."""
         self.initProcessing()
         try:
             from .first_steps import FirstSteps, is_tour_wanted
             from .package_offer import PackageOffer
             from .points_panel.dock import PointsDock
             from .points_panel.guards import ExitGuard, RecoveryOffer
-        except ImportError as error:  # the provider has said what is missing
+        except ImportError as error:  # the provider has reported what is missing
             QgsMessageLog.logMessage(missing_package_message(error) or str(error), "HRSI", Qgis.MessageLevel.Critical)
             return
         self.dock = PointsDock(self.iface.mainWindow(), self.iface.mapCanvas())

@@ -1,7 +1,7 @@
-"""The Processing provider ``hrsi``: one QGIS algorithm for every declared algorithm, and models that chain them.
+"""The Processing provider ``hrsi``: one QGIS algorithm for each declared algorithm, and models of them.
 
-Layers are turned into files in `prepareAlgorithm`, which QGIS calls in the main thread; the engine then runs in the
-background thread of `processAlgorithm` and touches no QGIS object but the feedback.
+Layers are converted to files in `prepareAlgorithm`, which QGIS calls in the main thread; the engine then runs in the
+background thread of `processAlgorithm` and uses no QGIS object except the feedback.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         return PluginAlgorithm(self.declaration)
 
     def name(self) -> str:
-        """Return the id within the provider: the declared name without its dashes, which QGIS does not allow."""
+        """Return the id within the provider: the declared name without hyphens, which QGIS does not allow."""
         return self.declaration.name.replace("-", "")
 
     def displayName(self) -> str:
@@ -96,7 +96,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         return str(icon_path(self.declaration.name))
 
     def createCustomParametersWidget(self, parent: Any = None) -> Any:
-        """Return the dialog of an algorithm that has a long one; None: QGIS's own."""
+        """Return the dialog of an algorithm with many parameters; None: that of QGIS."""
         from .dialog import GroupedDialog  # there is no GUI in qgis_process
 
         return GroupedDialog(self, parent=parent) if len(self.declaration.params) > SHORT_DIALOG else None
@@ -119,7 +119,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
     def processAlgorithm(
         self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> dict[str, Any]:
-        """Run the engine; an empty result means that the user cancelled."""
+        """Run the engine; return an empty result if the user has cancelled."""
         told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._name_options(message)))
         try:  # errors become one line, unexpected ones keep their traceback
             options = check_options(self.declaration, self._options)
@@ -140,7 +140,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         if verdict := report.get("verdict"):
             told_verdict = self._name_options(headline(verdict))
             if verdict["level"] == Level.UNUSABLE.label:
-                feedback.reportError(told_verdict, fatalError=False)  # so that it looks like the failure that it is
+                feedback.reportError(told_verdict, fatalError=False)  # so that it is shown as a failure
             elif verdict["level"] == Level.DOUBTFUL.label:
                 feedback.pushWarning(told_verdict)
         self._report = report
@@ -149,18 +149,18 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         return drop_unlistable_outputs(made, feedback)
 
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
-        """Show the verdict above the map."""
+        """Show the verdict in the message bar above the map."""
         if verdict := self._report.get("verdict"):
             show_in_message_bar(verdict, self.displayName(), self._name_options(headline(verdict)))
         return {}
 
     def _name_options(self, message: str) -> str:
-        """Return a message with the arguments that it names as the dialog labels them."""
+        """Return a message with its arguments replaced by the labels of the dialog."""
         return spell_arguments(message, self.declaration.params, label_of)
 
 
 def progress_to(feedback: QgsProcessingFeedback) -> Callable[[float, str], bool]:
-    """Return the engine's progress callback for a QGIS feedback: it answers False once the user has cancelled."""
+    """Return the engine's progress callback for a QGIS feedback: it returns False if the user has cancelled."""
     shown = ""
 
     def progress(fraction: float, message: str = "") -> bool:
@@ -174,16 +174,16 @@ def progress_to(feedback: QgsProcessingFeedback) -> Callable[[float, str], bool]
     return progress
 
 
-CHAINS = Path(__file__).resolve().parent / "models"  #: chains of algorithms, made by ``scripts/make_models.py``
+CHAINS = Path(__file__).resolve().parent / "models"  #: models, made by ``scripts/make_models.py``
 
 
 def title_of(path: Path) -> str:
-    """Return the title of a chain, English."""
+    """Return the English title of a model."""
     return path.stem.replace("_", " ").capitalize()
 
 
 class PackageModel(QgsProcessingModelAlgorithm):
-    """A model with a title, and its orthoimages as outputs; QGIS runs it: Python's hold would freeze the window."""
+    """A model with a title, and its orthoimages as outputs; QGIS runs it: Python's GIL would freeze the window."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -197,7 +197,7 @@ class PackageModel(QgsProcessingModelAlgorithm):
         return tr(title_of(self._path))
 
     def flags(self) -> Any:
-        """Let it run in the background: all of its steps may, so the window stays alive."""
+        """Return the flags without that of the main thread: all steps can run in the background."""
         return super().flags() & ~NO_THREADING
 
     def icon(self) -> QIcon:
@@ -205,7 +205,7 @@ class PackageModel(QgsProcessingModelAlgorithm):
 
     def initAlgorithm(self, configuration: dict[str, Any] | None = None) -> None:
         super().initAlgorithm(configuration or {})
-        for param in self.destinationParameterDefinitions():  # who names no folder gets a temporary one
+        for param in self.destinationParameterDefinitions():  # without a folder, a temporary one is used
             param.setFlags(param.flags() | OPTIONAL)
         self.addOutput(QgsProcessingOutputMultipleLayers("ORTHOIMAGES", tr("Orthoimages")))
 
@@ -216,16 +216,16 @@ class PackageModel(QgsProcessingModelAlgorithm):
         return True
 
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
-        """Return the results with the orthoimages, where their folder was named; empty: those of the model."""
+        """Return the results with the orthoimages, if their folder was given; empty: the results of the model."""
         folder = self._folders.get("orthorectify:FOLDER", "")
         made = [str(path.resolve()) for path in sorted(Path(folder).glob("*_ortho.tif"))] if folder else []
         return self._folders | {"ORTHOIMAGES": made} if made else {}
 
 
 class HrsiProvider(QgsProcessingProvider):
-    """Group *HRSI* of the Processing toolbox: the declared algorithms, and models that chain them.
+    """Group *HRSI* of the Processing toolbox: the declared algorithms, and models of them.
 
-    ``declarations`` are the algorithms to show by name; None takes HRSI's own registry.
+    ``declarations`` are the algorithms by name; None uses HRSI's own registry.
     """
 
     def __init__(self, declarations: Mapping[str, Algorithm] | None = None) -> None:
@@ -248,7 +248,7 @@ class HrsiProvider(QgsProcessingProvider):
         return str(icon_path())
 
     def loadAlgorithms(self) -> None:
-        """Wrap every declaration; without NumPy there are none, and the log says what to install."""
+        """Add all declared algorithms; without NumPy there are none, and the log has the command to install it."""
         try:
             from ..processing_algorithms import REGISTRY
         except ImportError as error:

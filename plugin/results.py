@@ -1,4 +1,4 @@
-"""What an algorithm gives back to QGIS: its files, the layers that a map should show, and the verdict."""
+"""Results of an algorithm for QGIS: its files, the layers for the map, and the verdict."""
 
 from html import escape
 from pathlib import Path
@@ -30,13 +30,13 @@ from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 from .translation import tr
 
-BATCH_LISTS_REPORTS = 32800  #: the version of QGIS from which on it does; 3.22 ends a batch with a TypeError instead
-TEMPORARY = "OUTPUT_DIR"  #: what QGIS calls a temporary folder: the name of the parameter
+BATCH_LISTS_REPORTS = 32800  #: version of QGIS since which a batch can list reports; QGIS 3.22 raises a TypeError
+TEMPORARY = "OUTPUT_DIR"  #: name of a temporary folder in QGIS: that of the parameter
 REPORT, REPORT_HTML, VERDICT, IMAGES_MADE = "REPORT", "REPORT_HTML", "VERDICT", "IMAGES_MADE"
 
 
 def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefinition]:
-    """Return the outputs beside the output folder, which its parameter declares itself."""
+    """Return the outputs in addition to the output folder, which its parameter declares itself."""
     outputs: list[QgsProcessingOutputDefinition] = [QgsProcessingOutputFile(REPORT, tr("Report (JSON)"))]
     if any(param.kind is Kind.OUTPUT_DIR for param in declaration.params):
         outputs.append(QgsProcessingOutputHtml(REPORT_HTML, tr("Report (HTML)")))
@@ -51,7 +51,7 @@ def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefini
 def collect_results(declaration: Algorithm, options: dict[str, Any], report: Report) -> dict[str, Any]:
     """Return the result dictionary of a finished run.
 
-    An algorithm that writes no report itself leaves it in QGIS's temporary folder.
+    The report of an algorithm without output folder is written into QGIS's temporary folder.
     """
     made: dict[str, Any] = {IMAGES_MADE: list_written_images(report)} if declaration.images_made else {}
     folder = Path(options["output_dir"]) if options.get("output_dir") else None
@@ -68,7 +68,7 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
 
 
 def drop_unlistable_outputs(made: dict[str, Any], feedback: QgsProcessingFeedback) -> dict[str, Any]:
-    """Return the result dictionary for the dialog that has asked: that of batches of an old QGIS fails at reports."""
+    """Return the results that the dialog can list: the batch dialog of an old QGIS fails for HTML reports."""
     if Qgis.QGIS_VERSION_INT < BATCH_LISTS_REPORTS and type(feedback).__name__ == "BatchFeedback":
         return {name: value for name, value in made.items() if name != REPORT_HTML}
     return made
@@ -82,20 +82,20 @@ def list_written_images(report: Report) -> list[str]:
 
 
 def layer_name(source: str) -> str:
-    """Return what a layer of the result is called: ``residuals_utm``."""
+    """Return the name of a layer of the result: ``residuals_utm``."""
     return source.partition("|layername=")[2] or Path(source).stem
 
 
 def _list_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
-    """Return the sources of the declared layers that this run has written; it may have been asked for some only."""
+    """Return the sources of those declared layers that this run has written; some may not be requested."""
     sources = [str(Path(options["output_dir"]) / layer) for layer in declaration.layers]
     return [source for source in sources if QgsVectorLayer(source, "", "ogr").isValid()]
 
 
 def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report, context: QgsProcessingContext) -> None:
-    """Ask QGIS to load what this run has made, if there is a project to load it to: in a group, images at the bottom.
+    """Schedule loading of the layers of a run into the project, if there is one: in a group, images at the bottom.
 
-    Images without map coordinates are not loaded: they would lie beside everything.
+    Images without map coordinates are not loaded: they would be far from all other layers.
     """
     if context.project() is None or not options.get("output_dir"):
         return
@@ -105,7 +105,7 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     for source in [*rasters, *_list_layers(declaration, options)]:
         name = layer_name(source)
         details = QgsProcessingContext.LayerDetails(name, context.project(), name)
-        # A post-processor that lives until the Processing context, its owner, deletes it
+        # A post-processor that exists until its owner, the Processing context, deletes it
         processor = Placement(group)
         sip.transferto(processor, None)
         _ALIVE[:] = [other for other in _ALIVE if not sip.isdeleted(other)] + [processor]
@@ -114,7 +114,7 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
 
 
 class Placement(QgsProcessingLayerPostProcessorInterface):
-    """Puts a loaded layer on top of a run's group, with the style in its GeoPackage: Processing does neither."""
+    """Moves a loaded layer to the top of the run's group, and loads the style from its GeoPackage."""
 
     def __init__(self, group: str) -> None:
         super().__init__()
@@ -128,11 +128,11 @@ class Placement(QgsProcessingLayerPostProcessorInterface):
         root = context.project().layerTreeRoot()
         group = root.findGroup(self._group) or root.insertGroup(0, self._group)
         node = root.findLayer(layer.id())
-        if node is not None:  # wherever the desktop has put it
-            # Where a layer's node belongs: points above footprints above images, the latest of a kind on top
+        if node is not None:  # at any place in the layer tree
+            # Order of the nodes: points above footprints above images, the latest of a kind on top
             nodes = group.children()
             below = (place for place, other in enumerate(nodes) if other is not node and _rank(other) >= _rank(node))
-            group.insertChildNode(next(below, len(nodes)), node.clone())  # first: with its last node a layer goes
+            group.insertChildNode(next(below, len(nodes)), node.clone())  # first: a layer goes with its last node
             node.parent().removeChildNode(node)
         layer.triggerRepaint()
 
@@ -147,7 +147,7 @@ def _rank(node: QgsLayerTreeNode) -> int:
 _ALIVE: list[Placement] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
 
 
-#: By the level of a verdict: how the message bar shows it, and for how many seconds; 0: it stays.
+#: Level and duration (s) of the message by the level of a verdict; 0: until it is closed.
 SIGNAL = {
     Level.OK.label: (Qgis.MessageLevel.Success, 8),
     Level.DOUBTFUL.label: (Qgis.MessageLevel.Warning, 20),
@@ -165,9 +165,9 @@ def headline(verdict: dict[str, Any]) -> str:
 
 
 def show_in_message_bar(verdict: dict[str, Any], title: str, text: str) -> None:
-    """Show the headline above the map, if there is a desktop; QGIS calls this in its main thread only.
+    """Show the headline in the message bar, if there is a desktop; QGIS calls this in its main thread only.
 
-    The bar takes texts for HTML, and ids of points may be anything.
+    The text is escaped: the bar interprets it as HTML, and ids of points may contain any characters.
     """
     if iface is not None:
         iface.messageBar().pushMessage(title, escape(text, quote=False), *SIGNAL[verdict["level"]])

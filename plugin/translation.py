@@ -1,6 +1,6 @@
-"""The plugin in the language of QGIS: texts are English in the code, and come translated from ``i18n``.
+"""Translation of the plugin into the language of QGIS: the texts in the code are English, translations in ``i18n``.
 
-`scripts/make_translations.py` collects them; what it finds must be literal text where `tr` is called.
+`scripts/make_translations.py` collects the texts, which must be literals in the calls of `tr`.
 """
 
 from pathlib import Path
@@ -13,14 +13,14 @@ FOLDER = Path(__file__).resolve().parent / "i18n"
 
 
 def tr(text: str) -> str:
-    """Return a text of the plugin in the language of QGIS; English where there is no translation."""
+    """Return a text of the plugin in the language of QGIS; in English if there is no translation."""
     return QCoreApplication.translate(CONTEXT, text)
 
 
 def install_translator(language: str = "") -> QTranslator | None:
-    """Translate from now on to a language (by default that of QGIS); None where there is no such translation.
+    """Install the translator of a language (by default that of QGIS); return None if there is no translation.
 
-    The translator works as long as it is kept.
+    The translator works only as long as a reference to it exists.
     """
     language = (language or QgsApplication.locale() or "en").partition("_")[0]
     translator = QTranslator()

@@ -1,4 +1,4 @@
-"""The panel "HRSI Points": measuring ground points on the images of a block, and adjusting at once.
+"""The panel "HRSI Points": measuring ground points in the images of a block, and adjusting the block at once.
 
-The state and everything that is computed is `processing_algorithms.point_session`; these modules only show and edit it.
+State and computations are in `processing_algorithms.point_session`; these modules only display and edit it.
 """

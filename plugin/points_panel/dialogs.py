@@ -1,4 +1,4 @@
-"""The dialogs of the panel: a new block (images, ground and image points), and a new ground point in the map."""
+"""The dialogs of the panel: a new block (images, ground and image points), and a new ground point on the map."""
 
 from typing import Any
 
@@ -30,7 +30,7 @@ HEIGHT_DATUMS = ("layer", "ellipsoidal", "egm96", "egm2008")
 
 
 class NewBlockDialog(QDialog):
-    """Asks for images and points; ``sources`` are the arguments of `files.new_session`."""
+    """Dialog for images and points; ``sources`` returns the arguments of `files.new_session`."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -38,7 +38,7 @@ class NewBlockDialog(QDialog):
         self.images = QgsFileWidget()
         self.images.setStorageMode(QgsFileWidget.StorageMode.GetMultipleFiles)
         self.images.setFilter(f"{tr('Images and RPC files')} (*)")
-        # A button with the project's rasters; what is chosen joins the images
+        # A button with the project's rasters; chosen ones are added to the images
         self.layers, menu = QToolButton(self), QMenu(self)
         self.layers.setText(tr("Layers"))
         self.layers.setToolTip(tr("Add raster layers of the project"))
@@ -86,14 +86,14 @@ class NewBlockDialog(QDialog):
         self.images.setFilePath(" ".join(f'"{path}"' for path in paths))
 
     def _list_fields(self) -> None:
-        """Offer the fields of the ground points."""
+        """List the fields of the ground points for choosing."""
         names = self.gcps.field_names()
         for box in self.fields.values():
             box.clear()
             box.addItems(["", *names])
 
     def sources(self) -> dict[str, Any]:
-        """Return what was chosen; layers that are more than their file are copied."""
+        """Return the chosen files and settings; layers that differ from their file are copied."""
         context = QgsProcessingContext()
         context.setProject(QgsProject.instance())
         feedback = QgsProcessingFeedback()
@@ -110,11 +110,11 @@ class NewBlockDialog(QDialog):
         }  # fmt: skip
 
 
-_HIGHEST_M = 10_000.0  # of heights
+_HIGHEST_M = 10_000.0  # largest height
 
 
 class NewPointDialog(QDialog):
-    """Asks for what a place on the map does not tell; the height comes from a DEM of the project, if there is one."""
+    """Dialog for a point clicked on the map: id, role, sigmas, and its height, which a DEM of the project can give."""
 
     def __init__(self, lonlat: tuple[float, float], name: str, height_m: float, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -149,7 +149,7 @@ class NewPointDialog(QDialog):
             chooser.currentIndexChanged.connect(lambda _index: self._look_up())
 
     def _look_up(self) -> None:
-        """Show the DEM's height, or why there is none."""
+        """Show the height of the DEM, or the reason why there is none."""
         if not self.dem.currentData():
             return
         try:
@@ -160,7 +160,7 @@ class NewPointDialog(QDialog):
             self.height.setToolTip(str(error))
 
     def point(self) -> SurveyPoint:
-        """Return the point; a sigma of 0 takes the default."""
+        """Return the point; a sigma of 0 means the default."""
         sigmas: dict[str, Any] = {
             name: field.value()
             for name, field in (("sigma_xy", self.sigma_xy), ("sigma_h", self.sigma_h))

@@ -1,4 +1,4 @@
-"""The dock "HRSI Points": tables on the left, images on the right, and what their buttons do."""
+"""The dock "HRSI Points": tables on the left, images on the right, and the slots of their buttons."""
 
 from __future__ import annotations
 
@@ -40,15 +40,13 @@ from .project_link import MapLink, PanelState, restore_state, store
 from .table_models import MeasurementsModel, PointsModel, ResidualsModel
 
 LIVE_DELAY_MS = 300
-QUICK_S = (
-    10.0  # CPU: an adjustment with all its tests that takes longer is left to the user; residuals follow all the same
-)
+QUICK_S = 10.0  # CPU time up to which an adjustment is repeated after each edit; residuals follow edits in any case
 BLOCK_FILTER = "GeoPackage (*.gpkg)"
-LIBRARY_SETTING = "hrsi/chip_library"  # the file, for all projects of the user
+LIBRARY_SETTING = "hrsi/chip_library"  # path of the library, for all projects of the user
 
 
 def show_errors(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Show the errors that a user can act on in the panel instead of raising them."""
+    """Show errors of input in the panel instead of raising them."""
 
     @wraps(method)
     def run(self: PointsDock, *arguments: Any, **options: Any) -> Any:
@@ -67,17 +65,17 @@ def show_errors(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class PointsDock(QDockWidget):
-    """Shows a `PointSession` and passes on what the user does to it.
+    """Displays a `PointSession` and passes the user's edits to it.
 
-    ``canvas`` is the map of the main window, if there is one; below ``unsaved_root`` lies what is not saved yet.
+    ``canvas`` is the map of the main window, if there is one; journals of unsaved edits are below ``unsaved_root``.
     """
 
-    adjusted = pyqtSignal(bool)  #: an adjustment has ended, well or not
-    edited = pyqtSignal()  #: points or measurements are others than before
+    adjusted = pyqtSignal(bool)  #: an adjustment has ended; whether it succeeded
+    edited = pyqtSignal()  #: points or measurements have changed
 
     def __init__(self, parent: Any = None, canvas: Any = None, unsaved_root: str = "") -> None:
         super().__init__(tr("HRSI Points"), parent)
-        self._due: QAction | None = None  # whose key is pressed
+        self._due: QAction | None = None  # action whose key is pressed
         self.setObjectName("HrsiPoints")
         self.ui = PanelLayout(self)
         self.setWidget(self.ui)
@@ -90,15 +88,15 @@ class PointsDock(QDockWidget):
         self._task: BackgroundTask | None = None
         self._adjusted_in_s = 0.0  # CPU seconds of the last adjustment
         self._active: ImageView | None = None
-        self.proposals: dict[str, Any] = {}  # by image: where matching has found the chosen point
-        self._searched: list[str] = []  # images on which it is still to be looked for
-        self._search = QTimer(self)  # one image at a time: the click is shown before
+        self.proposals: dict[str, Any] = {}  # by image: positions of the chosen point found by matching
+        self._searched: list[str] = []  # images in which it is still to be searched
+        self._search = QTimer(self)  # one image at a time, so that the click is shown first
         self._search.setSingleShot(True)
         self._search.timeout.connect(self._search_next)
-        self._pictures: dict[Any, Any] = {}  # of the chosen point, by what they show
+        self._pictures: dict[Any, Any] = {}  # of the chosen point, by key
         self._failure = ""  # of the last adjustment
-        self._clicked = ""  # what the last click gave
-        self._again = QTimer(self)  # a live adjustment waits until the user is done with a series of edits
+        self._clicked = ""  # result of the last click
+        self._again = QTimer(self)  # a live adjustment waits for the end of a series of edits
         self._again.setSingleShot(True)
         self._again.setInterval(LIVE_DELAY_MS)
         self._again.timeout.connect(self._adjust_live)
@@ -134,16 +132,16 @@ class PointsDock(QDockWidget):
         project.cleared.connect(self._on_project)
 
     def event(self, event: QEvent) -> bool:
-        """Claim the keys of the panel's actions before QGIS's own shortcuts; letters typed into a cell stay text."""
+        """Claim the keys of the panel's actions before QGIS's own shortcuts; keys typed into a cell are not claimed."""
         if event.type() == QEvent.Type.ShortcutOverride and (action := self.ui.action_of(event)) is not None:
-            event.accept()  # no shortcut then, but a pressed key, for the widget with the focus
+            event.accept()  # so that the widget with the focus gets a key press instead
             self._due = action
             QCoreApplication.instance().installEventFilter(self)
             return True
         return bool(super().event(event))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Take the pressed key that `event` has claimed: the next one."""
+        """Trigger the action for the next key press, which `event` has claimed."""
         if self._due is None or event.type() != QEvent.Type.KeyPress:
             return False
         QCoreApplication.instance().removeEventFilter(self)
@@ -152,9 +150,9 @@ class PointsDock(QDockWidget):
         return True
 
     def close_for_good(self) -> None:
-        """Let go of the project and of a running task, before the plugin is taken away; what is unsaved is kept."""
+        """Disconnect from the project and a running task before the plugin is removed; unsaved edits are kept."""
         self.cancel()
-        self._task = None  # its end finds no panel any more
+        self._task = None  # its end is ignored
         self._again.stop()
         self.map.stop()
         self.map.mark(None)
@@ -167,21 +165,21 @@ class PointsDock(QDockWidget):
             view.let_go()
 
     def give_up(self) -> None:
-        """Keep nothing of what is not saved: the user has said so."""
+        """Discard the unsaved edits, as the user has chosen."""
         if self.keeper is not None:
             self.keeper.discard()
 
-    # ---- showing -----------------------------------------------------------------------------------------------
+    # ---- display -----------------------------------------------------------------------------------------------
 
     def show_session(self, session: PointSession, point: str = "") -> None:
-        """Show another block; the one shown is given up."""
+        """Show another block instead of the present one."""
         self._again.stop()
         self.cancel()
         self._task = None
         self.session = session
         if self.keeper is None and session.images:
             self.keeper = point_session.EditKeeper(self.unsaved_root)
-        if self.keeper is not None:  # what is edited outlives the program
+        if self.keeper is not None:  # edits are stored in a journal
             self.keeper.follow(session)
         models = PointsModel(session), MeasurementsModel(session), ResidualsModel(session)
         self.points_model, self.measurements_model, self.residuals_model = models
@@ -203,7 +201,7 @@ class PointsDock(QDockWidget):
         self.ui.fit_columns()
 
     def _show_views(self) -> None:
-        """Show as many images as the user wants."""
+        """Show the number of images that the user has chosen."""
         for view in self.ui.show_views(int(self.ui.number.currentText())):
             view.clicked.connect(self.measure)
             view.image_chosen.connect(lambda _name, view=view: self._show_image(view))
@@ -214,13 +212,13 @@ class PointsDock(QDockWidget):
         self.activate(self.ui.views[0])
 
     def activate(self, view: ImageView) -> None:
-        """Let the keyboard act on a view."""
+        """Make a view the one on which the keyboard acts."""
         self._active = view
         for other in self.ui.views:
             other.mark_active(other is view)
 
     def frame_image(self, image: str) -> None:
-        """Let the keyboard act on the view of an image, which is shown if it was not."""
+        """Make the view of an image active; the image is shown if it was not."""
         views = self.ui.list_views()
         view = next((view for view in views if view.image() == image), views[-1])
         if view.image() != image:
@@ -229,21 +227,21 @@ class PointsDock(QDockWidget):
         self.activate(view)
 
     def choose(self, name: str) -> None:
-        """Choose a point: its images are shown where it should be."""
+        """Choose a point, and show its images at its measured or predicted position."""
         row = self.points_model.row_of(name)
         if row >= 0:
             self.ui.points.selectRow(row)
             self.ui.points.setCurrentIndex(self.points_model.index(row, 0))
 
     def point(self) -> str:
-        """Return the chosen point's id, empty without."""
+        """Return the id of the chosen point, empty if there is none."""
         return self.measurements_model.point
 
     def refresh(self) -> None:
-        """Show tables and markers as the session is now."""
+        """Update tables and markers to the present session."""
         self.points_model.refresh()
         self.measurements_model.refresh()
-        if self.ui.residuals.isVisible():  # sorting some ten thousand takes longer than all else
+        if self.ui.residuals.isVisible():  # sorting some ten thousand rows takes longest
             self._refresh_residuals()
         adjusted = self.session.adjusted
         stale = "" if adjusted is None or self.session.is_adjusted else tr("Before the last edits:")
@@ -268,7 +266,7 @@ class PointsDock(QDockWidget):
         self.map.mark((point.lon, point.lat) if point else None)
         self._store()
         self.refresh()
-        self.ui.measurements.resizeColumnsToContents()  # what is suspicious has a mark before its name
+        self.ui.measurements.resizeColumnsToContents()  # suspicious rows have a mark before their name
         self._show_pictures()
         library, measured = self.session.library, any(other == name for other, _ in self.session.measured)
         if point is not None and library is not None and not measured and library.find_rows(point).size:
@@ -277,7 +275,7 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def _show_pictures(self) -> None:
-        """Show photographs of the chosen point, and chips of where it was measured."""
+        """Show photographs of the chosen point, and chips of its measurements."""
         name, before = self.point(), self._pictures
         is_listed = name in self.session.points
         self._pictures = point_session.list_pictures(self.session, name, before) if is_listed else {}
@@ -286,14 +284,14 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def _use_library(self) -> None:
-        """Let the session look into the user's library of chips, if he has one."""
+        """Load the user's library of chips into the session, if there is one."""
         path = str(QgsSettings().value(LIBRARY_SETTING, "") or "")
         if path and self.session.images:
             self.session.library = point_session.ChipLibrary(path)
 
     @show_errors
     def choose_library(self, path: str = "") -> None:
-        """Use a library of chips, made where there is none; its GCPs that the images show come into the list."""
+        """Use a library of chips, created if missing; its GCPs in the images are added to the list."""
         how = QFileDialog.Option.DontConfirmOverwrite
         path = path or QFileDialog.getSaveFileName(
             self, tr("Chip library"), "chips.gpkg", BLOCK_FILTER, options=how
@@ -309,7 +307,7 @@ class PointsDock(QDockWidget):
             self.tell(told.format(path, len(library), len(new)))
 
     def _choose_images(self, name: str) -> None:
-        """Bring forward images in which the point lies, those measured already first; none is shown twice."""
+        """Show images that contain the point, those with a measurement first; no image is shown twice."""
         names, views = list(self.session.images), self.ui.list_views()
         rows = [row for row in self.session.measurements(name) if row.is_inside or row.measured] if name else []
         fitting = [row.image for row in sorted(rows, key=lambda row: row.measured is None)] if rows else names
@@ -339,7 +337,7 @@ class PointsDock(QDockWidget):
         )  # fmt: skip
 
     def _zoom_others(self, view: ImageView, factor: float) -> None:
-        """Zoom the other images as one was zoomed."""
+        """Zoom the other images by the same factor."""
         for other in self.ui.list_views():
             if other is not view and self.ui.linked.isChecked():
                 other.canvas.zoomByFactor(factor)
@@ -351,7 +349,7 @@ class PointsDock(QDockWidget):
             view.show_place(middle, ((last_sample - first_sample) / 2.0, (last_line - first_line) / 2.0))
 
     def _markers(self, image: str) -> list[Marker]:
-        """Return all points that lie on an image."""
+        """Return the markers of all points in an image."""
         if image not in self.session.images:
             return []
         markers = []
@@ -364,12 +362,12 @@ class PointsDock(QDockWidget):
             markers.append(Marker(name, row.predicted, measured, residual, *states, proposed))
         return markers
 
-    # ---- what the user does ------------------------------------------------------------------------------------
+    # ---- actions of the user -----------------------------------------------------------------------------------
 
     @show_errors
-    @one_thread_calls()  # its systems are small: threads of BLAS would wait for one another longer than they work
+    @one_thread_calls()  # the systems are small: BLAS threads would wait for each other
     def measure(self, image: str, sample: float, line: float, is_seen: bool = True) -> None:
-        """Measure the chosen point near a place on an image, clicked on (``is_seen``) or predicted."""
+        """Measure the chosen point near a position in an image, clicked (``is_seen``) or predicted."""
         view = next(view for view in self.ui.list_views() if view.image() == image)
         self.activate(view)
         if self.ui.tie.isChecked():
@@ -395,17 +393,17 @@ class PointsDock(QDockWidget):
             self._begin_search()
 
     def _follow_views(self) -> None:
-        """Show the chosen point where it is predicted now, on the images where it is not measured."""
+        """Show the chosen point at its present predicted position in images in which it is not measured."""
         for view in self.ui.list_views():
             if view.image() in self.session.images and (self.point(), view.image()) not in self.session.measured:
                 self._show_image(view)
 
     def _begin_search(self) -> None:
-        """Look for the chosen point, by matching, in all other images that should show it, one after the other."""
+        """Search the chosen point, by matching, in all other images that should contain it, one after the other."""
         shown = [view.image() for view in self.ui.list_views()]
         rows = [row for row in self.session.measurements(self.point()) if row.is_inside and row.measured is None]
         wanted = [row.image for row in rows if row.image not in self.proposals]
-        self._searched = sorted(wanted, key=lambda image: image not in shown)  # those in view first
+        self._searched = sorted(wanted, key=lambda image: image not in shown)  # visible ones first
         self._search.start()
 
     def _search_next(self) -> None:
@@ -414,7 +412,7 @@ class PointsDock(QDockWidget):
             self._search.start()
 
     def _on_edit(self) -> None:
-        """Show what was edited; where residuals are live, with its residuals, and adjust again where that is quick."""
+        """Show the edit; with live residuals update these, and adjust again if that is quick."""
         if self.ui.live.isChecked():
             self._follow()
         self.refresh()
@@ -427,12 +425,12 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def _follow(self) -> None:
-        """Let residuals and cameras follow the last adjustment to what is measured now, at once."""
+        """Update residuals and cameras of the last adjustment to the present measurements."""
         if self.session.adjusted is not None:
             self.session.follow(point_session.follow(self.session))
 
     def begin_tie(self) -> None:
-        """Let the next click in an image begin a tie point."""
+        """Start a tie point with the next click in an image."""
         if self.ui.tie.isChecked():
             self.tell(tr("Click in an image on what the other images show too: a new tie point"))
 
@@ -451,13 +449,13 @@ class PointsDock(QDockWidget):
         self._begin_search()
 
     def _new_name(self, letter: str) -> str:
-        """Return a name that neither the list nor the tie points in the background have."""
+        """Return an id that is neither in the list nor among the tie points in the background."""
         ties = self.session.ties
         taken = set(self.session.points) | set([] if ties is None else ties.ids.tolist())
         return next(name for name in (f"{letter}{number}" for number in itertools.count(1)) if name not in taken)
 
     def _place_tie(self) -> None:
-        """Put the chosen point, if it is a tie point, where its rays meet now."""
+        """Move the chosen point, if it is a tie point, to the present intersection of its rays."""
         point = self.session.points.get(self.point())
         if point is not None and point.role == TIE:
             self.session.move_point(point_session.place_tie(self.session, point.id))
@@ -484,7 +482,7 @@ class PointsDock(QDockWidget):
         self.tell(f"{self.point()}  {keys}  {said or tr('no other image should show it')}")
 
     def find_active_image(self) -> str:
-        """Return the image whose proposal the next answer is for, with its view framed; empty without."""
+        """Return the image of the proposal that is answered next, and make its view active; empty if there is none."""
         waiting = [view for view in self.ui.list_views() if view.image() in self.proposals]
         if waiting and self._active not in waiting:
             self.activate(waiting[0])
@@ -492,7 +490,7 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def accept_transfers(self, image: str | None = None) -> None:
-        """Take what was found in all images, or in one."""
+        """Accept the proposals of all images, or of one."""
         found = {name: one for name, one in self.proposals.items() if image in (None, name)}
         if not found:
             return
@@ -506,7 +504,7 @@ class PointsDock(QDockWidget):
         self.tell(said)
 
     def reject_transfer(self) -> None:
-        """Refuse what was found in the active view."""
+        """Reject the proposal in the active view."""
         image = self.find_active_image()
         if self.proposals.pop(image, None) is not None:
             self.tell(tr("{} on {}: refused; click where it is, or leave it").format(self.point(), image))
@@ -514,24 +512,24 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def take_prediction(self) -> None:
-        """Measure the chosen point where it is predicted in the active view, as if it had been clicked there."""
+        """Measure the chosen point at its predicted position in the active view, as if it had been clicked there."""
         if (image := self._active_image()) in self.session.images:
             self.measure(image, *self.session.predict_place(self.point(), image), is_seen=False)
 
     @show_errors
     def forget_measurement(self) -> None:
-        """Take the chosen point's measurement in the active view away."""
+        """Remove the measurement of the chosen point in the active view."""
         if image := self._active_image():
             self.session.remove_measurement(self.point(), image)
             self._place_tie()
             self._on_edit()
 
     def _active_image(self) -> str:
-        """Return the image of the view that the keyboard acts on, empty without."""
+        """Return the image of the active view, empty if there is none."""
         return self._active.image() if self._active is not None else ""
 
     def undo(self, again: bool = False) -> None:
-        """Take the last edit back, or do ``again`` what was taken back."""
+        """Undo the last edit, or with ``again`` redo the one undone last."""
         if title := self.session.redo() if again else self.session.undo():
             if self.point() not in self.session.points:
                 self.measurements_model.show_point("")
@@ -539,7 +537,7 @@ class PointsDock(QDockWidget):
             self._on_edit()
 
     def step_to_gap(self, step: int) -> None:
-        """Choose the next point (``step`` -1: the one before) that is not measured on all images which show it."""
+        """Choose the next point (``step`` -1: the previous one) that is not measured in all images that contain it."""
         self.choose(self.session.find_next_gap(self.point(), step))
         views = [view for view in self.ui.list_views() if view.image() in self.session.images]
         gaps = [view for view in views if (self.point(), view.image()) not in self.session.measured]
@@ -549,7 +547,7 @@ class PointsDock(QDockWidget):
     # ---- residuals and verdict ---------------------------------------------------------------------------------
 
     def _refresh_residuals(self) -> None:
-        """Show all residuals as they are now, with the row of the chosen point and active image selected."""
+        """Show the present residuals, with the row of the chosen point and active image selected."""
         model, table = self.residuals_model, self.ui.residuals
         model.refresh()
         self.ui.rmse.setText("\n".join(point_session.summarise_roles(self.session)))
@@ -561,7 +559,7 @@ class PointsDock(QDockWidget):
             table.viewport().update()
 
     def _on_residual(self, index: QModelIndex, _before: QModelIndex | None = None) -> None:
-        """Show the point of a residual, with its image framed."""
+        """Show the point of a residual, with its image active."""
         if index.isValid():
             row = self.residuals_model.rows[index.row()]
             self.choose(row.point.id)
@@ -573,7 +571,7 @@ class PointsDock(QDockWidget):
         self.residuals_model.show_only([box.currentText()] if box.currentIndex() > 0 else [])
 
     def show_reason(self, reason: Any) -> None:
-        """Show the residuals of what a reason of the verdict concerns, and the worst of these points."""
+        """Show the residuals of the images and points of a reason of the verdict, and the worst of these points."""
         if reason is None or not (reason.points or reason.images):
             return
         self.ui.filter.setCurrentIndex(-1)
@@ -585,12 +583,12 @@ class PointsDock(QDockWidget):
             self.choose(reason.points[0])
 
     def pick_point(self) -> None:
-        """Ask for a place in the map, and make a ground point of it."""
+        """Ask for a position on the map, and add a ground point there."""
         text = tr("Click in the map where the new point is")
         self._ask_map(self.ui.pick, self.ui.go_to, text, self._add_point_at)
 
     def go_to_place(self) -> None:
-        """Ask for places in the map, and show them in all images."""
+        """Ask for positions on the map, and show them in all images."""
         text = tr("Click in the map: the images show that place, at the points' middle height")
         self._ask_map(self.ui.go_to, self.ui.pick, text, self._show_ground)
 
@@ -618,7 +616,7 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def new(self) -> None:
-        """Begin a block with images and points."""
+        """Create a block with images and points."""
         dialog = NewBlockDialog(self)
         if self.may_leave() and dialog.exec():
             self.show_session(point_session.new_session(**dialog.sources()))
@@ -626,7 +624,7 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def open(self, path: str = "") -> None:
-        """Open a block's GeoPackage."""
+        """Open the GeoPackage of a block."""
         path = path or QFileDialog.getOpenFileName(self, tr("Open block"), "", BLOCK_FILTER)[0]
         if path and self.may_leave():
             self._open(path)
@@ -657,12 +655,12 @@ class PointsDock(QDockWidget):
         self.choose(names[min(row, len(names) - 1)] if names else "")
 
     def save(self) -> bool:
-        """Save the block; True where that was done."""
+        """Save the block; return True if it was saved."""
         return bool(self.save_as(self.session.path))
 
     @show_errors
     def save_as(self, path: str = "") -> bool:
-        """Save the block under a name, asked for where none is given; True where that was done."""
+        """Save the block under a path, for which the user is asked if it is empty; return True if it was saved."""
         path = path or QFileDialog.getSaveFileName(self, tr("Save block"), "block.gpkg", BLOCK_FILTER)[0]
         if path:
             point_session.save(self.session, path)
@@ -685,7 +683,7 @@ class PointsDock(QDockWidget):
     def adjust(self, save: bool = True) -> None:
         """Adjust the block in the background; `adjusted` is emitted at the end.
 
-        save : the user asks for it: it is told how it ends, and the block is saved where it has a file
+        save : the user has requested it: the result is shown as a message, and the block is saved if it has a file
         """
         if self._task is not None:
             return
@@ -708,12 +706,12 @@ class PointsDock(QDockWidget):
         task.start()
 
     def _adjust_live(self) -> None:
-        """Adjust what has changed since the last adjustment; after the one that runs."""
+        """Adjust again if the measurements have changed since the last adjustment and none is running."""
         if self.ui.live.isChecked() and self._task is None and self.session.measured and not self.session.is_adjusted:
             self.adjust(save=False)
 
     def _show_measurements(self) -> None:
-        """Show residuals, and predict with adjusted cameras, where a block comes with measurements."""
+        """Adjust a block that has measurements, to show residuals and predict with adjusted cameras."""
         if self.session.measured:
             self.adjust(save=False)
 
@@ -727,14 +725,14 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def _on_adjustment_end(self, seen: Any, is_asked: bool, task: BackgroundTask) -> None:
-        """Show the adjustment of what was ``seen`` when it began."""
+        """Show the adjustment of the state ``seen`` at its start."""
         if task is not self._task:
             return
         self._task = None
         self.ui.show_progress(0.0)
         if task.outcome is None:
             self._failure = task.failure
-            if is_asked or not task.failure:  # one that follows edits fails as long as too little is measured
+            if is_asked or not task.failure:  # live adjustments fail until enough is measured
                 self.tell(task.failure or tr("cancelled"), is_error=bool(task.failure))
         else:
             self._failure = ""
@@ -753,7 +751,7 @@ class PointsDock(QDockWidget):
     # ---- project -----------------------------------------------------------------------------------------------
 
     def restore(self) -> None:
-        """Show the block that the project names, if there is one."""
+        """Show the block that the project refers to, if there is one."""
         self._show_state(restore_state(QgsProject.instance()))
 
     @show_errors
@@ -774,7 +772,7 @@ class PointsDock(QDockWidget):
         self._show_measurements()
 
     def _on_project(self, _document: Any = None) -> None:
-        """Show the block of another project; what is not saved stays unless the user gives it up."""
+        """Show the block of another project; unsaved measurements remain unless the user discards them."""
         state = restore_state(QgsProject.instance())  # now: saving writes the old block's path into the project
         if self.session.changed:
             if not state.path or state.path == self.session.path or not self.may_leave():
@@ -784,19 +782,19 @@ class PointsDock(QDockWidget):
             self.show_session(PointSession())
         self._show_state(state)
 
-    # ---- what another session left -----------------------------------------------------------------------------
+    # ---- unsaved sessions --------------------------------------------------------------------------------------
 
     def find_journals(self) -> list[Any]:
-        """Return what programs left unsaved that have ended; quick where there is nothing."""
+        """Return the unsaved sessions of programs that have ended; quick if there is no folder of journals."""
         return point_session.find_journals(self.unsaved_root) if os.path.isdir(self.unsaved_root) else []
 
     @show_errors
     def recover(self, unsaved: Any) -> None:
-        """Go on with what another program left unsaved."""
+        """Continue an unsaved session of another program."""
         self.show()
         if self.may_leave():
             last, _image = next(reversed(unsaved.measured), ("", ""))
-            self.show_session(point_session.recover(unsaved), last)  # from here on a journal of its own keeps it
+            self.show_session(point_session.recover(unsaved), last)  # from now on it has its own journal
             point_session.forget(unsaved)
             self.tell(tr("{} measurements are back; save them").format(len(self.session.measured)))
             self._show_measurements()
@@ -807,7 +805,7 @@ class PointsDock(QDockWidget):
             store(state, QgsProject.instance())
 
     def may_leave(self) -> bool:
-        """Ask what to do with unsaved measurements."""
+        """Ask whether unsaved measurements are saved or discarded; return False to cancel."""
         if not self.session.changed:
             return True
         buttons = QMessageBox.StandardButton

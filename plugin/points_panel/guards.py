@@ -1,4 +1,4 @@
-"""What keeps measurements when QGIS is closed, or was killed."""
+"""Protection of measurements when QGIS is closed, and after a crash."""
 
 from collections.abc import Callable
 from datetime import datetime
@@ -17,7 +17,7 @@ from .dock import PointsDock
 
 
 class ExitGuard(QgsApplicationExitBlockerInterface):
-    """Asks what to do with unsaved measurements before QGIS closes."""
+    """Asks whether unsaved measurements are saved or discarded before QGIS closes."""
 
     def __init__(self, dock: PointsDock) -> None:
         super().__init__()
@@ -31,14 +31,14 @@ class ExitGuard(QgsApplicationExitBlockerInterface):
 
 
 class RecoveryOffer:
-    """Offers, above the map, what sessions left unsaved; it holds what its buttons call, which gc would clear else."""
+    """Offers unsaved sessions above the map; keeps references for its buttons, which gc would delete otherwise."""
 
     def __init__(self, dock: PointsDock, bar: QgsMessageBar) -> None:
         self._dock, self._bar = dock, bar
         self._items: dict[Path, QgsMessageBarItem] = {}  # by the folder of the journal
 
     def show(self, is_asked: bool = False) -> None:
-        """Show what there is; where the user has asked for it, also that there is nothing."""
+        """Show the unsaved sessions; if the user has asked, also that there are none."""
         journals = self._dock.find_journals()
         for unsaved in journals:
             day = datetime.fromtimestamp(unsaved.time_s).strftime("%Y-%m-%d %H:%M")
@@ -49,7 +49,7 @@ class RecoveryOffer:
                 button = QPushButton(label, item)
                 button.clicked.connect(partial(self._answer, unsaved, action))
                 item.layout().addWidget(button)
-            self._end(unsaved.folder)  # shown once only
+            self._end(unsaved.folder)  # each is shown once
             self._items[unsaved.folder] = item
             self._bar.pushWidget(item, Qgis.MessageLevel.Warning)
         if is_asked and not journals:

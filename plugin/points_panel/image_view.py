@@ -1,4 +1,4 @@
-"""What is drawn over an image: predicted and measured positions, their residuals and names."""
+"""Drawing over an image: predicted and measured positions, residuals and names; and the view of an image."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ from ...processing_algorithms.point_session.rows import PANEL
 from ..translation import tr
 from .table_models import FAINT, SUSPICIOUS
 
-NAMED_POINTS = 60  # with more in view, only the chosen and the suspicious ones are named: no text could be read
-ARROW_PX = 30.0  # on the screen, of a residual of one pixel
+NAMED_POINTS = 60  # with more in view, only chosen and suspicious ones are named, so that the text is legible
+ARROW_PX = 30.0  # length on the screen of a residual of one pixel
 _ARM = 9.0
 _NOWHERE = (math.nan, math.nan)
-_BESIDE = 200.0  # on the screen: names and arrows of points that lie beside what is shown reach into it
-_DARK, _LIGHT = QColor(0, 0, 0), QColor(255, 255, 255)  # around texts
+_BESIDE = 200.0  # px on the screen: names and arrows of points outside the view may reach into it
+_DARK, _LIGHT = QColor(0, 0, 0), QColor(255, 255, 255)  # outlines of texts
 _HALO = [QPointF(across, down) for across in (-1.0, 0.0, 1.0) for down in (-1.0, 0.0, 1.0) if across or down]
 GOOD, PREDICTED, PROPOSED = QColor(255, 176, 0), QColor(90, 200, 255), QColor(80, 230, 120)
 
 
 @dataclass(frozen=True)
 class Marker:
-    """A point on one image (sample, line): where it is predicted and, if so, measured; its residual in px, or None.
+    """A point in one image (sample, line): predicted and, if measured, measured position; residual in px, or None.
 
-    ``proposed`` is where matching has found it, until somebody takes or refuses that.
+    ``proposed`` is the position found by matching, until the user accepts or rejects it.
     """
 
     name: str
@@ -65,20 +65,20 @@ class Marker:
 
 
 class PointMarkers(QgsMapCanvasItem):
-    """All points of an image: a ring where predicted, a cross where measured, an arrow for the residual."""
+    """All points of an image: a ring at the predicted, a cross at the measured position, an arrow for the residual."""
 
     def __init__(self, canvas: QgsMapCanvas) -> None:
         super().__init__(canvas)
         self._canvas = canvas
         self.markers: list[Marker] = []
-        self._xy = np.empty((0, 3, 2))  # of each marker: predicted, measured, proposed; NaN where it is not
-        self.segment: np.ndarray | None = None  # where the chosen point lies at the heights that it may have (k, 2)
+        self._xy = np.empty((0, 3, 2))  # of each marker: predicted, measured, proposed; NaN if missing
+        self.segment: np.ndarray | None = None  # positions of the chosen point at its possible heights (k, 2)
 
     def show_markers(self, markers: list[Marker]) -> None:
         self.markers = markers
         places = [[one.predicted, one.measured or _NOWHERE, one.proposed or _NOWHERE] for one in markers]
         self._xy = np.array(places, dtype=np.float64).reshape(-1, 3, 2)
-        self.update()  # the pixels below stay
+        self.update()  # the image below is not drawn again
 
     def boundingRect(self) -> QRectF:
         return QRectF(0.0, 0.0, self._canvas.width(), self._canvas.height())
@@ -90,7 +90,7 @@ class PointMarkers(QgsMapCanvasItem):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         corners = [self.toCanvasCoordinates(QgsPointXY(*place)) for place in ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0))]
         zero, *sides = np.array([[corner.x(), corner.y()] for corner in corners])
-        to_screen = np.array(sides) - zero  # rows: what a sample and a line are on the screen
+        to_screen = np.array(sides) - zero  # rows: one sample and one line on the screen
         on_screen = zero + self._xy @ to_screen
         turn = to_screen / max(np.hypot(*to_screen[0]), 1e-12)
         if self.segment is not None:
@@ -99,7 +99,7 @@ class PointMarkers(QgsMapCanvasItem):
         size = self._canvas.width(), self._canvas.height()
         near = ((on_screen > -_BESIDE) & (on_screen < np.add(size, _BESIDE))).all(axis=2).any(axis=1).nonzero()[0]
         are_named = len(near) <= NAMED_POINTS
-        crosses: dict[str, list[int]] = {}  # the markers of each colour that are a cross and an arrow, no more
+        crosses: dict[str, list[int]] = {}  # by colour: markers with a cross and an arrow only
         for index in near.tolist():
             marker = self.markers[index]
             if are_named or marker.measured is None or marker.is_chosen or marker.is_suspicious:
@@ -114,7 +114,7 @@ class PointMarkers(QgsMapCanvasItem):
     def _paint(
         self, painter: QPainter, marker: Marker, places: Sequence[QPointF], are_named: bool, turn: np.ndarray
     ) -> None:
-        """Draw a marker where it is predicted, measured and proposed on the screen, with its name."""
+        """Draw a marker at its predicted, measured and proposed positions on the screen, with its name."""
         predicted, measured, proposed = places
         at = predicted
         painter.setPen(QPen(PREDICTED, 1.2, Qt.PenStyle.DashLine))
@@ -131,10 +131,10 @@ class PointMarkers(QgsMapCanvasItem):
             at = measured
             _draw_crosses(painter, colour, [(at.x(), at.y())], [marker.residual_px], turn)
         if are_named or marker.is_chosen or marker.is_suspicious:
-            # A text that is read on bright and on dark ground: glyphs are kept drawn, outlines of letters are not
+            # A text that is legible on bright and dark ground: glyphs are cached, outlines of letters are not
             text, place = marker_label(marker), at + QPointF(_ARM + 2.0, -_ARM - 2.0)
             beyond = place.x() + painter.fontMetrics().horizontalAdvance(text) + 4.0 - self._canvas.width()
-            if beyond > 0.0 and at.x() < self._canvas.width():  # as far as it can be read
+            if beyond > 0.0 and at.x() < self._canvas.width():  # as far left as it is legible
                 place -= QPointF(beyond, 0.0)
             painter.setPen(_LIGHT if colour == SUSPICIOUS else _DARK)
             for aside in _HALO:
@@ -151,9 +151,9 @@ def _draw_crosses(
     painter: QPainter, colour: QColor, places: Sequence[tuple[float, float]],
     residuals_px: Sequence[tuple[float, float] | None], turn: np.ndarray,
 ) -> None:  # fmt: skip
-    """Draw crosses on the screen, and their residuals, all at once: one by one takes long with some hundred.
+    """Draw crosses on the screen, and their residuals, at once: one by one is slow for some hundred.
 
-    turn : (2, 2) directions of sample and line on the screen, in rows
+    turn : (2, 2) directions of sample and line on the screen, as rows
     """
     crosses = [QLineF(x - i, y - j, x + i, y + j) for i, j in ((_ARM, 0.0), (0.0, _ARM)) for x, y in places]
     arrows = [
@@ -168,7 +168,7 @@ def _draw_crosses(
 
 
 def marker_label(marker: Marker) -> str:
-    """Return a point's name with its residual."""
+    """Return the name of a point with its residual, or with the keys for a proposal."""
     if marker.proposed is not None:
         return f"{marker.name}  Y / X"
     if marker.residual_px is None:
@@ -179,15 +179,15 @@ def marker_label(marker: Marker) -> str:
 if TYPE_CHECKING:
     from ...processing_algorithms.point_session.views import View
 
-CANVAS_NAME = "hrsi image view"  # for what QGIS does with canvases in projects
-SETTLE_MS = 250  # after a zoom, until the contrast follows
+CANVAS_NAME = "hrsi image view"  # by which QGIS stores canvases in projects
+SETTLE_MS = 250  # time after a zoom until the contrast is updated
 STRETCH_PIXELS = 20_000
-ACTIVE = "#ffb000"  # the frame of the view that the keyboard acts on, seen with bright and dark themes
+ACTIVE = "#ffb000"  # frame of the active view, visible in bright and dark themes
 STRETCH = QgsContrastEnhancement.ContrastEnhancementAlgorithm.StretchToMinimumMaximum
 
 
 class ImageCanvas(QgsMapCanvas):
-    """Tells by what factor the wheel has zoomed."""
+    """Emits the factor by which the wheel has zoomed."""
 
     zoomed = pyqtSignal(float)
 
@@ -198,14 +198,14 @@ class ImageCanvas(QgsMapCanvas):
 
 
 class ImageView(QWidget):
-    """A chooser for the image and its band, its canvas with the points, and the chip of the last fit.
+    """A chooser of the image and its band, a canvas with the points, and the chip of the last fit.
 
-    The wheel zooms, the middle button or the space bar pans. ``gammas`` are those of the images, by id.
+    The wheel zooms, the middle button or the space bar pans. ``gammas`` has the gamma of each image, by id.
     """
 
     clicked = pyqtSignal(str, float, float)  #: image id, sample, line
     image_chosen = pyqtSignal(str)
-    whole_asked = pyqtSignal(str)  #: image id: to be seen as a whole
+    whole_asked = pyqtSignal(str)  #: image id: to be shown completely
 
     def __init__(self, parent: QWidget, gammas: dict[str, float]) -> None:
         super().__init__(parent)
@@ -214,7 +214,7 @@ class ImageView(QWidget):
         self._gammas = gammas
         self.canvas = ImageCanvas(self)
         self.canvas.setObjectName(CANVAS_NAME)
-        project = QgsProject.instance()  # after the canvas, which connects itself to the same signals
+        project = QgsProject.instance()  # after the canvas, which connects to the same signals
         project.writeProject.connect(self._leave_project)
         project.cleared.connect(self._note_extent)
         project.readProject.connect(self._return)
@@ -236,8 +236,8 @@ class ImageView(QWidget):
         self.gamma.valueChanged.connect(self._set_gamma)
         self.whole.clicked.connect(lambda: self.whole_asked.emit(self.image()))
         self._layer: QgsRasterLayer | None = None
-        self.grey_range = 0.0, 1.0  #: that become black and white
-        self._stretched: tuple[Any, ...] = ()  # what the contrast was made for
+        self.grey_range = 0.0, 1.0  #: grey values shown as black and white
+        self._stretched: tuple[Any, ...] = ()  # parameters of the present contrast
         self._shown = QgsRectangle(), 0.0  #: extent and rotation before a project is read
         self._arrange()
 
@@ -263,7 +263,7 @@ class ImageView(QWidget):
         layout.setSpacing(2)
         layout.addLayout(top)
         layout.addWidget(self.canvas, 1)
-        self.chip.setParent(self.canvas)  # over a corner of the image, which keeps its size
+        self.chip.setParent(self.canvas)  # over a corner of the image, whose size does not change
         self.chip.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.chip.move(4, 4)
 
@@ -271,7 +271,7 @@ class ImageView(QWidget):
         return self.chooser.currentText()
 
     def show_choice(self, images: Sequence[str], chosen: str) -> None:
-        """Offer these images without telling anyone."""
+        """Set the list of images and the chosen one, without a signal."""
         self.chooser.blockSignals(True)
         if [self.chooser.itemText(row) for row in range(self.chooser.count())] != list(images):
             self.chooser.clear()
@@ -280,7 +280,7 @@ class ImageView(QWidget):
         self.chooser.blockSignals(False)
 
     def show_view(self, view: View | None, markers: list[Marker], is_north_up: bool) -> None:
-        """Show an image around a position; without pixels only where the points are."""
+        """Show an image around a position; without pixels only the markers."""
         for widget in (self.band, self.gamma, self.whole):
             widget.setEnabled(view is not None and bool(view.source))
         if view is None or not view.source:
@@ -288,7 +288,7 @@ class ImageView(QWidget):
             self._layer = None
         else:
             if self._layer is None or self._layer.source() != view.source:
-                options = QgsRasterLayer.LayerOptions(False)  # without looking at the pixels: that reads a whole scene
+                options = QgsRasterLayer.LayerOptions(False)  # no statistics: these read a complete scene
                 options.skipCrsValidation = True
                 self._layer = QgsRasterLayer(view.source, self.image(), "gdal", options)
                 self.band.setMaximum(max(self._layer.bandCount(), 1))
@@ -303,7 +303,7 @@ class ImageView(QWidget):
             self.show_place(view.middle, (view.half_px, view.half_px))
 
     def show_place(self, middle: tuple[float, float], half: tuple[float, float] | None = None) -> None:
-        """Show the surroundings of a place (sample, line), ``half`` pixels to each side; without, as wide as now."""
+        """Show the surroundings of a position (sample, line), ``half`` pixels to each side; None keeps the scale."""
         if half is None:
             self.canvas.setCenter(QgsPointXY(middle[0], -middle[1]))
         else:
@@ -313,12 +313,12 @@ class ImageView(QWidget):
         self.canvas.refresh()
 
     def mark_active(self, is_active: bool) -> None:
-        """Show whether the keyboard acts on this view."""
-        colour = ACTIVE if is_active else "transparent"  # of the same width: the image stays as it is
+        """Show whether this is the active view, on which the keyboard acts."""
+        colour = ACTIVE if is_active else "transparent"  # equal width: the image does not move
         self.canvas.setStyleSheet(f"QgsMapCanvas {{ border: 2px solid {colour}; }}")
 
     def _leave_project(self, document: QDomDocument) -> None:
-        """Take the view out of a project that is written: QGIS would keep all its canvases there."""
+        """Remove the view from a project that is written: QGIS stores all its canvases there."""
         found = document.elementsByTagName("mapcanvas")
         for canvas in [found.at(index).toElement() for index in range(found.length())]:
             if canvas.attribute("name") == CANVAS_NAME:
@@ -328,14 +328,14 @@ class ImageView(QWidget):
         self._shown = self.canvas.mapSettings().extent(), self.canvas.rotation()
 
     def _return(self, _document: QDomDocument) -> None:
-        """Show again what was shown before a project was read: QGIS sets all its canvases to what the project holds."""
+        """Restore the view from before a project was read: QGIS sets all its canvases to those of the project."""
         self.canvas.setDestinationCrs(QgsCoordinateReferenceSystem())
         extent, rotation = self._shown
         self.canvas.setRotation(rotation)
         self.canvas.setExtent(extent)
 
     def let_go(self) -> None:
-        """Stop drawing, and drop the image, before the view is deleted: its threads would outlive it."""
+        """Stop drawing, and remove the image, before the view is deleted: otherwise its threads would continue."""
         project = QgsProject.instance()
         project.writeProject.disconnect(self._leave_project)
         project.cleared.disconnect(self._note_extent)
@@ -346,11 +346,11 @@ class ImageView(QWidget):
         self._layer = None
 
     def _stretch(self) -> None:
-        """Stretch the contrast to what is in view."""
+        """Stretch the contrast to the visible part of the image."""
         layer, band, extent = self._layer, self.band.value(), self.canvas.extent()
-        if layer is None or extent.isEmpty():  # a canvas begins without an extent, which is infinite in QGIS 3.40
+        if layer is None or extent.isEmpty():  # a new canvas has no extent, which is infinite in QGIS 3.40
             return
-        step = max(extent.width(), 1.0) / 4.0  # a view that moves less shows nearly the same
+        step = max(extent.width(), 1.0) / 4.0  # after smaller moves the content is nearly equal
         wanted = (
             layer.id(),
             band,
@@ -388,7 +388,7 @@ _NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org
 
 
 class ChipLabel(QLabel):
-    """Shows a chip (SVG) over a corner of its parent; nothing before the first fit."""
+    """Shows a chip (SVG) over a corner of its parent; hidden before the first fit."""
 
     def show_chip(self, svg: str) -> None:
         self.setPixmap(render_chip(svg))
@@ -401,8 +401,8 @@ class ChipLabel(QLabel):
 
 
 def render_chip(svg: str, side_px: int = LABEL_SIDE_PX) -> QPixmap:
-    """Return an SVG drawn at this size; a null pixmap where there is none."""
-    # An SVG made for web pages as Qt wants it: with name spaces, and the image in the older attribute
+    """Return an SVG drawn at this size; a null pixmap if it is empty or invalid."""
+    # An SVG for web pages, changed for Qt: with name spaces, and the image in the older attribute
     for_qt = svg.replace("<svg ", f"<svg {_NAMESPACES} ", 1).replace(' href="data:', ' xlink:href="data:')
     renderer = QSvgRenderer(QByteArray(for_qt.encode("utf-8")))
     if not svg or not renderer.isValid():

@@ -1,4 +1,4 @@
-"""The widgets of the panel and where they stand; what they do is connected by the dock."""
+"""The widgets of the panel and their arrangement; the dock connects their signals."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ if TYPE_CHECKING:
 VIEW_NUMBERS = (1, 2, 3, 4, 6, 9)
 FIRST_VIEWS = 2
 EMPTY = "New… begins a block with images and points; Open… continues with the block.gpkg of a result or of a session."
-PAGES = "Points", "Residuals", "Verdict"  #: above the tables
-SHOWN_LETTERS = 9  # of a model, beside the arrow; the list has it in full
-PICTURE_SIDE_PX = 110  # of a photograph or chip beside the images
+PAGES = "Points", "Residuals", "Verdict"  #: titles of the tabs
+SHOWN_LETTERS = 9  # of a model in the box; the list has the complete name
+PICTURE_SIDE_PX = 110  # of a photograph or chip next to the images
 PHOTO_WIDTH_PX = 600  # of a photograph in a tool tip
-SIZED_ROWS = 30  # of a table, that the widths of its columns are made for
+SIZED_ROWS = 30  # rows that determine the widths of columns
 KIND_TIP = "What is clicked: a round or closed object, two straight edges, or only this position"
 
 
 class Choices(QStyledItemDelegate):
-    """A cell that takes one of a few words."""
+    """A cell with a choice of a few words."""
 
     def __init__(self, words: Sequence[str], parent: QWidget) -> None:
         super().__init__(parent)
@@ -70,7 +70,7 @@ class Choices(QStyledItemDelegate):
 
 
 class PanelLayout(QWidget):
-    """Tool bar, the two tables, the images, and a line that tells what happened."""
+    """Tool bars, tables, images, and a line for messages."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -206,7 +206,7 @@ class PanelLayout(QWidget):
             layout.addWidget(bar)
         layout.addWidget(self.whole, 1)
         layout.addWidget(self.empty, 1)
-        # Two lines for what is told, with the progress beside: where they came and went the images would jump
+        # Two lines for messages, next to the progress: with a variable height the images would jump
         self.message.setMinimumHeight(2 * self.message.fontMetrics().lineSpacing())
         self.progress.setMaximumWidth(150)
         bottom = QHBoxLayout()
@@ -215,13 +215,13 @@ class PanelLayout(QWidget):
         layout.addLayout(bottom)
 
     def action_of(self, event: QKeyEvent) -> QAction | None:
-        """Return the action whose keys are pressed, None for none that can be done now."""
+        """Return the enabled action whose keys are pressed, None if there is none."""
         is_qt6 = hasattr(event, "keyCombination")
         keys = QKeySequence(event.keyCombination() if is_qt6 else int(event.modifiers()) | event.key())
         return next((one for one in self.actions() if one.isEnabled() and one.shortcut() == keys), None)
 
     def show_views(self, number: int) -> list[ImageView]:
-        """Arrange so many images in a grid, about as wide as high; return those that are new."""
+        """Arrange ``number`` images in a grid, about as wide as high; return the new views."""
         new = [ImageView(self.grid, self.gammas) for _ in range(len(self.views), number)]
         self.views += new
         grid = self.places
@@ -231,7 +231,7 @@ class PanelLayout(QWidget):
             view.setVisible(index < number)
             if index < number:
                 grid.addWidget(view, index // columns, index % columns)
-        for row in range(grid.rowCount()):  # all of one size, and rows that are gone of none
+        for row in range(grid.rowCount()):  # equal sizes; 0 for unused rows
             grid.setRowStretch(row, int(row * columns < number))
         for column in range(grid.columnCount()):
             grid.setColumnStretch(column, int(column < columns))
@@ -241,7 +241,7 @@ class PanelLayout(QWidget):
         return [view for view in self.views if view.isVisibleTo(self.grid)]
 
     def show_models(self, points: Any, measurements: Any, residuals: Any) -> None:
-        """Show these tables, with a choice of words where a cell takes one of a few."""
+        """Show these tables, with a choice of words for cells that have one."""
         for table, model, title, words in (
             (self.points, points, "role", ROLES),
             (self.measurements, measurements, "kind", CLICK_KINDS),
@@ -252,12 +252,12 @@ class PanelLayout(QWidget):
             table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
 
     def fit_columns(self) -> None:
-        """Make the tables' columns as wide as what is in them; doing so with every edit takes longer than the edit."""
+        """Fit the columns of the tables to their content; not after every edit, because it takes longer than that."""
         for table in (self.points, self.measurements, self.residuals):
             table.resizeColumnsToContents()
 
     def show_verdict(self, adjusted: AdjustmentView | None, remark: str) -> None:
-        """List the verdict and its reasons with what they concern; ``remark`` says what is to be known before."""
+        """List the verdict and its reasons, with the points and images of each; ``remark`` is listed first."""
         if self._verdict_of == (adjusted, remark):
             return
         self._verdict_of = adjusted, remark
@@ -275,7 +275,7 @@ class PanelLayout(QWidget):
             item.setData(Qt.ItemDataRole.UserRole, reason)
 
     def show_pictures(self, pictures: Iterable[PointPicture]) -> None:
-        """Show photographs and chips beside the images; without any there is more room for these."""
+        """Show photographs and chips next to the images; without any, the images get their space."""
         self.pictures.clear()
         for one in pictures:
             if one.path:  # read at the size of an icon: photographs are large
@@ -300,14 +300,14 @@ class PanelLayout(QWidget):
         self.message.setText(text)
 
     def enable_answers(self, has_proposals: bool) -> None:
-        """Offer to take or refuse what matching has found."""
+        """Enable or disable the answers to proposals of matching."""
         for action in (self.accept, self.accept_all, self.reject):
             action.setEnabled(has_proposals)
 
     def enable(
         self, session: PointSession, has_point: bool, is_adjusting: bool, has_map: bool, has_proposals: bool
     ) -> None:
-        """Offer what can be done now."""
+        """Enable the actions that are possible now."""
         has_images, history = bool(session.images), session.history
         self.enable_answers(has_proposals)
         self.whole.setVisible(has_images)
@@ -334,7 +334,7 @@ def _open_photo(item: QListWidgetItem) -> None:
 
 
 def _action(bar: QToolBar, text: str, tip: str, keys: str = "") -> QAction:
-    """Return a new action of a tool bar, in the user's language; its keys work wherever the panel has the focus."""
+    """Return a new action of a tool bar, in the user's language; its keys work if any part of the panel has focus."""
     text, tip = tr(text), tr(tip) if tip else ""
     action = bar.addAction(text)
     action.setToolTip(f"{tip} ({keys})" if keys else tip)

@@ -1,4 +1,4 @@
-"""The panel and the main window: places in its map, and which block the panel shows, kept in the project."""
+"""The panel and the main window: positions on its map, and the panel's block, stored in the project."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _MARK = QColor(255, 176, 0)
 
 
 class MapLink:
-    """Asks for a place with a click in the map, and marks the chosen point there; ``canvas`` None: there is no map."""
+    """Asks for a position by a click on the map, and marks the chosen point there; ``canvas`` None: there is no map."""
 
     def __init__(self, canvas: QgsMapCanvas | None) -> None:
         self.canvas = canvas
@@ -38,7 +38,7 @@ class MapLink:
         canvas.setMapTool(self._tool)
 
     def stop(self) -> None:
-        """Give the map back to the tool that it had."""
+        """Restore the previous tool of the map."""
         if self.canvas is None or self._tool is None:
             return
         if self.canvas.mapTool() is self._tool:
@@ -46,7 +46,7 @@ class MapLink:
         self._tool = None
 
     def mark(self, lonlat: tuple[float, float] | None) -> None:
-        """Show where a point is; None takes the mark away."""
+        """Mark a position on the map; None removes the mark."""
         if self.canvas is None:
             return
         if self._mark is not None:
@@ -66,7 +66,7 @@ class MapLink:
 
 
 def lonlat_of(canvas: QgsMapCanvas, point: QgsPointXY) -> tuple[float, float]:
-    """Return longitude and latitude of a place in the CRS of a map."""
+    """Return longitude and latitude of a position in the CRS of a map."""
     of_map = canvas.mapSettings().destinationCrs()
     if not of_map.isValid():
         return point.x(), point.y()
@@ -80,7 +80,7 @@ _SCOPE = "hrsi"
 
 @dataclass(frozen=True)
 class PanelState:
-    """The block's GeoPackage (as the project keeps paths: relative or not), model, kind of target and chosen point."""
+    """Path of the block's GeoPackage, model, kind of target, and chosen point."""
 
     path: str = ""
     model: str = "auto"
@@ -89,14 +89,14 @@ class PanelState:
 
 
 def store(state: PanelState, project: QgsProject) -> None:
-    """Write the state into a project; the user saves it with the project."""
+    """Write the state into a project, in which the user saves it."""
     project.writeEntry(_SCOPE, "/points/path", project.writePath(state.path) if state.path else "")
     for name in ("model", "kind", "point"):
         project.writeEntry(_SCOPE, f"/points/{name}", getattr(state, name))
 
 
 def restore_state(project: QgsProject) -> PanelState:
-    """Return the state that a project keeps."""
+    """Return the state that is stored in a project."""
     default = PanelState()
     path = project.readEntry(_SCOPE, "/points/path", "")[0]
     others = {

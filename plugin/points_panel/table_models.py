@@ -1,4 +1,4 @@
-"""The tables: the known points, the images of the chosen one, all residuals. Edits go straight to the session."""
+"""The tables: known points, the chosen point in all images, all residuals. Edits are passed to the session."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -16,26 +16,26 @@ from ..translation import tr
 
 SUSPICIOUS = QColor(215, 25, 28)
 FAINT = QColor(130, 130, 130)
-NUMBER_ALIGNMENT = 0x82  #: AlignRight | AlignVCenter as a number: Qt 5 wants one here, and flags of Qt 6 are none
+NUMBER_ALIGNMENT = 0x82  #: AlignRight | AlignVCenter as a number, which Qt 5 needs; flags of Qt 6 are no numbers
 _NOWHERE = QModelIndex()
 
 
 def format_number(value: float, digits: int) -> str:
-    """Return a number for a cell, nothing where there is none."""
+    """Return a number for a cell, empty for NaN."""
     return "" if math.isnan(value) else f"{value:z.{digits}f}"
 
 
 def number_of(text: Any) -> float:
-    """Return what was typed into a cell: NaN where it was emptied; raise ValueError for no number."""
+    """Return the number typed into a cell, NaN for an empty one; raise ValueError for other text."""
     text = str(text).strip().replace(",", ".")
     return float(text) if text else math.nan
 
 
 class RowsModel(QAbstractTableModel):
-    """A table of rows of the session with a title, a text and, where it can be edited, a setter for each column."""
+    """A table of rows of the session: each column has a title, a text and, if it can be edited, a setter."""
 
     edited = pyqtSignal()
-    refused = pyqtSignal(str)  #: an edit that the session did not take, and why
+    refused = pyqtSignal(str)  #: an edit that the session refused: the reason
     titles: Sequence[str] = ()
     editable: Sequence[str] = ()
 
@@ -43,7 +43,7 @@ class RowsModel(QAbstractTableModel):
         super().__init__()
         self.session = session
         self.rows: list[Any] = []
-        self._order = -1, False  # the column that is sorted by, and whether the largest is first
+        self._order = -1, False  # column for sorting, and whether the largest is first
 
     def rowCount(self, parent: QModelIndex = _NOWHERE) -> int:
         return 0 if parent.isValid() else len(self.rows)
@@ -69,7 +69,7 @@ class RowsModel(QAbstractTableModel):
         if role == Qt.ItemDataRole.ForegroundRole:
             return SUSPICIOUS if row.suspicion else self.colour(row)
         if role == Qt.ItemDataRole.DecorationRole and row.suspicion and index.column() == 0:
-            return SUSPICIOUS  # seen where the row is selected, too
+            return SUSPICIOUS  # visible also if the row is selected
         if role == Qt.ItemDataRole.ToolTipRole:
             tip = row.suspicion or self.tip(row)
             return as_rich_text(tip) if tip else None
@@ -91,7 +91,7 @@ class RowsModel(QAbstractTableModel):
         return True
 
     def refresh(self) -> None:
-        """Show the session as it is now; the selection stays with its row where no row comes or goes."""
+        """Show the present session; the selection keeps its row if no row is added or removed."""
         column, is_descending = self._order
         rows = self.current_rows()
         if column >= 0:
@@ -113,16 +113,16 @@ class RowsModel(QAbstractTableModel):
             self.endResetModel()
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
-        """Sort by a column, numbers by their size without sign; -1: in the order of the session."""
+        """Sort by a column, numbers by their magnitude; -1: in the order of the session."""
         self._order = column, order == Qt.SortOrder.DescendingOrder
         self.refresh()
 
     def row_of(self, *key: str) -> int:
-        """Return where a row stands, -1 where it is not in the table."""
+        """Return the number of a row, -1 if it is not in the table."""
         return next((index for index, row in enumerate(self.rows) if self.key(row) == key), -1)
 
     def key(self, row: Any) -> tuple[str, ...]:
-        """Return what tells a row from all others."""
+        """Return the unique key of a row."""
         raise NotImplementedError
 
     def current_rows(self) -> list[Any]:
@@ -162,7 +162,7 @@ _SIGMAS = {"sigma xy m": "sigma_xy", "sigma h m": "sigma_h"}
 
 
 class PointsModel(RowsModel):
-    """The known points."""
+    """The table of known points."""
 
     titles = tuple(_POINT_TEXT)
     editable = ("role", *_SIGMAS)
@@ -198,7 +198,7 @@ _RESIDUAL_TEXT: dict[str, Callable[[ResidualRow], str]] = {
 
 
 class ResidualsModel(RowsModel):
-    """All measurements with their residuals, the worst first, or those of some images or points."""
+    """The table of all measurements with their residuals, the largest first, or of some images or points."""
 
     titles = tuple(_RESIDUAL_TEXT)
     editable = ("role",)
@@ -208,7 +208,7 @@ class ResidualsModel(RowsModel):
         self._images, self._points = frozenset[str](), frozenset[str]()
 
     def show_only(self, images: Iterable[str] = (), points: Iterable[str] = ()) -> None:
-        """Show the measurements on these images, and of these points; empty stands for all."""
+        """Show the measurements in these images, and of these points; empty: all."""
         self._images, self._points = frozenset(images), frozenset(points)
         self.refresh()
 
@@ -244,7 +244,7 @@ _MEASUREMENT_FIELDS = {"sample": "sample", "line": "line", "sigma px": "sigma"}
 
 
 class MeasurementsModel(RowsModel):
-    """The chosen point on every image; emptying sample or line removes a measurement."""
+    """The table of the chosen point in every image; emptying sample or line removes a measurement."""
 
     titles = tuple(_MEASUREMENT_TEXT)
     editable = (*_MEASUREMENT_FIELDS, "kind")
@@ -264,7 +264,7 @@ class MeasurementsModel(RowsModel):
         return _MEASUREMENT_TEXT[title](row)
 
     def edit(self, row: MeasurementRow, title: str, value: Any) -> None:
-        """Enter a value; where a point was not measured yet, the other coordinate is the predicted one."""
+        """Enter a value; if the point was not measured, the other coordinate is the predicted one."""
         measured = row.measured or ImageMeasurement(*row.predicted, kind=CLICK_KINDS[-1])
         if title == "kind":
             changed = replace(measured, kind=str(value))
