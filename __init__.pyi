@@ -49,14 +49,14 @@ def open(
         An image that GDAL opens, or an RPC file alone (``_RPC.TXT``, ``.RPB``, DIMAP or ISD XML, ``.geom``); an array
         ``(lines, samples)`` of grey values, which needs ``rpc``.
     rpc : RPC or path, optional
-        A camera to be used instead of the image's own; an RPC, what `read_rpc` returned, or a file.
+        A camera to be used instead of the image's own: an RPC, the result of `read_rpc`, or a file.
     id : str, optional
         Name in the block; by default the file's stem without a trailing ``_RPC``.
 
     Returns
     -------
     Image or list of Image
-        With ``rpc``, ``size`` and a way to the pixels; a list for a sequence.
+        With ``rpc``, ``size`` and access to the pixels; a list for a sequence.
 
     Raises
     ------

@@ -173,7 +173,7 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
         departure[order[span][here]] = (y[here] - computed) / sigma[here]
         judged[order[span][here]] = np.repeat(size >= PARALLAX.least_for_scale, size)
 
-    rng = np.random.default_rng(1)  # the same planes every time
+    rng = np.random.default_rng(1)  # reproducible planes
     parts = [part for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE) if len(part)]
     three = [
         rng.integers(0, PARALLAX.sample, (int((count[p] >= PARALLAX.least_for_plane).sum()), PARALLAX.planes_tried, 3))

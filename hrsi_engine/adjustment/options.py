@@ -58,7 +58,7 @@ class HOLD_OUT:
 
 @options
 class AdjustOptions:
-    """Options of an adjustment; their descriptions are also the help on the command line and in the dialogs.
+    """How to adjust; the descriptions of the options are also their help on the command line and in the dialogs.
 
     Parameters
     ----------

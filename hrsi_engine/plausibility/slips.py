@@ -27,7 +27,7 @@ from ..ground.map_crs import UPS_NORTH, UPS_SOUTH, map_epsg, utm_zone
 from .control import ControlMeasurements
 
 FEET_M = 0.3048
-DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG
+DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG codes
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
                 "image-scale", f"image coordinates belong to an image with pixels {text}",
                 "measure on the image itself, or multiply the coordinates", length=factor,
             ),
-            partial(lambda xy, image, factor: (xy + 0.5) * factor - 0.5, factor=factor),  # a corner is common to both
+            partial(lambda xy, image, factor: (xy + 0.5) * factor - 0.5, factor=factor),  # the corners of both coincide
         )
         for factor, text in SCALES
     ),

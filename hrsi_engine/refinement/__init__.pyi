@@ -1,20 +1,20 @@
 """Refinement of RPCs: models for correcting a camera, all with one interface (`model.RefinementModel`).
 
-| module             | contains                                                                            |
-|--------------------|----------------------------------------------------------------------------------|
-| model              | the interface, priors                                                             |
-| model_table        | the models' names, titles and settings, how to refine an image; no numerics      |
-| models             | all models by their names                                                          |
-| image_space        | bias compensation: polynomials of the image position                             |
-| object_coordinates | polynomials of the ground position, added in the image                           |
-| object_space       | corrections of the ground position                                               |
-| pseudo_rays        | pseudo light rays of image points                                                |
-| pseudo_sensor      | the generic method: corrections of a pseudo sensor                               |
-| corrected_rays     | … its formula: intersection of a corrected ray, and the equations             |
-| compiled_cameras   | the equations of many image points by compiled loops over the models' formulas   |
-| estimate           | parameters of one image from its GCPs                                            |
-| selection          | choice of the model from the GCPs, and contradicting GCPs                            |
-| refine             | one image from GCPs: checks, selection, estimation, comparison of models         |
+| module             | contains                                                                       |
+|--------------------|--------------------------------------------------------------------------------|
+| model              | the interface, priors                                                          |
+| model_table        | the models' names, titles and settings, how to refine an image; no numerics    |
+| models             | all models by their names                                                      |
+| image_space        | bias compensation: polynomials of the image position                           |
+| object_coordinates | polynomials of the ground position, added in the image                         |
+| object_space       | corrections of the ground position                                             |
+| pseudo_rays        | pseudo light rays of image points                                              |
+| pseudo_sensor      | the generic method: corrections of a pseudo sensor                             |
+| corrected_rays     | … its formula: intersection of a corrected ray, and the equations              |
+| compiled_cameras   | the equations of many image points by compiled loops over the models' formulas |
+| estimate           | parameters of one image from its GCPs                                          |
+| selection          | choice of the model from the GCPs, and contradicting GCPs                      |
+| refine             | one image from GCPs: checks of the points, selection of the model, estimation  |
 """
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.

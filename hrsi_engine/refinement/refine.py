@@ -42,11 +42,11 @@ class HasRpc(Protocol):
 
     @property
     def rpc(self) -> RPC:
-        """The camera."""
+        """The RPC."""
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """Samples and lines."""
+        """Numbers of samples and lines, None if they are not known."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -128,7 +128,7 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
         The model, the reason for it and the suspected GCPs.
     """
     rows, points = block.measurements, block.points
-    located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]  # in plan and height
+    located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]  # surveyed in plan and height
     with_gcps = np.unique(rows.image[located]).tolist()
     few = block.with_measurements(located)  # leaves out millions of tie points
     choice = RULES[rule]([(block.images[index], select_control(few, index, Role.GCP)) for index in with_gcps])

@@ -1,4 +1,4 @@
-"""What an adjustment is turned into: residuals, statistics, figures of the report, tables, layers; each rule once."""
+"""Results of an adjustment: residuals, statistics, figures of the report, tables, layers; each rule in one place."""
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 

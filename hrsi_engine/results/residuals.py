@@ -175,7 +175,7 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
     residual[single, 2] = np.nan
     known = np.flatnonzero(block.known)
     surveyed = np.isfinite(block.points.survey_covariance_m2(known).diagonal(axis1=1, axis2=2))
-    residual[known] = np.where(surveyed, residual[known], np.nan)  # nothing to compare with
+    residual[known] = np.where(surveyed, residual[known], np.nan)  # no survey to compare with
     return residual
 
 

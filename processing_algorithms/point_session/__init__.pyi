@@ -1,9 +1,9 @@
-"""Measuring ground points on the images of a block: the state behind the panel of the QGIS plugin, without any GUI.
+"""Measuring ground points in the images of a block: the state of the panel of the QGIS plugin, without any GUI.
 
-`PointSession` holds images, known points and measurements and edits them; `files` opens and saves it as a block's
-GeoPackage; `recovery` keeps what is not saved yet; `chips` finds GCPs that were measured in other blocks; `targets`
-measures where the user clicked; `adjusting` adjusts a snapshot, in a thread of its own.
-Importing this package is quick: its functions, and what they need, are imported when they are first called.
+`PointSession` contains images, known points and measurements, and edits them; `files` opens and saves it as the
+GeoPackage of a block; `recovery` stores unsaved edits; `chips` finds GCPs that were measured in other blocks; `targets`
+measures targets near clicks; `adjusting` adjusts a block in a thread of its own.
+Importing this package is quick: its functions and their modules are imported when they are first called.
 """
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.

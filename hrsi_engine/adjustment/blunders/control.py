@@ -140,7 +140,7 @@ def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
         return []
     if gcps <= GCP_TESTS.most_together:
         return _SuspectSearch(control, sigmas, gcps).find_suspect_gcps()
-    suspects = []  # neighbourhood by neighbourhood
+    suspects = []  # one neighbourhood after the other
     first = np.flatnonzero(np.r_[True, control.point[1:] != control.point[:-1]])
     related = np.add.reduceat(np.add.reduceat(control.s**2, first, axis=0), first, axis=1)
     related /= np.sqrt(related.diagonal()[:, None] * related.diagonal())
@@ -220,7 +220,7 @@ class _SuspectSearch:
         """Return the group of ``size`` GCPs without which the others agree best."""
         if special.binom(self.gcps, size) <= GCP_TESTS.all_subsets:
             return max(combinations(range(self.gcps), size), key=lambda group: self.test_group(group)[0])
-        rng = np.random.default_rng(1)  # the same starts every time
+        rng = np.random.default_rng(1)  # reproducible starts
         alone = np.array([self.test_group((gcp,))[0] for gcp in range(self.gcps)])
         starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(GCP_TESTS.starts))]
         after: dict[tuple[int, ...], tuple[int, ...]] = {}  # steps that several starts share

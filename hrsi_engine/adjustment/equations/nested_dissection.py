@@ -35,8 +35,8 @@ from ...foundation.workers.threads import are_one_thread_calls, thread_count
 from . import dense_matrices as dense
 
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: calls would cost more than arithmetic
-WORTH_THREADS = 8  # fronts
-MIRRORED_AT_ONCE = 64  # rows
+WORTH_THREADS = 8  # fewest fronts that are processed in parallel
+MIRRORED_AT_ONCE = 64  # rows of a symmetric result
 
 Runs = Sequence[tuple[slice, slice]]  # parts of a matrix's rows, and their rows in another matrix
 

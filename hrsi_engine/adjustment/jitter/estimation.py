@@ -68,7 +68,7 @@ class JITTER_CURVES:
     most_rounds: int = threshold(3, "rounds", "of estimating curves and adjusting")
 
 
-ROBUST_STEPS = 3  # in which points get their weights
+ROBUST_STEPS = 3  # in which the robust weights of points are updated
 
 
 class _Rows(NamedTuple):

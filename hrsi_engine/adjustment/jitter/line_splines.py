@@ -22,7 +22,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU
 
 LOW_DEGREES = 2  # constant and linear, which RPC corrections contain
-MOST_LOW_DEGREES = 4  # to the cubic
+MOST_LOW_DEGREES = 4  # up to the cubic
 NODES = 48  # lines over which a variance is averaged, which changes near the ends
 
 

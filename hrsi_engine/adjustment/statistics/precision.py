@@ -36,7 +36,7 @@ class RELIABILITY:
 
 
 LEAST_SIGMA_M = 1e-6  # smallest sigma of a position, so that points without error have a CE90, too
-DIRECTIONS = 16  # of a half circle, over which an error ellipse is integrated; 1e-4 of a CE90
+DIRECTIONS = 16  # of a half circle, in which an error ellipse is integrated: errors of a CE90 are 1e-4
 #: Factors of 90 % limits of normal errors: circle, from the radial RMSE (NSSDA); symmetric interval, from the RMSE.
 CIRCLE_90, LINE_90 = 1.5175, 1.6449
 

@@ -79,7 +79,7 @@ def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for such check points of images refined separately, which have no predicted ground accuracy."""
+    """Yield the reason for check points that misfit images refined separately (without predicted ground accuracy)."""
     if not np.isfinite(evidence.result.ground_covariance_m2).any():
         yield from _find_misfit(evidence, Role.CHECK, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit)
 
