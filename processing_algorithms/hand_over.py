@@ -74,7 +74,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
     gsd = float(
         np.median([np.hypot(view.gsd_sample_m, view.gsd_line_m) / np.sqrt(2.0) for view in geometries.values()])
     )
-    surveyed = points.select(np.zeros(len(points), dtype=bool)) if surveyed is None else surveyed  # a block of ties
+    surveyed = points.select(np.zeros(len(points), dtype=bool)) if surveyed is None else surveyed  # no surveyed points
     project = BlockProject(
         tuple(images), tuple(pairs), area, not options.extent, surface, gsd,
         map_epsg(area.centroid.x, area.centroid.y), not options.link,

@@ -21,13 +21,13 @@ JITTER_COLUMNS = ("image", "line", "d_sample", "d_line", "sigma_sample", "sigma_
 
 @thresholds
 class JITTER_FILES:
-    """When a file of jitter belongs to an RPC."""
+    """When a jitter file belongs to an RPC."""
 
     same_px: float = threshold(0.02, "px", "difference of a computed position up to which an RPC is the same", "text")
 
 
 def write_jitter(path: str, curves: Mapping[str, JitterCurve], rpcs: Mapping[str, RPC]) -> None:
-    """Write the curves of images with their refined RPCs, both by the images' ids."""
+    """Write the jitter curves of images; ``rpcs`` are their refined RPCs, which the file identifies. Keys are ids."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         file.write("# image position (px) = position by the RPC + displacement at its line; HRSI\n")
         rows = csv.writer(file)

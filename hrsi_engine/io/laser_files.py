@@ -171,7 +171,7 @@ HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 
 @thresholds
 class GRANULE_FILL:
-    """Which numbers of a granule stand for no value."""
+    """Numbers of a granule that mean a missing value."""
 
     largest: float = threshold(1e30, "m", "largest value", "the products fill with 3.4e38")
     lowest: float = threshold(-9990.0, "m", "lowest value", "the products fill with -9999")

@@ -462,7 +462,7 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def transfer(self, images: Sequence[str] = (), is_asked: bool = True) -> None:
-        """Look for the chosen point by matching in the images (all) that should show it, and wait for an answer."""
+        """Search the chosen point by matching in images (default: all) that should contain it; propose positions."""
         found = point_session.find_transfers(self.session, self.point(), images)
         self.proposals |= {image: one for image, one in found.items() if not one.refusal}
         for view in self.ui.list_views():

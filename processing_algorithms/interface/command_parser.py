@@ -39,7 +39,7 @@ IMAGES_TITLE, MAIN_TITLE, OUTPUT_TITLE, ADVANCED_TITLE, COMMON = (
 COMMON_KEYS = {param.key for param in COMMON_PARAMS}  #: options that every algorithm has
 _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 
-#: Number of words of options of a kind; every other kind has one.
+#: Settings of argparse for options of a kind; options of every other kind take one word.
 SPELLING: dict[Kind, dict[str, Any]] = {
     Kind.IMAGES: {"nargs": "*"},
     Kind.RESULT: {"nargs": "?"},

@@ -18,7 +18,7 @@ _DESCRIPTION = 72  # characters of a help text that are shown with a word
 
 
 class Offer(NamedTuple):
-    """Completions of a word of the command line."""
+    """Possible words at the cursor, and whether names of files or of folders are possible there."""
 
     words: tuple[str, ...]
     files: bool

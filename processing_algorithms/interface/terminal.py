@@ -226,7 +226,7 @@ class RunLog:
         self.write("WARNING" if found else "INFO", self._spell(message[found.end() :] if found else message))
 
     def finish(self) -> None:
-        """Append that the work is done."""
+        """Append the end of the work."""
         self.progress(1.0, "done")
 
 

@@ -18,7 +18,7 @@ from .rows import ROLES, SurveyPoint
 
 @thresholds
 class CHIPS:
-    """What a chip holds, and of which point it is."""
+    """Size of chips, their assignment to points, and their comparison."""
 
     half_px: int = threshold(64, "px", "half the side of a chip: enough for images of a third of its resolution")
     same_id_m: float = threshold(10.0, "m", "farther away a chip of the same id is of another point")

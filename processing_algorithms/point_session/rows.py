@@ -19,7 +19,7 @@ MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "m
 
 @thresholds
 class PANEL:
-    """What the panel keeps and shows, and where it looks for a point on the other images."""
+    """Limits of the panel, and a priori errors by which a point is searched in other images."""
 
     longest_history: int = threshold(1000, "edits", "that can be undone")
     stretch_percent: tuple[float, float] = threshold((2.0, 98.0), "%", "of a view's greys that become black and white")

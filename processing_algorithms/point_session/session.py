@@ -297,7 +297,7 @@ class PointSession:
 
     def fit(self, image_id: str, click: tuple[float, float], kind: str, is_seen: bool = True) -> Fit:
         """Measure the target near a position, clicked (``is_seen``) or predicted, without changing the session."""
-        from .targets import fit_target  # loads much that nothing needs before something is measured
+        from .targets import fit_target  # imported when first needed: it loads SciPy
 
         if kind not in CLICK_KINDS:
             raise InputError(f"kind {kind!r} is unknown: use one of {', '.join(CLICK_KINDS)}")

@@ -156,7 +156,7 @@ def find_transfers(session: PointSession, name: str, images: Sequence[str] = ())
         for image_id in wanted:
             found[image_id] = _transfer_to_image(session, name, first.id, image_id)
     finally:
-        close_images()  # as after a click
+        close_images()  # as in `fit_target`
     return found
 
 

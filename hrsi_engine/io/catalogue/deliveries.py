@@ -12,7 +12,7 @@ from ..opening.datasets import open_dataset
 from ..rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
 from .stac_items import images_of_items
 
-LIST = "@"  #: begins the name of a text file with an image a line
+LIST = "@"  #: prefix of a text file with one image in each line
 IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
 
 

@@ -204,7 +204,7 @@ def href_path(href: str, base: str) -> str:
 
 
 def href_of(path: str, folder: str) -> str:
-    """Return the address of a file for an item in a folder: relative within the folder's place, otherwise complete.
+    """Return the address of a file for an item in a folder: relative in the same file system, otherwise complete.
 
     `href_path` is the inverse.
     """

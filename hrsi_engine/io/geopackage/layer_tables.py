@@ -77,7 +77,7 @@ def _column(values: tuple[Any, ...]) -> np.ndarray:
 
 
 def _geometry(blobs: tuple[bytes | None, ...], geographic: bool, fields: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Return the coordinates of points, or geometries."""
+    """Return the coordinate columns of points, or one column of other geometries."""
     # After the header of 8 bytes follows an envelope, whose kind is in the flags: GeoPackage standard, 2.1.3
     begins = (8 + (0, 32, 48, 48, 64)[(blob[3] >> 1) & 7] if blob is not None else 0 for blob in blobs)
     bodies = [None if blob is None else blob[begin:] for blob, begin in zip(blobs, begins, strict=True)]

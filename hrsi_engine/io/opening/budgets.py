@@ -29,7 +29,7 @@ MIB = 2**20
 
 @thresholds
 class FILE_BUDGETS:
-    """What a reader takes of a file: bytes by what it holds, values of an array, characters of a text."""
+    """Largest sizes that readers accept: bytes by the kind of file, values of an array, characters of a text."""
 
     rpc_bytes: int = threshold(
         32 * MIB, "byte", "largest RPC file that is read", "the largest vendor XML known has about 2 MB"
@@ -95,7 +95,7 @@ MOST_BYTES = {
 
 @thresholds
 class RASTER_BUDGETS:
-    """What a raster may claim to be."""
+    """Sizes that a raster may declare."""
 
     side_px: int = threshold(4_000_000, "px", "longest side", "a mosaic of the world at 10 m")
     pixels: int = threshold(4 * 10**11, "px", "most pixels", "a mosaic of the world at 60 m; a scene has some 1e10")
@@ -109,7 +109,7 @@ class RASTER_BUDGETS:
 
 @thresholds
 class GROUND_HEIGHTS:
-    """Which heights ground on Earth can have."""
+    """Possible heights of the ground."""
 
     lowest_m: float = threshold(-12_000.0, "m", "lowest height", "the deepest trench and the error of a datum")
     highest_m: float = threshold(9_000.0, "m", "greatest height", "the highest mountain and the error of a datum")
@@ -121,7 +121,7 @@ class GROUND_HEIGHTS:
 
 @thresholds
 class RPC_BUDGETS:
-    """Which offsets, scales and coefficients an RPC can have."""
+    """Possible offsets, scales and coefficients of an RPC."""
 
     image_px: float = threshold(1e8, "px", "largest offset, scale, or position of a point along samples and lines")
     lat_off_deg: float = threshold(90.0, "deg", "largest latitude offset", "the pole")

@@ -101,7 +101,7 @@ LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
 
 @thresholds
 class PAGE_NUMBERS:
-    """How numbers are written on pages and for how many images, and how pictures are compressed and filled."""
+    """Decimals of numbers on pages, and compression and fill of pictures."""
 
     decimals: int = threshold(5, "digits", "most decimals; smaller numbers get a power of ten")
     jpeg_quality: int = threshold(70, "", "quality of JPEG")

@@ -31,7 +31,7 @@ Bounds = tuple[float, float, float, float]
 
 @thresholds
 class PROJECTS:
-    """What is written of the terrain for other programs."""
+    """Sizes, margins and resolutions of projects for other programs."""
 
     most_nodes: int = threshold(
         1000, "nodes", "of the initial DEM along each side", "a start for matching needs no more"

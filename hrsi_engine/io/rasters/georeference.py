@@ -24,7 +24,7 @@ from ..opening.budgets import RASTER_BUDGETS
 
 @thresholds
 class MAP_GRID:
-    """When a raster goes round the Earth, and when an image on a map's grid has the RPC of its pixels."""
+    """When a raster extends around the Earth, and when an image on a map grid has the RPC of its own pixels."""
 
     turn_columns: float = threshold(1e-3, "columns", "by which a raster round the Earth may miss a whole turn")
     step_share: float = threshold(

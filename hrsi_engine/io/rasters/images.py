@@ -32,7 +32,7 @@ RPC_SUFFIX = "_rpc"
 
 @thresholds
 class OPEN_IMAGES:
-    """How many images are held open, and how much is read of one at once."""
+    """Number of images that are kept open, and of pixels that are read at once."""
 
     open_per_thread: int = threshold(
         32,

@@ -29,7 +29,7 @@ RESAMPLING = {
 
 @thresholds
 class CHUNKS:
-    """How an orthoimage is cut into chunks that are warped and written."""
+    """Division of an orthoimage into chunks that are warped and written."""
 
     tile_px: int = threshold(512, "px", "side of the tiles of a file", "GDAL's COG driver")
     columns_per_row: int = threshold(

@@ -52,7 +52,7 @@ _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT",
 
 @thresholds
 class SUN:
-    """Which times of acquisition are believed."""
+    """Which acquisition times are plausible."""
 
     lowest_deg: float = threshold(
         2.0, "deg", "lowest sun that images are taken by; a lower one means that the time is not that of the image"

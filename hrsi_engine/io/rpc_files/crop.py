@@ -36,7 +36,7 @@ Geotransform = tuple[float, float, float, float, float, float]
 
 @thresholds
 class CROPS:
-    """How the place of a crop in its scene is recognised from its geotransform and the RPC beside it."""
+    """How the place of a crop in its scene is determined from its geotransform and the RPC next to it."""
 
     range_share: float = threshold(0.02, "", "share of the RPC's range by which it may end inside the image")
     pixel_scales: tuple[float, float] = threshold(

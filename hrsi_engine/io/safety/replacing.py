@@ -29,7 +29,7 @@ WRITE_AHEAD_LOG = ("-wal", "-shm")  #: suffixes of the name of an SQLite file
 
 @thresholds
 class REPLACING:
-    """How files are copied, locked and brought to the disk, and when an unfinished one counts as left over."""
+    """Copying, locking and flushing of files, and when an unfinished file is regarded as left over."""
 
     copy_bytes: int = threshold(64 * 2**20, "byte", "length of the parts in which a file is copied")
     many_files: int = threshold(
