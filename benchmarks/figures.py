@@ -369,7 +369,8 @@ the times of the registry. `figures.py check --samples` checks all of them. This
 `python benchmarks/figures.py page`.
 
 The last column is about the last check: date, commit, and whether the whole page or samples of it were as documented,
-or differed. Without an entry there was none.
+or differed. Without an entry there was none. A page without a date of its own is older than these notes: rows that no
+sample makes again may be of an earlier version.
 
 | page | made by `python …` | date | commit | machine | CPU s | tolerance | checked |
 |---|---|---|---|---|---:|---:|---|"""
