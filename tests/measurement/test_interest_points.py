@@ -8,6 +8,8 @@ import numpy as np
 import object_scenes as scenes
 import pytest
 from long_tests import mark_beyond
+from scipy.ndimage import gaussian_filter
+from scipy.stats import chi2
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
@@ -263,6 +265,66 @@ def test_blobs_are_where_spots_are():
     assert len(spots) == len(true)
     assert scenes.rms(found.xy[near] - np.array(true)) < 0.1
     np.testing.assert_array_equal(np.sign(found.contrast[near]), np.array(sign)[spots])
+
+
+def test_objects_have_their_centre_size_direction_and_contrast():
+    """Ellipses, rectangles and pentagons of known outline, turned, blurred, with noise: all that is told of them.
+
+    Centre, area's moments and their directions are those of the outline's polygon, by Green's theorem.
+    """
+    rng, side, rows, finer = np.random.default_rng(3), 56, 4, 5
+    grey, true = np.zeros((rows * side, rows * side)), []
+    y, x = (np.mgrid[: side * finer, : side * finer] + 0.5) / finer - 0.5
+    for number, (row, column) in enumerate(np.ndindex(rows, rows)):
+        kind, sign = ("ellipse", "rectangle", "region")[number % 3], (1.0, -1.0)[number % 2]
+        turn, half = rng.uniform(0.0, np.pi), np.array([rng.uniform(12.0, 16.0), rng.uniform(7.0, 10.0)])
+        t = np.arange(120) * np.pi / 60.0
+        if kind == "region":
+            t = np.sort(np.arange(5) + rng.uniform(-0.2, 0.2, 5)) * 2.0 * np.pi / 5.0
+        outline = half * np.column_stack([np.cos(t), np.sin(t)])
+        if kind == "rectangle":
+            outline = half * [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+        axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        outline = side / 2.0 + rng.uniform(-2.0, 2.0, 2) + outline @ axes
+        after = np.roll(outline, -1, axis=0)
+        inside = np.ones_like(x, dtype=bool)
+        for (x0, y0), (x1, y1) in zip(outline, after, strict=True):
+            inside &= (x1 - x0) * (y - y0) >= (y1 - y0) * (x - x0)
+        part = sign * 100.0 * inside.reshape(side, finer, side, finer).mean(axis=(1, 3))
+        grey[row * side : (row + 1) * side, column * side : (column + 1) * side] = part
+        cross = outline[:, 0] * after[:, 1] - after[:, 0] * outline[:, 1]
+        centre = ((outline + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
+        p, q = outline - centre, after - centre
+        cross = p[:, 0] * q[:, 1] - q[:, 0] * p[:, 1]
+        both = (p + q)[:, :, None] * (p + q)[:, None, :] + p[:, :, None] * p[:, None, :] + q[:, :, None] * q[:, None, :]
+        moments = (both * cross[:, None, None]).sum(axis=0) / (12.0 * cross.sum())
+        values, vectors = np.linalg.eigh(moments)
+        # of an ellipse the variance along a semi-axis a is a²/4, of a rectangle with half sides a it is a²/3
+        size = 2.0 * np.sqrt((3.0 if kind == "rectangle" else 4.0) * values[::-1])
+        true.append((kind, sign, centre + side * np.array([column, row]), size, vectors[:, 1]))
+    blurred = gaussian_filter(500.0 + grey, 0.6) + rng.normal(0.0, 2.0, grey.shape)
+    found = detect_interest_points(ArrayRaster(blurred.astype(np.float32)), "centres")
+    told, errors = [], []
+    for kind, sign, centre, size, direction in true:
+        k = int(np.argmin(np.hypot(*(found.xy - centre).T)))
+        assert found.contrast[k] == pytest.approx(sign * 100.0, abs=3.0)
+        assert kind in ("region", found.kind[k])
+        told.append(found.kind[k])
+        if found.kind[k] != kind:
+            continue  # of pentagons some are ellipses within the tolerance
+        assert np.hypot(*(found.xy[k] - centre)) < 0.1  # px, what is wanted of a coordinate
+        assert found.size_px[k] == pytest.approx(size, rel=0.02)
+        along = np.array([np.cos(found.azimuth_rad[k]), np.sin(found.azimuth_rad[k])])
+        assert abs(along @ direction) > np.cos(np.radians(1.0 if kind != "region" else 6.0))
+        assert -np.pi / 2.0 <= found.azimuth_rad[k] <= np.pi / 2.0
+        assert found.rmse_px[k] < 0.3
+        errors.append((kind, (found.xy[k] - centre) @ np.linalg.solve(found.covariance_px2[k], found.xy[k] - centre)))
+    assert told.count("region") >= 2
+    for kind in ("ellipse", "rectangle"):
+        # of n errors in two coordinates chi2(2 n), with a factor of two for the stated sigmas
+        squares = [square for one, square in errors if one == kind]
+        low, high = chi2.ppf([0.001, 0.999], 2 * len(squares))
+        assert low / 4.0 < sum(squares) < 4.0 * high
 
 
 @pytest.mark.rendered
