@@ -40,8 +40,8 @@
       <translation>Ein DHM des Geländes</translation>
     </message>
     <message>
-      <source>A DEM that has to be named</source>
-      <translation>Ein DHM, das angegeben werden muss</translation>
+      <source>A block adjusted before, which the images join</source>
+      <translation>Der früher ausgeglichene Block, zu dem die Bilder kommen</translation>
     </message>
     <message>
       <source>A click shows the residuals of the points concerned, the worst first</source>
@@ -52,15 +52,19 @@
       <translation>Lauffertiger Projektordner für ein anderes Programm aus einem ausgeglichenen Block</translation>
     </message>
     <message>
-      <source>A reference orthoimage that has to be named</source>
-      <translation>Ein Referenz-Orthobild, das angegeben werden muss</translation>
+      <source>A reference orthoimage</source>
+      <translation>Ein Referenz-Orthobild</translation>
     </message>
     <message>
-      <source>A reference orthoimage, and how it is read, trusted and matched</source>
-      <translation>Ein Referenz-Orthobild, und wie es gelesen, gewichtet und zugeordnet wird</translation>
+      <source>A required DEM</source>
+      <translation>Ein DHM (nötig)</translation>
     </message>
     <message>
-      <source>A surface that holds a block in plan and height, its datum and accuracy</source>
+      <source>A required reference orthoimage</source>
+      <translation>Ein Referenz-Orthobild (nötig)</translation>
+    </message>
+    <message>
+      <source>A surface that constrains a block in plan and height, its datum and accuracy</source>
       <translation>Eine Oberfläche, die einen Block in Lage und Höhe hält, ihr Datum und ihre Genauigkeit</translation>
     </message>
     <message>
@@ -608,6 +612,10 @@
       <translation>Höhe aus</translation>
     </message>
     <message>
+      <source>Height of the ground</source>
+      <translation>Höhe des Geländes</translation>
+    </message>
+    <message>
       <source>Heights of the DEM refer to</source>
       <translation>Höhenbezug des DGM</translation>
     </message>
@@ -628,16 +636,8 @@
       <translation>Wie Schwerpunkte gefunden werden</translation>
     </message>
     <message>
-      <source>How high the ground is</source>
-      <translation>Wie hoch das Gelände ist</translation>
-    </message>
-    <message>
       <source>How many points a block gets</source>
       <translation>Wie viele Punkte ein Block bekommt</translation>
-    </message>
-    <message>
-      <source>How places are found</source>
-      <translation>Wie Orte gefunden werden</translation>
     </message>
     <message>
       <source>How to adjust</source>
@@ -848,6 +848,10 @@
       <translation>Die Bildzuordnung ist zwei- bis dreimal so schnell mit {}.</translation>
     </message>
     <message>
+      <source>Matching with the reference</source>
+      <translation>Zuordnung zur Referenz</translation>
+    </message>
+    <message>
       <source>Max height</source>
       <translation>Größte Höhe</translation>
     </message>
@@ -960,6 +964,10 @@
       <translation>Öffnen…</translation>
     </message>
     <message>
+      <source>Options of every algorithm</source>
+      <translation>Optionen aller Algorithmen</translation>
+    </message>
+    <message>
       <source>Ortho</source>
       <translation>Orthobild</translation>
     </message>
@@ -978,6 +986,14 @@
     <message>
       <source>Output directory</source>
       <translation>Ausgabeordner</translation>
+    </message>
+    <message>
+      <source>Output directory, optional</source>
+      <translation>Ausgabeordner, optional</translation>
+    </message>
+    <message>
+      <source>Output of an adjusted block</source>
+      <translation>Ausgabe eines ausgeglichenen Blocks</translation>
     </message>
     <message>
       <source>Overlap</source>
@@ -1420,12 +1436,12 @@
       <translation>Standardabweichungen prüfen</translation>
     </message>
     <message>
-      <source>The band that is shown; targets are measured on the first</source>
-      <translation>Der gezeigte Kanal; Zielmarken werden im ersten gemessen</translation>
+      <source>Texts on the cover of the report</source>
+      <translation>Texte auf dem Deckblatt des Berichts</translation>
     </message>
     <message>
-      <source>The block that was adjusted before and that the images join</source>
-      <translation>Der früher ausgeglichene Block, zu dem die Bilder kommen</translation>
+      <source>The band that is shown; targets are measured on the first</source>
+      <translation>Der gezeigte Kanal; Zielmarken werden im ersten gemessen</translation>
     </message>
     <message>
       <source>The command for the Python of this QGIS is</source>
@@ -1450,6 +1466,10 @@
     <message>
       <source>Threads</source>
       <translation>Threads</translation>
+    </message>
+    <message>
+      <source>Threads or workers for tie points and orthoimages</source>
+      <translation>Wer Verknüpfungspunkte sucht oder Orthobilder macht</translation>
     </message>
     <message>
       <source>Threshold</source>
@@ -1556,20 +1576,8 @@
       <translation>Wie eine Szene sein soll</translation>
     </message>
     <message>
-      <source>What every algorithm takes</source>
-      <translation>Was jeder Algorithmus annimmt</translation>
-    </message>
-    <message>
       <source>What is clicked: a round or closed object, two straight edges, or only this position</source>
       <translation>Was angeklickt wird: ein rundes oder geschlossenes Objekt, zwei gerade Kanten oder nur diese Position</translation>
-    </message>
-    <message>
-      <source>What is written of an adjusted block, and where</source>
-      <translation>Was von einem ausgeglichenen Block geschrieben wird, und wohin</translation>
-    </message>
-    <message>
-      <source>What the cover of a report says besides its figures</source>
-      <translation>Was das Deckblatt eines Berichts außer den Zahlen sagt</translation>
     </message>
     <message>
       <source>What to look for, and how much of it</source>
@@ -1580,24 +1588,12 @@
       <translation>Wo ein Ziel sein darf, und wie groß</translation>
     </message>
     <message>
-      <source>Where results go</source>
-      <translation>Wohin Ergebnisse kommen</translation>
-    </message>
-    <message>
-      <source>Where results go, if anywhere</source>
-      <translation>Wohin Ergebnisse kommen, wenn überhaupt</translation>
-    </message>
-    <message>
       <source>Which laser points a scene gets</source>
       <translation>Welche Laserpunkte eine Szene bekommt</translation>
     </message>
     <message>
       <source>Which sensor looks from where</source>
       <translation>Welcher Sensor von wo aus aufnimmt</translation>
-    </message>
-    <message>
-      <source>Who finds tie points or makes orthoimages</source>
-      <translation>Wer Verknüpfungspunkte sucht oder Orthobilder macht</translation>
     </message>
     <message>
       <source>Whole</source>

@@ -64,14 +64,14 @@ def window_option(help: str) -> Any:
 
 @options
 class Common:
-    """What every algorithm takes."""
+    """Options of every algorithm."""
 
     threads: int = threads_option()
 
 
 @options
 class LineOptions:
-    """What the command line has for every algorithm, and QGIS and Python do without."""
+    """Options of the command line only."""
 
     dry_run: bool = option(False, "Read and check all inputs, write nothing, and print what a run would do")
     log: str | None = option(
@@ -84,7 +84,7 @@ class LineOptions:
 
 @options(kw_only=True)
 class ResultFolder:
-    """Where results go."""
+    """Output directory."""
 
     output_dir: str = option(
         help="Directory for the results; created where missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
@@ -94,7 +94,7 @@ class ResultFolder:
 
 @options
 class OptionalFolder:
-    """Where results go, if anywhere."""
+    """Output directory, optional."""
 
     output_dir: str | None = option(
         None, "Directory for report and layers; by default the result is only printed", kind=Kind.OUTPUT_DIR,
@@ -105,7 +105,7 @@ class OptionalFolder:
 
 @options
 class DocumentOptions:
-    """What the cover of a report says besides its figures."""
+    """Texts on the cover of the report."""
 
     title: str | None = option(None, "Title of the project, for the cover of report.html", advanced=True)
     client: str | None = option(None, "Client or recipient, for the cover of report.html", advanced=True)
@@ -114,7 +114,7 @@ class DocumentOptions:
 
 @options(kw_only=True)
 class BlockOutput:
-    """What is written of an adjusted block, and where."""
+    """Output of an adjusted block."""
 
     folder: ResultFolder = nest_options(ResultFolder)
     write: str = option(
@@ -194,7 +194,7 @@ class LaserFile:
 
 @options
 class SurfaceFile:
-    """A surface that holds a block in plan and height, its datum and accuracy."""
+    """A surface that constrains a block in plan and height, its datum and accuracy."""
 
     surface: str | None = option(
         None,
@@ -216,14 +216,14 @@ class SurfaceFile:
 
 @options(kw_only=True)
 class MandatoryDem(DemOptions):
-    """A DEM that has to be named."""
+    """A required DEM."""
 
     dem: str = option(help="DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
 
 
 @options
 class TerrainOptions:
-    """How high the ground is: a DEM or one height."""
+    """Height of the ground: a DEM or one height."""
 
     dem: DemOptions = nest_options(DemOptions)
     height: float | None = option(None, "Ellipsoidal height of the ground, instead of a DEM", unit="m", metavar="M")
@@ -269,7 +269,7 @@ class PointFiles:
 
 @options
 class BlockGrowthOptions:
-    """The block that was adjusted before and that the images join."""
+    """A block adjusted before, which the images join."""
 
     add_to: str | None = option(
         None, "Output directory of an earlier adjustment; the images are added to its block", metavar="DIR"
@@ -284,7 +284,7 @@ class BlockGrowthOptions:
 
 @options
 class WorkerOptions:
-    """Who finds tie points or makes orthoimages: threads of this machine, or workers of a Dask scheduler."""
+    """Threads or workers for tie points and orthoimages: threads of this machine, or workers of a Dask scheduler."""
 
     scheduler: str | None = option(
         None,
@@ -338,7 +338,7 @@ class SearchOptions:
 
 @options
 class ReferenceImage:
-    """A reference orthoimage, and how it is read, trusted and matched."""
+    """A reference orthoimage: reading, weights and matching."""
 
     reference: str | None = option(
         None, "Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
@@ -355,7 +355,7 @@ class ReferenceImage:
 
 @options(kw_only=True)
 class MandatoryReference(ReferenceImage):
-    """A reference orthoimage that has to be named."""
+    """A required reference orthoimage."""
 
     reference: str = option(
         help="Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"

@@ -105,7 +105,7 @@ class ResidualRows(LayerRows, layer="residuals"):
 
 
 class LaserPointRows(LayerRows, layer="laser_points"):
-    """Points of a laser altimeter, whether they hold the block, and why not."""
+    """Points of a laser altimeter, whether they constrain the block, and why not."""
 
     id: TextColumn = column()
     track: TextColumn = column("Track of the laser altimeter")
@@ -122,7 +122,7 @@ class LaserPointRows(LayerRows, layer="laser_points"):
 
 
 class SurfaceResidualRows(LayerRows, layer="surface_residuals"):
-    """Tie points that a surface was matched with, and how high they lie above it."""
+    """Tie points that a surface was matched with, and their heights above it."""
 
     id: TextColumn = column()
     residual_before_m: FloatColumn = column("Height above the surface by the RPCs as given", "m")
@@ -213,7 +213,7 @@ class ProjectedPointRows(LayerRows, layer="image_points"):
 
 
 class LocalizedPointRows(LayerRows, layer="ground_points"):
-    """Image points as the images' RPCs see them on the ground."""
+    """Image points, localized on the ground by the RPCs of their images."""
 
     id: TextColumn = column()
     image: TextColumn = column()
@@ -226,7 +226,7 @@ class LocalizedPointRows(LayerRows, layer="ground_points"):
 
 
 class ViewRows(LayerRows, layer="images"):
-    """Footprints of the images, and how they see the ground."""
+    """Footprints of the images, and their viewing geometry."""
 
     id: TextColumn = column("Id of the image")
     path: TextColumn = column()
@@ -277,7 +277,7 @@ class EvaluatedResidualRows(LayerRows, layer="residuals"):
 
 
 class EvaluatedPairRows(LayerRows, layer="pairs"):
-    """How far the tracks of two images lie across their epipolar lines, for each set of RPCs."""
+    """Distances of the tracks of two images from their epipolar lines, for each set of RPCs."""
 
     set: TextColumn = column("Name of the set of RPCs")
     first: TextColumn = column()
