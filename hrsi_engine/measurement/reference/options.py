@@ -7,7 +7,7 @@ from ...foundation.options import option, options, threads_option
 
 @options
 class ReferenceOptions:
-    """Matching with the reference; the descriptions of options are also their help on the command line and in the dialogs.
+    """Matching with the reference; descriptions of options are also their help on the command line and in the dialogs.
 
     Parameters
     ----------
