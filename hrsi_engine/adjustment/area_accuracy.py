@@ -119,7 +119,7 @@ def predict_without_surveys(problem: Problem, solution: Solution, precise: Preci
 
 
 def _remove_surveys(solution: Solution, cofactors: np.ndarray, gcps: np.ndarray, keep_height: np.ndarray) -> np.ndarray:
-    """Return the cofactors ``(g, 3, 3)`` of GCPs without their own surveys; heights stay where ``keep_height (g,)``."""
+    """Return the cofactors ``(g, 3, 3)`` of GCPs without their own surveys (except heights if ``keep_height (g,)``)."""
     survey = solution.weighting.points.build_weight_matrices(gcps, observed=True)
     survey[keep_height, 2] = survey[keep_height, :, 2] = 0.0
     known = finite_rows(cofactors.reshape(-1, 9))

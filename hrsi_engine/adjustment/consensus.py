@@ -190,7 +190,7 @@ def _fit_planes(
     """Return the plane ``(p, 3)`` nearest to most of the parallaxes ``(p, s)`` of each image pair.
 
     ``three (p, t, 3)`` are the indices of the three parallaxes of each tried plane; ``terms (p, s, 3)`` are 1 and the
-    position in the image; ``kept (p,)`` is the number of certainly right parallaxes, minus one. Without ``three`` there
+    position in the image; ``kept (p,)`` is the number of certainly correct ones, minus one. Without ``three`` there
     are too few parallaxes for a plane: then ``terms (p, s, 1)`` and the result have only the constant.
     """
     tried = np.zeros((*y.shape, terms.shape[2]))
@@ -242,7 +242,7 @@ def _find_nearest_planes(
 
 
 def _estimate_scale(departure: np.ndarray) -> float:
-    """Return the standard deviation of the right departures, by a normal distribution on a uniform background."""
+    """Return the standard deviation of the correct departures, by a normal distribution on a uniform background."""
     step = 1 + len(departure) // 50_000
     size = np.abs(departure[::step])
     reach = max(float(np.quantile(size, 0.99)), 1e-12)

@@ -117,7 +117,7 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
 
 
 def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
-    """Return the fit of each two images with common points: residuals of their rays across the epipolar lines."""
+    """Return the fit of each pair of images with common points: residuals of rays across the epipolar lines."""
     usable = np.flatnonzero(finite_rows(fit.fit_px))
     point, count = observations.point[usable], len(observations.images)
     ones, others = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]

@@ -169,8 +169,8 @@ def _survey_entry(result: Adjustment, left: Residuals, role: Role) -> dict[str, 
 def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     """Return figures of the used tie measurements; ``by_rays`` has them by the number of images.
 
-    ``images`` counts those connected by tie points: half of an exposure's tie measurements are kept, with another ray
-    each.
+    ``images`` counts those connected by tie points: at least half of an exposure's tie measurements are kept, each with
+    another ray.
     """
     block, point = result.block, result.block.measurements.point
     exposure = block.exposure_of_image

@@ -252,7 +252,7 @@ class _SuspectSearch:
         return tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
 
     def drop_sound_gcps(self, group: tuple[int, ...]) -> tuple[int, ...]:
-        """Return a group without those of its GCPs that are not significantly wrong; they are added one by one."""
+        """Return a group without its GCPs that are not significantly wrong; these are accepted again one by one."""
         surprise = dict.fromkeys(group, 0.0)
         while group:
             everything = self.control.exclude(self.control.find_measurements(group))
