@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.surface.dem import Status, intersect_surface, surface_heights
+from hrsi.hrsi_engine.surface.dem import RAY_TRACING, Status, intersect_surface, surface_heights
 from hrsi.hrsi_engine.surface.grid_surface import SURFACE, ConstantHeight, GridSurface
 from hrsi.tests.test_rpc import synthetic_rpc
 
@@ -134,6 +134,25 @@ def test_no_part_of_the_surface_is_read_that_no_ray_passes() -> None:
     assert ground[0, 2] == pytest.approx(250.0, abs=HEIGHT_M)
     assert len(reads) <= 6
     assert len(set(reads)) == len(reads)
+
+
+def test_rays_are_followed_in_steps_of_the_grid() -> None:
+    """A ray over 500 m of height, 35 degrees off the vertical, is sampled as often as its way over the cells asks."""
+    rpc, image = oblique_rpc(), image_points()
+    surface = grid_surface(lambda lon, lat: 300.0 + 2000.0 * (lon - LON))
+    calls, heights = [], surface.heights
+
+    def count(grid: np.ndarray) -> np.ndarray:
+        calls.append(len(grid))
+        return heights(grid)
+
+    surface.heights = count
+    _, status = intersect_surface(rpc, image, surface)
+    assert (status == Status.FOUND).all()
+    ends = [rpc.localize(image, height).ground[:, :2] for height in (0.0, 600.0)]  # all terrain, and some more
+    cells = np.abs(ends[1] - ends[0]).max() / CELL_DEG
+    assert 4.0 < cells < 20.0
+    assert len(calls) < cells / RAY_TRACING.step + RAY_TRACING.most_iterations + 4
 
 
 def test_heights_are_bilinear_across_tiles() -> None:

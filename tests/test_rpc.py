@@ -15,6 +15,7 @@ from osgeo import gdal
 from rasterio.transform import RPCTransformer
 
 from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.camera.rpc_inverse import fit_inverse
 from hrsi.hrsi_engine.camera.rpc_terms import EVALUATION, POWERS, monomials
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.workers.threads import thread_count
@@ -162,6 +163,35 @@ def test_localize_is_better_than_gdals_default(real_data: Path) -> None:
     points = np.column_stack([image + 0.5, np.zeros(len(image))])
     by_gdal = np.array(transformer.TransformPoints(False, points.tolist())[0])
     np.testing.assert_allclose(ground[:, :2], by_gdal[:, :2], rtol=0, atol=1e-12)  # 1e-7 m
+
+
+def test_the_fitted_inverse_is_one_to_some_thousandths_of_a_pixel() -> None:
+    """Where Newton's iteration starts, and with which derivatives: compared with projected ground and differences."""
+    base = synthetic_rpc(12.0, 48.0)
+    samp_num, line_num = base.samp_num.copy(), base.line_num.copy()
+    samp_num[0], line_num[0] = 0.35, -0.2  # the middle of the ground is not that of the image
+    rpc = replace(base, samp_num=samp_num, line_num=line_num)
+    ground = np.random.default_rng(4).uniform(-1.0, 1.0, (400, 3))
+    scale = np.array([rpc.long_scale, rpc.lat_scale, rpc.height_scale])
+    xy = rpc.project(ground * scale + [rpc.long_off, rpc.lat_off, rpc.height_off])
+    seen = (xy - [rpc.samp_off, rpc.line_off]) / [rpc.samp_scale, rpc.line_scale]
+    inverse = fit_inverse(rpc.polynomials)
+
+    def locate(seen: np.ndarray) -> np.ndarray:
+        u, v, h = *((seen - inverse.off.T) / inverse.scale.T).T, ground[:, 2]
+        terms = [
+            np.ones_like(u), u, v, h, u * v, u * h, v * h, u * u, v * v, h * h, v * u * h, u**3, u * v * v, u * h * h,
+            u * u * v, v**3, v * h * h, u * u * h, v * v * h, h**3,
+        ]  # fmt: skip
+        return (inverse.lonlat @ terms).T
+
+    pixels = [rpc.samp_scale, rpc.line_scale]  # a unit of the ground is nearly one of the image here
+    assert np.abs((locate(seen) - ground[:, :2]) * pixels).max() < 5e-3
+    u, v, h = *((seen - inverse.off.T) / inverse.scale.T).T, ground[:, 2]
+    slopes = inverse.slopes @ [np.ones_like(u), u, v, h, u * v, u * h, v * h, u * u, v * v, h * h]
+    for axis, step in enumerate(1e-4 * np.eye(2)):
+        by = (locate(seen + step) - locate(seen - step)) / 2e-4
+        np.testing.assert_allclose(slopes[2 * axis : 2 * axis + 2].T, by, atol=1e-8)
 
 
 def test_localize_reports_points_that_have_no_ground(real_data: Path) -> None:
