@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.surface.dem import RAY_TRACING, Status, intersect_surface, surface_heights
+from hrsi.hrsi_engine.surface.dem import RAY_TRACING, Status, dem_sigma_m, intersect_surface, surface_heights
 from hrsi.hrsi_engine.surface.grid_surface import SURFACE, ConstantHeight, GridSurface
 from hrsi.tests.test_rpc import synthetic_rpc
 
@@ -179,3 +179,9 @@ def test_a_grid_across_the_180_degree_meridian() -> None:
     np.testing.assert_allclose(
         surface_heights(surface, np.array([[-179.0, 9.0], [180.0, 8.0], [-180.0, 8.0]])), [6, 9, 9]
     )
+
+
+@pytest.mark.parametrize(("cell_m", "sigma_m"), [(1.0, 0.4), (30.0, 3.0), (90.0, 9.0)])
+def test_assumed_errors_of_dems_are_those_of_their_producers(cell_m: float, sigma_m: float) -> None:
+    """Laser DEMs of 1 m, TanDEM-X and GLO-30, SRTM."""
+    assert dem_sigma_m(cell_m) == pytest.approx(sigma_m, rel=0.15)

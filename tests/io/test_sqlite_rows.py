@@ -162,3 +162,43 @@ def test_shared_and_stacked_columns_are_written_row_by_row(
     np.testing.assert_array_equal(found, np.vstack([places[:30], places[index]]))
     assert [row[2] for row in rows] == [*first.tolist(), *[None] * 60_000]
     assert [row[3] for row in rows] == ["a", "b"] * 30_015
+
+
+def test_leaves_of_a_packed_tree_are_nearly_square() -> None:
+    """Of boxes scattered evenly, leaves that share the area as squares have 2 / sqrt(leaves) of half a perimeter.
+
+    Every node's box, 4 byte numbers, holds the boxes under it, and every row is in the leaf that is told of it.
+    """
+    random = np.random.default_rng(5)
+    middle, size = random.random((4000, 2)), 1e-3 * random.random((4000, 2))
+    low, high = middle - size, middle + size
+    rowids = np.arange(4000) * 2 + 5
+    tables = sqlite_rows.pack_rtree(rowids, low, high)
+    assert tables is not None
+    nodes = {}
+    for numbers, contents in tables[0][2]:
+        for number, raw in zip(numbers.tolist(), contents, strict=True):
+            raw = bytes(raw).ljust(4 + 51 * 24, b"\0")
+            cells = int.from_bytes(raw[2:4], "big")
+            ids = np.frombuffer(raw, ">i8", 51 * 3, 4)[: 3 * cells : 3]
+            nodes[number] = ids, np.frombuffer(raw, ">f4", 51 * 6, 4).reshape(51, 6)[:cells, 2:]
+    leaf_of = dict(zip(*(part.tolist() for part in tables[1][2][0]), strict=True))
+    parent_of = {
+        child: parent for level in tables[2][2] for child, parent in zip(*map(np.ndarray.tolist, level), strict=True)
+    }
+    leaves = sorted(set(leaf_of.values()))
+    assert len(leaves) == -(-4000 // 51)
+    boxes = {}
+    for leaf in leaves:
+        ids, box = nodes[leaf]
+        assert [leaf_of[one] for one in ids.tolist()] == [leaf] * len(ids)
+        rows = (ids - 5) // 2
+        assert np.all(box[:, ::2] <= low[rows]) and np.all(box[:, 1::2] >= high[rows])
+        assert np.abs(box[:, ::2] - low[rows]).max() < 2e-7 and np.abs(box[:, 1::2] - high[rows]).max() < 2e-7
+        boxes[leaf] = np.r_[low[rows].min(axis=0), high[rows].max(axis=0)]
+    for leaf, box in boxes.items():
+        ids, above = nodes[parent_of[leaf]]
+        here = above[ids.tolist().index(leaf)]
+        assert np.abs(here[[0, 2, 1, 3]] - box).max() < 2e-7
+    half = np.array([box[2:] - box[:2] for box in boxes.values()]).sum(axis=1)
+    assert np.median(half) < 1.15 * 2.0 / np.sqrt(len(leaves))  # some reach from the end of a slice to the next

@@ -28,6 +28,8 @@ from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
 from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, Area, CentreOptions, windows
 from hrsi.hrsi_engine.measurement.interest_points.corners import CORNER_DETECTION, compute_structure_tensor
 from hrsi.hrsi_engine.measurement.interest_points.gravity_centres import find_gravity_centres
+from hrsi.hrsi_engine.measurement.interest_points.level_regions import BRIGHT, DARK, LevelRegions
+from hrsi.hrsi_engine.measurement.interest_points.outlines import OUTLINE_SAMPLING, SlopeImage, measure_outlines
 from hrsi.hrsi_engine.measurement.interest_points.shapes import SHAPE, compute_size_tolerance
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
 
@@ -325,6 +327,35 @@ def test_objects_have_their_centre_size_direction_and_contrast():
         squares = [square for one, square in errors if one == kind]
         low, high = chi2.ppf([0.001, 0.999], 2 * len(squares))
         assert low / 4.0 < sum(squares) < 4.0 * high
+
+
+@pytest.mark.parametrize(("sign", "scale"), [(BRIGHT, 1), (DARK, 1), (BRIGHT, 2)])
+def test_edge_points_of_a_disc_lie_on_its_circle(sign: int, scale: int):
+    """From a rough region: distances, normals and slopes are those of the blurred edge of a disc of 100 grey values."""
+    centre, radius, blur = np.array([31.3, 29.6]), 13.4, 0.6
+    y, x = (np.mgrid[: 64 * 8, : 64 * 8] + 0.5) / 8.0 - 0.5
+    inside = np.hypot(x - centre[0], y - centre[1]) < radius
+    grey = gaussian_filter(100.0 * inside.reshape(64, 8, 64, 8).mean(axis=(1, 3)), blur)
+    slopes = SlopeImage((500.0 + sign * grey).astype(np.float32), np.ones((64, 64), dtype=bool), 0.5)
+    side = 64 // scale
+    row, column = np.nonzero(grey.reshape(side, scale, side, scale).mean(axis=(1, 3)) > 70.0)
+    pixels = np.column_stack([column, row]).astype(np.int32)
+    regions = LevelRegions(pixels, np.array([0, len(pixels)]), np.array([scale]), np.array([sign]))
+    found = measure_outlines(slopes, regions)
+    count = int(found.count[0])
+    assert count == pytest.approx(2.0 * np.pi * radius / scale, rel=0.15)  # about a pixel of the region apart
+    assert found.found[0, :count].all() and not found.found[0, count:].any()
+    xy, normal = found.xy[0, :count], found.normal[0, :count]
+    away = xy - centre
+    assert np.abs(np.hypot(*away.T) - radius).max() < 0.25
+    assert np.hypot(*away.T).mean() == pytest.approx(radius, abs=0.05)
+    np.testing.assert_allclose(np.hypot(*normal.T), 1.0, atol=1e-6)
+    assert np.sum(normal * away, axis=1).min() > 0.95 * radius  # within 18 degrees of outwards
+    turned = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    assert abs(turned[-1] - turned[0]) == pytest.approx(2.0 * np.pi, rel=0.06)  # once around, in order
+    # the normal density of all that blurs: the optics, a pixel's area, the Gaussian of the slope
+    width = np.sqrt(blur**2 + 1.0 / 12.0 + OUTLINE_SAMPLING.slope_px**2)
+    assert np.median(found.slope[0, :count]) == pytest.approx(100.0 / np.sqrt(2.0 * np.pi) / width, rel=0.1)
 
 
 @pytest.mark.rendered
