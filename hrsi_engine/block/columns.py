@@ -46,7 +46,7 @@ class NameColumn:
     def __ne__(self, other: object) -> Any:
         return ~(self == other)
 
-    __hash__ = None  # type: ignore[assignment]  # not hashable, as an array
+    __hash__ = None  # type: ignore[assignment]  # not hashable, like an array
 
     def tolist(self) -> list[str]:
         """Return the texts of all rows; equal texts are the same object."""

@@ -186,7 +186,7 @@ class GroundPoints(Columns):
         """
         covariance = None if covariance_m2 is None else np.array(covariance_m2, dtype=np.float64)
         covariance = None if covariance is None else covariance.reshape(len(ids), 3, 3)
-        made: Any = cls  # mypy: the constructor converts single values to arrays
+        made: Any = cls  # for mypy: the constructor converts single values to arrays
         return made(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
 
 
@@ -300,7 +300,7 @@ class ImagePoints(Columns):
         ImagePoints
             The table.
         """
-        made: Any = cls  # mypy: the constructor converts single values to arrays
+        made: Any = cls  # for mypy: the constructor converts single values to arrays
         return made(ids, image_ids, np.reshape(xy, (len(ids), 2)), sigma_px, kind, quality, source)
 
 
