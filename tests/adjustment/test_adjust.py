@@ -88,6 +88,33 @@ def test_sigma0_is_one_for_honest_sigmas():
     assert np.mean(values) == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.parametrize("away_px", [30.0, 300.0, 3000.0])
+def test_iterations_end_at_a_ten_thousandth_of_a_sigma_from_the_minimum(away_px):
+    """2 x the last predicted decrease is the squared distance in sigmas; sigma0 enters where it is above 1."""
+    block, *_ = blocks.block(gcps=4, checks=0, ties=20, seed=0)
+    rows = block.measurements
+    xy = rows.xy + away_px * np.array([1.0, -0.5]) * (1.0 + rows.image[:, None])
+    moved = replace(block, measurements=replace(rows, xy=xy))
+    options = AdjustOptions(test_sigmas=False, model="affine", reject_sigma=0.0, tolerance=0.0)
+    last = adjust(moved, options).history[-1]
+    redundancy = 2 * len(xy) + 3 * 4 - 3 * 24 - 3 * 6
+    sigma0 = np.sqrt(max(2.0 * last.cost / redundancy, 1.0))
+    assert np.sqrt(2.0 * last.predicted_decrease) <= 1e-4 * sigma0
+
+
+@pytest.mark.parametrize("name", [name for name in WEIGHTS if name != "none"])
+def test_robust_weights_are_95_percent_efficient(name):
+    """What they cost where errors are normal (Holland and Welsch 1977): E[psi']^2 / E[psi^2], psi = t w(t), is 0.95."""
+    t = np.linspace(-9.0, 9.0, 18_001)
+    weight = WEIGHTS[name](np.abs(t))
+    density = np.exp(-0.5 * t**2) / np.exp(-0.5 * t**2).sum()
+    psi = t * weight
+    efficiency = (density @ np.gradient(psi, t)) ** 2 / (density @ psi**2)
+    assert efficiency == pytest.approx(0.95, abs=0.005)
+    assert weight[9000] == pytest.approx(1.0, abs=1e-9)
+    assert np.all(np.diff(weight[9000:]) <= 1e-12)
+
+
 @pytest.mark.parametrize("robust", [name for name in WEIGHTS if name != "none"])
 def test_robust_weights_hold_against_blunders(robust):
     block, _, errors = blocks.block(gcps=4, checks=0, ties=60, seed=5)
