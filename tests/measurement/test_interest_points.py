@@ -28,7 +28,13 @@ from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
 from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, Area, CentreOptions, windows
 from hrsi.hrsi_engine.measurement.interest_points.corners import CORNER_DETECTION, compute_structure_tensor
 from hrsi.hrsi_engine.measurement.interest_points.gravity_centres import find_gravity_centres
-from hrsi.hrsi_engine.measurement.interest_points.level_regions import BRIGHT, DARK, LevelRegions
+from hrsi.hrsi_engine.measurement.interest_points.level_regions import (
+    BRIGHT,
+    DARK,
+    EVEN,
+    REGION,
+    LevelRegions,
+)
 from hrsi.hrsi_engine.measurement.interest_points.outlines import OUTLINE_SAMPLING, SlopeImage, measure_outlines
 from hrsi.hrsi_engine.measurement.interest_points.shapes import SHAPE, compute_size_tolerance
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
@@ -91,6 +97,10 @@ def test_quality_of_a_whole_outline_is_that_of_its_precision():
     tolerance = compute_size_tolerance(SHAPE.polygon_tolerance, centre.size_px[None])[0]
     sigma = centre.sigma_px
     assert np.hypot(*(centre.xy - [63.3, 62.8])) < 0.1
+    radius = np.hypot(*(centre.outline - centre.xy).T)
+    assert centre.rmse_px == pytest.approx(
+        np.std(radius), rel=0.15
+    )  # of the edge points about the ellipse through them
     assert centre.quality**5 == pytest.approx((1.0 - centre.rmse_px / tolerance) * (1.0 - sigma / 0.25), rel=1e-4)
 
 
@@ -329,21 +339,24 @@ def test_objects_have_their_centre_size_direction_and_contrast():
         assert low / 4.0 < sum(squares) < 4.0 * high
 
 
-@pytest.mark.parametrize(("sign", "scale"), [(BRIGHT, 1), (DARK, 1), (BRIGHT, 2)])
+@pytest.mark.parametrize(("sign", "scale"), [(BRIGHT, 1), (DARK, 1), (BRIGHT, 2), (EVEN, 1)])
 def test_edge_points_of_a_disc_lie_on_its_circle(sign: int, scale: int):
     """From a rough region: distances, normals and slopes are those of the blurred edge of a disc of 100 grey values."""
     centre, radius, blur = np.array([31.3, 29.6]), 13.4, 0.6
     y, x = (np.mgrid[: 64 * 8, : 64 * 8] + 0.5) / 8.0 - 0.5
     inside = np.hypot(x - centre[0], y - centre[1]) < radius
     grey = gaussian_filter(100.0 * inside.reshape(64, 8, 64, 8).mean(axis=(1, 3)), blur)
-    slopes = SlopeImage((500.0 + sign * grey).astype(np.float32), np.ones((64, 64), dtype=bool), 0.5)
+    slopes = SlopeImage((500.0 + (sign or 1) * grey).astype(np.float32), np.ones((64, 64), dtype=bool), 0.5)
     side = 64 // scale
     row, column = np.nonzero(grey.reshape(side, scale, side, scale).mean(axis=(1, 3)) > 70.0)
+    if sign == EVEN:  # what is even ends some pixels before the edge
+        row, column = np.nonzero(np.hypot(x - centre[0], y - centre[1])[4::8, 4::8] < radius - REGION.even_inset_px)
     pixels = np.column_stack([column, row]).astype(np.int32)
     regions = LevelRegions(pixels, np.array([0, len(pixels)]), np.array([scale]), np.array([sign]))
     found = measure_outlines(slopes, regions)
     count = int(found.count[0])
-    assert count == pytest.approx(2.0 * np.pi * radius / scale, rel=0.15)  # about a pixel of the region apart
+    inner = radius - (REGION.even_inset_px if sign == EVEN else 0.0)
+    assert count == pytest.approx(2.0 * np.pi * inner / scale, rel=0.15)  # about a pixel of the region apart
     assert found.found[0, :count].all() and not found.found[0, count:].any()
     xy, normal = found.xy[0, :count], found.normal[0, :count]
     away = xy - centre

@@ -12,7 +12,12 @@ from scipy import ndimage
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import check_rpc_consistency, compute_epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
+    check_rpc_consistency,
+    compute_epipolar_miss,
+    match_descriptors,
+    transfer,
+)
 from hrsi.hrsi_engine.measurement.tile_matching.features import detect_tile_points
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
@@ -135,6 +140,24 @@ def test_points_depend_on_the_first_window_alone(pair, found):
     assert len({tuple(p) for p in found.first_xy} & {tuple(p) for p in other.first_xy}) > 200
     again = pickle.loads(pickle.dumps(match_tile))(*pickle.loads(pickle.dumps(pair)), geometry())
     np.testing.assert_array_equal(again.second_xy, found.second_xy)
+
+
+def test_descriptors_match_as_lowe_defines_it():
+    """Nearest to one another, and nearer than 0.8 of the second (Lowe 2004): by all distances, row by row."""
+    rng = np.random.default_rng(12)
+    first = rng.normal(size=(120, 32))
+    # each has a partner and a rival, so near that the ratios of their distances lie about the limit
+    second = np.concatenate([first + 0.05 * rng.normal(size=first.shape) * scale for scale in (1.0, 1.25)])
+    first, second = (one / np.linalg.norm(one, axis=1, keepdims=True) for one in (first, second))
+    distance = np.linalg.norm(first[:, None] - second[None], axis=2)
+    expected = []
+    for row, away in enumerate(distance):
+        nearest, rival = np.argsort(away)[:2]
+        if distance[:, nearest].argmin() == row and away[nearest] < 0.8 * away[rival]:
+            expected.append((row, int(nearest)))
+    pairs = match_descriptors(first.astype(np.float32), second.astype(np.float32), 0.8)
+    assert list(zip(*(index.tolist() for index in pairs), strict=True)) == expected
+    assert 30 < len(expected) < 90
 
 
 def test_half_resolution_and_origin(pair):

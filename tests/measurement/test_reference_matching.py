@@ -101,6 +101,17 @@ def test_coarser_reference_with_another_band_and_a_large_bias():
     assert rmse_px(scene, control) < 0.15 * found.step
 
 
+def test_sigmas_hold_where_only_the_directions_of_gradients_agree(scene):
+    """Bright and dark exchanged: least squares refuses every place. A peak half a pixel off would be the next one."""
+    inverted = replace(scene.reference, raster=ArrayRaster((2000.0 - scene.reference.raster.grey).astype(np.float32)))
+    control = match_reference(scene.images[:1], inverted, scene.terrain, replace(OPTIONS, points=9))
+    found = control.images[0]
+    assert found.used.sum() >= 6
+    error = scene.true_error_px(0, control.ground[found.places], found.xy)[found.used]
+    assert np.sqrt(np.mean(error**2)) < found.sigma_px[found.used].min()
+    assert found.sigma_px[found.used].max() < 0.5
+
+
 def test_places_are_where_the_texture_is(scene):
     """Stripes of 60 px with noise between flat ones of 60 px: the middle of every window lies in a stripe."""
     lines, samples = scene.reference.raster.grey.shape
