@@ -35,10 +35,10 @@ AREA_CELLS = 20  # along each side of the area of a part
 
 @thresholds
 class FEW_GCPS:
-    """Limits for the comparison of few GCPs."""
+    """Limits for the test of two or three GCPs against each other."""
 
-    most: int = threshold(3, "GCPs", "of a part: with more, data snooping finds the wrong one")
-    risk: float = threshold(1e-4, "", "error probability of the test of two GCPs on their images", "theory: chi²")
+    most: int = threshold(3, "GCPs", "largest number of GCPs of a part that are tested in pairs")
+    risk: float = threshold(1e-4, "", "error probability of the chi² test of a pair of GCPs", "theory: chi²")
 
 
 def describe_parts(

@@ -38,15 +38,13 @@ class COMMON_DRIFT:
     """Limits for parts of a block with common drifts, and for image points with correlated errors."""
 
     most_cameras: int = threshold(
-        50, "cameras", "of a part; the mean of more drifts is known better than those of the sensors"
+        50, "cameras", "largest part whose common drift is estimated; the mean drift of more cameras needs no estimate"
     )
     patch_px: float = threshold(
-        300.0,
-        "px",
-        "distance within which matching errors are correlated",
-        "Kahramanmaras, two Pleiades pairs, 2026-11-25",
-    )
-    least_mode: float = threshold(1e-4, "", "a common drift that is smaller, relative to the largest, is none")
+        300.0, "px", "side of the cells within which image points have correlated matching errors", "Kahramanmaras, "
+        "two Pleiades pairs, 2026-11-25"
+    )  # fmt: skip
+    least_mode: float = threshold(1e-4, "", "smallest common drift relative to the largest one")
 
 
 GRID = 5  # grid points along each axis of an image, for the fit of its drifts to a deformation of the ground

@@ -31,23 +31,21 @@ POINTS_AT_ONCE = 50_000
 
 @thresholds
 class PARALLAX:
-    """Limits for measurements that agree before the adjustment."""
+    """Limits for the agreement of tie measurements before the adjustment."""
 
-    neighbours: int = threshold(4, "rays", "rays of a long track that each ray is compared with, to either side")
+    neighbours: int = threshold(4, "rays", "neighbours on either side with which a ray of a long track is compared")
     quantile: float = threshold(
-        0.3, "",
-        "share of an image pair's parallaxes that are right for sure: (1 - 0.4)² = 0.36 with 40 % wrong measurements",
-        "least quantile of squares (Rousseeuw and Leroy 1987)",
+        0.3, "", "share of correct parallaxes that is assumed for each image pair: (1 - 0.4)² = 0.36 with 40 % wrong "
+        "measurements", "least quantile of squares (Rousseeuw and Leroy 1987)"
     )  # fmt: skip
-    sample: int = threshold(64, "parallaxes", "parallaxes of an image pair that choose its plane")
+    sample: int = threshold(64, "parallaxes", "number of parallaxes from which an image pair's plane is estimated")
     planes_tried: int = threshold(
-        80, "planes",
-        "planes tried besides level ones: 98 % of the samples hit three right parallaxes where 36 % are right",
-        "probability: 1 - (1 - 0.36³)^80",
+        80, "planes", "planes tried for each image pair: one of them has three correct parallaxes with 98 % "
+        "probability if 36 % are correct", "probability: 1 - (1 - 0.36³)^80"
     )  # fmt: skip
-    least_for_plane: int = threshold(20, "parallaxes", "fewer carry a constant only")
-    least_for_scale: int = threshold(12, "parallaxes", "fewer judge nothing")
-    agreeing: float = threshold(3.0, "sigma", "a parallax off its plane by less agrees")
+    least_for_plane: int = threshold(20, "parallaxes", "fewest for a plane; fewer give a constant only")
+    least_for_scale: int = threshold(12, "parallaxes", "fewest that are tested")
+    agreeing: float = threshold(3.0, "sigma", "largest deviation of a correct parallax from its plane")
     levelling: float = threshold(1e-3, "", "relative weight that keeps slopes of poorly spread parallaxes at zero")
 
 

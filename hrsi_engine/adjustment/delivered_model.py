@@ -34,11 +34,11 @@ from .statistics.precision import Precision
 class DELIVERY:
     """Limits for replacing the estimated model by a simpler one."""
 
-    fewest_gcps: int = threshold(3, "GCPs", "that judge models by leave-one-out")
+    fewest_gcps: int = threshold(3, "GCPs", "fewest GCPs for the leave-one-out test of models")
     most_left: float = threshold(
-        0.05, "", "sum of squares of the drift that a model leaves in tie points, over that of their residuals"
+        0.05, "", "largest sum of squares of the drift that a simpler model omits, relative to that of residuals"
     )
-    risk: float = threshold(0.01, "", "error probability of the chi² test whether the same is a drift at all")
+    risk: float = threshold(0.01, "", "error probability of the chi² test whether the omitted drift is significant")
 
 
 def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.ndarray) -> np.ndarray:

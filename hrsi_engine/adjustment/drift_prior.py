@@ -31,21 +31,20 @@ from .result import VarianceComponent
 class DRIFT:
     """Limits for the estimation of the drifts' standard deviations, and for its convergence."""
 
-    least_redundancy: float = threshold(1.0, "", "of an estimated drift; the size of a prior matters little")
+    least_redundancy: float = threshold(1.0, "", "smallest redundancy of a drift that is reported as estimated")
     settled: float = threshold(
-        0.05, "",
-        "relative change of the sigma of an image's drift that needs no further solution; `of_term` and its few "
-        "values determine it to a quarter at best",
+        0.05, "", "largest change of an image's drift sigma that needs no new solution (relative); it is known to a "
+        "quarter at best"
     )  # fmt: skip
-    settled_within: float = threshold(0.001, "", "the same between two corrections at one solution")
-    corrections: int = threshold(25, "corrections", "most corrections at one solution")
-    most_change: float = threshold(5.0, "", "largest factor by which one correction changes a sigma")
-    of_sensor: float = threshold(1.0, "observations", "weight of the sensor's usual drift in that of the block")
+    settled_within: float = threshold(0.001, "", "relative change of a sigma that ends its iteration at one solution")
+    corrections: int = threshold(25, "corrections", "largest number of iterations at one solution")
+    most_change: float = threshold(5.0, "", "largest factor by which an iteration changes a sigma")
+    of_sensor: float = threshold(1.0, "observations", "weight of the sensor's usual drift in the block's drift sigma")
     of_block: float = threshold(
-        6.0, "observations",
-        "weight of the drift of the block in that of a term (inverse chi² prior, Gelman et al. 2013, section 5.4)",
+        6.0, "observations", "weight of the block's drift sigma in that of each term (inverse chi² prior, Gelman et "
+        "al. 2013, section 5.4)"
     )  # fmt: skip
-    of_term: float = threshold(6.0, "observations", "weight of the drift of a term in that of an image")
+    of_term: float = threshold(6.0, "observations", "weight of a term's drift sigma in that of each image")
 
 
 @dataclass(eq=False)

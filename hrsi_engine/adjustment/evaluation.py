@@ -36,9 +36,9 @@ from .observations import Observations, select_points
 class PREDICTION:
     """Limits for predictions of image points from the other images."""
 
-    most_enlargement: float = threshold(10.0, "", "times its own noise that a prediction may have")
-    trend_limit: float = threshold(3.0, "robust sigma", "residuals farther from an image pair's trend do not count")
-    least_of_trend: int = threshold(8, "points", "fewer give a mean and no affine trend")
+    most_enlargement: float = threshold(10.0, "", "largest sigma of a prediction over that of a measurement")
+    trend_limit: float = threshold(3.0, "robust sigma", "largest deviation from a pair's trend in the trend's fit")
+    least_of_trend: int = threshold(8, "points", "fewest points for an affine trend; fewer give a mean")
 
 
 TREND_ROUNDS = 6

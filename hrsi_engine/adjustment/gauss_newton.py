@@ -24,10 +24,10 @@ from .weights import WEIGHTS, least_squares
 
 @thresholds
 class CONVERGENCE:
-    """Limits at which iterations other than the final ones end."""
+    """Decrease of the cost at which iterations before the final one end."""
 
-    before_snooping: float = threshold(0.05, "", "relative decrease of the cost before a round of data snooping")
-    robust: float = threshold(1e-4, "", "… of reweighted iterations: what is left moves single blunders only")
+    before_snooping: float = threshold(0.05, "", "relative decrease before a round of data snooping")
+    robust: float = threshold(1e-4, "", "relative decrease with robust weights: later changes move blunders only")
 
 
 @dataclass(frozen=True, eq=False)

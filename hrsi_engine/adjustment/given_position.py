@@ -37,8 +37,8 @@ class GIVEN_POSITION:
     """Limit for the parts of a block that keep the position of their RPCs."""
 
     most_share: float = threshold(
-        0.05, "", "share of tie points in the variance of a direction that they do not determine",
-        "2.5 % of the standard deviation",
+        0.05, "", "share of tie points in the variance of a direction, below which they do not determine it", "2.5 % "
+        "of the standard deviation"
     )  # fmt: skip
 
 

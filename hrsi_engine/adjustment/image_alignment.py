@@ -32,18 +32,18 @@ from .weights import cauchy
 
 @thresholds
 class IMAGE_ALIGNMENT:
-    """Limits for the alignment of images before measurements are tested."""
+    """Limits for the approximate alignment of images before tie measurements are tested."""
 
-    points_per_pair: int = threshold(64, "points", "that join two images, as many as choose a pair's parallax plane")
-    points_per_image: int = threshold(96, "points", "of an image that many others join, shared among its pairs")
-    fewest_per_pair: int = threshold(16, "points", "of a pair of such an image; a third of them may be wrong")
-    apart_px: float = threshold(100.0, "px", "standard deviation of a measurement before images meet")
-    least_height_m: float = threshold(200.0, "m", "smallest standard deviation of a height before images meet")
-    coarse_share: float = threshold(0.9, "", "share of the measurements whose residuals are below the first scale")
-    finer: float = threshold(0.25, "", "scale of the robust weights from one pass to the next")
-    finest: float = threshold(4.0, "sigma", "scale of the last pass, where the images meet but for their drift")
-    settled: float = threshold(1e-3, "", "relative decrease of the cost that ends a pass")
-    most_steps: int = threshold(10, "steps", "of a pass; shifts are almost linear")
+    points_per_pair: int = threshold(64, "points", "largest number of points used to align two images")
+    points_per_image: int = threshold(96, "points", "number of points of an image, divided among its pairs")
+    fewest_per_pair: int = threshold(16, "points", "fewest points for two images; a third may be wrong")
+    apart_px: float = threshold(100.0, "px", "sigma of image points in the first intersection")
+    least_height_m: float = threshold(200.0, "m", "smallest a priori sigma of a height in the alignment")
+    coarse_share: float = threshold(0.9, "", "share of measurements with residuals below the first scale")
+    finer: float = threshold(0.25, "", "scale of the robust weights relative to that before")
+    finest: float = threshold(4.0, "sigma", "scale of the robust weights in the last pass")
+    settled: float = threshold(1e-3, "", "relative decrease of the cost at which a pass ends")
+    most_steps: int = threshold(10, "steps", "largest number of steps in a pass")
 
 
 def align_images(

@@ -48,12 +48,12 @@ def surface_kind_option() -> Any:
 
 @thresholds
 class HOLD_OUT:
-    """Limits for holding out tracks."""
+    """Limits for holding out tie tracks."""
 
-    fewest_tracks: int = threshold(500, "tracks", "blocks with no more tie tracks need all of them to adjust")
-    cells: int = threshold(8, "cells", "along each side of an image, from each of which the share is taken")
-    least_kept: float = threshold(0.5, "", "share of a pair's common tracks that stays in the adjustment")
-    fewest_kept: int = threshold(8, "tracks", "common to a pair that stay in the adjustment, if it has so many")
+    fewest_tracks: int = threshold(500, "tracks", "number of tie tracks up to which none is held out")
+    cells: int = threshold(8, "cells", "cells along each side of an image, for an even choice of tracks")
+    least_kept: float = threshold(0.5, "", "smallest share of a pair's tracks that stays in the adjustment")
+    fewest_kept: int = threshold(8, "tracks", "fewest tracks of a pair that stay in the adjustment")
 
 
 @options

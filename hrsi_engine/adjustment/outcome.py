@@ -41,11 +41,11 @@ ROWS_AT_ONCE = 200_000  # image points whose tests are computed together
 class RESULT_WARNINGS:
     """Limits for the warnings of an adjustment."""
 
-    many_heights_left_out: float = threshold(0.02, "", "share of a source's heights that do not fit")
-    many_places_left_out: float = threshold(0.1, "", "share of a reference's places that do not fit")
-    parallel: float = threshold(0.01, "", "share of a part's points on nearly parallel rays")
-    of_prediction: float = threshold(4.0, "observations", "weight of predicted errors against leave-one-out errors")
-    from_prior: float = threshold(0.5, "", "share of a parameter from its prior: above, it is not determined")
+    many_heights_left_out: float = threshold(0.02, "", "largest share of left out heights without a warning")
+    many_places_left_out: float = threshold(0.1, "", "largest share of left out places without a warning")
+    parallel: float = threshold(0.01, "", "share of points on nearly parallel rays with a warning")
+    of_prediction: float = threshold(4.0, "observations", "weight of predicted errors relative to leave-one-out errors")
+    from_prior: float = threshold(0.5, "", "share of the prior in a parameter that is not determined")
 
 
 WHAT_STANDS_OUT = {

@@ -21,9 +21,9 @@ from .joint_prior import JointCameras
 
 @thresholds
 class SURVEYS_ALIKE:
-    """Limit for surveys that have the same stated sigma."""
+    """Limit for surveys with the stated standard deviation of the GCPs."""
 
-    alike: float = threshold(0.01, "", "relative difference of two variances that were stated as the same")
+    alike: float = threshold(0.01, "", "tolerance about the range of the GCPs' stated variances (relative)")
 
 
 @dataclass(frozen=True)

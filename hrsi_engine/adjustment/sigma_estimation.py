@@ -46,27 +46,23 @@ ROUNDS = 25
 
 @thresholds
 class SIGMA:
-    """Limits for the test and the estimation of sigmas, and for its convergence."""
+    """Limits for the test of a priori sigmas, for their estimation and its convergence."""
 
-    settled: float = threshold(0.01, "", "relative change of a sigma that needs no further solution")
-    significance: float = threshold(
-        0.01, "", "of the two-sided chi² test of a sigma; chance failures have little effect"
-    )
-    material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error has no effect")
-    most_plausible: float = threshold(20.0, "", "ratio of image points beyond which these are wrong, not their sigmas")
+    settled: float = threshold(0.01, "", "relative change of a sigma that needs no new solution")
+    significance: float = threshold(0.01, "", "significance level of the two-sided chi² test of a sigma")
+    material: float = threshold(1.25, "", "estimated over given sigma up to which no correction is made")
+    most_plausible: float = threshold(20.0, "", "estimated over given sigma beyond which image points are wrong")
     of_camera_px: float = threshold(
-        1.0, "px", "… unless their residuals are smaller: the cameras move as the model does not follow", "pixel size"
+        1.0, "px", "… unless residuals are smaller: images move in a way that is not modelled", "pixel size"
     )
-    beside_held: float = threshold(
-        2.0, "", "the same without tie points, or where heights or positions constrain points"
-    )
-    alike: float = threshold(0.9, "", "correlation of two groups' variance factors that are estimated as one")
+    beside_held: float = threshold(2.0, "", "the same without tie points, or with external heights or positions")
+    alike: float = threshold(0.9, "", "correlation of two variance factors above which they are one")
     most_gcps: int = threshold(
-        100, "GCPs", "number that determines the sigmas of surveys together with those of image points"
+        100, "GCPs", "largest number that determines the sigmas of surveys together with those of image points"
     )
-    hidden_by_drift: int = threshold(25, "GCPs", "up to so many, the drift of a few images can follow their errors")
-    of_stated_sigmas: float = threshold(4.0, "observations", "weight of given sigmas in the common test")
-    least_share: float = threshold(0.04, "", "share of a survey's variance that one step leaves of it")
+    hidden_by_drift: int = threshold(25, "GCPs", "number of GCPs up to which drifts of a few images can absorb errors")
+    of_stated_sigmas: float = threshold(4.0, "observations", "weight of the given sigmas in the joint test")
+    least_share: float = threshold(0.04, "", "smallest ratio of a variance to that of the last step")
 
 
 @dataclass(eq=False)

@@ -17,9 +17,9 @@ from .observations import Observations
 
 @thresholds
 class RAY_GEOMETRY:
-    """Limit for rays that determine heights."""
+    """Limit for rays that determine a height."""
 
-    weak_angle_deg: float = threshold(3.0, "°", "rays that converge by less know heights badly", "1 / tan 3° = 19")
+    weak_angle_deg: float = threshold(3.0, "°", "convergence angle, small for a height", "1 / tan 3° = 19")
 
 
 def set_point_priors(

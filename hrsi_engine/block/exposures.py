@@ -47,16 +47,16 @@ _PASS = re.compile(r"(?<!\d)\d{8}[_T]?\d{6}(?!\d)")
 
 @thresholds
 class BANDS:
-    """Limits for bands of one exposure."""
+    """Conditions for two images to be bands of one exposure."""
 
-    least_pixel: float = threshold(1.5, "", "pixel of a band over that of a finer image of its exposure, at least")
-    nodes: int = threshold(15, "nodes", "along each side of the finer image that are looked for in the other one")
-    least_nodes: int = threshold(9, "nodes", "of a height that both images have to show")
-    bent_px: float = threshold(0.5, "px", "of the band, by which positions may deviate from a shift and a scale")
+    least_pixel: float = threshold(1.5, "", "smallest pixel of a band relative to the finest band's")
+    nodes: int = threshold(15, "nodes", "nodes along each side of the finer image that are projected into the other")
+    least_nodes: int = threshold(9, "nodes", "fewest nodes of a height in both images")
+    bent_px: float = threshold(0.5, "px", "largest deviation of a band from a shift and a scale, in its pixels")
     parallax: float = threshold(
-        0.005, "m/m", "of height between the lines of sight", "taken up to 0.4 s apart at 7.5 km/s from 600 km"
-    )  # fmt: skip
-    apart_s: float = threshold(60.0, "s", "between the times in names of one exposure, whose bands begin one by one")
+        0.005, "m/m", "parallax of the lines of sight per height", "up to 0.4 s at 7.5 km/s, from 600 km"
+    )
+    apart_s: float = threshold(60.0, "s", "largest time between images of one exposure, from file names")
 
 
 def join_exposures(images: Sequence[Image]) -> list[Image]:
@@ -227,18 +227,18 @@ def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
 
 @thresholds
 class STRIP:
-    """Conditions for parts of one strip, and accuracy of the strip's RPC."""
+    """Conditions for images to be parts of one strip, and limits for the fit of the strip's RPC."""
 
-    nodes: int = threshold(41, "nodes", "nodes along each side of a part that are looked for in another one")
-    reach_share: float = threshold(0.02, "", "share of a part by which the next one may lie beyond its end")
-    bent_px: float = threshold(2.0, "px", "largest change of a part's offset over what it shares with another one")
-    whole_px: float = threshold(0.25, "px", "largest distance of a part from whole pixels without a message")
-    fit_px: float = threshold(0.1, "px", "largest difference of the strip's RPC from its parts without a message")
-    same_px: float = threshold(1e-6, "px", "difference below which parts have one RPC")
-    grid: tuple[int, int, int] = threshold((15, 25, 6), "nodes", "samples, lines, heights of a part that are fitted to")
-    check_grid: tuple[int, int, int] = threshold((16, 34, 7), "nodes", "of a part, where the fit is judged")
-    rounds: int = threshold(8, "rounds", "of weights that spread what one RPC cannot follow", "WorldView-1, two parts")
-    least_growth: float = threshold(0.05, "", "by which the weight of a residual of nothing still grows")
+    nodes: int = threshold(41, "nodes", "nodes along each side of a part that are projected into another")
+    reach_share: float = threshold(0.02, "", "distance of a part from the next one, relative to its size, at most")
+    bent_px: float = threshold(2.0, "px", "largest variation of the offset between two parts in their overlap")
+    whole_px: float = threshold(0.25, "px", "largest offset of a part from whole pixels without a message")
+    fit_px: float = threshold(0.1, "px", "difference of the strip's RPC from its parts without a new fit")
+    same_px: float = threshold(1e-6, "px", "difference below which parts have the same RPC")
+    grid: tuple[int, int, int] = threshold((15, 25, 6), "nodes", "samples, lines, heights of a part's grid for the fit")
+    check_grid: tuple[int, int, int] = threshold((16, 34, 7), "nodes", "check points (samples, lines, heights)")
+    rounds: int = threshold(8, "rounds", "iterations that reduce the largest residual", "WorldView-1, two parts")
+    least_growth: float = threshold(0.05, "", "factor of a weight whose residual is zero; the largest is 1.05")
 
 
 class StripPlaces(NamedTuple):

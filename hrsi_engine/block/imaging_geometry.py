@@ -129,16 +129,18 @@ def _shift_to(polygon: Polygon, other: Polygon) -> Polygon:
 class GEOMETRY:
     """Sampling of an image's terrain and RPC, and limits of a plausible RPC."""
 
-    ray_reach_m: float = threshold(100.0, "m", "rays are taken between points so far above and below the terrain")
-    terrain_grid: int = threshold(50, "points", "along each side of an image, between which little relief hides")
-    volume_grid: int = threshold(11, "points", "along each side of an image at which its RPC is checked")
-    volume_heights: int = threshold(7, "points", "of heights at which it is checked")
-    least_denominator: float = threshold(0.1, "", "denominator of an RPC over its median, below which a pole is near")
-    ground_reach: float = threshold(1.5, "", "normalised lon and lat that an image of its own RPC does not exceed")
-    lowest_height_m: float = threshold(-600.0, "m", "lowest land, with reserve", "theory: Dead Sea shore, -430 m")
-    highest_height_m: float = threshold(9500.0, "m", "highest land, with reserve", "theory: Mount Everest, 8849 m")
-    crop_share: float = threshold(0.5, "", "an image smaller than this share of its RPC's extent is a crop")
-    crop_origin: float = threshold(0.02, "", "of half the extent: the RPC's extent begins so near to the first pixel")
+    ray_reach_m: float = threshold(100.0, "m", "heights above and below the terrain, between which rays are computed")
+    terrain_grid: int = threshold(50, "points", "along each side of an image, for its terrain")
+    volume_grid: int = threshold(11, "points", "along each side of an image, for the check of its RPC")
+    volume_heights: int = threshold(7, "points", "heights of this check")
+    least_denominator: float = threshold(0.1, "", "smallest denominator of an RPC relative to its median")
+    ground_reach: float = threshold(1.5, "", "largest normalised longitude and latitude without a message")
+    lowest_height_m: float = threshold(-600.0, "m", "lowest height of land, rounded", "theory: Dead Sea shore, -430 m")
+    highest_height_m: float = threshold(
+        9500.0, "m", "greatest height of land, rounded", "theory: Mount Everest, 8849 m"
+    )
+    crop_share: float = threshold(0.5, "", "image over the extent of its RPC, below which it is a crop")
+    crop_origin: float = threshold(0.02, "", "distance of the RPC's origin from the image's in half extents, at most")
 
 
 @dataclass(frozen=True)

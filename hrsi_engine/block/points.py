@@ -20,7 +20,7 @@ from .columns import Columns
 
 @thresholds
 class SAME_POINT:
-    """Limit for positions of the same point."""
+    """Limit for positions of one point."""
 
     same_position_m: float = threshold(0.1, "m", "largest distance between two positions of one id")
 

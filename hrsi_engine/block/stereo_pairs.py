@@ -22,17 +22,17 @@ from .imaging_geometry import PairGeometry
 
 @thresholds
 class STEREO:
-    """Score of a stereo pair, and selection of pairs for matching."""
+    """Score of a stereo pair, and selection of pairs for dense matching."""
 
     convergence_deg: tuple[float, ...] = threshold(
-        (2.0, 10.0, 25.0, 45.0), "deg", "no use below the first and beyond the last, full between the middle ones",
-        "Qin 2019, Facciolo et al. 2017",
+        (2.0, 10.0, 25.0, 45.0), "deg", "convergence angles: score 0 at the first and the last, 1 between the middle "
+        "ones", "Qin 2019, Facciolo et al. 2017"
     )  # fmt: skip
-    sun_deg: float = threshold(30.0, "deg", "between the directions to the sun, at which a pair counts half")
-    season_days: float = threshold(60.0, "days", "between the days of the year, at which a pair counts half")
-    least_share: float = threshold(0.25, "", "score over that of the best pair, below which a pair is not handed on")
+    sun_deg: float = threshold(30.0, "deg", "angle between the sun directions that halves the score")
+    season_days: float = threshold(60.0, "days", "difference in days of the year that halves the score")
+    least_share: float = threshold(0.25, "", "smallest score of a selected pair relative to the best")
     matching_px: float = threshold(
-        0.25, "px", "standard deviation of dense matches along the epipolar line", "usual of semi-global matching"
+        0.25, "px", "standard deviation of dense matches along the epipolar line", "usual for semi-global matching"
     )
 
 

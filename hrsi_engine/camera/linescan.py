@@ -26,13 +26,13 @@ SPEED_OF_LIGHT = 299_792_458.0
 
 @thresholds
 class LINESCAN:
-    """Refraction of the atmosphere, intersection of rays with a height, and nodes for fitting an RPC."""
+    """Atmospheric refraction, intersection of rays with a height, and grid for the fit of an RPC."""
 
-    refractivity: float = threshold(2.77e-4, "", "n - 1 at sea level", "standard atmosphere, 0.6 um")
-    scale_height_m: float = threshold(8000.0, "m", "in which air thins by e", "standard atmosphere")
-    rounds: int = threshold(4, "", "of Newton's method along a ray to a height")
-    nodes: int = threshold(21, "nodes", "along samples and lines, of the correspondences that an RPC is fitted to")
-    layers: int = threshold(7, "heights", "of these correspondences")
+    refractivity: float = threshold(2.77e-4, "", "refractive index at sea level minus 1", "standard atmosphere, 0.6 um")
+    scale_height_m: float = threshold(8000.0, "m", "scale height of the air's density", "standard atmosphere")
+    rounds: int = threshold(4, "iterations", "iterations of the intersection of a ray with a height")
+    nodes: int = threshold(21, "nodes", "nodes along samples and lines of the grid to which an RPC is fitted")
+    layers: int = threshold(7, "heights", "heights of this grid")
 
 
 class SampledCamera:

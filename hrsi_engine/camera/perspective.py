@@ -20,11 +20,12 @@ from ..foundation.thresholds import threshold, thresholds
 
 @thresholds
 class PERSPECTIVE:
-    """Limits of the distance of a perspective camera in orbit."""
+    """Limits for the distance of a perspective camera in orbit."""
 
     distance_m: tuple[float, ...] = threshold(
-        (2e5, 2e7), "m", "of the projection centre; pushbroom images have none along the track", "lowest orbit; affine"
-    )
+        (2e5, 2e7), "m", "distance of the projection centre; pushbroom images have none along the track", "lowest "
+        "orbit; affine"
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

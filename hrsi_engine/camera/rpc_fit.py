@@ -28,17 +28,21 @@ from .rpc_terms import POWERS, monomials
 
 @thresholds
 class FIT:
-    """How an RPC is fitted to correspondences."""
+    """Damping, iterations and grids of the fit of an RPC to correspondences."""
 
-    ridges: tuple[float, ...] = threshold((1e-16, 1e-12, 1e-9, 1e-6, 1e-3), "", "tried in turn; the first damps nil")
-    good_px: float = threshold(1e-3, "px", "largest difference at check points below which no more is tried")
-    alike: float = threshold(1.05, "", "RMS over the best one, within which the most damped fit is taken")
-    most_iterations: int = threshold(10, "iterations", "of reweighting")
-    settled_px: float = threshold(1e-9, "px", "change of the RMS residual that ends them")
-    batch: int = threshold(20_000, "equations", "held in memory at a time")
-    grid: tuple[int, int, int] = threshold((15, 15, 6), "nodes", "samples, lines, heights", "pushbroom to 1e-6 px")
-    check_grid: tuple[int, int, int] = threshold((16, 16, 7), "nodes", "shares only the corners with the grid")
-    flat_m: float = threshold(1.0, "m", "range of heights below which the RPC gets no terms in height")
+    ridges: tuple[float, ...] = threshold(
+        (1e-16, 1e-12, 1e-9, 1e-6, 1e-3), "", "damping factors; the first has no effect"
+    )
+    good_px: float = threshold(1e-3, "px", "largest difference at check points that ends the search")
+    alike: float = threshold(1.05, "", "RMS over the smallest one, to which more damping is taken")
+    most_iterations: int = threshold(10, "iterations", "largest number of reweighting steps")
+    settled_px: float = threshold(1e-9, "px", "change of the RMS residual at convergence")
+    batch: int = threshold(20_000, "equations", "largest number of equations in memory")
+    grid: tuple[int, int, int] = threshold(
+        (15, 15, 6), "nodes", "samples, lines, heights", "pushbroom: exact to 1e-6 px"
+    )
+    check_grid: tuple[int, int, int] = threshold((16, 16, 7), "nodes", "check points, common only at the corners")
+    flat_m: float = threshold(1.0, "m", "range of heights below which the RPC has no height terms")
 
 
 #: Smallest scales of the normalisation: degrees (about 1 m), degrees, metres, pixels, pixels.

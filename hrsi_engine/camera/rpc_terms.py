@@ -28,22 +28,22 @@ _ROUNDING = "last place of a longitude: 3e-9 px"
 
 @thresholds
 class EVALUATION:
-    """Batches and iterations of the evaluation and inversion of RPCs."""
+    """Sizes of batches and limits of iterations in the evaluation and inversion of RPCs."""
 
-    chunk: int = threshold(12288, "points", "in the buffers: fewer cost calls, more leave the cache", _SPEED)
-    product_limit: int = threshold(2**18, "multiplications", "of a product; above, OpenBLAS starts threads", _SPEED)
-    threaded_chunks: int = threshold(20, "buffers", "from which threads pay", _SPEED)
-    most_threads: int = threshold(4, "threads", "more wait for memory and Python's lock", _SPEED)
-    closure_px: float = threshold(1e-9, "px", "of the image point, at which the iteration ends", _ROUNDING)
-    accepted_px: float = threshold(1e-8, "px", "of the image point that rounding may leave", _ROUNDING)
-    most_iterations: int = threshold(25, "iterations", "of Newton's method")
-    chord_evaluations: int = threshold(4, "evaluations", "with the inverse polynomial's derivatives")
-    few_open: float = threshold(0.05, "", "share of points that is finished apart from the others", _SPEED)
-    nodes: int = threshold(7, "nodes", "along each axis, on which the inverse polynomial is fitted")
-    domain_margin: float = threshold(1.5, "half extents", "beyond which the cubic is worse than the affine start")
-    stack_batch: int = threshold(4096, "points", "whose coefficients stay in the processor's cache", _SPEED)
-    stack_iterations: int = threshold(8, "iterations", "of Newton's method; then each RPC localizes by itself")
-    compiled_from: int = threshold(20_000, "points", "from which compiled loops pay", _SPEED)
+    chunk: int = threshold(12288, "points", "size of a buffer: fewer cost calls, more leave the cache", _SPEED)
+    product_limit: int = threshold(2**18, "multiplications", "largest product on one thread of OpenBLAS", _SPEED)
+    threaded_chunks: int = threshold(20, "buffers", "number from which threads are faster", _SPEED)
+    most_threads: int = threshold(4, "threads", "largest number: more wait for memory", _SPEED)
+    closure_px: float = threshold(1e-9, "px", "error of the image point at convergence", _ROUNDING)
+    accepted_px: float = threshold(1e-8, "px", "largest error of an accepted image point", _ROUNDING)
+    most_iterations: int = threshold(25, "iterations", "largest number of Newton steps")
+    chord_evaluations: int = threshold(4, "evaluations", "steps with the derivatives of the fitted inverse")
+    few_open: float = threshold(0.05, "", "share of open points at which only they continue", _SPEED)
+    nodes: int = threshold(7, "nodes", "along each axis, for the fit of the inverse polynomial")
+    domain_margin: float = threshold(1.5, "half extents", "normalised coordinate up to which the cubic inverse is used")
+    stack_batch: int = threshold(4096, "points", "points of a batch, whose coefficients fit the cache", _SPEED)
+    stack_iterations: int = threshold(8, "iterations", "largest number in batches; then each RPC is inverted alone")
+    compiled_from: int = threshold(20_000, "points", "number from which compiled loops are faster", _SPEED)
 
 
 #: Powers of (L, P, H) of the 20 terms, in RPC00B order.

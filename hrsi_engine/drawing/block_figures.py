@@ -22,7 +22,7 @@ CARD_WIDTH, CARD_MARGIN, CARD_KEY = 360.0, 14.0, 24.0
 
 @thresholds
 class CARD:
-    """Limits for drawing the mean residual of a cell as systematic."""
+    """Limits for arrows of mean residuals in figures."""
 
     fewest_residuals: int = threshold(3, "residuals", "fewest residuals of a cell with a mean")
     mean_sigmas: float = threshold(2.0, "sigma", "standard errors of a significant mean", "normal distribution: 5 %")

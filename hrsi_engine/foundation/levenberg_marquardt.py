@@ -27,18 +27,18 @@ from .thresholds import threshold, thresholds
 
 @thresholds
 class DESCENT:
-    """Damping and convergence of the descent."""
+    """Damping and convergence of the Levenberg-Marquardt iteration."""
 
-    first_damping: float = threshold(1e-4, "", "damping after the first refused step, relative to the diagonal")
-    least_damping: float = threshold(1e-10, "", "smallest damping once there was any")
-    most_damping: float = threshold(1e8, "", "damping beyond which the descent is stuck")
-    raised: float = threshold(4.0, "", "factor of the damping after a refused step, twice that after each further one")
-    lowered: float = threshold(0.1, "", "factor of the damping after a step that did not need it")
-    unimportant_share: float = threshold(0.1, "", "share of the damping in a step below which the step did not need it")
-    look_ahead: int = threshold(2, "steps", "steps after one that raises the cost, before it is refused")
-    great_leap: float = threshold(0.5, "", "share of the cost that such a step may leave at most")
-    done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum (sigma0 included) that counts as none")
-    near_sigma: float = threshold(1e-2, "sigma", "distance that is small enough after the last step")
+    first_damping: float = threshold(1e-4, "", "damping after the first rejected step, relative to the diagonal")
+    least_damping: float = threshold(1e-10, "", "smallest damping after a rejected step")
+    most_damping: float = threshold(1e8, "", "damping beyond which the iteration fails")
+    raised: float = threshold(4.0, "", "factor of the damping after a rejected step, doubled after each further one")
+    lowered: float = threshold(0.1, "", "smallest factor of the damping after an accepted step")
+    unimportant_share: float = threshold(0.1, "", "share of the damping in a step's decrease below which it is reduced")
+    look_ahead: int = threshold(2, "steps", "steps after a rise of the cost, before it is rejected")
+    great_leap: float = threshold(0.5, "", "largest ratio of costs in such a further step")
+    done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum at convergence (sigma0 included)")
+    near_sigma: float = threshold(1e-2, "sigma", "distance to the minimum accepted after the last step")
     rounding_share: float = threshold(1e-9, "", "relative change of the cost that is no rise", "rounding of sums")
 
 

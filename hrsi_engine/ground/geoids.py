@@ -24,19 +24,19 @@ from ..foundation.thresholds import threshold, thresholds
 
 @thresholds
 class GEOID:
-    """Limits of undulations, accuracy of a substitute, test of the difference of surveyed heights and a DEM."""
+    """Limits for geoid grids and their substitutes, and for the test of surveyed heights against a DEM."""
 
     largest_undulation_m: float = threshold(
-        200.0, "m", "a grid with more is no geoid: the geoid lies within 110 m of the ellipsoid, a local datum off it"
+        200.0, "m", "largest undulation: the geoid lies within 110 m of the ellipsoid, a local datum deviates from it"
     )
     substitute_sigma_m: float = threshold(
-        1.0, "m", "standard deviation of a model's heights above those of another model or of a levelling network, "
-        "where not both grids are at hand", "issue 36",
+        1.0, "m", "standard deviation of the difference of two geoid models, or of a model and a levelling network, if "
+        "a grid is missing"
     )  # fmt: skip
-    fewest_points: int = threshold(3, "points", "below, no difference of surveyed heights from a DEM is significant")
-    significant_sigmas: float = threshold(4.0, "sigma", "of the median, which such a difference must exceed")
-    smallest_difference_m: float = threshold(5.0, "m", "trees, buildings and a coarse DEM may do so much")
-    undulation_share: float = threshold(0.25, "", "share of the undulation within which a difference looks like it")
+    fewest_points: int = threshold(3, "points", "fewest surveyed points for a significant difference from a DEM")
+    significant_sigmas: float = threshold(4.0, "sigma", "smallest significant median difference, in its sigmas")
+    smallest_difference_m: float = threshold(5.0, "m", "smallest significant difference: canopy, coarse DEM")
+    undulation_share: float = threshold(0.25, "", "relative tolerance for a difference equal to the undulation")
 
 
 #: Geoid models by their name on the command line, the finest first: PROJ's file name, then an older name of it.

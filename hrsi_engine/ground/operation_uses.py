@@ -14,12 +14,7 @@ from .geoids import GEOID, Geoid, how_to_get_grids
 class OPERATIONS:
     """Limit for warnings about accuracy lost because of a missing grid."""
 
-    least_loss_m: float = threshold(
-        0.1,
-        "m",
-        "accuracy lost because of a missing grid from which a warning is given",
-        "issue 36: none above is silent",
-    )
+    least_loss_m: float = threshold(0.1, "m", "accuracy lost because of a missing grid from which a warning is given")
 
 
 WORLD = (-180.0, -90.0, 180.0, 90.0)  # west, south, east, north

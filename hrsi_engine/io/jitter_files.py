@@ -21,9 +21,9 @@ JITTER_COLUMNS = ("image", "line", "d_sample", "d_line", "sigma_sample", "sigma_
 
 @thresholds
 class JITTER_FILES:
-    """When a jitter file belongs to an RPC."""
+    """Limit for the agreement of a jitter file with an RPC."""
 
-    same_px: float = threshold(0.02, "px", "difference of a computed position up to which an RPC is the same", "text")
+    same_px: float = threshold(0.02, "px", "largest difference of a position by the same RPC", "decimals")
 
 
 def write_jitter(path: str, curves: Mapping[str, JitterCurve], rpcs: Mapping[str, RPC]) -> None:

@@ -171,10 +171,10 @@ HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 
 @thresholds
 class GRANULE_FILL:
-    """Numbers of a granule that mean a missing value."""
+    """Range of the values of laser products; values outside it mean nodata."""
 
-    largest: float = threshold(1e30, "m", "largest value", "the products fill with 3.4e38")
-    lowest: float = threshold(-9990.0, "m", "lowest value", "the products fill with -9999")
+    largest: float = threshold(1e30, "m", "largest absolute value of an observation", "the products fill with 3.4e38")
+    lowest: float = threshold(-9990.0, "m", "lowest value of an observation", "the products fill with -9999")
 
 
 #: Arrays of a beam, by HRSI's names; arrays that the granule lacks are omitted.

@@ -33,10 +33,9 @@ class OBJECT_SPACE_PRIORS:
     """Priors of corrections in object space."""
 
     height_share: float = threshold(
-        0.1, "",
-        "a priori standard deviation of corrections in height over those in position: an image determines corrections "
-        "across its rays only, and without priors both grow along the rays beyond the validity range of the RPC",
-        "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
+        0.1, "", "a priori standard deviation of corrections in height over those in position: an image determines "
+        "corrections across its rays only, and without priors both grow along the rays beyond the validity range of "
+        "the RPC", "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)"
     )  # fmt: skip
 
 

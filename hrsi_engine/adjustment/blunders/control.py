@@ -41,17 +41,17 @@ from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 class GCP_TESTS:
     """Limits for the detection of wrong GCPs, of their wrong parts, and of ambiguity."""
 
-    of_stated_sigmas: float = threshold(2.0, "observations", "weight of the stated sigmas in a variance factor")
-    worse_significance: float = threshold(0.1, "", "of a kind of observations with a variance factor of its own")
-    all_subsets: int = threshold(1000, "subsets", "so many are tried one by one; more GCPs are searched")
-    starts: int = threshold(12, "starts", "random starts of the search", "Rousseeuw and Van Driessen 1999")
-    group_steps: int = threshold(8, "steps", "concentration steps from a start", "Rousseeuw and Van Driessen 1999")
-    unexplained: float = threshold(15.0, "variance factors", "squares that an equally good explanation leaves")
-    like: float = threshold(0.02, "", "by which an explanation may fall short of the best: equations are not linear")
-    simplicity: float = threshold(9.0, "variance factors", "squares that another unknown must explain: three sigma")
-    undecided: float = threshold(6.0, "variance factors", "by which one explanation of a GCP must be better")
-    most_together: int = threshold(40, "GCPs", "so many are searched as one; of more, each with its neighbourhood")
-    neighbourhood: int = threshold(20, "GCPs", "of a neighbourhood; its nearer half is judged")
+    of_stated_sigmas: float = threshold(2.0, "observations", "prior weight of the stated sigmas in a variance factor")
+    worse_significance: float = threshold(0.1, "", "significance level of a variance factor for a kind alone")
+    all_subsets: int = threshold(1000, "subsets", "number of subsets up to which all of them are tested")
+    starts: int = threshold(12, "starts", "random starts of the search for groups", "Rousseeuw and Van Driessen 1999")
+    group_steps: int = threshold(8, "steps", "concentration steps after each start", "Rousseeuw and Van Driessen 1999")
+    unexplained: float = threshold(15.0, "variance factors", "chi² by which an equally good explanation may be worse")
+    like: float = threshold(0.02, "", "the same, relative to the best explanation: the equations are not linear")
+    simplicity: float = threshold(9.0, "variance factors", "decrease of chi² that justifies another unknown (3 sigma)")
+    undecided: float = threshold(6.0, "variance factors", "least lead in chi² of the explanation of a GCP's error")
+    most_together: int = threshold(40, "GCPs", "number of GCPs up to which all are tested together")
+    neighbourhood: int = threshold(20, "GCPs", "GCPs of a neighbourhood; its nearer half is tested")
 
 
 @dataclass(frozen=True, eq=False)

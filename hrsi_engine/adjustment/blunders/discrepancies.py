@@ -32,10 +32,10 @@ from ..problem import Problem
 
 @thresholds
 class DISCREPANCY:
-    """Limits for the directions of the GCPs' errors that can be tested."""
+    """Limits below which errors of GCPs do not appear in the residuals and cannot be tested."""
 
-    least_inverse_share: float = threshold(1e-9, "", "of the largest eigenvalue that counts", "rounding of float64")
-    least_share: float = threshold(1e-3, "", "of an error that shows in the residuals; less is not tested")
+    least_inverse_share: float = threshold(1e-9, "", "smallest eigenvalue over the largest one", "rounding of float64")
+    least_share: float = threshold(1e-3, "", "smallest share of an error in its residual that is tested")
 
 
 PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, each with its own variance factor

@@ -33,10 +33,10 @@ from .ties import compute_point_squares, estimate_tie_variance, judge_ties
 class SNOOPING:
     """Numbers of rounds of data snooping, and weights in them."""
 
-    tie_rounds: int = threshold(6, "rounds", "in which cameras and decisions on tie measurements alternate")
-    control_rounds: int = threshold(3, "rounds", "most rounds in which GCPs are tested")
-    rare: float = threshold(2e-4, "", "share of the measurements whose change of decision is not worth another round")
-    strong_drift: float = threshold(10.0, "", "times the usual drift: GCPs that it explains are not suspected")
+    tie_rounds: int = threshold(6, "rounds", "largest number of adjustments with new decisions on tie points")
+    control_rounds: int = threshold(3, "rounds", "largest number of rounds in which GCPs are tested")
+    rare: float = threshold(2e-4, "", "share of changed decisions on measurements below which the rounds end")
+    strong_drift: float = threshold(10.0, "", "factor of the a priori sigmas of drifts in a second test of GCPs")
     survey_weight: float = threshold(1e-3, "", "factor of the survey weights while tie points are tested")
 
 

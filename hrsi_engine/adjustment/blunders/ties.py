@@ -42,19 +42,18 @@ MEDIAN_EFFICIENCY = 0.4  # efficiency of a variance from the median of squares
 class RAYS:
     """Limits for blunders among the measurements of a tie point."""
 
-    credit: float = threshold(0.05, "", "odds of agreeing by chance up to which two rays are accepted (see the module)")
+    credit: float = threshold(0.05, "", "odds of a chance agreement up to which two rays are accepted (see the module)")
     least_sigma_px: float = threshold(
-        0.025, "px", "of a measurement when it is tested: a tenth of a pixel has no effect",
-        "rendered strip of 20 frames: 2 % of its tie points fail at 4 sigma of 0.01 px, with errors from 0.04 px",
+        0.025, "px", "smallest sigma of a measurement in its test: an error of 0.1 px has no effect", "rendered strip "
+        "of 20 frames: 2 % of its tie points fail at 4 sigma of 0.01 px, with errors from 0.04 px"
     )  # fmt: skip
-    gross: float = threshold(1.5, "", "times the user's limit: beyond it a point has a blunder")
+    gross: float = threshold(1.5, "", "factor of the user's limit above which a point certainly has a blunder")
     false_share: float = threshold(
-        0.002,
-        "",
-        "share of error-free blocks in which a tie point is rejected; of the rejected points, share of correct ones",
-    )
+        0.002, "", "probability of a rejection in an error-free block, and false discovery rate of the rejected tie "
+        "points"
+    )  # fmt: skip
     least_variance: float = threshold(
-        1e-12, "", "variance factor of tie points below which their residuals are rounding"
+        1e-12, "", "smallest variance factor of tie points (smaller residuals are rounding errors)"
     )
 
 
@@ -62,9 +61,9 @@ class RAYS:
 class TREND:
     """Limits for image residuals that neighbours share: they are attributed to the cameras, not to blunders."""
 
-    least: int = threshold(60, "measurements", "on an image, ten for each coefficient")
-    sample: int = threshold(600, "measurements", "of an image that determine it: each coefficient to 0.1 sigma")
-    steps: int = threshold(4, "steps", "of the robust fit")
+    least: int = threshold(60, "measurements", "fewest of an image for a trend: ten per coefficient")
+    sample: int = threshold(600, "measurements", "largest number of an image for its trend: coefficients to 0.1 sigma")
+    steps: int = threshold(4, "steps", "iterations of the robust fit")
     levelling: float = threshold(1e-3, "", "relative weight that keeps coefficients of poorly spread points at zero")
 
 

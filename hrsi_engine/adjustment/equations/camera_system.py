@@ -22,12 +22,12 @@ class SYSTEM:
     """Limits for the choice of the solution method of the camera system."""
 
     most_factored: int = threshold(
-        300_000, "cameras",
-        "more are solved by conjugate gradients: the factors of an affine block that large take about 12 GB",
+        300_000, "cameras", "largest block solved by Cholesky factors (12 GB for affine models); larger ones by "
+        "conjugate gradients"
     )  # fmt: skip
-    nearby: float = threshold(1e-7, "", "relative error by a nearby matrix's factors; the next pass corrects it")
-    nearby_unknowns: int = threshold(500, "unknowns", "of fewer, new factors cost nothing and are exact")
-    nearby_iterations: int = threshold(10, "iterations", "with a nearby matrix; each costs 1/20 of new factors")
+    nearby: float = threshold(1e-7, "", "relative error of a solution by an earlier matrix's factors")
+    nearby_unknowns: int = threshold(500, "unknowns", "number of unknowns from which earlier factors are used again")
+    nearby_iterations: int = threshold(10, "iterations", "largest number with earlier factors; each costs 1/20 of new")
 
 
 CG_TOLERANCE = 1e-11  # relative to the right-hand side; further Gauss-Newton steps correct the rest

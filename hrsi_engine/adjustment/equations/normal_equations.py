@@ -40,10 +40,10 @@ from .states import Cofactors, Normals, PointPriors, State
 class POINT_STEPS:
     """Limits for the convergence of intersections, and for the use of compiled loops."""
 
-    closure_m: float = threshold(1e-4, "m", "step below which a point is settled: far below any measurement")
-    start_closure_m: float = threshold(10.0, "m", "step at which an image's centre is settled, a start")
-    most_step_m: float = threshold(5e3, "m", "largest step: with weak geometry steps are short")
-    worth_compiling: int = threshold(20_000, "image points", "from here on points are eliminated by compiled loops")
+    closure_m: float = threshold(1e-4, "m", "step of an intersection at which it has converged")
+    start_closure_m: float = threshold(10.0, "m", "step at which the start position of an image has converged")
+    most_step_m: float = threshold(5e3, "m", "largest step of an intersection (weak geometry)")
+    worth_compiling: int = threshold(20_000, "image points", "number from which they are eliminated by compiled loops")
 
 
 MOST_SUMS_BYTES = 2**29  # memory of the threads' sums of the reduced matrix: it limits the number of threads

@@ -45,14 +45,14 @@ from .shared_errors import (
 class HEIGHTS:
     """Limits for the test of observed heights."""
 
-    least_by_rays: float = threshold(1e-4, "", "share of a height from rays that judges the observed height")
+    least_by_rays: float = threshold(1e-4, "", "smallest redundancy number of a height in its test")
     dem_whole: float = threshold(
-        0.8, "", "share of a DEM's standard deviation that is a common error of all cells, in weights and predictions",
-        "GLO-30: 4 m LE90 with noise of 1 to 3 m",
+        0.8, "", "part of a DEM's standard deviation that is an error common to all cells", "GLO-30: 4 m LE90 with "
+        "noise of 1 to 3 m"
     )  # fmt: skip
-    most_gcps: int = threshold(24, "GCPs", "whose surveyed heights are compared with the sources, evenly chosen")
-    alike_m: float = threshold(100.0, "m", "size of cells whose heights count as one height where jitter is estimated")
-    least_common_m: float = threshold(1e-3, "m", "error that surveyed heights share: each is wrong by itself")
+    most_gcps: int = threshold(24, "GCPs", "largest number of GCPs whose heights are compared with the sources")
+    alike_m: float = threshold(100.0, "m", "side of cells whose heights are one observation in the jitter estimate")
+    least_common_m: float = threshold(1e-3, "m", "sigma of the common error of surveyed heights, here independent")
 
 
 class HeightRows(NamedTuple):

@@ -38,22 +38,22 @@ from .held_heights import HEIGHTS
 
 @thresholds
 class SURFACE_FIT:
-    """Limits for the use of a surface for a block's position in plan."""
+    """Limits for the use of a surface as control of a block's position in plan."""
 
     cells_off: float = threshold(
-        0.1, "cells", "standard deviation of a DEM's place along each axis", "GLO-30: CE90 6 m, or 2.8 m of 30 m"
+        0.1, "cells", "standard deviation of a DEM's position in plan, each axis", "GLO-30: CE90 6 m, or 2.8 m of 30 m"
     )
     noise_share: float = threshold(
-        0.45, "", "noise of a DEM within some cells over its standard deviation", "GLO-30: 1 m"
+        0.45, "", "noise of neighbouring DEM cells relative to the DEM's standard deviation", "GLO-30: 1 m"
     )
-    most_matches: int = threshold(12, "matches", "of a part; what is left then follows the block")
-    moved_cells: float = threshold(0.05, "cells", "move of the block after which it is matched again")
+    most_matches: int = threshold(12, "matches", "largest number of matchings of a part with the surface")
+    moved_cells: float = threshold(0.05, "cells", "shift of the block after which it is matched again")
     fewest_cells: float = threshold(
-        12.0, "cells", "independent ones; with fewer the relief does not determine the position in plan"
+        12.0, "cells", "fewest independent cells with which the relief determines the position in plan"
     )
-    flat: float = threshold(0.7, "", "scatter about the surface over that of the ground's heights: half is unexplained")
-    left_of_relief: float = threshold(0.5, "", "scatter about the surface over that of the ground's heights …")
-    left_sigmas: float = threshold(4.0, "sigma", "… or in standard deviations of the surface: beyond, another ground")
+    flat: float = threshold(0.7, "", "largest scatter of misclosures relative to that of heights; else ground is flat")
+    left_of_relief: float = threshold(0.5, "", "largest scatter of misclosures relative to that of heights …")
+    left_sigmas: float = threshold(4.0, "sigma", "… or to the surface's sigma; beyond, it is not the same terrain")
 
 
 @dataclass(eq=False)

@@ -35,18 +35,20 @@ NAME = "laser"
 
 @thresholds
 class LASER_FIT:
-    """Limits for the relation of ground and laser points."""
+    """Limits for the comparison of laser heights with the heights of tie points."""
 
-    ties: int = threshold(12, "tie points", "nearest tie points that determine the ground around a laser point")
+    ties: int = threshold(12, "tie points", "largest number of neighbouring tie points for a laser point's plane")
     slope_sigma: float = threshold(0.2, "m/m", "a priori standard deviation of the ground's slope")
-    roughness: float = threshold(0.02, "m/m", "standard deviation of the ground about the plane, over the distance")
-    least_scatter_m: float = threshold(0.1, "m", "least scatter of the tie points about their plane")
-    place_sigma_m: float = threshold(4.0, "m", "of a laser point in plan", "ICESat-2: 3.5 m (Luthcke et al. 2021)")
-    track_sigma_m: float = threshold(0.1, "m", "standard deviation of what a track shares: orbit and pointing")
-    overall_sigma_m: float = threshold(0.05, "m", "standard deviation of what all laser points share: tides, datum")
-    uneven_m: float = threshold(2.0, "m", "scatter of tie points about their plane: the ground has no height there")
-    moved_m: float = threshold(1.0, "m", "shift of the block in plan after which the planes are found again")
-    cut: float = threshold(2.5, "sigma", "a tie point farther off the plane loses weight")
+    roughness: float = threshold(0.02, "m/m", "standard deviation of the ground about the plane, per distance")
+    least_scatter_m: float = threshold(0.1, "m", "smallest scatter of tie points about their plane")
+    place_sigma_m: float = threshold(
+        4.0, "m", "error of a laser point in plan", "ICESat-2: 3.5 m (Luthcke et al. 2021)"
+    )
+    track_sigma_m: float = threshold(0.1, "m", "sigma of the error common to a track: orbit and pointing")
+    overall_sigma_m: float = threshold(0.05, "m", "sigma of the error common to all laser points: tides, datum")
+    uneven_m: float = threshold(2.0, "m", "largest scatter of tie points about the plane of a laser point in use")
+    moved_m: float = threshold(1.0, "m", "shift of the block in plan after which the planes are fitted again")
+    cut: float = threshold(2.5, "sigma", "deviation from the plane that reduces a weight")
 
 
 PLANE_ROUNDS = 5

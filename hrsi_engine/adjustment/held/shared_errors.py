@@ -34,20 +34,20 @@ from ..result import SourceGroup
 
 @thresholds
 class SOURCE_FIT:
-    """Limits for the fit of external heights and positions, alone and in groups."""
+    """Limits for residuals of external heights and positions, singly and in groups."""
 
     fitting: float = threshold(
-        2.5, "sigma", "one with a smaller error keeps its weight", "redescending weights (Hampel 1974)"
+        2.5, "sigma", "residual up to which an observation keeps its full weight", "redescending weights (Hampel 1974)"
     )
-    wrong: float = threshold(4.0, "sigma", "one with a larger error has none", "redescending weights (Hampel 1974)")
-    left_out: float = threshold(1e-3, "", "factor of the weight below which an observation counts as left out")
-    core: float = threshold(2.5, "robust sigma", "differences farther from the median do not count")
-    group_wrong: float = threshold(3.5, "sigma", "a group with a larger error contradicts the others")
-    decided: float = threshold(4.0, "chi²", "by which a place of the block must be better to decide on groups")
-    most_returns: int = threshold(3, "returns", "a group that has come back so often stays out")
-    least_of_group: int = threshold(3, "observations", "a group of fewer is judged by its members alone")
-    prior_redundancy: float = threshold(20.0, "observations", "weight of the given sigma in its variance")
-    sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "least and largest factor of a sigma")
+    wrong: float = threshold(4.0, "sigma", "residual of weight zero", "redescending weights (Hampel 1974)")
+    left_out: float = threshold(1e-3, "", "weight factor below which an observation counts as left out")
+    core: float = threshold(2.5, "robust sigma", "largest deviation from the median in its estimate")
+    group_wrong: float = threshold(3.5, "sigma", "residual from which a group contradicts the others")
+    decided: float = threshold(4.0, "chi²", "chi² increase to which other block positions are possible")
+    most_returns: int = threshold(3, "returns", "after so many returns a group remains left out")
+    least_of_group: int = threshold(3, "observations", "fewest observations of a group that is tested")
+    prior_redundancy: float = threshold(20.0, "observations", "weight of the given sigma in its estimate")
+    sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "limits of the estimated factor of a sigma")
 
 
 CUTS, HALVINGS = 20, 12  # most steps for the bulk of the differences; steps for a sigma

@@ -44,28 +44,28 @@ from .line_splines import LOW_DEGREES, MOST_LOW_DEGREES, LineSpline
 class JITTER_CURVES:
     """Limits for the estimation of jitter curves and for its convergence."""
 
-    knots_in_period: int = threshold(6, "knots", "in the shortest period: a spline then keeps 99.7 % of a sine")
+    knots_in_period: int = threshold(6, "knots", "knots of the spline in the shortest period: 99.7 % of a sine remain")
     least_wave_px: float = threshold(
-        0.05, "px", "amplitude from which a wave is removed", "the Pleiades triplet has 0.02"
+        0.05, "px", "smallest amplitude of a wave that is corrected", "amplitude 0.02 px of the Pleiades triplet"
     )
     least_spacing: float = threshold(8.0, "lines", "smallest distance between knots")
     ranges: tuple[float, ...] = threshold(
-        (0.5, 1.0), "", "ranges of priors without a period, in periods of the strongest wave"
+        (0.5, 1.0), "", "correlation lengths of priors without a period, in periods of the strongest wave"
     )
-    damping: tuple[float, ...] = threshold((0.3, 0.1, 0.02), "", "of priors with its period; the most likely is taken")
-    start_px: float = threshold(1.0, "px", "standard deviation of a curve before it is estimated")
-    least_px: float = threshold(0.003, "px", "smallest standard deviation: such a curve changes nothing")
-    steps: int = threshold(6, "steps", "of the iteration of the variance, at most")
-    settled_variance: float = threshold(0.03, "", "relative change of the variance that ends its iteration")
+    damping: tuple[float, ...] = threshold((0.3, 0.1, 0.02), "", "damping ratios of priors with its period, in turn")
+    start_px: float = threshold(1.0, "px", "initial standard deviation of a curve")
+    least_px: float = threshold(0.003, "px", "smallest sigma of a curve: a smaller one has no effect")
+    steps: int = threshold(6, "steps", "largest number of iterations of the variance")
+    settled_variance: float = threshold(0.03, "", "relative change of the variance at convergence")
     weak: float = threshold(
-        0.5, "", "variance of what is not known of an axis, relative to the prior's, from which it has no cubic part"
+        0.5, "", "posterior variance of an axis's curve relative to the prior one, above which it has no cubic part"
     )
-    outlier: float = threshold(3.0, "sigma", "scale of the robust weights (Cauchy) of points")
-    most_points: int = threshold(100_000, "points", "from which curves are estimated, of more an even choice")
-    samples: int = threshold(24, "samples", "of the posterior, by which the uncertainty of the curves is estimated")
-    settled_px: float = threshold(0.03, "px", "RMS change of the curves that ends the rounds", "below a measurement")
-    most_parts: int = threshold(2, "parts", "of a curve: the second of waves that the first one leaves")
-    most_rounds: int = threshold(3, "rounds", "of estimating curves and adjusting")
+    outlier: float = threshold(3.0, "sigma", "scale of the robust Cauchy weights of points")
+    most_points: int = threshold(100_000, "points", "largest number in the estimate; of more, an even choice")
+    samples: int = threshold(24, "samples", "samples of the posterior distribution for the precision of curves")
+    settled_px: float = threshold(0.03, "px", "RMS change of the curves at convergence", "smaller than an image error")
+    most_parts: int = threshold(2, "parts", "successive corrections; the second removes remaining waves")
+    most_rounds: int = threshold(3, "rounds", "most alternations of curves and adjustment")
 
 
 ROBUST_STEPS = 3  # in which the robust weights of points are updated

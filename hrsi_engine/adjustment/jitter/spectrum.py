@@ -40,28 +40,29 @@ class WAVES:
     """Limits for the search for waves in residuals along the lines, and for their significance."""
 
     least_redundancy: float = threshold(
-        0.25, "", "redundancy number below which a residual does not show the image",
-        "two images have 0.5 across, three along the track 0.67 in the middle one, 0.17 in the others",
+        0.25, "", "smallest redundancy number of a residual that is examined", "two images have 0.5 across, three "
+        "along the track 0.67 in the middle one, 0.17 in the others"
     )  # fmt: skip
-    shortest_lines: float = threshold(100.0, "lines", "shortest period")
+    shortest_lines: float = threshold(100.0, "lines", "shortest period of a wave")
     longest_share: float = threshold(
-        0.6667, "", "longest period over the lines with observations: an RPC's correction follows longer waves"
+        0.6667, "", "longest period relative to the observed lines; the RPC correction absorbs longer waves"
     )
-    oversampling: int = threshold(5, "", "frequencies in the width of a peak", "loss of height below 2 %")
+    oversampling: int = threshold(5, "", "frequencies computed in the width of a peak", "loss of height below 2 %")
     scanned_share: float = threshold(
-        0.85, "", "least height of a peak in the transform over its exact one", "0.97 by frequencies, 0.94 by cells"
-    )
-    cells_in_period: int = threshold(8, "cells", "in the shortest period: they flatten its wave by 3 %", "sinc")
+        0.85, "", "smallest height of a peak in the transform over its exact height", "0.97 by frequencies, 0.94 by "
+        "cells"
+    )  # fmt: skip
+    cells_in_period: int = threshold(8, "cells", "cells in the shortest period (amplitude reduced by 3 %)", "sinc")
     least_free: float = threshold(
-        0.05, "", "share of a sine's square that the trend and earlier waves must leave", "half of it is a free sine's"
+        0.05, "", "smallest part of a sine's square that trend and earlier waves leave", "half of it for a free sine"
     )
-    strips: int = threshold(4, "strips", "parts along the samples whose waves are compared")
-    fewest_cells: int = threshold(30, "cells", "with which an image is examined")
-    fewest_in_strip: int = threshold(6, "cells", "of a strip whose wave is compared")
-    outlier: float = threshold(5.0, "sigma", "robust deviation from which a residual is left out")
-    risk: float = threshold(1e-4, "", "false alarm probability of a block", "as of the verdict's tests")
-    strip_risk: float = threshold(0.01, "", "probability of such agreement of strips by chance, in addition")
-    most_waves: int = threshold(8, "waves", "of an image and axis")
+    strips: int = threshold(4, "strips", "strips along the samples whose waves are compared")
+    fewest_cells: int = threshold(30, "cells", "fewest cells of an image that is examined")
+    fewest_in_strip: int = threshold(6, "cells", "fewest cells of a strip that is compared")
+    outlier: float = threshold(5.0, "sigma", "robust deviation beyond which a residual is left out")
+    risk: float = threshold(1e-4, "", "false alarm probability of a block", "as in the tests of the verdict")
+    strip_risk: float = threshold(0.01, "", "error probability of the F test of the agreement of strips")
+    most_waves: int = threshold(8, "waves", "largest number for an image and axis")
 
 
 _CELL_LINES = WAVES.shortest_lines / WAVES.cells_in_period  # lines of a cell

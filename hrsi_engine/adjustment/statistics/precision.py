@@ -29,10 +29,10 @@ from ..gauss_newton import GaussNewton, Solution
 
 @thresholds
 class RELIABILITY:
-    """Limits for residuals and standard deviations that can be evaluated."""
+    """Limits below which residuals are not tested and beyond which standard deviations are not reported."""
 
-    least_redundancy: float = threshold(1e-3, "", "a residual with less is not a measure of its observation")
-    farthest_m: float = threshold(1e5, "m", "a larger error or standard deviation is not determined")
+    least_redundancy: float = threshold(1e-3, "", "smallest redundancy number of a residual that is tested")
+    farthest_m: float = threshold(1e5, "m", "largest standard deviation of a determined coordinate")
 
 
 LEAST_SIGMA_M = 1e-6  # smallest sigma of a position, so that points without error have a CE90, too

@@ -60,13 +60,13 @@ def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray
 
 @thresholds
 class PASS_POINTING:
-    """Limits for the pointing error that the frames of one pass share."""
+    """Limits for the pointing error common to the frames of one pass."""
 
     own_share: float = threshold(
-        0.15, "", "standard deviation of a frame's own pointing error, relative to the pass's",
-        "SkySat over Miami University 0.05; views 12 degrees apart see a common error 0.1 differently; 2026-11-25",
+        0.15, "", "sigma of a frame's own pointing error relative to that of the pass", "SkySat over Miami University "
+        "0.05; views 12 degrees apart see a common error 0.1 differently; 2026-11-25"
     )  # fmt: skip
-    most_cameras: int = threshold(50, "cameras", "of a pass; the own errors of more are left to count as independent")
+    most_cameras: int = threshold(50, "cameras", "largest pass whose frames' own errors are modelled")
 
 
 def propagate_pointing(

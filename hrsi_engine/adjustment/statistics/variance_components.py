@@ -35,20 +35,20 @@ from .precision import Precision
 
 @thresholds
 class VARIANCE:
-    """Limits for the estimation of sigmas from residuals."""
+    """Limits for the estimation of a priori sigmas from residuals (variance components)."""
 
     least_redundancy: float = threshold(
-        4.0, "", "redundancy of a group below which its variance factor is known to no better than a third",
-        "1 / sqrt(2 r) of a variance component with redundancy r",
+        4.0, "", "smallest redundancy of a group whose sigma is tested or estimated (to a third)", "1 / sqrt(2 r) of a "
+        "variance component with redundancy r"
     )  # fmt: skip
-    least_matched_px: float = threshold(0.02, "px", "no matching is better", "Förstner 1982, Grün 1985")
+    least_matched_px: float = threshold(0.02, "px", "smallest sigma of image matching", "Förstner 1982, Grün 1985")
     of_ties: float = threshold(
-        2.0, "observations", "weight of the factor of tie points in that of the image points of GCPs"
+        2.0, "observations", "weight of the variance factor of tie points in that of GCPs' image points"
     )
-    of_group: float = threshold(30.0, "observations", "weight of the factor of a group of image points in images")
-    of_surveys: float = threshold(6.0, "observations", "weight of the factor of all surveys in groups")
-    least_survey_share: float = threshold(1e-5, "", "least redundancy number of a survey that counts")
-    same_gsd: float = threshold(1.25, "", "ratio of pixel sizes of one sensor, seen more or less obliquely")
+    of_group: float = threshold(30.0, "observations", "weight of a group's variance factor in those of the images")
+    of_surveys: float = threshold(6.0, "observations", "weight of the surveys' joint factor in each group's")
+    least_survey_share: float = threshold(1e-5, "", "smallest weight of a survey in its own adjusted coordinate")
+    same_gsd: float = threshold(1.25, "", "largest ratio of successive pixel sizes of one sensor, sorted")
 
 
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")

@@ -30,9 +30,11 @@ from ..safety.content_marks import CONTENT_SAMPLING, places_of, read_places
 
 @thresholds
 class LINEAGE:
-    """How much of the inputs is read for their hashes."""
+    """Amount of the input files that is hashed."""
 
-    all_bytes: int = threshold(2**30, "byte", "after these, further files are known by parts only", "some seconds")
+    all_bytes: int = threshold(
+        2**30, "byte", "size of the files that are hashed as a whole; others in parts", "some seconds"
+    )
     files_of_folder: int = threshold(10_000, "files", "most files of a folder that are listed")
 
 

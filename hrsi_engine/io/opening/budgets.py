@@ -35,7 +35,7 @@ class FILE_BUDGETS:
         32 * MIB, "byte", "largest RPC file that is read", "the largest vendor XML known has about 2 MB"
     )
     points_bytes: int = threshold(
-        256 * MIB, "byte", "largest text file of points of which every line becomes objects", "some millions of points"
+        256 * MIB, "byte", "largest text file of points that is read line by line", "some millions of points"
     )
     gcp_rows: int = threshold(
         600_000, "rows", "most rows of a text file of GCPs",
@@ -66,14 +66,13 @@ class FILE_BUDGETS:
         200_000, "files", "most files of a folder or archive that is looked through", "all of an archive of orders"
     )
     delivery_in_vain: int = threshold(
-        5_000, "files",
-        "most files of a folder or archive that are opened without result: they are no images with RPCs",
-        "each takes 1 ms; as many more as there are images before them, which may have masks and browse images",
+        5_000, "files", "most files of a folder or archive that are opened although they are no images with RPCs",
+        "each takes 1 ms; the limit grows with the images found, which may have masks and browse images"
     )  # fmt: skip
     archive_images: int = threshold(
         20_000, "files", "most files of an archive that may be images", "each takes GDAL 0.1 ms to find and 1 to open"
     )  # fmt: skip
-    delivery_depth: int = threshold(32, "folders", "deepest folder of a delivery")
+    delivery_depth: int = threshold(32, "folders", "deepest level of folders in a delivery")
     hdf_values: float = threshold(1e8, "values", "most numbers of an array of matches or keypoints in HDF5")
     hdf_groups: int = threshold(10_000_000, "groups", "most groups of a file of matches in HDF5")
     point_bytes: int = threshold(
@@ -81,7 +80,7 @@ class FILE_BUDGETS:
     )
     tiff_tags: int = threshold(4096, "tags", "most tags of the first directory of a TIFF", "it has a few dozen")
     packed_factor: int = threshold(
-        100, "", "most bytes that one byte of an archive of images can unfold to", "imagery comes to 2, text to 20"
+        100, "", "largest ratio of unpacked and packed size of an archive of images", "imagery: 2, text: 20"
     )
 
 
@@ -95,16 +94,16 @@ MOST_BYTES = {
 
 @thresholds
 class RASTER_BUDGETS:
-    """Sizes that a raster may declare."""
+    """Largest sizes of rasters, and possible sizes of their cells."""
 
-    side_px: int = threshold(4_000_000, "px", "longest side", "a mosaic of the world at 10 m")
-    pixels: int = threshold(4 * 10**11, "px", "most pixels", "a mosaic of the world at 60 m; a scene has some 1e10")
+    side_px: int = threshold(4_000_000, "px", "longest side of a raster", "a mosaic of the world at 10 m")
+    pixels: int = threshold(4 * 10**11, "px", "most pixels of a raster", "the world at 60 m; a scene has about 1e10")
     pixels_per_byte: int = threshold(
-        10_000, "px/byte", "most pixels for a byte on the disk", "no compression but emptiness comes to more"
+        10_000, "px/byte", "most pixels per byte of the file", "only empty rasters are compressed more"
     )
-    empty_pixels: int = threshold(2 * 10**8, "px", "rasters up to this size may be empty")
-    block_bytes: int = threshold(1024 * MIB, "byte", "largest block of pixels that a format gives only together")
-    cell_m: tuple[float, float] = threshold((1e-3, 1e6), "m", "sides that cells of DEMs and orthoimages can have")
+    empty_pixels: int = threshold(2 * 10**8, "px", "size above which pixels per byte are tested")
+    block_bytes: int = threshold(1024 * MIB, "byte", "largest block of pixels that is read as a whole")
+    cell_m: tuple[float, float] = threshold((1e-3, 1e6), "m", "smallest and largest cell of DEMs and orthoimages")
 
 
 @thresholds

@@ -35,11 +35,9 @@ class OPEN_IMAGES:
     """Number of images that are kept open, and of pixels that are read at once."""
 
     open_per_thread: int = threshold(
-        32,
-        "files",
-        "most files that a thread keeps open",
-        "a block of a thousand images must not keep all of them in memory",
-    )
+        32, "files", "most files that a thread keeps open", "a block of a thousand images must not keep all of them in "
+        "memory"
+    )  # fmt: skip
     strip_pixels: int = threshold(4_000_000, "px", "read at once of an image wanted at a lower resolution", "memory")
 
 

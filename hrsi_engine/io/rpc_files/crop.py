@@ -48,11 +48,9 @@ class CROPS:
     )
     turned_px: float = threshold(1e-3, "px", "largest difference to which an RPC follows a turned or sheared crop")
     chip_corner_px: float = threshold(
-        1e-6,
-        "px",
-        "largest misfit of a shift and scale to the corners in ICHIPB of a NITF file",
-        "rounding of the fields",
-    )
+        1e-6, "px", "largest misfit of a shift and scale to the corners in ICHIPB of a NITF file", "rounding of the "
+        "fields"
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

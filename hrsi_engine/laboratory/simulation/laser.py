@@ -38,11 +38,9 @@ class LASER:
     common_m: float = threshold(0.05, "m", "standard deviation of the height of all passes together")
     segment_m: float = threshold(0.1, "m", "standard deviation of the height of a segment")
     spread: tuple[tuple[float, float, float], ...] = threshold(
-        ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254)),
-        "",
-        "spread of photons, two groups: share, mean and sigma of the logarithm",
-        ICESAT_2,
-    )
+        ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254)), "", "spread of photons, two groups: share, mean "
+        "and sigma of the logarithm", ICESAT_2
+    )  # fmt: skip
     photons: tuple[float, float] = threshold(
         (np.log(24.0), 0.95), "", "photons of a segment: mean and sigma of the logarithm", ICESAT_2
     )
