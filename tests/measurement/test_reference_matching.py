@@ -279,6 +279,17 @@ def test_gradient_directions_find_a_shift_whatever_the_contrast(sign):
     assert peak.contrast > 9.0 and peak.rival < 0.6
 
 
+@pytest.mark.parametrize("gain", [1.0, -7.0])
+def test_directions_are_doubled_and_strengths_saturate(gain):
+    """Ramps of a half, one and two median slopes have 1/3, 1/2 and 2/3; gain and sign do not matter, angles double."""
+    turn, x = np.radians(25.0), np.arange(90.0)
+    ramp = np.cos(turn) * x[None] + np.sin(turn) * x[:61, None]
+    grey = gain * np.hstack([0.5 * ramp, ramp, 2.0 * ramp]).astype(np.float32)
+    found = compute_orientation_field(grey, np.ones(grey.shape, dtype=bool))[30, [45, 135, 225]]
+    np.testing.assert_allclose(np.abs(found), [1.0 / 3.0, 1.0 / 2.0, 2.0 / 3.0], rtol=0.02)
+    np.testing.assert_allclose(np.angle(found), 2.0 * turn, atol=0.01)
+
+
 @pytest.mark.parametrize("false_share", [0.0, 0.6])
 def test_agreement_follows_an_affine_bias_among_false_matches(false_share):
     rng = np.random.default_rng(4)

@@ -393,6 +393,8 @@ def test_hand_over(scene, adjusted, tmp_path) -> None:
     best = max(report["pairs"], key=lambda pair: pair["base_to_height"])
     assert report["accuracy"]["relative_height_m"] == pytest.approx(best["sigma_height_m"], rel=1e-9)
     assert report["accuracy"]["tie_rmse_px"] == pytest.approx(sigma_px, abs=1e-9)
+    for key in ("ce90_m", "le90_m"):
+        assert report["accuracy"][key] == max(part[key] for part in adjusted.report["parts"]) > 0.0
     finest = min(entry["gsd_sample_m"] + entry["gsd_line_m"] for entry in adjusted.report["images"].values())
     assert report["gsd_m"] == pytest.approx(0.5 * finest, rel=0.03)
     west, south, east, north = report["area"]

@@ -58,3 +58,12 @@ def test_chunks_and_their_parts_cover_each_pixel_once(size: tuple[int, ...]) -> 
             for part in parts:
                 count[level, part.row : part.row + part.rows, part.column : part.column + part.columns] += 1
     assert (count == 1).all()
+
+
+def test_pixels_lie_where_the_geotransform_and_proj_say() -> None:
+    grid = MapGrid.from_bounds(UTM, 0.7, (500_010.0, 5_300_000.0, 500_150.0, 5_300_100.0))
+    pixels = np.random.default_rng(1).uniform(-3.0, 200.0, (50, 2))
+    x0, dx, _, y0, _, dy = grid.geotransform
+    to_wgs84 = pyproj.Transformer.from_crs(32631, 4326, always_xy=True)
+    expected = to_wgs84.transform(x0 + dx * (pixels[:, 0] + 0.5), y0 + dy * (pixels[:, 1] + 0.5))
+    np.testing.assert_allclose(grid.lonlat(pixels), np.column_stack(expected), rtol=0.0, atol=1e-10)  # 0.01 mm

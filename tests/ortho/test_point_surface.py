@@ -29,6 +29,21 @@ def test_surface_follows_the_terrain_and_goes_on_outside() -> None:
     assert np.isfinite(outside).all()
 
 
+def test_a_surface_of_few_points_ends_a_length_of_theirs_outside() -> None:
+    """Twelve points on 1000 m by 50 m: their spacing times the margin is more than the area's own length."""
+    rng = np.random.default_rng(3)
+    ground = np.column_stack([rng.uniform(0.0, 1.0, (12, 2)), np.full(12, 250.0)])
+    ground[:2, :2] = (0.0, 0.0), (1.0, 1.0)
+    by_degree = 111.32e3 * np.array([np.cos(np.radians(LAT)), 1.0])  # m
+    ground[:, :2] = (LON, LAT) + ground[:, :2] * [1000.0, 50.0] / by_degree
+    surface, _ = surface_of_points(ground)
+    for north_m, inside in ((950.0, True), (1150.0, False)):
+        heights = surface_heights(
+            surface, np.array([[LON, LAT + sign * north_m / by_degree[1]] for sign in (1.0, -1.0)])
+        )
+        assert np.isfinite(heights).tolist() == [inside, inside]
+
+
 def test_blunders_are_left_out() -> None:
     ground = points(2000)
     ground[::100, 2] += 150.0

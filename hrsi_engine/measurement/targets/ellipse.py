@@ -194,9 +194,18 @@ def fit_direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray,
 
 
 def fit_geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ellipses of minimum squared distances, by Gauss-Newton iteration from the direct fit."""
+    """Return the ellipses of minimum squared distances, by Gauss-Newton iteration from the direct fit.
+
+    Iterations that lead away from the minimum, as with half an ellipse and noise, leave the direct fit.
+    """
     centre, Q, good = fit_direct_ellipses(xy, weight)
-    centre[good], Q[good] = iterate_ellipses(xy[good], weight[good], centre[good], Q[good])
+    moved = iterate_ellipses(xy[good], weight[good], centre[good], Q[good])
+    before, after = (
+        np.sum(weight[good] * compute_ellipse_distances(xy[good], *ellipse) ** 2, axis=1)
+        for ellipse in ((centre[good], Q[good]), moved)
+    )
+    nearer = np.flatnonzero(good)[after <= before]
+    centre[nearer], Q[nearer] = (part[after <= before] for part in moved)
     return centre, Q, good
 
 
