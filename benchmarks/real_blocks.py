@@ -254,7 +254,7 @@ def judge_by_held_out(name: str) -> list[str]:
     result = adjust(block, AdjustOptions())
     refined = [result.model.compute_refined_rpc(*pair) for pair in zip(block.images, result.values, strict=True)]
     entry = summarise_held_out(result, refined)
-    ties, adjusting = entry["ties"], np.unique(block.measurements.point[result.took_part])
+    ties, adjusting = entry["ties"], np.unique(block.measurements.point[result.has_residual])
     return [
         name, str(len(block.images)), str(int((block.points.role[adjusting] == Role.TIE).sum())),
         str(entry["points"]), str(entry["wrong"]),

@@ -108,7 +108,7 @@ def residual_ratios(result: Adjustment) -> tuple[np.ndarray, np.ndarray, np.ndar
     block = result.block
     rows = block.measurements
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = result.judged_residual_px / (result.sigma_px[:, None] * np.sqrt(result.redundancy_numbers))
+        ratio = result.tested_residual_px / (result.sigma_px[:, None] * np.sqrt(result.redundancy_numbers))
     tie = np.char.startswith(block.points.ids[rows.point], "T")
     used = tie & np.isfinite(result.residual_px).all(axis=1) & (result.weight > 0.0)
     ratio[result.redundancy_numbers < 0.02] = np.nan

@@ -243,7 +243,7 @@ class Session:
         self.tour.raise_()
         save_screen("qgis_first_steps.png")
         self.tour.close()
-        self.panel.give_up()
+        self.panel.discard_edits()
 
     def show_panel(self) -> None:
         from hrsi.processing_algorithms.point_session import files
@@ -298,7 +298,7 @@ class Session:
     def show_new_block(self) -> None:
         from hrsi.plugin.points_panel.dialogs import NewBlockDialog
 
-        self.panel.give_up()
+        self.panel.discard_edits()
         self.panel.setVisible(False)
         self.dialog = NewBlockDialog()
         self.dialog.show()

@@ -83,7 +83,7 @@ class HrsiPlugin:
             self._steps.deleteLater()
             self.iface.removeToolBarIcon(self._action)
             self.iface.removeDockWidget(self.dock)
-            self.dock.close_for_good()
+            self.dock.shut_down()
             self.dock.deleteLater()
             self.dock = None
         if self._translator is not None:

@@ -36,7 +36,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)
     with plausibility.explain_failures(reasons):
-        how = laser_points.with_free_control(how, dem, laser)
+        how = laser_points.add_height_control(how, dem, laser)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)

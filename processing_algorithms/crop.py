@@ -12,7 +12,7 @@ from ..hrsi_engine.foundation.progress import Progress, stage
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.rasters.cropping import CropWindow, open_window, read_lineage, save_image
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
-from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
+from ..hrsi_engine.io.rpc_files import Lineage, read_back_px, set_aside_conflicting_rpcs, write_rpc_text
 from ..hrsi_engine.io.rpc_files.crop import crop_rpc
 from ..hrsi_engine.io.rpc_files.ignored_resampling import SIZE_ITEM, SIZE_TEXT
 from ..hrsi_engine.io.safety.transactions import Transaction
@@ -70,7 +70,7 @@ def run(options: CropOptions, context: Context) -> Report:
             part = stage(context.progress, number / len(jobs), (number + 1) / len(jobs))
             target, output = str(staged / job.name), os.path.join(folder, job.name)
             warnings += _write_crop(job, options, target, part)
-            warnings += free_the_way(output, job.image.path, job.rpc, changes)
+            warnings += set_aside_conflicting_rpcs(output, job.image.path, job.rpc, changes)
             (samples, lines), bounds = job.window.size, job.window.bounds
             report["images"][job.image.id] = {
                 "path": job.image.path, "output": output, "window": list(bounds), "samples": samples, "lines": lines,

@@ -47,8 +47,8 @@ from .block_steps.inputs import read_block, refuse_idle_matches
 from .block_steps.outputs import Clock
 from .block_steps.rpc_sets import (
     RPC_SETS,
-    MakingPoints,
-    find_making_points,
+    EstimationPoints,
+    find_estimation_points,
     find_points_near,
     rpcs_of_folder,
     split_measurements,
@@ -181,7 +181,7 @@ def _open_sets(
 
 
 @dataclass(eq=False)
-class Judges:
+class EvaluationPoints:
     """The points that evaluate RPCs.
 
     block : tracks and known points
@@ -194,7 +194,7 @@ class Judges:
     found: list[ImagePoints] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     discarded: tuple[str, ...] = ()
-    makers: Mapping[str, MakingPoints] = field(default_factory=dict)
+    makers: Mapping[str, EstimationPoints] = field(default_factory=dict)
     tracks: int = 0
     held_out: int = 0
     left_out: int = 0
@@ -214,7 +214,7 @@ class Judges:
         self.found, self.discarded = [ties.image_points], (*self.discarded, *discarded)
         self.warnings += ties.warnings
 
-    def leave_out_makers(self, block: Block, makers: Mapping[str, MakingPoints], apart_px: float) -> None:
+    def exclude_estimation_points(self, block: Block, makers: Mapping[str, EstimationPoints], apart_px: float) -> None:
         """Set the block without points from which RPCs were estimated; with all of them if none remain.
 
         Tracks found for this evaluation must be ``apart_px`` away from those points, with whom they would share pixels.
@@ -243,7 +243,7 @@ class Judges:
 def _read_points(
     options: EvaluateOptions, images: Sequence[Image], surface: GridSurface | None,
     files: Mapping[str, Sequence[str]], context: Context,
-) -> Judges:  # fmt: skip
+) -> EvaluationPoints:  # fmt: skip
     """Return the block of all tracks and known points that evaluate the RPCs, with warnings for the user.
 
     Points from which one of the sets was estimated, whose RPC ``files`` are given, are excluded. If no tracks remain,
@@ -251,9 +251,9 @@ def _read_points(
     """
     file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
     ids = [image.id for image in images]
-    made = {name: find_making_points(named, ids) for name, named in files.items()}
+    made = {name: find_estimation_points(named, ids) for name, named in files.items()}
     makers = {name: maker for name, maker in made.items() if maker is not None}
-    judges = Judges()
+    judges = EvaluationPoints()
     if options.tracks == AUTOMATIC_TRACKS:
         judges.find_tracks(options.search, images, surface, options.folder.output_dir, context.stage(0.0, 0.4))
     block, warnings = read_block(images, options.points, surface, file, judges.found)
@@ -273,7 +273,7 @@ def _read_points(
         judges.warnings.append(
             f"{near.sum()} tracks are within {options.apart_px:g} px of points that were used: they are not evaluated"
         )
-    judges.leave_out_makers(block, makers, options.apart_px)
+    judges.exclude_estimation_points(block, makers, options.apart_px)
     few = judges.left_out and judges.tracks < RPC_SETS.few_predictions
     if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
         # Further tracks in the same images: more in each cell than a run finds by default
@@ -282,7 +282,7 @@ def _read_points(
         denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
         judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
         block, _ = read_block(images, options.points, surface, None, judges.found)
-        judges.leave_out_makers(block, makers, options.apart_px)
+        judges.exclude_estimation_points(block, makers, options.apart_px)
     for name, maker in makers.items():
         if maker.used is None:
             judges.warnings.append(

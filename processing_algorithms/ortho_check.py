@@ -24,7 +24,7 @@ from ..hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.output_dir import check_output_dir
 from ..hrsi_engine.io.pages.report import explain_codes, read_picture
-from ..hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
+from ..hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, resample_to_grid
 from ..hrsi_engine.ortho import misregistration
 from ..hrsi_engine.results.verdict import Verdict
 from .declarations.orthoimages import SHIFTS_FILE, SHIFTS_LAYERS, OrthoCheckOptions
@@ -174,7 +174,7 @@ def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> PlacedOrtho:
         f"{path} has other pixels than {base.path} and is resampled to them; that smooths it and may shift it by some "
         "hundredths of a pixel"
     )
-    return PlacedOrtho(regrid(ortho, base), (0, 0))
+    return PlacedOrtho(resample_to_grid(ortho, base), (0, 0))
 
 
 def match_pairs(

@@ -14,7 +14,7 @@ from ..hrsi_engine.io.output_dir import require_plain_name
 from ..hrsi_engine.io.point_files.csv_text import write_csv
 from ..hrsi_engine.io.rasters.cropping import join_images, read_lineage, save_image
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
-from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
+from ..hrsi_engine.io.rpc_files import Lineage, read_back_px, set_aside_conflicting_rpcs, write_rpc_text
 from ..hrsi_engine.io.safety.transactions import Transaction
 from .declarations.rpcs import FORMAT_ENDINGS, StripOptions
 from .files.opening import open_images
@@ -72,7 +72,7 @@ def run(options: StripOptions, context: Context) -> Report:
             warnings += save_image(joined, target, strip.rpc, form, threads, lineage, context.progress)
         else:
             write_rpc_text(target, strip.rpc)
-        warnings += free_the_way(os.path.join(folder, file), parts[0].path, strip.rpc, changes)
+        warnings += set_aside_conflicting_rpcs(os.path.join(folder, file), parts[0].path, strip.rpc, changes)
         entry["max_difference_px"] = read_back_px(target, strip.rpc)
         if grid_file:  # in the format that `fit-rpc` reads
             rows = np.column_stack([strip.ground, strip.image]).tolist()

@@ -70,7 +70,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         warnings += [*told, *of_surface]
         if context.dry_run:
             return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, pairs)
-        how = laser_points.with_free_control(how, dem, laser, places)
+        how = laser_points.add_height_control(how, dem, laser, places)
         part = context.stage(read_at, adjusted_at)
         result, few = laser_points.adjust_at_laser_points(block, how, options.search.threads, part)
     clock.lap("adjust")

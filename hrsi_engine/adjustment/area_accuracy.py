@@ -25,7 +25,7 @@ from ..foundation.thresholds import threshold, thresholds
 from .equations.states import FREE_POINT_SIGMA_M
 from .gauss_newton import Solution
 from .problem import Part, Problem
-from .result import DatumPart, GcpsApart
+from .result import ContradictingGcps, DatumPart
 from .statistics.precision import Precision, predict_accuracy
 from .weak_geometry import RAY_GEOMETRY
 
@@ -128,7 +128,7 @@ def _remove_surveys(solution: Solution, cofactors: np.ndarray, gcps: np.ndarray,
     return np.asarray(np.where(known[:, None, None], np.linalg.inv(normal), np.nan))
 
 
-def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> GcpsApart | None:
+def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> ContradictingGcps | None:
     """Return the two GCPs of a part that disagree most; None if they agree, or if the part has more than a few GCPs.
 
     Tie points do not determine a block's scale, rotation and position, and two or three GCPs leave these little or no
@@ -153,7 +153,7 @@ def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> GcpsAp
     return worst if excess > 1.0 else None
 
 
-def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[float, GcpsApart | None]:
+def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[float, ContradictingGcps | None]:
     """Return chi² of the difference of two GCPs on their common images, divided by its limit, and that difference."""
     observations = problem.observations
     images: list[Image] = []
@@ -187,5 +187,5 @@ def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[
     worst = int(np.argmax(np.linalg.norm(apart, axis=1)))
     metres = float(np.hypot(*np.linalg.solve(slopes[worst][0][:, :2], apart[worst])))
     name_a, name_b = (str(problem.block.points.ids[observations.points[point]]) for point in pair)
-    told = GcpsApart((name_a, name_b), images[worst].id, metres, float(np.sqrt(max(by_ground, alone))), factor)
+    told = ContradictingGcps((name_a, name_b), images[worst].id, metres, float(np.sqrt(max(by_ground, alone))), factor)
     return float(excess), told

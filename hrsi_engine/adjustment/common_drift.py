@@ -55,16 +55,16 @@ class CommonDrift:
     """The common drifts of k cameras (indices in ascending order), and their prior.
 
     free : (k, p) mask of the parameters that are estimated drifts; n of them
-    basis : (n, r) orthonormal, in units of the drifts' a priori standard deviations ``believed (n,)``
-    points_alike : number of image points that share their errors; factor of the weights of the cameras' priors
+    basis : (n, r) orthonormal, in units of the drifts' a priori standard deviations ``prior_sigma (n,)``
+    points_per_error : number of image points that share their errors; factor of the weights of the cameras' priors
     weight : (r, r) weight matrix G
     """
 
     camera: np.ndarray
     free: np.ndarray
-    believed: np.ndarray
+    prior_sigma: np.ndarray
     basis: np.ndarray
-    points_alike: float
+    points_per_error: float
     weight: np.ndarray
 
     @property
@@ -82,7 +82,7 @@ class CommonDrift:
     def balance_with(self, factor: np.ndarray, unit_variance: float) -> CommonDrift:
         """Return the prior for drift weights with ``factor (n,)``; all weights are multiplied by ``unit_variance``."""
         values, vectors = np.linalg.eigh(np.eye(self.basis.shape[1]) - (self.basis.T / factor**2) @ self.basis)
-        scale = unit_variance * self.points_alike
+        scale = unit_variance * self.points_per_error
         return replace(self, weight=scale * (vectors * np.maximum(values, 0.0)) @ vectors.T)
 
     def select_drifts(
@@ -96,7 +96,7 @@ class CommonDrift:
         full[columns, rows] = full[rows, columns].transpose(0, 2, 1)
         chosen = np.flatnonzero(self.free)
         own = full.transpose(0, 2, 1, 3).reshape(k * p, k * p)[np.ix_(chosen, chosen)]
-        return own / self.believed[:, None] / self.believed, values[self.place] / self.believed
+        return own / self.prior_sigma[:, None] / self.prior_sigma, values[self.place] / self.prior_sigma
 
     def predict_differences(
         self, then: CommonDrift, cofactors: np.ndarray, values: np.ndarray, held: np.ndarray, weight: np.ndarray
@@ -106,8 +106,8 @@ class CommonDrift:
         ``cofactors`` and ``values`` are the results of `select_drifts`; ``held (n,)`` are the drifts' prior weights of
         the solution, ``weight (n,)`` the new ones, and ``then`` has the new weights of the common drifts.
         """
-        weight = weight * self.believed**2
-        grown = np.diag(weight - held * self.believed**2)
+        weight = weight * self.prior_sigma**2
+        grown = np.diag(weight - held * self.prior_sigma**2)
         grown += self.basis @ (then.weight - self.weight) @ self.basis.T
         known = np.column_stack([cofactors, values])
         ahead = np.linalg.solve(np.eye(len(values)) + cofactors @ grown, known)
@@ -121,7 +121,7 @@ class CommonDrift:
         number[self.free] = np.arange(len(self.basis))
         free = self.free[:, order]
         rows = number[:, order][free]
-        return replace(self, free=free, believed=self.believed[rows], basis=self.basis[rows])
+        return replace(self, free=free, prior_sigma=self.prior_sigma[rows], basis=self.basis[rows])
 
     # ---- the prior in the iterations (`gauss_newton`, as `joint_prior`) ----------------------------------------------
 
@@ -129,7 +129,7 @@ class CommonDrift:
         """Add the prior at ``values (cameras, p)`` to the reduced normal equations."""
         # The derivatives of the common drifts by the cameras' parameters, (k, p, r)
         by_value = np.zeros((*self.free.shape, self.basis.shape[1]))
-        by_value[self.free] = self.basis / self.believed[:, None]
+        by_value[self.free] = self.basis / self.prior_sigma[:, None]
         rows, columns = np.triu_indices(len(self.camera))
         blocks = np.einsum("bpr,bqr->bpq", (by_value @ self.weight)[rows], by_value[columns])
         normals.blocks[pattern.find_blocks(*self.pairs)] += blocks
@@ -146,7 +146,7 @@ class CommonDrift:
         return float(np.sum(self.weight * (self.basis.T @ own @ self.basis)))
 
     def _measure_modes(self, values: np.ndarray) -> np.ndarray:
-        return np.asarray(self.basis.T @ (values[self.place] / self.believed))
+        return np.asarray(self.basis.T @ (values[self.place] / self.prior_sigma))
 
 
 def find_common_drift(
@@ -181,8 +181,8 @@ def find_common_drift(
         xy = observations.xy[observations.by_image[index]]
         points += len(xy)
         patches += len(np.unique(np.floor(xy / COMMON_DRIFT.patch_px), axis=0))
-    alike = max(points / max(patches, 1), 1.0)
-    return CommonDrift(camera, own, sigma[own], basis, alike, np.zeros((basis.shape[1], basis.shape[1])))
+    points_per_error = max(points / max(patches, 1), 1.0)
+    return CommonDrift(camera, own, sigma[own], basis, points_per_error, np.zeros((basis.shape[1], basis.shape[1])))
 
 
 def _derive_fields(

@@ -21,7 +21,7 @@ from .intersection import form_point_equations
 from .problem import Problem
 
 
-class CameraDelivery(NamedTuple):
+class FinalCameras(NamedTuple):
     """Final values (cameras, p), positions (m, 3) and residuals (n, 2) by these cameras, and N (cameras, q, q)."""
 
     values: np.ndarray
@@ -30,16 +30,16 @@ class CameraDelivery(NamedTuple):
     squares: np.ndarray
 
 
-def deliver_cameras(problem: Problem, loop: GaussNewton, solution: Solution) -> CameraDelivery:
+def compute_final_cameras(problem: Problem, loop: GaussNewton, solution: Solution) -> FinalCameras:
     """Return the final cameras of the model, and the points intersected with them."""
     squares = compute_drift_squares(problem, solution)
     gain = compute_drift_gain(problem, loop, squares)
     if gain is None:
-        return CameraDelivery(solution.state.values, solution.state.ground, solution.normals.residual, squares)
+        return FinalCameras(solution.state.values, solution.state.ground, solution.normals.residual, squares)
     values = absorb_drift(solution.state.values, gain)
     equations = form_point_equations(problem.observations, problem.model, problem.options.threads)
     ground = equations.intersect(State(values, solution.state.ground), solution.weight, solution.weighting.points)
-    return CameraDelivery(values, ground, equations.compute_residuals(State(values, ground)), squares)
+    return FinalCameras(values, ground, equations.compute_residuals(State(values, ground)), squares)
 
 
 def compute_drift_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:

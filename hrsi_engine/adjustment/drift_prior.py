@@ -49,7 +49,7 @@ class DRIFT:
 
 @dataclass(eq=False)
 class DriftPrior:
-    """The drifts' current prior sigmas, as factors of the a priori ones ``believed``; both ``(cameras, p)``.
+    """The drifts' current prior sigmas, as factors of the a priori ones ``prior_sigma``; both ``(cameras, p)``.
 
     ``given`` are the weights of all parameters' priors, ``per_px`` the a priori change across an image, px per px;
     ``common`` are the drifts that tie points do not determine; ``of_block`` is the factor of all drifts together;
@@ -58,7 +58,7 @@ class DriftPrior:
 
     model: RefinementModel
     given: np.ndarray
-    believed: np.ndarray
+    prior_sigma: np.ndarray
     per_px: float
     common: tuple[CommonDrift, ...] = ()
     factor: np.ndarray = field(init=False)
@@ -67,11 +67,11 @@ class DriftPrior:
 
     def __post_init__(self) -> None:
         # A drift without its own prior has that of an earlier adjustment
-        self.free = self.model.drifts & np.isfinite(self.given) & (self.given > 0.0) & np.isfinite(self.believed)
-        self.alike = np.ones((len(self.given), 1))
+        self.free = self.model.drifts & np.isfinite(self.given) & (self.given > 0.0) & np.isfinite(self.prior_sigma)
+        self.points_per_error = np.ones((len(self.given), 1))
         for one in self.common:
-            self.alike[one.camera] = one.points_alike
-        self.factor = 1.0 / (np.sqrt(np.where(self.free, self.given, 1.0)) * np.where(self.free, self.believed, 1.0))
+            self.points_per_error[one.camera] = one.points_per_error
+        self.factor = 1.0 / (np.sqrt(np.where(self.free, self.given, 1.0)) * np.where(self.free, self.prior_sigma, 1.0))
 
     def set_initial_drift_prior(self, loop: GaussNewton) -> None:
         """Set the prior standard deviations of the loop's drifts to those of the sensors.
@@ -79,7 +79,9 @@ class DriftPrior:
         With looser initial priors the estimation can converge to drifts that fit the noise, without residuals.
         """
         self.factor = np.ones_like(self.factor)
-        loop.set_prior_weight(self.alike * np.where(self.free, 1.0 / self.believed**2, self.given), self.common)
+        loop.set_prior_weight(
+            self.points_per_error * np.where(self.free, 1.0 / self.prior_sigma**2, self.given), self.common
+        )
 
     def correct_sigmas(
         self, loop: GaussNewton, solution: Solution, cofactors: np.ndarray, unit_variance: float
@@ -106,7 +108,7 @@ class DriftPrior:
             """Return the factors estimated with other prior weights of the drifts, ``weight (cameras, p)``."""
             ahead = np.linalg.solve(np.eye(own.shape[1]) + own * (weight - held)[:, None, :], known)
             variances, drifts = ahead[:, :, :-1].diagonal(axis1=1, axis2=2), ahead[:, :, -1]
-            squares = np.where(self.free, (drifts / self.believed) ** 2, 0.0)
+            squares = np.where(self.free, (drifts / self.prior_sigma) ** 2, 0.0)
             freedom = np.where(self.free, np.clip(1.0 - weight * variances, 0.0, 1.0), 0.0)
             for now, then, of_part in zip(loop.common, common, of_parts, strict=True):
                 squares[now.place], freedom[now.place] = now.predict_differences(
@@ -120,12 +122,14 @@ class DriftPrior:
             return 0.0
         for _ in range(DRIFT.corrections):
             self.factor = self.factor * np.clip(wanted / self.factor, 1.0 / DRIFT.most_change, DRIFT.most_change)
-            weight = np.where(self.free, unit_variance * self.alike / (self.factor * self.believed) ** 2, 0.0)
+            weight = np.where(
+                self.free, unit_variance * self.points_per_error / (self.factor * self.prior_sigma) ** 2, 0.0
+            )
             common = [one.balance_with(self.factor[one.place], unit_variance) for one in loop.common]
             wanted = look_ahead(weight, common)
             if self._find_largest_change(wanted) < DRIFT.settled_within:
                 break
-        loop.set_prior_weight(np.where(self.free, weight, self.alike * self.given), common)
+        loop.set_prior_weight(np.where(self.free, weight, self.points_per_error * self.given), common)
         return by_solution
 
     def _estimate_factors(self, squares: np.ndarray, freedom: np.ndarray) -> np.ndarray:

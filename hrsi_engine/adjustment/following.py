@@ -33,7 +33,7 @@ from .problem import find_determinable_points
 from .solver import run_adjuster
 
 
-class _PointEquations(NamedTuple):
+class _PointObservations(NamedTuple):
     """Observations of some points with their weights and ground positions, for their part of the normal equations."""
 
     observations: Observations
@@ -56,7 +56,7 @@ class BlockUpdate:
     edited_ground: np.ndarray
 
 
-class Follower:
+class BlockUpdater:
     """Updates an adjustment (``result``) for any number of edited points, repeatedly.
 
     Positions are updated for known points, and for points with the ids ``watched``.
@@ -72,7 +72,7 @@ class Follower:
         squares = compute_drift_squares(self._problem, self._last)
         self._gain = compute_drift_gain(self._problem, self._loop, squares)
         delivered = self.result.values[np.unique(self._problem.observations.camera_of_image, return_index=True)[1]]
-        self._kept = delivered - absorb_drift(self._last.state.values, self._gain)  # `given_position`
+        self._kept = delivered - absorb_drift(self._last.state.values, self._gain)  # `rpc_position`
         self._ids = block.points.ids[self._problem.observations.points]
         self._pattern, self._blocks = self._loop.pattern, self._last.normals.blocks
         self._system: CameraSystem = choose_camera_system(self._pattern)
@@ -129,20 +129,20 @@ class Follower:
 
     # ---- equations -------------------------------------------------------------------------------------------------
 
-    def _select_before(self, edited: np.ndarray) -> _PointEquations:
+    def _select_before(self, edited: np.ndarray) -> _PointObservations:
         """Return the observations of the points ``edited (m,)`` in the adjustment, before they were edited."""
         observations, weighting = self._problem.observations, self._last.weighting
         priors = weighting.points
         mixed = priors.mixed[edited] if priors.correlated else priors.mixed
         of_edited = PointPriors(priors.target[edited], priors.weight[edited], priors.observed[edited], mixed)
         rows = edited[observations.point]
-        return _PointEquations(
+        return _PointObservations(
             observations.drop_points(~edited),
             Weighting(self._last.weight[rows], of_edited, weighting.contributes[edited]),
             self._last.state.ground[edited],
         )
 
-    def _select_now(self, block: Block) -> _PointEquations:
+    def _select_now(self, block: Block) -> _PointObservations:
         """Return the observations of a block's points; unchanged measurements keep their weights of the adjustment."""
         whole = self._problem.observations
         selected = select_observations(block, self._problem.options.check_as_ties)
@@ -171,9 +171,9 @@ class Follower:
             start = np.where(finite_rows(ground)[:, None], ground, start)
         priors_now = PointPriors.from_surveys(observations, start, survey)
         contributes = observations.contributing_points & find_determinable_points(observations, weight, survey)
-        return _PointEquations(observations, Weighting(weight, priors_now, contributes), start)
+        return _PointObservations(observations, Weighting(weight, priors_now, contributes), start)
 
-    def _form_normals(self, share: _PointEquations) -> Normals | None:
+    def _form_normals(self, share: _PointObservations) -> Normals | None:
         """Return the points' contributions to the reduced normal equations, None without any."""
         if not share.observations.count:
             return None

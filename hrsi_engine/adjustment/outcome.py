@@ -12,9 +12,8 @@ from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from .area_accuracy import describe_parts, predict_without_surveys
-from .delivery import CameraDelivery, deliver_cameras
+from .delivery import FinalCameras, compute_final_cameras
 from .gauss_newton import GaussNewton, Solution
-from .given_position import keep_given_position
 from .joint_prior import JointCameras
 from .problem import Problem
 from .result import (
@@ -30,6 +29,7 @@ from .result import (
     PlanAgreement,
     VarianceComponent,
 )
+from .rpc_position import keep_rpc_position
 from .statistics.precision import Precision, compute_deletion_tests
 from .statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts
 from .weak_geometry import RAY_GEOMETRY
@@ -79,17 +79,17 @@ def assemble_adjustment(
 ) -> Adjustment:
     """Return the result of an adjustment from its last solution, findings and precision."""
     observations, block, sums = problem.observations, problem.block, _count_sums(problem, loop, solution, precise)
-    solution, precise = keep_given_position(problem, loop, solution, precise)
+    solution, precise = keep_rpc_position(problem, loop, solution, precise)
     own = slice(len(problem.model.parameters))  # followed by the drift that the model does not contain
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own]
-    cameras = deliver_cameras(problem, loop, solution)
+    cameras = compute_final_cameras(problem, loop, solution)
     points, camera = observations.points, observations.camera_of_image
     # check points have positions, too; a point whose measurements were all rejected has none
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
-    alike = _count_points_alike(problem, loop)
+    points_per_error = _count_points_per_error(problem, loop)
     shared = _propagate_shared_errors(problem, loop, solution)
     covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
-        problem, found, solution, precise, cameras, sums["sigma0"], alike, placed, shared
+        problem, found, solution, precise, cameras, sums["sigma0"], points_per_error, placed, shared
     )
     parts = describe_parts(problem, solution, without_surveys, prior_share, widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
@@ -131,23 +131,23 @@ def assemble_adjustment(
         tests=found.tests,
         survey_factors=(horizontal, height, correlated),
         choice=problem.choice,
-        joint=_join_cameras(problem, loop, solution, cameras.squares, alike),
+        joint=_join_cameras(problem, loop, solution, cameras.squares, points_per_error),
         shared_shifts_m=None if shared is None else _expand_rows(len(block.points), points, shared[0]),
         jitter=problem.options.jitter_estimate,
     )
 
 
 def _scale_covariances(
-    problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, cameras: CameraDelivery,
-    sigma0: float, alike: np.ndarray, placed: np.ndarray, shared: tuple[np.ndarray, np.ndarray] | None,
+    problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, cameras: FinalCameras,
+    sigma0: float, points_per_error: np.ndarray, placed: np.ndarray, shared: tuple[np.ndarray, np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
     """Return the covariances in m² from which sigmas, ellipses and predicted accuracies are derived.
 
     They are those of the block's points ``(points, 3, 3)``, NaN without position or with a survey rejected as wrong;
     standard deviations ``(points, 3)`` with the errors of coordinate operations; covariances of the points in solver
     order ``(m, 3, 3)``, GCPs without their own survey, with those errors; the variance factor of each image's
-    parameters ``(images,)``; and the factor of predicted standard deviations by the GCPs' leave-one-out errors. ``alike
-    (images,)`` is a further factor of the cameras' share in the points' cofactors (`common_drift`).
+    parameters ``(images,)``; and the factor of predicted standard deviations by the GCPs' leave-one-out errors.
+    ``points_per_error (images,)`` is a further factor of the cameras' share in the points' cofactors (`common_drift`).
     """
     observations = problem.observations
     image = observations.image[observations.first[:-1]]
@@ -156,9 +156,9 @@ def _scale_covariances(
     of_part = np.array([max(sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])
     factor = of_part[_number_parts(problem)]
     of_point, beside = factor[image, None, None], np.zeros_like(precise.points)
-    by_cameras = np.flatnonzero(alike[image] > 1.0)
+    by_cameras = np.flatnonzero(points_per_error[image] > 1.0)
     of_cameras = precise.points[by_cameras] - solution.normals.inverse[by_cameras]
-    beside[by_cameras] = ((alike - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
+    beside[by_cameras] = ((points_per_error - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
     without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # a known error that remains
     beside += without_drift[:, :, None] * without_drift[:, None, :]
     if problem.held_heights is not None:
@@ -181,15 +181,15 @@ def _scale_covariances(
     with np.errstate(invalid="ignore"):
         sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2) + of_shifts)
     expanded, sigma = (_expand_rows(len(problem.block.points), observations.points, one) for one in (covariance, sigma))
-    return expanded, sigma, others, factor * alike, float(widened)
+    return expanded, sigma, others, factor * points_per_error, float(widened)
 
 
-def _count_points_alike(problem: Problem, loop: GaussNewton) -> np.ndarray:
+def _count_points_per_error(problem: Problem, loop: GaussNewton) -> np.ndarray:
     """Return the factors of the cameras' priors for image points that share errors, ``(images,)``."""
-    alike = np.ones(problem.observations.cameras)
+    points_per_error = np.ones(problem.observations.cameras)
     for one in loop.common:
-        alike[one.camera] = one.points_alike
-    return alike[problem.observations.camera_of_image]
+        points_per_error[one.camera] = one.points_per_error
+    return points_per_error[problem.observations.camera_of_image]
 
 
 def _propagate_shared_errors(
@@ -233,15 +233,15 @@ def _propagate_shared_errors(
 
 
 def _join_cameras(
-    problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray, alike: np.ndarray
+    problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray, points_per_error: np.ndarray
 ) -> JointCameras:
-    """Return the cameras' joint normal equations for later adjustments; they are divided by the factors ``alike``."""
+    """Return the cameras' joint normal equations for later adjustments, divided by ``points_per_error``."""
     pattern, observations, fixed = loop.pattern, problem.observations, np.isinf(loop.prior_weight)
     blocks = solution.normals.blocks.copy()
     own = np.arange(pattern.parameters)
     blocks[pattern.diagonal[:, None], own, own] += np.where(fixed, 0.0, loop.prior_weight)
     scale = np.ones(pattern.cameras)
-    scale[observations.camera_of_image] = alike
+    scale[observations.camera_of_image] = points_per_error
     blocks /= scale[pattern.rows][:, None, None]
     gcps = np.array([part.gcps for part in problem.parts])[_number_parts(problem)]
     return JointCameras(

@@ -95,7 +95,7 @@ class ModelTest:
 
 
 @dataclass(frozen=True)
-class GcpsApart:
+class ContradictingGcps:
     """Two of a few GCPs that disagree on an image: by metres, in sigmas, and as a factor of the stated sigmas."""
 
     ids: tuple[str, str]
@@ -129,7 +129,7 @@ class DatumPart:
     points: int = 0
     parallel: tuple[str, ...] = ()
     leave_one_out: float = 1.0
-    apart: GcpsApart | None = None
+    apart: ContradictingGcps | None = None
 
 
 @dataclass(frozen=True)
@@ -494,11 +494,11 @@ class Adjustment:
         return np.asarray(covariance + seen @ seen.swapaxes(1, 2))
 
     @cached_property
-    def took_part(self) -> np.ndarray:
+    def has_residual(self) -> np.ndarray:
         """True for measurements that have residuals, ``(measurements,)``."""
         return finite_rows(self.residual_px)
 
     @property
-    def judged_residual_px(self) -> np.ndarray:
+    def tested_residual_px(self) -> np.ndarray:
         """The residuals by which measurements are tested, ``(measurements, 2)``: those of the estimated cameras."""
         return self.residual_px if self.estimate_residual_px is None else self.estimate_residual_px

@@ -14,9 +14,9 @@ from ..foundation.workers.threads import one_thread_calls
 from ..ground.geodesy import ground_difference_m
 from ..refinement.selection import NESTED_MODELS, select_simplest
 from .blunders.snooping import Snooping
-from .delivered_model import DELIVERY, deliver_as, find_judging_gcps, predict_left_out
-from .delivery import deliver_cameras
+from .delivery import compute_final_cameras
 from .equations.nested_dissection import SingularSystemError
+from .final_model import DELIVERY, express_as_model, find_judging_gcps, predict_left_out
 from .gauss_newton import GaussNewton, Solution
 from .options import AdjustOptions
 from .outcome import assemble_adjustment
@@ -125,7 +125,9 @@ class Adjuster(Snooping):
             if self.loop.solves > solves:
                 precise = compute_precision(self.loop, self.solution)
         if self.sigmas.tried and self.ties.any():  # weights have changed since the last test
-            self.find_tie_variance(self.solution, self.weigh_rays_alone(self.solution, self.solution.weighting))
+            self.estimate_tie_variance_by_rays(
+                self.solution, self.weigh_rays_alone(self.solution, self.solution.weighting)
+            )
         if self.problem.choice is not None:
             precise = self.choose_delivered_model(precise)
         self.found.findings += self._undecided  # undecided contradictions of GCPs
@@ -164,7 +166,7 @@ class Adjuster(Snooping):
         delivered = {name: float(np.sqrt(np.mean(errors))) for name, errors in squared.items()}
         choice = replace(choice, model=name, reason=reason, delivered=delivered)
         if name != problem.model.name:
-            now = deliver_as(name, problem, self.loop, self.solution, precise)
+            now = express_as_model(name, problem, self.loop, self.solution, precise)
             problem, self.loop, self.solution, precise = now
         self.problem = replace(problem, choice=choice)
         return precise
@@ -220,7 +222,7 @@ def cross_validate(
             problem.options.tolerance, silent,
         )  # fmt: skip
         survey = observations.survey[point : point + 1]
-        predicted = deliver_cameras(problem, loop, without).ground[point : point + 1]
+        predicted = compute_final_cameras(problem, loop, without).ground[point : point + 1]
         error[number] = ground_difference_m(survey, predicted)[0]
         if rays[point] < 2:
             error[number, 2] = np.nan

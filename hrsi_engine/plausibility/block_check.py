@@ -11,7 +11,7 @@ from .identities import find_spelling_reasons
 from .ties import find_tie_reasons
 
 #: Input errors of image coordinates that place points outside their image.
-PIXEL_SLIP_CODES = {
+PIXEL_MISTAKE_CODES = {
     "sample-line-swapped", "lines-from-below", "samples-from-right", "image-turned", "image-scale",
     "image-ids-permuted",
 }  # fmt: skip
@@ -53,7 +53,7 @@ def check_block(
     kept: list[Reason] = []
     for reason in reasons:
         follows = (
-            (reason.code == "outside-image" and codes & PIXEL_SLIP_CODES)
+            (reason.code == "outside-image" and codes & PIXEL_MISTAKE_CODES)
             or (reason.code == "heights-out-of-range" and codes & {*HEIGHT_CODES, "heights-alike"})
             or (
                 reason.code in {"control-implausible", "control-groups", "control-outliers"}

@@ -47,7 +47,7 @@ MEDIAN_LENGTH = 1.1774  # sqrt(2 ln 2): median length of a normal vector in the 
 
 
 @dataclass(frozen=True, eq=False)
-class Sightlines:
+class StraightRays:
     """Rays as straight lines: a point ``ground (n, 3)`` of each, and ``slope (n, 2)``, metres east, north per metre up.
 
     Surveys are compared with rays on the ground, not in the image: localisation works for every surveyed position,
@@ -67,26 +67,26 @@ class Sightlines:
         across[lost] = NOWHERE_M
         return across
 
-    def select(self, rows: np.ndarray) -> Sightlines:
+    def select(self, rows: np.ndarray) -> StraightRays:
         """Return the rays of the given rows (indices or mask)."""
-        return Sightlines(self.ground[rows], self.slope[rows])
+        return StraightRays(self.ground[rows], self.slope[rows])
 
-    def replace(self, rows: np.ndarray, others: Sightlines) -> Sightlines:
+    def replace(self, rows: np.ndarray, others: StraightRays) -> StraightRays:
         """Return a copy of the rays in which those of a mask ``rows`` are replaced by ``others``."""
         ground, slope = self.ground.copy(), self.slope.copy()
         ground[rows], slope[rows] = others.ground, others.slope
-        return Sightlines(ground, slope)
+        return StraightRays(ground, slope)
 
 
-def compute_sightlines(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> Sightlines:
+def compute_sightlines(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> StraightRays:
     """Return the rays of image points ``xy (n, 2)`` on images by index ``(n,)``, over the RPC's height range."""
     if not len(xy):
-        return Sightlines(np.empty((0, 3)), np.empty((0, 2)))
+        return StraightRays(np.empty((0, 3)), np.empty((0, 2)))
     rpcs = [one.rpc for one in images]
     stack = stack_of(images)
     middle, high = np.array([(rpc.height_off, rpc.height_range[1]) for rpc in rpcs])[image].T
     ground, upper = (stack.localize(image, xy, height) for height in (middle, high))
-    return Sightlines(ground, ground_difference_m(upper, ground)[:, :2] / (high - middle)[:, None])
+    return StraightRays(ground, ground_difference_m(upper, ground)[:, :2] / (high - middle)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class ControlMeasurements:
     image: np.ndarray
     xy: np.ndarray
     ground: np.ndarray
-    sights: Sightlines
+    sights: StraightRays
     noise_m: np.ndarray
     expected_m: np.ndarray
     accuracies: Sequence[ImageAccuracy]
@@ -226,7 +226,7 @@ class ControlFit:
 
 
 def fit_control(
-    control: ControlMeasurements, ground: np.ndarray | None = None, seen: Sightlines | None = None
+    control: ControlMeasurements, ground: np.ndarray | None = None, seen: StraightRays | None = None
 ) -> ControlFit:
     """Return the fit of surveyed points ``ground (n, 3)`` to the rays ``seen``; by default as in the control."""
     surveyed = control.ground if ground is None else ground
@@ -258,7 +258,7 @@ class GROUP:
 
 
 @dataclass(frozen=True, eq=False)
-class Disagreement:
+class InconsistentPoints:
     """Surveyed points that disagree with the other ones.
 
     points : (k,) indices into the block's points
@@ -272,7 +272,7 @@ class Disagreement:
     group: bool
 
 
-def find_disagreement(given: ControlFit) -> Disagreement | None:
+def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
     """Return the surveyed points, at most half of them, that disagree with the others; None where all agree.
 
     Each point has one vector: the mean over its images of its misfit east and north, and its parallax, the mean misfit
@@ -335,11 +335,11 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
 
 def _describe_disagreement(
     given: ControlFit, points: np.ndarray, vector: np.ndarray, off: np.ndarray, gap: float, group: bool
-) -> Disagreement:
+) -> InconsistentPoints:
     step = -(np.median(vector[off], axis=0) - np.median(vector[~off], axis=0))
     control = given.control
     place = np.searchsorted(points, control.point)
     lean = np.hypot(*(control.sights.slope - np.median(control.sights.slope, axis=0)).T)[off[place]]
     typical = float(np.median(lean)) if len(lean) else 0.0
     height = -step[2] / typical if typical > GROUP.least_lean else np.nan
-    return Disagreement(points[off], np.array([step[0], step[1], height]), gap, group)
+    return InconsistentPoints(points[off], np.array([step[0], step[1], height]), gap, group)

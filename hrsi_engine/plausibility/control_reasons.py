@@ -1,6 +1,6 @@
 """Reasons for surveyed points that do not fit their images, with the input error that explains the misfit, if any.
 
-Each typical input error (`slips`) is corrected and the points are fitted again. It is named if everything fits then,
+Each typical mistake (`mistakes`) is corrected and the points are fitted again. It is named if everything fits then,
 and clearly better than with every other correction. Otherwise the reason states the misfit without a cause.
 """
 
@@ -18,18 +18,18 @@ from .control import (
     CONTROL_FIT,
     ControlFit,
     ControlMeasurements,
-    Disagreement,
+    InconsistentPoints,
     compute_sightlines,
     find_disagreement,
     fit_control,
 )
 from .identities import find_image_permutation, find_point_permutation
-from .slips import PIXEL_SLIPS, RPC_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
+from .mistakes import PIXEL_MISTAKES, RPC_MISTAKES, Mistake, estimate_common_lift, iterate_ground_mistakes
 
 
 @thresholds
-class SLIP:
-    """Limits for naming a typical input error (a slip) as the cause of a misfit of the surveyed points."""
+class MISTAKE:
+    """Limits for naming a typical input error (a mistake) as the cause of a misfit of the surveyed points."""
 
     fewest_points: int = threshold(2, "points", "that prove an input error")
     most_listed: int = threshold(4, "", "candidate input errors that are listed where none is certain")
@@ -62,21 +62,21 @@ SHIFTING_CODES = {"sample-line-swapped", "lines-from-below", "samples-from-right
 
 
 @dataclass(frozen=True, eq=False)
-class SlipHypothesis:
+class MistakeHypothesis:
     """An input error that may have been made, and the fit with it corrected.
 
     points, images : indices of the points and images that have it, None for all
     """
 
-    slip: Slip
+    mistake: Mistake
     fit: ControlFit
     points: np.ndarray | None = None
     images: np.ndarray | None = None
 
     @property
     def cost(self) -> float:
-        """Cost of the fit, plus the extra cost of an input error with estimated parameters (`Slip.burden`)."""
-        return self.fit.cost + self.slip.burden
+        """Cost of the fit, plus the extra cost of an input error with estimated parameters (`Mistake.burden`)."""
+        return self.fit.cost + self.mistake.burden
 
 
 def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
@@ -88,21 +88,21 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     suspicious = (
         not given.fits
         or bool((given.scatter > CONTROL_FIT.usual_scatter).any())
-        or bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
-        or (sigma > 0.0 and abs(lift / sigma) > SLIP.suspicious_sigmas)
+        or bool((given.shift_sigmas > MISTAKE.suspicious_sigmas).any())
+        or (sigma > 0.0 and abs(lift / sigma) > MISTAKE.suspicious_sigmas)
     )
     if not suspicious and apart is None:
         return []
-    named_slip, datum, rivals = _find_best_slip(control, given)
-    if named_slip is not None:
-        return [_make_slip_reason(control, given, named_slip)]
+    named_mistake, datum, rivals = _find_best_mistake(control, given)
+    if named_mistake is not None:
+        return [_make_mistake_reason(control, given, named_mistake)]
     if apart is not None:
-        single = _find_slip_of_points(control, given, apart)
+        single = _find_mistake_of_points(control, given, apart)
         return [_make_disagreement_reason(control, apart) if single is None else single]
     if not given.fits:
         return [_make_misfit_reason(control, given, rivals)]
     reasons = _find_large_shifts(control, given, datum)
-    if sigma > 0.0 and abs(lift) >= SLIP.height_sigmas * sigma:
+    if sigma > 0.0 and abs(lift) >= MISTAKE.height_sigmas * sigma:
         reasons.append(
             Reason(
                 "height-offset", Level.DOUBTFUL,
@@ -118,9 +118,9 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
 # ---- the mistake that explains -------------------------------------------------------------------------------------
 
 
-def _find_best_slip(
+def _find_best_mistake(
     control: ControlMeasurements, given: ControlFit
-) -> tuple[SlipHypothesis | None, SlipHypothesis | None, list[SlipHypothesis]]:
+) -> tuple[MistakeHypothesis | None, MistakeHypothesis | None, list[MistakeHypothesis]]:
     """Return the input error that explains the misfit clearly better than every other, or None; then datum and rivals.
 
     A single point proves no input error: nearly every one would explain it. The second value is a horizontal datum that
@@ -129,45 +129,45 @@ def _find_best_slip(
     A wrong datum moves all points equally, as a biased RPC does. A datum in use at a place often has nearly the shift
     of such a bias: it is named only if the shift is too large for a bias, otherwise it is the second value.
     """
-    best: dict[str, SlipHypothesis] = {}
+    best: dict[str, MistakeHypothesis] = {}
     for reading in _iterate_hypotheses(control, given):
-        code, fit = reading.slip.code, reading.fit
+        code, fit = reading.mistake.code, reading.fit
         images = control.images if reading.images is None else reading.images
         if code in SHIFTING_CODES and (given.scatter[images] <= CONTROL_FIT.usual_scatter).all():
             continue  # a shift explains all: of a crop, of a biased RPC, or of a single point
         # all points fit as in a correct block, and the misfit has become clearly smaller
         largest, before = float(fit.shift_sigmas.max()), float(given.shift_sigmas.max())
-        good_shift = largest < max(SLIP.explained_shift_sigmas, SLIP.explained_share * before)
-        good_scatter = fit.scatter.max() < max(SLIP.explained_scatter, SLIP.explained_share * given.scatter.max())
-        explains = given.cost - reading.cost > SLIP.least_cost and fit.fits and good_shift and good_scatter
+        good_shift = largest < max(MISTAKE.explained_shift_sigmas, MISTAKE.explained_share * before)
+        good_scatter = fit.scatter.max() < max(MISTAKE.explained_scatter, MISTAKE.explained_share * given.scatter.max())
+        explains = given.cost - reading.cost > MISTAKE.least_cost and fit.fits and good_shift and good_scatter
         if explains and (code not in best or reading.cost < best[code].cost):
             best[code] = reading
     biased = bool((given.shift_length_m <= control.get_figures("biased_m")).all())
     datum = best.pop("horizontal-datum", None) if biased else None
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
-    rivals = [reading for reading in ranked[1:] if not {reading.slip.code, ranked[0].slip.code} <= HEIGHT_CODES]
-    beaten = not rivals or rivals[0].cost - ranked[0].cost >= SLIP.least_lead
-    if not ranked or not beaten or len(control.points) < SLIP.fewest_points:
+    rivals = [reading for reading in ranked[1:] if not {reading.mistake.code, ranked[0].mistake.code} <= HEIGHT_CODES]
+    beaten = not rivals or rivals[0].cost - ranked[0].cost >= MISTAKE.least_lead
+    if not ranked or not beaten or len(control.points) < MISTAKE.fewest_points:
         return None, datum, ranked
     return ranked[0], datum, []
 
 
-def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[SlipHypothesis]:
+def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[MistakeHypothesis]:
     """Yield every input error, corrected; those of image coordinates on all images, or only where these do not fit."""
-    far = bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
-    for slip, ground in iterate_ground_slips(control, given.shift_m, far):
-        yield SlipHypothesis(slip, fit_control(control, ground))
+    far = bool((given.shift_sigmas > MISTAKE.suspicious_sigmas).any())
+    for mistake, ground in iterate_ground_mistakes(control, given.shift_m, far):
+        yield MistakeHypothesis(mistake, fit_control(control, ground))
     wrong = control.images[~given.fitting[control.images]]
     for some in (wrong, None) if 0 < len(wrong) < len(control.images) else (None,):
-        for slip, undo in PIXEL_SLIPS:
-            yield SlipHypothesis(slip, _fit_without_pixel_slip(control, undo, some), images=some)
-        for slip, change in RPC_SLIPS:
+        for mistake, undo in PIXEL_MISTAKES:
+            yield MistakeHypothesis(mistake, _fit_without_pixel_mistake(control, undo, some), images=some)
+        for mistake, change in RPC_MISTAKES:
             block = control.block
             chosen = control.images if some is None else some
             images = [replace(image, rpc=change(image.rpc)) if index in chosen else image
                       for index, image in enumerate(block.images)]  # fmt: skip
             seen = compute_sightlines(images, control.image, control.xy)
-            yield SlipHypothesis(slip, fit_control(control, seen=seen), images=some)
+            yield MistakeHypothesis(mistake, fit_control(control, seen=seen), images=some)
     suspects = wrong if len(wrong) > 1 else control.images
     permuted = find_image_permutation(control, suspects)
     if permuted is not None:
@@ -176,23 +176,25 @@ def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iter
         pairs = sorted({(a, b) for a, b in zip(control.image.tolist(), owner, strict=True) if a != b})
         text = ", ".join(f"{names[a].id} are of {names[b].id}" for a, b in pairs[:4])
         what = f"image ids of measurements are exchanged: those on {text}"
-        slip = Slip("image-ids-permuted", what, "correct the field 'image'", 4.0)
-        yield SlipHypothesis(slip, fit_control(replace(control, image=permuted[0], sights=permuted[1])), images=changed)
+        mistake = Mistake("image-ids-permuted", what, "correct the field 'image'", 4.0)
+        yield MistakeHypothesis(
+            mistake, fit_control(replace(control, image=permuted[0], sights=permuted[1])), images=changed
+        )
     owners = find_point_permutation(control)
     if owners is not None:
         points = control.points
         survey = control.block.points.ground[points[owners]]
         moved = owners != np.arange(len(points))
-        slip = Slip(
+        mistake = Mistake(
             "point-ids-permuted", _describe_point_exchange(control.block.points.ids[points], owners),
             "correct the ids of these points", 4.0,
         )  # fmt: skip
-        yield SlipHypothesis(
-            slip, fit_control(control, survey[np.searchsorted(points, control.point)]), points=points[moved]
+        yield MistakeHypothesis(
+            mistake, fit_control(control, survey[np.searchsorted(points, control.point)]), points=points[moved]
         )
 
 
-def _fit_without_pixel_slip(
+def _fit_without_pixel_mistake(
     control: ControlMeasurements, undo: Callable[..., np.ndarray], some: np.ndarray | None
 ) -> ControlFit:
     xy = control.xy.copy()
@@ -215,26 +217,26 @@ def _describe_point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
 # ---- reasons -------------------------------------------------------------------------------------------------------
 
 
-def _make_slip_reason(control: ControlMeasurements, given: ControlFit, found: SlipHypothesis) -> Reason:
-    sure = not given.fits or given.cost - found.cost > SLIP.certain_cost
+def _make_mistake_reason(control: ControlMeasurements, given: ControlFit, found: MistakeHypothesis) -> Reason:
+    sure = not given.fits or given.cost - found.cost > MISTAKE.certain_cost
     points = control.points if found.points is None else found.points
     images = control.images if found.images is None else found.images
     where = "" if found.images is None else f" on image {list_ids(control.image_ids(images))}"
     return Reason(
-        found.slip.code, Level.UNUSABLE if sure else Level.DOUBTFUL,
-        f"{found.slip.what}{where}: the median distance of the ground points from their positions by the RPCs is "
+        found.mistake.code, Level.UNUSABLE if sure else Level.DOUBTFUL,
+        f"{found.mistake.what}{where}: the median distance of the ground points from their positions by the RPCs is "
         f"{_format_median_distance(given, images)}, and {_format_median_distance(found.fit, images)} after correction",
-        found.slip.advice,
+        found.mistake.advice,
         control.image_ids(images), control.point_ids(points),
     )  # fmt: skip
 
 
-def _list_rivals(rivals: list[SlipHypothesis]) -> str:
+def _list_rivals(rivals: list[MistakeHypothesis]) -> str:
     """Return possible input errors as text, each with the misfit that remains after its correction."""
     told = dict.fromkeys(
-        f"{one.slip.what} (then {_format_median_distance(one.fit, one.images)} remain)" for one in rivals
+        f"{one.mistake.what} (then {_format_median_distance(one.fit, one.images)} remain)" for one in rivals
     )
-    return ", or ".join([*told][: SLIP.most_listed])
+    return ", or ".join([*told][: MISTAKE.most_listed])
 
 
 def _format_median_distance(read: ControlFit, images: np.ndarray | None = None) -> str:
@@ -249,7 +251,9 @@ def _format_distance(distance: float) -> str:
     return f"{distance / 1e3:.4g} km" if distance >= 2e3 else f"{distance:.3g} m"
 
 
-def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart: Disagreement) -> Reason | None:
+def _find_mistake_of_points(
+    control: ControlMeasurements, given: ControlFit, apart: InconsistentPoints
+) -> Reason | None:
     """Return the reason for the points that disagree with the others, if exactly one input error explains them."""
     rows = np.isin(control.point, apart.points)
     rest = control.select(~rows)
@@ -258,39 +262,39 @@ def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart:
         np.maximum(control.get_figures("misfit_m")[control.image], CONTROL_FIT.agreeing_sigmas * control.expected_m)[
             rows
         ]
-        / SLIP.few_points_gain
+        / MISTAKE.few_points_gain
     )
     before = np.hypot(*(given.distance_m - shift[control.image])[rows].T)
-    if np.median(before / limit) < SLIP.few_points_gain:
+    if np.median(before / limit) < MISTAKE.few_points_gain:
         return None
-    fitting: dict[str, Slip] = {}
+    fitting: dict[str, Mistake] = {}
     owners = find_point_permutation(control.select(rows))
     if owners is not None:
         points = control.block.points
         survey = points.ground[apart.points[owners]][np.searchsorted(apart.points, control.point[rows])]
         away = np.hypot(*(control.sights.select(rows).distance_m(survey) - shift[control.image[rows]]).T)
         if (away < limit).all():
-            fitting["point-ids-permuted"] = Slip(
+            fitting["point-ids-permuted"] = Mistake(
                 "point-ids-permuted",
                 _describe_point_exchange(points.ids[apart.points], owners),
                 "correct the ids of these points",
             )
-    for slip, ground in iterate_ground_slips(control, shift, False):
+    for mistake, ground in iterate_ground_mistakes(control, shift, False):
         away = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
         # A few points cannot prove a wrong height or a common shift: other errors of heights look the same
-        if (away < limit).all() and slip.code not in {*HEIGHT_CODES, "horizontal-datum"}:
-            fitting.setdefault(slip.code, slip)
-    for slip, undo in PIXEL_SLIPS:
-        read = _fit_without_pixel_slip(control, undo, None)
+        if (away < limit).all() and mistake.code not in {*HEIGHT_CODES, "horizontal-datum"}:
+            fitting.setdefault(mistake.code, mistake)
+    for mistake, undo in PIXEL_MISTAKES:
+        read = _fit_without_pixel_mistake(control, undo, None)
         if (np.hypot(*(read.distance_m - shift[control.image])[rows].T) < limit).all():
-            fitting.setdefault(slip.code, slip)
+            fitting.setdefault(mistake.code, mistake)
     if len(fitting) != 1:
         return None
-    slip = next(iter(fitting.values()))
+    mistake = next(iter(fitting.values()))
     ids = control.point_ids(apart.points)
     return Reason(
-        slip.code, _choose_level(control, apart.points), f"ground point {list_ids(ids)}: {slip.what}", slip.advice,
-        control.image_ids(np.unique(control.image[rows])), ids,
+        mistake.code, _choose_level(control, apart.points), f"ground point {list_ids(ids)}: {mistake.what}",
+        mistake.advice, control.image_ids(np.unique(control.image[rows])), ids,
     )  # fmt: skip
 
 
@@ -298,12 +302,12 @@ def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
     """Return unusable if the wrong points (two or more) are a quarter of the GCPs or of all points, else doubtful."""
     gcps = control.points[control.block.points.role[control.points] == Role.GCP]
     wrong = np.isin(gcps, points)
-    of_gcps = wrong.sum() > 1 and wrong.sum() >= SLIP.wrong_share * len(gcps)
-    of_all = len(points) > 1 and len(points) >= SLIP.wrong_share * len(control.points)
+    of_gcps = wrong.sum() > 1 and wrong.sum() >= MISTAKE.wrong_share * len(gcps)
+    of_all = len(points) > 1 and len(points) >= MISTAKE.wrong_share * len(control.points)
     return Level.UNUSABLE if of_gcps or of_all else Level.DOUBTFUL
 
 
-def _make_disagreement_reason(control: ControlMeasurements, apart: Disagreement) -> Reason:
+def _make_disagreement_reason(control: ControlMeasurements, apart: InconsistentPoints) -> Reason:
     ids = control.point_ids(apart.points)
     east, north, up = apart.step_m
     rows = np.isin(control.point, apart.points)
@@ -325,7 +329,7 @@ def _make_disagreement_reason(control: ControlMeasurements, apart: Disagreement)
     return Reason("control-outliers", _choose_level(control, apart.points), message, advice, images, ids)
 
 
-def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals: list[SlipHypothesis]) -> Reason:
+def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals: list[MistakeHypothesis]) -> Reason:
     """Return the reason for a misfit without proven cause; each of ``rivals`` is an input error that explains it."""
     wrong = control.images[~given.fitting[control.images]]
     sigma = max(control.accuracies[index].sigma_m for index in wrong)
@@ -346,7 +350,9 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals:
     )  # fmt: skip
 
 
-def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: SlipHypothesis | None) -> list[Reason]:
+def _find_large_shifts(
+    control: ControlMeasurements, given: ControlFit, datum: MistakeHypothesis | None
+) -> list[Reason]:
     """Return the reason for RPCs whose bias exceeds their stated accuracy, or is too large for a bias at all."""
     figures, size = control.get_figures("ce90_m"), given.shift_length_m
     large = np.flatnonzero(size > control.get_figures("large_m"))
@@ -368,7 +374,7 @@ def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: S
             "crop or the scene"
         )
         return [Reason("control-far", level, message, advice, *concerned)]
-    also = "" if datum is None else f": the same difference occurs if {datum.slip.what}"
+    also = "" if datum is None else f": the same difference occurs if {datum.mistake.what}"
     message = f"the RPCs of {where} have a bias of {off}, equal for all ground points; the GCPs correct it"
     advice = f"check the datum of the ground points{also}"
     return [Reason("rpc-biased", Level.DOUBTFUL, message, advice, *concerned)]

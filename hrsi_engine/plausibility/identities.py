@@ -16,7 +16,7 @@ from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
 from .accuracy import ImageAccuracy
-from .control import ControlMeasurements, Sightlines, compute_sightlines
+from .control import ControlMeasurements, StraightRays, compute_sightlines
 
 
 @thresholds
@@ -75,7 +75,7 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
     return [Reason("control-unmeasured", Level.DOUBTFUL, message, advice, points=ids)]
 
 
-def find_image_permutation(control: ControlMeasurements, wrong: np.ndarray) -> tuple[np.ndarray, Sightlines] | None:
+def find_image_permutation(control: ControlMeasurements, wrong: np.ndarray) -> tuple[np.ndarray, StraightRays] | None:
     """Return the image of each measurement ``(n,)`` by the best permutation of the ``wrong`` images, and its rays.
 
     None where no permutation is better than the ids as given, and for a single image or too many.

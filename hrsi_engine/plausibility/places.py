@@ -19,7 +19,7 @@ from ..ground.geodesy import metres_per_degree, to_ecef
 from ..ground.geoids import height_difference
 from ..surface.dem import HeightSurface, surface_heights
 from .accuracy import ImageAccuracy
-from .slips import FEET_M, find_undulations
+from .mistakes import FEET_M, find_undulations
 
 
 @thresholds

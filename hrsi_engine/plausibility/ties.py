@@ -21,8 +21,8 @@ from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
 from .accuracy import SIMULATED, ImageAccuracy
-from .control import Sightlines, compute_sightlines
-from .slips import PIXEL_SLIPS, Slip
+from .control import StraightRays, compute_sightlines
+from .mistakes import PIXEL_MISTAKES, Mistake
 
 
 @thresholds
@@ -152,7 +152,7 @@ class PairConsistency:
         return cls(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
 
 
-def judge_pairs(
+def check_pairs(
     pairs: PairSample,
     image: np.ndarray | None = None,
     xy: np.ndarray | None = None,
@@ -170,7 +170,7 @@ def judge_pairs(
     flat = compute_sightlines(images, image.ravel(), xy.reshape(-1, 2))
     climb = pairs.height_m - flat.ground[:, 2]
     step = np.column_stack([flat.slope * climb[:, None], climb])
-    at_height = Sightlines(move_ground(flat.ground, step), flat.slope)
+    at_height = StraightRays(move_ground(flat.ground, step), flat.slope)
     other_ends = at_height.ground.reshape(-1, 2, 3)[:, ::-1].reshape(-1, 3)  # the two points of a pair are adjacent
     apart = at_height.distance_m(other_ends)[::2]
     slope = flat.slope[::2] - flat.slope[1::2]
@@ -264,25 +264,25 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     pairs = sample_pairs(block, accuracies)
     if pairs is None:
         return []
-    given = judge_pairs(pairs)
+    given = check_pairs(pairs)
     failing = np.flatnonzero(given.good < TIE_CHECK.agreeing_share)
     share = 1.0 - np.sqrt(1.0 - given.share)  # share of measurements: one wrong measurement makes a pair wrong
     if not len(failing) and (share < TIE_CHECK.doubtful_share or given.wrong.sum() < TIE_CHECK.fewest_cured):
         return []
     suspects = _select_suspects(pairs, given, failing)
-    left = 1.0 - judge_pairs(pairs, shifted=True).good[failing]  # the other pairs fit without a shift
+    left = 1.0 - check_pairs(pairs, shifted=True).good[failing]  # the other pairs fit without a shift
     shifted_alike = bool(len(failing)) and float(left.mean()) < TIE_CHECK.cured_share
-    found = None if shifted_alike else _find_best_slip(pairs, given, suspects)
+    found = None if shifted_alike else _find_best_mistake(pairs, given, suspects)
     if found is not None:
-        (slip, *alike), images, cured = found
+        (mistake, *alike), images, cured = found
         ids = tuple(block.images[index].id for index in images)
         where = "" if len(ids) == len(block.images) else f" on image {list_ids(ids)}"
-        readings = "; or ".join(reading.what for reading in (slip, *alike))
+        readings = "; or ".join(reading.what for reading in (mistake, *alike))
         message = (
             f"tie points{where}: {readings}; the rays of {given.share:.0%} of them do not intersect, and of "
             f"{cured:.0%} after correction" + (" (surveyed points would show which one)" if alike else "")
         )
-        return [Reason(slip.code, Level.UNUSABLE, message, slip.advice, ids)]
+        return [Reason(mistake.code, Level.UNUSABLE, message, mistake.advice, ids)]
     ids = tuple(block.images[index].id for index in _select_common_images(pairs.ends[failing]))
     wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
     unusable = share >= TIE_CHECK.unusable_share or bool((given.good < TIE_CHECK.broken_share).any())
@@ -326,20 +326,20 @@ def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndar
     return bad[np.argsort(-failed[bad] / compute_all_pairs[bad], kind="stable")][: TIE_CHECK.most_suspects]
 
 
-def _find_best_slip(
+def _find_best_mistake(
     pairs: PairSample, given: PairConsistency, suspects: np.ndarray
-) -> tuple[list[Slip], np.ndarray, float] | None:
+) -> tuple[list[Mistake], np.ndarray, float] | None:
     """Return the input error that explains the failing pairs, its images, and the share of points still wrong then.
 
     It is followed by those of `INDISTINGUISHABLE_SLIPS` that explain the pairs equally well.
     """
-    best: dict[str, tuple[float, Slip, np.ndarray]] = {}
-    for slip, images, share in _iterate_hypotheses(pairs, given, suspects):
+    best: dict[str, tuple[float, Mistake, np.ndarray]] = {}
+    for mistake, images, share in _iterate_hypotheses(pairs, given, suspects):
         cured = (given.share - share) * len(
             pairs.pair
         ) >= TIE_CHECK.fewest_cured and share * TIE_CHECK.cured_ratio < given.share
-        if share < TIE_CHECK.cured_share and cured and (slip.code not in best or share < best[slip.code][0]):
-            best[slip.code] = share, slip, images
+        if share < TIE_CHECK.cured_share and cured and (mistake.code not in best or share < best[mistake.code][0]):
+            best[mistake.code] = share, mistake, images
     if not best:
         return None
     least = min(share for share, _, _ in best.values())
@@ -348,34 +348,38 @@ def _find_best_slip(
     if family is None and len(good) > 1:
         return None
     likely, *others = (good[code] for code in family or good if code in good)
-    share, slip, images = likely
-    return [slip, *(other for _, other, of in others if np.array_equal(of, images))], images, share
+    share, mistake, images = likely
+    return [mistake, *(other for _, other, of in others if np.array_equal(of, images))], images, share
 
 
 def _iterate_hypotheses(
     pairs: PairSample, given: PairConsistency, suspects: np.ndarray
-) -> Iterator[tuple[Slip, np.ndarray, float]]:  # fmt: skip
+) -> Iterator[tuple[Mistake, np.ndarray, float]]:  # fmt: skip
     """Yield every input error, corrected on all or on suspected images, with the images and the share of wrong points.
 
     An error on all images makes many pairs fail; one on few images is tested in the pairs of these images only.
     """
     if given.share >= TIE_CHECK.doubtful_share:
         every = np.arange(len(pairs.block.images))
-        for slip, undo in PIXEL_SLIPS:
-            yield slip, every, judge_pairs(pairs, xy=_undo_pixel_slip(pairs, undo, every), stretch=slip.length).share
+        for mistake, undo in PIXEL_MISTAKES:
+            yield (
+                mistake,
+                every,
+                check_pairs(pairs, xy=_undo_pixel_mistake(pairs, undo, every), stretch=mistake.length).share,
+            )
     for images in (suspects[k : k + 1] for k in range(len(suspects))):
         some = np.isin(pairs.ends, images).any(axis=1)
         own = pairs.select(some)
-        for slip, undo in PIXEL_SLIPS:
-            read = judge_pairs(own, xy=_undo_pixel_slip(own, undo, images), stretch=slip.length)
-            yield slip, images, _compute_share_with(pairs, given, some, read)
+        for mistake, undo in PIXEL_MISTAKES:
+            read = check_pairs(own, xy=_undo_pixel_mistake(own, undo, images), stretch=mistake.length)
+            yield mistake, images, _compute_share_with(pairs, given, some, read)
     for some in (2, 3):
         for group in combinations(suspects.tolist(), some):
             for owners in ((group[1:] + group[:1]),) if some == 2 else (group[1:] + group[:1], group[2:] + group[:2]):
                 names = [pairs.block.images[index].id for index in group]
                 other = [pairs.block.images[index].id for index in owners]
                 text = ", ".join(f"{a} are of {b}" for a, b in zip(names, other, strict=True))
-                slip = Slip(
+                mistake = Mistake(
                     "image-ids-permuted", f"image ids of measurements are exchanged: those on {text}",
                     "correct the field 'image'",
                 )  # fmt: skip
@@ -384,7 +388,11 @@ def _iterate_hypotheses(
                 image = own.image.copy()
                 for label, owner in zip(group, owners, strict=True):
                     image[own.image == label] = owner
-                yield slip, np.array(group), _compute_share_with(pairs, given, touched, judge_pairs(own, image=image))
+                yield (
+                    mistake,
+                    np.array(group),
+                    _compute_share_with(pairs, given, touched, check_pairs(own, image=image)),
+                )
 
 
 def _compute_share_with(pairs: PairSample, given: PairConsistency, some: np.ndarray, read: PairConsistency) -> float:
@@ -394,7 +402,7 @@ def _compute_share_with(pairs: PairSample, given: PairConsistency, some: np.ndar
     return PairConsistency.from_points(pairs, wrong, good).share
 
 
-def _undo_pixel_slip(pairs: PairSample, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
+def _undo_pixel_mistake(pairs: PairSample, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
     """Return the image coordinates ``(n, 2, 2)`` with an input error on some images corrected."""
     xy = pairs.xy.reshape(-1, 2).copy()
     rows = np.flatnonzero(np.isin(pairs.image.ravel(), images))

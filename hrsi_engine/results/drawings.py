@@ -126,7 +126,7 @@ def _point_columns(result: Adjustment, left: Residuals, shown: _PointSelection) 
     block, rows, points = result.block, result.block.measurements, shown.points
     here = np.flatnonzero(shown.number[rows.point] >= 0)
     here = here[np.argsort(shown.number[rows.point[here]], kind="stable")]
-    outlier, used = is_outlier(shown.statistic), result.took_part
+    outlier, used = is_outlier(shown.statistic), result.has_residual
     unused = ~used & (block.points.role[rows.point] == Role.TIE)
     flag = np.select([unused, outlier], [2, 1], 0)
     worst = np.zeros(len(block.points), dtype=np.int64)

@@ -136,7 +136,7 @@ def _image_entry(
 ) -> dict[str, Any]:
     values = zip(result.model.parameters, result.values[index], result.values_sigma[index], strict=True)
     return {
-        "observations": int(result.took_part[here].sum()),
+        "observations": int(result.has_residual[here].sum()),
         "before_rmse_sample_px": rmse(left.before_px[here, 0]),
         "before_rmse_line_px": rmse(left.before_px[here, 1]),
         "rmse_sample_px": rmse(left.at_known_px[here, 0]),
@@ -180,7 +180,7 @@ def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     count, left_in = (
         np.bincount(exposure[block.measurements.image[rows]], minlength=len(exposure)) for rows in (is_tie, kept)
     )
-    used = np.flatnonzero(result.took_part & (block.points.role == Role.TIE)[point])
+    used = np.flatnonzero(result.has_residual & (block.points.role == Role.TIE)[point])
     rays = np.bincount(point[used], minlength=len(block.points))
     rays_of_row = rays[point[used]]
     return {
@@ -258,7 +258,7 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
     held = block.points.role == Role.HELD_OUT
     if not held.any():
         return NONE_HELD_OUT | {"ties": NONE_HELD_OUT}
-    adjusted = result.took_part & (block.points.role == Role.TIE)[block.measurements.point]
+    adjusted = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
     seen = block.with_cameras([new.rpc for new in refined])
     seen = seen.with_measurements(adjusted | held[block.measurements.point])
     several = seen.rays_per_point() >= 2

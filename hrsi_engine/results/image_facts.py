@@ -101,7 +101,7 @@ def describe_acquisition(image: Image) -> dict[str, Any]:
 def _tie_rows(result: Adjustment) -> np.ndarray:
     """Return True for the measurements of tie points that are used, ``(measurements,)``."""
     tie = result.block.points.role[result.block.measurements.point] == Role.TIE
-    return np.asarray(result.took_part & tie)
+    return np.asarray(result.has_residual & tie)
 
 
 def describe_pairs(

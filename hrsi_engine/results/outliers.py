@@ -49,7 +49,7 @@ def is_outlier(statistics: np.ndarray) -> np.ndarray:
 def measurement_flags(result: Adjustment, left: Residuals) -> Words:
     """Return a word for each image measurement: ``ok``, ``outlier``, ``rejected`` (a tie measurement) or ``unused``."""
     role = result.block.points.role[result.block.measurements.point]
-    unused = ~result.took_part
+    unused = ~result.has_residual
     outlier = is_outlier(measurement_statistic(left))
     which = np.select([unused & (role == Role.TIE), outlier, unused], [1, 2, 3], 0)
     return Words(np.array(["ok", "rejected", "outlier", "unused"]), which.astype(np.int8))

@@ -91,7 +91,7 @@ def compute_residuals(result: Adjustment) -> Residuals:
     surveyed = np.zeros(len(block.points), dtype=bool)
     surveyed[known] = np.isfinite(block.points.survey_covariance_m2(known)).all(axis=(1, 2))
     there = surveyed[rows.point] & finite_rows(at_known)
-    drift = result.residual_px - result.judged_residual_px
+    drift = result.residual_px - result.tested_residual_px
     sigma_px = np.hypot(result.unit_sigma * result.sigma_px[:, None], np.nan_to_num(drift))
     sigma_m = _ground_sigmas(result, kept)
     single = block.rays_per_point() == 1
@@ -237,7 +237,7 @@ def _tie_residuals_before(result: Adjustment) -> np.ndarray:
     """Return the residuals of the used tie points, intersected with the vendor's cameras."""
     block = result.block
     residual = np.full((len(block.measurements), 2), np.nan)
-    used = result.took_part & (block.points.role == Role.TIE)[block.measurements.point]
+    used = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
     if not used.any():
         return residual
     ties = block.with_measurements(used)

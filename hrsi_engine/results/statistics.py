@@ -35,9 +35,9 @@ def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     """
     redundancy = np.where(np.isfinite(result.redundancy_numbers), result.redundancy_numbers, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        normalised = result.judged_residual_px / (result.sigma_px[:, None] * np.sqrt(redundancy))
-    took_part = ~np.isin(result.block.points.role[result.block.measurements.point], [Role.CHECK, Role.HELD_OUT])
-    usable = np.isfinite(normalised) & (redundancy > STATISTIC.least_redundancy) & took_part[:, None]
+        normalised = result.tested_residual_px / (result.sigma_px[:, None] * np.sqrt(redundancy))
+    has_residual = ~np.isin(result.block.points.role[result.block.measurements.point], [Role.CHECK, Role.HELD_OUT])
+    usable = np.isfinite(normalised) & (redundancy > STATISTIC.least_redundancy) & has_residual[:, None]
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(IMAGE_AXES)}
 
 
@@ -57,7 +57,7 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     """Return the number of used tie points in each cell of each image, ``(cells, cells)``, lines first."""
     block = result.block
     rows = block.measurements
-    used = result.took_part & (block.points.role[rows.point] == Role.TIE)
+    used = result.has_residual & (block.points.role[rows.point] == Role.TIE)
     counts = {
         image.id: np.zeros((STATISTIC.coverage_cells, STATISTIC.coverage_cells), dtype=np.int64)
         for image in block.images

@@ -41,7 +41,7 @@ class Table:
 
 def images_table(result: Adjustment, images: Sequence[Image], height_m: float) -> Table:
     """Return footprints of images at a height, with id, path, size and the image's number of measurements."""
-    used = result.took_part
+    used = result.has_residual
     count = np.bincount(result.block.measurements.image[used], minlength=len(images))
     columns = ImageRows(
         id=np.array([image.id for image in images]),

@@ -149,7 +149,7 @@ class PointsDock(QDockWidget):
         action.trigger()
         return True
 
-    def close_for_good(self) -> None:
+    def shut_down(self) -> None:
         """Disconnect from the project and a running task before the plugin is removed; unsaved edits are kept."""
         self.cancel()
         self._task = None  # its end is ignored
@@ -162,9 +162,9 @@ class PointsDock(QDockWidget):
         project.readProject.disconnect(self._on_project)
         project.cleared.disconnect(self._on_project)
         for view in self.ui.views:
-            view.let_go()
+            view.release_images()
 
-    def give_up(self) -> None:
+    def discard_edits(self) -> None:
         """Discard the unsaved edits, as the user has chosen."""
         if self.keeper is not None:
             self.keeper.discard()
@@ -178,7 +178,7 @@ class PointsDock(QDockWidget):
         self._task = None
         self.session = session
         if self.keeper is None and session.images:
-            self.keeper = point_session.EditKeeper(self.unsaved_root)
+            self.keeper = point_session.EditJournal(self.unsaved_root)
         if self.keeper is not None:  # edits are stored in a journal
             self.keeper.follow(session)
         models = PointsModel(session), MeasurementsModel(session), ResidualsModel(session)

@@ -26,7 +26,7 @@ class ExitGuard(QgsApplicationExitBlockerInterface):
     def allowExit(self) -> bool:
         if not self._dock.may_leave():
             return False
-        self._dock.give_up()
+        self._dock.discard_edits()
         return True
 
 

@@ -334,7 +334,7 @@ class ImageView(QWidget):
         self.canvas.setRotation(rotation)
         self.canvas.setExtent(extent)
 
-    def let_go(self) -> None:
+    def release_images(self) -> None:
         """Stop drawing, and remove the image, before the view is deleted: otherwise its threads would continue."""
         project = QgsProject.instance()
         project.writeProject.disconnect(self._leave_project)

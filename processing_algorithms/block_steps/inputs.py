@@ -99,11 +99,11 @@ def read_block(
     block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
     block = replace(block, operations=of_dem)
     block.points.role[(block.points.role == Role.TIE) & np.isin(block.points.ids, held_out)] = Role.HELD_OUT
-    told = tell_operations(block, block.all_operations, points.strict_datum)
+    told = check_operations(block, block.all_operations, points.strict_datum)
     return block, [*warnings, *block.warnings, *told]
 
 
-def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bool) -> list[str]:
+def check_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bool) -> list[str]:
     """Return warnings on coordinate operations; raise `InputError` if ``strict_datum`` forbids one.
 
     They include the difference from WGS84, at the time of the images, of plate-fixed datums that are used as WGS84.

@@ -24,14 +24,14 @@ from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
 from ..files.opening import open_control_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import LaserFile, PointFiles, SurfaceFile
-from .inputs import tell_operations
+from .inputs import check_operations
 
 
 @thresholds
-class LASER_LOOK:
+class LASER_SEARCH:
     """Selection of laser points near the images, and rounds of measuring tie points at them."""
 
-    beside_px: float = threshold(
+    margin_px: float = threshold(
         100.0, "px", "distance of a laser point from an image within which a shift of the block may bring it in"
     )
     most_rounds: int = threshold(3, "rounds", "rounds of looking for the places of laser points")
@@ -57,28 +57,30 @@ def add_laser_points(
     if not options.laser:
         return None, block, []
     points = read_laser(options.laser, options.laser_datum, files.ground_crs, files.gcp_epoch)
-    points = points.select(np.flatnonzero(_count_views(block.images, points.ground, 10.0 * LASER_LOOK.beside_px) >= 1))
+    points = points.select(
+        np.flatnonzero(_count_views(block.images, points.ground, 10.0 * LASER_SEARCH.margin_px) >= 1)
+    )
     if not len(points):
         raise InputError(
             f"{options.laser}: none of its laser points lies on an image: check that they are of this area"
         )
     reasons = find_laser_reasons(points)
-    beside = _count_views(block.images, points.ground, LASER_LOOK.beside_px) < 2
+    beside = _count_views(block.images, points.ground, LASER_SEARCH.margin_px) < 2
     points = replace(points, doubt=np.where((reasons == "") & beside, NOT_SEEN, reasons))
     good = int((points.doubt == "").sum())
     context.log(f"{options.laser}: {len(points)} laser points on the images or near them, {good} of them usable")
-    told = tell_operations(block, points.operations, files.strict_datum)
+    told = check_operations(block, points.operations, files.strict_datum)
     return points, replace(block, operations=block.operations + points.operations), told
 
 
-def _count_views(images: Sequence[Image], ground: np.ndarray, beside_px: float) -> np.ndarray:
-    """Return the number of images that contain each position ``(n, 3)``, or are at most ``beside_px`` away from it."""
+def _count_views(images: Sequence[Image], ground: np.ndarray, margin_px: float) -> np.ndarray:
+    """Return the number of images that contain each position ``(n, 3)``, or are at most ``margin_px`` away from it."""
     count = np.zeros(len(ground), dtype=np.int64)
     for image in images:
         first_sample, last_sample, first_line, last_line = image.domain_px
         xy = image.rpc.project(ground)
-        low = np.array([first_sample, first_line]) - beside_px
-        high = np.array([last_sample, last_line]) + beside_px
+        low = np.array([first_sample, first_line]) - margin_px
+        high = np.array([last_sample, last_line]) + margin_px
         with np.errstate(invalid="ignore"):
             seen = np.flatnonzero(((xy >= low) & (xy <= high)).all(axis=1))
         # far outside its domain a polynomial returns into the image: the ray must lead back to the position
@@ -103,12 +105,12 @@ def with_surface(
             "`sigma_surface`"
         )
     surface, sigma_m = opened
-    told = tell_operations(block, surface.operations, points.strict_datum)
+    told = check_operations(block, surface.operations, points.strict_datum)
     block = replace(block, operations=block.operations + surface.operations)
     return replace(options, dem=surface, sigma_dem_m=sigma_m), block, told
 
 
-def with_free_control(
+def add_height_control(
     options: AdjustOptions, surface: HeightSurface | None, laser: LaserPoints | None,
     reference: ReferencePlaces | None = None,
 ) -> AdjustOptions:  # fmt: skip
@@ -142,7 +144,7 @@ def adjust_at_laser_points(
     result = adjust(block, options, stage(context.progress, 0.0, 0.1))
     from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # matching takes a fifth of a second to load
 
-    for number in range(LASER_LOOK.most_rounds):
+    for number in range(LASER_SEARCH.most_rounds):
         part = context.stage(0.1 + 0.3 * number, 0.4 + 0.3 * number)
         images = [
             replace(image, rpc=result.model.compute_refined_rpc(image, values).rpc)
@@ -158,7 +160,7 @@ def adjust_at_laser_points(
         before, result = result, adjust(block.with_ties(ties), options, stage(part.progress, 0.7, 1.0))
         moved = ground_difference_m(result.ground[: len(block.points)], before.ground[: len(block.points)])
         moved = np.abs(np.median(moved[finite_rows(moved)], axis=0))
-        if np.hypot(*moved[:2]) < LASER_LOOK.moved_plan_m and moved[2] < LASER_LOOK.moved_height_m:
+        if np.hypot(*moved[:2]) < LASER_SEARCH.moved_plan_m and moved[2] < LASER_SEARCH.moved_height_m:
             break
     return result, []
 
@@ -166,14 +168,14 @@ def adjust_at_laser_points(
 def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
     """Return the median height of the block above the laser points; 0 if they constrain the block already."""
     found = result.laser
-    if found is not None and (found.reason == "").sum() >= LASER_LOOK.few_points:
+    if found is not None and (found.reason == "").sum() >= LASER_SEARCH.few_points:
         return 0.0
     ties = result.ground[(result.block.points.role == Role.TIE) & finite_rows(result.ground)]
     good = laser.ground[laser.doubt == ""]
     if not len(ties) or not len(good):
         return 0.0
     frame = LocalFrame(*ties[0])
-    count = min(LASER_LOOK.ties_compared, len(ties))
+    count = min(LASER_SEARCH.ties_compared, len(ties))
     _, near = cKDTree(frame.from_ground(ties)[:, :2]).query(frame.from_ground(good)[:, :2], k=count)
     return float(np.median(np.median(ties[near.reshape(len(good), -1), 2], axis=1) - good[:, 2]))
 
@@ -192,7 +194,7 @@ def describe_laser(result: Adjustment, options: LaserFile) -> tuple[Report, list
         "left_out": dict(left_out.most_common()),
     }  # fmt: skip
     warnings = []
-    if used < LASER_LOOK.few_points:
+    if used < LASER_SEARCH.few_points:
         why = f"; most of the others: {left_out.most_common(1)[0][0]}" if left_out else ""
         warnings.append(f"only {used} of {len(found.reason)} laser points are used for the height of the block{why}")
     return {"laser": entry}, warnings

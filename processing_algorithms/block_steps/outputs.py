@@ -27,9 +27,9 @@ from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rasters.dejitter import rewrite_without_jitter
 from ...hrsi_engine.io.rpc_files import (
     Lineage,
-    free_the_way,
     prepare_in_place,
     require_in_place,
+    set_aside_conflicting_rpcs,
     write_geotiff_copy,
     write_rpc_text,
     write_vrt,
@@ -198,7 +198,7 @@ def write_results(
         for image, new in new_files:
             if names[image.id].endswith(NEW_FILES["copy"][0]):
                 file = os.path.join(target.output_dir, names[image.id])
-                report["warnings"] += free_the_way(file, image.path, new.rpc, changes)
+                report["warnings"] += set_aside_conflicting_rpcs(file, image.path, new.rpc, changes)
         for part, (image, new) in _tell_writing(in_place, context.stage(0.7, 0.95)):  # all images or none
             lineage = _lineage_of(image, result.lineage)
             report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, lineage)

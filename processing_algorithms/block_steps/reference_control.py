@@ -19,8 +19,8 @@ from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import PointFiles, ReferenceImage
+from .inputs import check_operations
 from .inputs import read_block as read_files
-from .inputs import tell_operations
 
 
 @thresholds
@@ -203,5 +203,5 @@ def read_reference_block(
     elif len(ground):
         places = ReferencePlaces(ground.ids, ground.ground, found.accuracy.sigma_xy_m, found.excessive)
     block = replace(block, operations=found.operations)
-    told = tell_operations(block, found.operations, files.strict_datum)
+    told = check_operations(block, found.operations, files.strict_datum)
     return block, places, [*found.warnings, *dict.fromkeys([*told, *warnings])], {"reference": found.entries}

@@ -17,7 +17,7 @@ from ...hrsi_engine.block.block import Block, Image, ImagePoints, Role
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.io.catalogue.lineage import maker_of
+from ...hrsi_engine.io.catalogue.lineage import find_refining_report
 from ...hrsi_engine.io.output_dir import find_image_outputs, read_report
 from ...hrsi_engine.io.point_files import PointTables, read_points
 from ...hrsi_engine.io.rasters.images import image_id
@@ -26,7 +26,7 @@ from ..files.result_folder import REPORT_FILE
 from ..interface.declare import Log
 from .outputs import LAYERS_FILE
 
-MAKERS = ("triangulate", "adjust", "refine-rpc")  #: algorithms that refine RPCs
+REFINING_ALGORITHMS = ("triangulate", "adjust", "refine-rpc")  #: algorithms that refine RPCs
 
 
 @thresholds
@@ -39,7 +39,7 @@ class RPC_SETS:
 
 
 @dataclass(frozen=True, eq=False)
-class MakingPoints:
+class EstimationPoints:
     """Image points of the run that refined a set of RPCs; None if its layers do not exist any more.
 
     used : measurements of GCPs and tie points, which influenced the cameras
@@ -51,11 +51,11 @@ class MakingPoints:
     held_out: ImagePoints | None = None
 
 
-def find_making_points(files: Sequence[str], image_ids: Sequence[str]) -> MakingPoints | None:
+def find_estimation_points(files: Sequence[str], image_ids: Sequence[str]) -> EstimationPoints | None:
     """Return the points from which the RPCs of some files were estimated; None if HRSI refined none of them."""
     reports: dict[str, bool] = {}
     for file in files:
-        told = maker_of(file)
+        told = find_refining_report(file)
         beside = os.path.join(os.path.dirname(os.path.abspath(file)), REPORT_FILE)
         found = next((one for one in (beside, told) if one and _names_output(one, file)), None)
         if found or told is not None:
@@ -64,21 +64,21 @@ def find_making_points(files: Sequence[str], image_ids: Sequence[str]) -> Making
         return None
     first = next(iter(reports))
     if not all(reports.values()):
-        return MakingPoints(next(name for name, there in reports.items() if not there))
+        return EstimationPoints(next(name for name, there in reports.items() if not there))
     tables = []
     for report in reports:
         layers = os.path.join(os.path.dirname(report), LAYERS_FILE)
         try:
             tables.append(read_points(f"{layers}|layername=image_points", image_ids=image_ids))
         except InputError:
-            return MakingPoints(report)
-    return MakingPoints(first, *split_measurements(tables))
+            return EstimationPoints(report)
+    return EstimationPoints(first, *split_measurements(tables))
 
 
 def _names_output(path: str, file: str) -> bool:
     """Return whether a report belongs to a run that wrote a file; its folder may have been moved."""
     report = read_report(path)
-    if report is None or report["algorithm"] not in MAKERS:
+    if report is None or report["algorithm"] not in REFINING_ALGORITHMS:
         return False
     return os.path.basename(file) in map(os.path.basename, find_image_outputs(report).values())
 

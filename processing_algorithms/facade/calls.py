@@ -31,7 +31,7 @@ from ..files.opening import open_terrain
 from ..interface.command_parser import value_facts
 from ..interface.declare import Algorithm, Context, Kind, Param, fill_options, params_of, spell_arguments
 from ..interface.option_groups import TerrainOptions
-from ..interface.options import KINDS, Face, check_options, suggestion
+from ..interface.options import KINDS, OptionSpelling, check_options, suggestion
 from .result import Result
 
 _log = logging.getLogger("hrsi")
@@ -160,7 +160,7 @@ MAKES_FILES = frozenset({"orthorectify", "simulate", "crop", "strip"})
 BRIEF = {"write": "sidecar", "report": False}
 #: Options that give the height of the ground for points in arrays.
 TERRAIN = tuple(param.key for param in params_of(TerrainOptions))
-PYTHON = Face(lambda param: param.key, "help(hrsi.{name})")
+PYTHON = OptionSpelling(lambda param: param.key, "help(hrsi.{name})")
 _OPTION = re.compile(r"--([a-z][a-z0-9-]*)")
 
 

@@ -32,17 +32,19 @@ TYPED = OptionSource()  #: all options are typed
 
 
 @dataclass(frozen=True)
-class Face:
+class OptionSpelling:
     """Spelling of options in an interface, and where they are described (``{name}`` is the algorithm)."""
 
     label: Callable[[Param], str] = option_label
     help: str = "hrsi {name} --help"
 
 
-COMMAND_LINE = Face()
+COMMAND_LINE = OptionSpelling()
 
 
-def check_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = COMMAND_LINE) -> dict[str, Any]:
+def check_options(
+    algorithm: Algorithm, given: Mapping[str, Any], face: OptionSpelling = COMMAND_LINE
+) -> dict[str, Any]:
     """Return all options of an algorithm by keyword: the given ones checked, the others with their defaults.
 
     Messages name the options as in ``face``. Raises `InputError` if an option is unknown or missing, or its value is

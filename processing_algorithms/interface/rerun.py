@@ -30,7 +30,7 @@ def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tu
     if not isinstance(report, dict) or any(not isinstance(report.get(key), kind) for key, kind in _NEEDED.items()):
         raise InputError(f"{path}: does not contain the options of its run: name a report.json of this version of hrsi")
     algorithm = find_algorithm(registry, report["algorithm"])
-    places = _Places(path, report)
+    places = _MovedPaths(path, report)
     given = {key: value for key, value in report["options"].items() if key not in ONCE}
     typed = algorithm_parser(algorithm).parse_words(words[1:])
     hidden = [
@@ -59,7 +59,7 @@ def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tu
     return algorithm, list(words[1:]), OptionSource(given, messages, {"rerun_of": origin})
 
 
-class _Places:
+class _MovedPaths:
     """Present paths of the files of an earlier run: unchanged, or moved together with the report."""
 
     def __init__(self, path: str, report: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "files": "new_session open_block read_ground_points save",
         "chip_library": "ChipLibrary",
         "chips": "list_library_points save_chips",
-        "recovery": "EditKeeper find_journals forget recover",
+        "recovery": "EditJournal find_journals forget recover",
         "pictures": "PointPicture list_photos list_pictures",
         "views": "dem_height find_transfers new_tie operations_of place_on place_tie view_of",
         "adjusting": "adjust_block block_of follow",

@@ -21,7 +21,7 @@ from .files import save as save
 from .pictures import PointPicture as PointPicture
 from .pictures import list_photos as list_photos
 from .pictures import list_pictures as list_pictures
-from .recovery import EditKeeper as EditKeeper
+from .recovery import EditJournal as EditJournal
 from .recovery import find_journals as find_journals
 from .recovery import forget as forget
 from .recovery import recover as recover

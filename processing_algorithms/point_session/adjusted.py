@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...hrsi_engine.adjustment.following import Follower
+from ...hrsi_engine.adjustment.following import BlockUpdater
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.refinement.model import RefinementModel
@@ -102,7 +102,7 @@ class AdjustmentView(CurrentView):
     warnings: tuple[str, ...]
     result: Adjustment
     left: Residuals
-    follower: Follower
+    follower: BlockUpdater
     listed: Collection[str] = frozenset()
 
     @cached_property

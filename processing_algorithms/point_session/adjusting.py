@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...hrsi_engine.adjustment.following import Follower
+from ...hrsi_engine.adjustment.following import BlockUpdater
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.adjustment.result import Decision
 from ...hrsi_engine.block.assembly import assemble
@@ -49,7 +49,7 @@ def adjust_block(
     """
     reasons = check_block(block)
     with explain_failures(reasons):
-        follower = Follower(block, AdjustOptions(model=model), stage(progress, 0.1, 0.9), listed)
+        follower = BlockUpdater(block, AdjustOptions(model=model), stage(progress, 0.1, 0.9), listed)
     result, left = follower.result, compute_residuals(follower.result)
     block, names = result.block, result.block.points.ids
     rows = (block.known | np.isin(names, list(listed)))[block.measurements.point].nonzero()[0]

@@ -18,7 +18,7 @@ from .rows import Change, ImageMeasurement, Key, SurveyPoint
 from .session import PointSession
 
 
-class EditKeeper:
+class EditJournal:
     """Writes the edits of one session to a journal below a folder.
 
     ``failure`` is the reason if that fails (no space, no permission), otherwise empty. Editing continues in any case.

@@ -32,8 +32,8 @@ def test_equals_dense_least_squares(name):
 
 
 def test_without_gcps_equals_dense_least_squares(monkeypatch):
-    """But for the translation to the RPCs' own position (`test_given_position`)."""
-    monkeypatch.setattr(outcome, "keep_given_position", lambda problem, loop, solution, precise: (solution, precise))
+    """But for the translation to the RPCs' own position (`test_rpc_position`)."""
+    monkeypatch.setattr(outcome, "keep_rpc_position", lambda problem, loop, solution, precise: (solution, precise))
     block, _, _ = blocks.block(gcps=0, checks=0, ties=40, bias_px=2.0)
     result = adjust(block, AdjustOptions(test_sigmas=False, model="shift"))
     dense = dense_solution(block, MODELS["shift"], controlled=False)

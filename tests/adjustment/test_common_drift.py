@@ -46,7 +46,7 @@ def test_none_where_gcps_or_a_fixed_image_hold_the_block():
 def test_the_prior_is_what_its_cost_says():
     """The equations that it adds are the derivatives of its cost, and its largest weights hold what F lets go."""
     problem = prepare_problem(free_block(), AFFINE)
-    common = problem.common[0].balance_with(np.full(len(problem.common[0].believed), 10.0), 2.0)
+    common = problem.common[0].balance_with(np.full(len(problem.common[0].prior_sigma), 10.0), 2.0)
     loop = problem.loop()
     values = np.random.default_rng(3).normal(0.0, 3e-5, problem.prior_weight.shape)
     bare = loop.equations.form_normals(problem.start, problem.weighting.image, problem.weighting.points,
@@ -63,7 +63,7 @@ def test_the_prior_is_what_its_cost_says():
     assert 0.5 * values[0] @ own @ values[0] == pytest.approx(
         common.compute_cost(np.where(np.arange(len(values))[:, None] == 0, values, 0.0)), rel=1e-9
     )
-    np.testing.assert_allclose(common.weight / common.points_alike, 2.0 * 0.99 * np.eye(6), atol=1e-9)
+    np.testing.assert_allclose(common.weight / common.points_per_error, 2.0 * 0.99 * np.eye(6), atol=1e-9)
 
 
 def test_a_common_drift_is_not_estimated_but_differences_are():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from long_tests import mark_beyond
 
-from hrsi.hrsi_engine.adjustment.following import Follower
+from hrsi.hrsi_engine.adjustment.following import BlockUpdater
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.adjustment.solver import adjust
 from hrsi.hrsi_engine.block.block import Block, Role
@@ -70,7 +70,7 @@ def test_following_is_adjusting_anew(edit: str, model: str) -> None:
     name, make = EDITS[edit]
     before, after = make(block)
     options = AdjustOptions(model=model, **PLAIN)
-    follower, anew = Follower(before, options), adjust(after, options)
+    follower, anew = BlockUpdater(before, options), adjust(after, options)
     of_point = after.points.ids[after.measurements.point] == name
     followed = follower.follow({name}, without_rows(after, np.flatnonzero(~of_point)))
     off, stayed = (np.abs(values - anew.values).max() for values in (followed.values, follower.result.values))
@@ -94,7 +94,7 @@ def test_two_images_that_had_nothing_in_common() -> None:
     before = without_rows(block, np.concatenate([single, tie]))
     options = AdjustOptions(model="shift", **PLAIN)
     of_tie = after.points.ids[after.measurements.point] == "P0012"
-    followed = Follower(before, options).follow({"P0012"}, without_rows(after, np.flatnonzero(~of_tie)))
+    followed = BlockUpdater(before, options).follow({"P0012"}, without_rows(after, np.flatnonzero(~of_tie)))
     assert np.abs(followed.values - adjust(after, options).values).max() < PX
 
 
@@ -102,7 +102,7 @@ def test_what_was_found_stays() -> None:
     """Drift that the model does not follow, sigmas estimated, blunders left out: an edit of nothing changes nothing."""
     block, _, _ = simulated_blocks.block(gcps=12, checks=8, ties=60, count=3, seed=6, drift=3e-4, noise_px=0.8)
     wrong = moved(block, "P0050", 40.0)
-    follower = Follower(wrong, AdjustOptions(model="shift"))
+    follower = BlockUpdater(wrong, AdjustOptions(model="shift"))
     assert (follower.result.decision != 0).any()
     nobody = without_rows(wrong, np.arange(len(wrong.measurements)))
     followed = follower.follow(set(), nobody)

@@ -74,7 +74,7 @@ def test_curves_are_those_of_the_simulation(shaken):
 
 def test_residuals_fall_to_the_noise_and_check_points_to_their_prediction(shaken):
     without, result, truth = shaken
-    tie = result.took_part & (result.block.points.role[result.block.measurements.point] == Role.TIE)
+    tie = result.has_residual & (result.block.points.role[result.block.measurements.point] == Role.TIE)
     rms = [float(np.sqrt(np.mean(one.residual_px[tie] ** 2))) for one in (without, result)]
     assert rms[0] > 2.0 * NOISE_PX and rms[1] <= NOISE_PX
     check = np.flatnonzero(result.block.points.role == Role.CHECK)
@@ -97,7 +97,7 @@ def test_what_two_images_do_not_separate_is_told():
     result = adjust(block, AdjustOptions(jitter="70"))
     check = np.flatnonzero(result.block.points.role == Role.CHECK)
     error = ground_difference_m(truth[check], result.ground[check])
-    tie = result.took_part & (result.block.points.role[result.block.measurements.point] == Role.TIE)
+    tie = result.has_residual & (result.block.points.role[result.block.measurements.point] == Role.TIE)
     assert np.sqrt(np.mean(result.residual_px[tie] ** 2)) <= NOISE_PX
     # Errors along the epipolar line are as large as before, and as predicted within the factor of one realisation
     ratio = np.sqrt(np.mean(error**2, axis=0) / np.mean(result.ground_sigma_m[check] ** 2, axis=0))

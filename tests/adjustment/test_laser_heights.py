@@ -163,7 +163,7 @@ LASER, DEM = CommonError(0.05, can_be_biased_as_a_whole=False), CommonError(1.2,
 
 
 def said(laser: list[float], dem: list[float] = []) -> list[GroupOffset]:  # noqa: B006  # it is not changed
-    """Return opinions of laser tracks (0.14 m) and of parts of a DEM (1.2 m)."""
+    """Return group_offsets of laser tracks (0.14 m) and of parts of a DEM (1.2 m)."""
     return [
         *(GroupOffset(0, k, offset, 0.02, 50) for k, offset in enumerate(laser)),
         *(GroupOffset(1, k, offset, 1.44, 50) for k, offset in enumerate(dem)),

@@ -132,5 +132,5 @@ def test_measurements_are_judged_without_the_drift():
     result = adjust(block, AdjustOptions(test_sigmas=False, model="shift", sigma_drift=1e-4))
     for values in normalise_residuals(result).values():
         assert np.std(values) == pytest.approx(1.0, abs=0.1)  # 1200 residuals: 2 %, and the drift's own estimate
-    assert np.nanstd(result.residual_px) > 1.2 * np.nanstd(result.judged_residual_px)
+    assert np.nanstd(result.residual_px) > 1.2 * np.nanstd(result.tested_residual_px)
     assert adjust(block, AdjustOptions(test_sigmas=False, model="affine")).estimate_residual_px is None

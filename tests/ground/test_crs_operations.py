@@ -28,7 +28,7 @@ from hrsi.hrsi_engine.ground.geoids import find_substitute
 from hrsi.hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from hrsi.hrsi_engine.ground.proj_operations import without_heights
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_ortho, regrid
+from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_ortho, resample_to_grid
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session.files import ground_points
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
@@ -113,7 +113,7 @@ def test_an_orthoimage_on_the_pixels_of_another_datum_goes_by_the_same_operation
     x, y = operations_of(f"EPSG:{code}").from_wgs84(like.lonlat(inner)).T
     west, step, _, north, _, _ = source.geotransform
     expected = (x - west) / step - 0.5 + 1000.0 * ((north - y) / step - 0.5)
-    moved = regrid(source, like).raster.dataset.GetRasterBand(1).ReadAsArray()
+    moved = resample_to_grid(source, like).raster.dataset.GetRasterBand(1).ReadAsArray()
     assert np.abs(moved[inner[:, 1], inner[:, 0]] - expected).max() < 10.0  # 0.01 of a row
 
 

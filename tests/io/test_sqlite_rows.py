@@ -49,7 +49,7 @@ def test_both_ways_write_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         patch.setattr(sqlite_rows.Pages, "insert", lambda *given: (used.append("pages"), insert(*given)))
         write_geopackage(str(tmp_path / "pages.gpkg"), [layer()])
     assert used
-    monkeypatch.setattr(sqlite_rows, "can_have_pages", lambda *given: False)
+    monkeypatch.setattr(sqlite_rows, "can_write_pages", lambda *given: False)
     write_geopackage(str(tmp_path / "sqlite.gpkg"), [layer()])
     assert content(tmp_path / "pages.gpkg") == content(tmp_path / "sqlite.gpkg")
 
@@ -150,7 +150,7 @@ def test_shared_and_stacked_columns_are_written_row_by_row(
 ) -> None:
     """More rows than are written at once, with the border between parts inside of such a piece."""
     if not as_pages:
-        monkeypatch.setattr(sqlite_rows, "can_have_pages", lambda *given: False)
+        monkeypatch.setattr(sqlite_rows, "can_write_pages", lambda *given: False)
     random = np.random.default_rng(2)
     places, index = random.uniform(0.0, 1.0, (100, 3)), random.integers(0, 100, 60_000)
     first, nothing = random.normal(size=30), np.broadcast_to(np.nan, 60_000)

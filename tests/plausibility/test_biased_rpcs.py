@@ -14,7 +14,7 @@ from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, judge
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import move_ground
-from hrsi.hrsi_engine.plausibility.slips import find_datum_shifts
+from hrsi.hrsi_engine.plausibility.mistakes import find_datum_shifts
 
 
 @pytest.mark.parametrize("sensor", mark_beyond(0, "coverage", ["worldview-2", "spot5", *sorted(FIGURES_M)[:4]]))

@@ -9,12 +9,12 @@ import numpy as np
 from hrsi.benchmarks.adjust_speed import simulated
 from hrsi.hrsi_engine.plausibility import ties
 from hrsi.hrsi_engine.plausibility.accuracy import estimate_accuracies
-from hrsi.hrsi_engine.plausibility.slips import PIXEL_SLIPS
+from hrsi.hrsi_engine.plausibility.mistakes import PIXEL_MISTAKES
 
 IMAGES, SLIPPED = 60, 7
 
 
-def slipped_pairs() -> ties.PairSample:
+def mistaken_pairs() -> ties.PairSample:
     """Return pairs of a block one of whose images has sample and line exchanged."""
     block = simulated(IMAGES)
     rows = block.measurements
@@ -26,21 +26,21 @@ def slipped_pairs() -> ties.PairSample:
 
 
 def test_readings_of_some_images_are_those_of_the_whole_block() -> None:
-    pairs = slipped_pairs()
-    given = ties.judge_pairs(pairs)
+    pairs = mistaken_pairs()
+    given = ties.check_pairs(pairs)
     suspects = ties._select_suspects(pairs, given, np.flatnonzero(given.good < ties.TIE_CHECK.agreeing_share))
     assert SLIPPED in suspects
-    undo = dict(zip((slip for slip, _ in PIXEL_SLIPS), (undo for _, undo in PIXEL_SLIPS), strict=True))
+    undo = dict(zip((slip for slip, _ in PIXEL_MISTAKES), (undo for _, undo in PIXEL_MISTAKES), strict=True))
     compared = 0
     for slip, images, share in ties._iterate_hypotheses(pairs, given, suspects):
         if slip in undo and slip.length == 1.0:  # a stretch would count for the tolerance of all others too
-            assert share == ties.judge_pairs(pairs, xy=ties._undo_pixel_slip(pairs, undo[slip], images)).share
+            assert share == ties.check_pairs(pairs, xy=ties._undo_pixel_mistake(pairs, undo[slip], images)).share
             compared += 1
     assert compared >= len(suspects)
 
 
 def test_the_slip_of_one_image_among_many_is_named() -> None:
-    pairs = slipped_pairs()
+    pairs = mistaken_pairs()
     [reason] = ties.find_tie_reasons(pairs.block, pairs.accuracies)
     assert reason.code == "sample-line-swapped"
     assert reason.images == (pairs.block.images[SLIPPED].id,)
@@ -89,7 +89,7 @@ def test_right_ties_join_images_with_nearly_parallel_rays() -> None:
     assert pairs is not None
     flat = ties.compute_sightlines(block.images, pairs.image.ravel(), pairs.xy.reshape(-1, 2))
     length = np.hypot(*(flat.slope[::2] - flat.slope[1::2]).T)
-    good = ties.judge_pairs(pairs).good
+    good = ties.check_pairs(pairs).good
     narrow = np.isfinite(good) & (np.maximum.reduceat(length, pairs.starts) < 0.04)
     assert narrow.sum() >= 20
     assert good[narrow].min() > 0.9

@@ -91,7 +91,7 @@ def test_the_panel_adjusts_with_the_same_defaults(monkeypatch):
         used.append(options)
         raise InterruptedError
 
-    monkeypatch.setattr(panel, "Follower", keep)
+    monkeypatch.setattr(panel, "BlockUpdater", keep)
     monkeypatch.setattr(panel, "check_block", lambda block: [])
     with pytest.raises(InterruptedError):
         panel.adjust_block(None, MODEL.default)

@@ -16,7 +16,7 @@ from hrsi.hrsi_engine.foundation.errors import HrsiError, InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import (
-    EditKeeper,
+    EditJournal,
     PointSession,
     Snapshot,
     files,
@@ -297,7 +297,7 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
     root, (name, image) = tmp_path / "unsaved", measured_name(session)
     path = str(tmp_path / "block.gpkg")
     files.save(session, path)
-    keeper = EditKeeper(root)
+    keeper = EditJournal(root)
     keeper.follow(session)
     session.set_role(name, "off")
     assert find_journals(root) == []  # the program lives
@@ -318,7 +318,7 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
     back = recover(unsaved)
     assert repr((back.points, back.measured)) == repr((session.points, session.measured))
     assert back.changed and back.path == path
-    again = EditKeeper(root)
+    again = EditJournal(root)
     again.follow(back)  # kept by another journal before the old one goes
     forget(unsaved)
     again.leave()
@@ -331,7 +331,7 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
 def test_unsaved_new_block_comes_back_without_its_layers(folder: Path, tmp_path: Path) -> None:
     """The points' file was a copy that QGIS made of a layer, and removed."""
     session, root = files.new_session(**sources(folder)), tmp_path / "unsaved"
-    keeper = EditKeeper(root)
+    keeper = EditJournal(root)
     keeper.follow(session)
     name, image = measured_name(session)
     session.set_measurement(name, image, ImageMeasurement(10.0, 20.0))
@@ -344,7 +344,7 @@ def test_unsaved_new_block_comes_back_without_its_layers(folder: Path, tmp_path:
 
 def test_journal_that_cannot_be_written_is_told(session: PointSession, tmp_path: Path) -> None:
     (tmp_path / "unsaved").write_text("a file where the folder should be")
-    keeper = EditKeeper(tmp_path / "unsaved")
+    keeper = EditJournal(tmp_path / "unsaved")
     keeper.follow(session)
     session.set_role(next(iter(session.points)), "off")
     assert session.changed and "save often" in keeper.failure

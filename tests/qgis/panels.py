@@ -22,6 +22,6 @@ def wait_for(condition: Callable[[], bool], seconds: float = 60.0) -> None:
 
 def close(panel: PointsDock) -> None:
     """Delete the panel, as when QGIS ends."""
-    panel.close_for_good()
+    panel.shut_down()
     panel.deleteLater()
     QgsApplication.sendPostedEvents(panel, QEvent.Type.DeferredDelete)

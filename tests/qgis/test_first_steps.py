@@ -28,8 +28,8 @@ def tour(qgis_app, qgis_new_project, tmp_path: Path):
     made.show()
     yield made
     made.close()
-    panel.give_up()
-    panel.close_for_good()
+    panel.discard_edits()
+    panel.shut_down()
     canvas.stopRendering()
     for widget in (made, panel, canvas):
         widget.deleteLater()

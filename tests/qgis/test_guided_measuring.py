@@ -73,7 +73,7 @@ def dock(qgis_app, qgis_new_project, tmp_path: Path):
     panel.show()
     QApplication.setActiveWindow(panel)
     yield panel
-    panel.give_up()
+    panel.discard_edits()
     close(panel)
 
 

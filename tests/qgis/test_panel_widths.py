@@ -92,6 +92,6 @@ def test_no_text_is_cut(language: str, block: Path, qgis_new_project, tmp_path: 
             for action in bar.actions()
             if not action.isSeparator() and not bar.widgetForAction(action).isVisible()
         ]
-    panel.give_up()
+    panel.discard_edits()
     close(panel)
     assert cut == []

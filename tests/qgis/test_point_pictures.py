@@ -54,7 +54,7 @@ def dock(qgis_app, qgis_new_project, block: Path, tmp_path: Path):
     panel.show_session(open_day(block, 1))
     yield panel
     QgsSettings().remove(LIBRARY_SETTING)
-    panel.give_up()
+    panel.discard_edits()
     close(panel)
 
 

@@ -58,7 +58,7 @@ def make_dock(simulated: Path, canvas: QgsMapCanvas | None = None) -> PointsDock
 
 
 def remove(panel: PointsDock) -> None:
-    panel.close_for_good()
+    panel.shut_down()
     panel.deleteLater()
     QgsApplication.sendPostedEvents(panel, QEvent.Type.DeferredDelete)
 
@@ -67,7 +67,7 @@ def remove(panel: PointsDock) -> None:
 def dock(qgis_app, qgis_new_project, simulated: Path):
     panel = make_dock(simulated)
     yield panel
-    panel.give_up()
+    panel.discard_edits()
     remove(panel)
 
 
@@ -79,7 +79,7 @@ def clicked(qgis_app, simulated: Path, truth):
     assert all(not view.chip.pixmap().isNull() for view in panel.ui.views)
     assert panel.session.changed and panel.windowTitle().endswith("*")
     measured = panel.session.measured
-    panel.give_up()
+    panel.discard_edits()
     remove(panel)
     return measured, distances
 

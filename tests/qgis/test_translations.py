@@ -99,7 +99,7 @@ def test_panel_and_dialogs_are_german(german, tmp_path: Path) -> None:
     assert labels["SIGMA_IMAGE"] == "Standardabweichung der Bildkoordinaten (px)"
     assert labels["GCPS_SIGMA_H"] == "Passpunktfeld: Standardabweichung Höhe"
     assert algorithm.displayName() == "Block triangulieren"
-    panel.close_for_good()
+    panel.shut_down()
     panel.deleteLater()
     QgsApplication.sendPostedEvents(panel, QEvent.Type.DeferredDelete)
 

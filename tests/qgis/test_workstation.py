@@ -75,7 +75,7 @@ def dock(qgis_app, qgis_new_project, canvas, sources, tmp_path: Path):
     panel.show_session(files.new_session(**sources))
     QApplication.setActiveWindow(panel)
     yield panel
-    panel.give_up()
+    panel.discard_edits()
     close(panel)
 
 

@@ -55,8 +55,8 @@ def dock(application, tmp_path: Path):
     panel.show()
     application.setActiveWindow(panel)
     yield panel
-    panel.give_up()
-    panel.close_for_good()
+    panel.discard_edits()
+    panel.shut_down()
 
 
 @pytest.fixture

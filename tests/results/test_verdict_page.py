@@ -9,11 +9,11 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "verdict.md"
 CODE = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
-CARRIERS = ("Reason", "Slip")  # classes whose first argument is a code; a slip becomes a reason
+CARRIERS = ("Reason", "Mistake")  # classes whose first argument is a code; a slip becomes a reason
 
 
 def codes_in(path: Path) -> set[str]:
-    """Return the codes of every `Reason(...)` and `Slip(...)` in a file, as words."""
+    """Return the codes of every `Reason(...)` and `Mistake(...)` in a file, as words."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and name_of(node.func) in CARRIERS]
     codes = [

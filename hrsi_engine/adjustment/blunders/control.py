@@ -202,7 +202,7 @@ class _SuspectSearch:
             for one in _list_explanations(self.control, gcp)
         ):
             return []
-        group = self.drop_sound_gcps(self.find_core(self.gcps // 2))
+        group = self.readmit_consistent_gcps(self.find_core(self.gcps // 2))
         return self.decide(group) if group else []
 
     def test_group(self, group: tuple[int, ...]) -> tuple[float, int]:
@@ -251,7 +251,7 @@ class _SuspectSearch:
             own[gcp], _ = rest.test_subset(rest.find_measurements((gcp,)))
         return tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
 
-    def drop_sound_gcps(self, group: tuple[int, ...]) -> tuple[int, ...]:
+    def readmit_consistent_gcps(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return a group without its GCPs that are not significantly wrong; these are accepted again one by one."""
         surprise = dict.fromkeys(group, 0.0)
         while group:

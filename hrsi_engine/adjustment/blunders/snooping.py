@@ -26,7 +26,7 @@ from ..problem import Problem, find_determinable_points
 from ..result import Decision, Finding
 from .control import Suspect, find_suspect_gcps
 from .discrepancies import IMAGE, Discrepancies, compute_discrepancies
-from .ties import compute_point_squares, estimate_tie_variance, judge_ties
+from .ties import check_ties, compute_point_squares, estimate_tie_variance
 
 
 @thresholds
@@ -126,11 +126,11 @@ class Snooping:
         """Decide on the measurements of the ``points (m,)``; return True if more than rare decisions changed."""
         problem, observations = self.problem, self.problem.observations
         present = self.weigh_rays_alone(solution, present)
-        squares, freedom = self.find_tie_variance(solution, present)
+        squares, freedom = self.estimate_tie_variance_by_rays(solution, present)
         everything = replace(present, image=self.image_weight)
         if (present.image != self.image_weight).any():
             squares = compute_point_squares(problem.equations, solution, everything, observations)
-        decision, failed = judge_ties(
+        decision, failed = check_ties(
             problem.equations, observations, solution, everything, points, problem.options.reject_sigma,
             self.found.tie_variance, freedom, squares, solution.weight > 0.0,
         )  # fmt: skip
@@ -141,7 +141,7 @@ class Snooping:
         self.found.decision, self.found.failed = decision, np.where(judged, failed, before)
         return changed > SNOOPING.rare * len(decision)
 
-    def find_tie_variance(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
+    def estimate_tie_variance_by_rays(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
         """Estimate the variance factor of tie points by rays; return their squares and its degrees of freedom."""
         observations = self.problem.observations
         squares = compute_point_squares(self.problem.equations, solution, present, observations)

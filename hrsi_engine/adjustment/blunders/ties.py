@@ -103,7 +103,7 @@ def compute_point_squares(
     return np.add.reduceat(lengths, observations.first[:-1]) - gain
 
 
-def judge_ties(
+def check_ties(
     equations: NormalEquations, observations: Observations, solution: Solution, all_in: Weighting, ties: np.ndarray,
     sigmas: float, variance: float, freedom: float, squares: np.ndarray, used: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip

@@ -89,7 +89,7 @@ class DemHeights:
     tile: np.ndarray
     groups: tuple[str, ...]
     name: str = "DEM"
-    holds_points: bool = True
+    determines_points: bool = True
     can_be_biased_as_a_whole: bool = True
 
     @classmethod
@@ -108,7 +108,7 @@ class DemHeights:
         return float(np.hypot(DEM.by_all * self.sigma_m, datum_m))
 
     @property
-    def weighed_m(self) -> float:
+    def weighting_sigma_m(self) -> float:
         return float(np.hypot(HEIGHTS.dem_whole * self.sigma_m, self.overall_m))
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
@@ -168,8 +168,8 @@ class HeightObservations:
         for one in self.fit_sources(priors, ground, cofactors):
             rows = one.rows
             used, weights, off_m = one.factor > 0.0, one.weights, 0.0
-            if alone and len(one.miss_m):
-                used, off_m = np.ones_like(used), float(np.median(one.miss_m))
+            if alone and len(one.difference_m):
+                used, off_m = np.ones_like(used), float(np.median(one.difference_m))
                 weights = 1.0 / (one.sigma_factor * rows.sigma_m) ** 2
             weight = rows.share * weights[rows.of]
             if alone:  # the heights of one cell share their error and count as one
@@ -239,7 +239,7 @@ class HeightObservations:
         of_cameras, variance = np.maximum(precise[:, 2, 2] - cofactors[:, 2, 2], 0.0), np.zeros(len(ground))
         for one in self.fit_sources(priors, ground, cofactors):
             if isinstance(one.source, DemHeights) and one.weight > 0.0:
-                beyond_m2 = max(one.source.weighed_m**2 - 1.0 / one.weight, 0.0)
+                beyond_m2 = max(one.source.weighting_sigma_m**2 - 1.0 / one.weight, 0.0)
                 variance += np.minimum(of_cameras * one.weight, 1.0) ** 2 * beyond_m2
         return variance
 
@@ -256,7 +256,7 @@ class HeightObservations:
         return tuple(
             replace(_summarise_source(one, ground, total, cofactors[:, 2, 2], of_cameras), gcps=self.memory.surveys)
             for one in judged
-            if len(one.miss_m)
+            if len(one.difference_m)
         ), judged
 
 
@@ -265,7 +265,7 @@ def _summarise_source(
 ) -> HeightAgreement:
     """Return a source's agreement; variances ``(m,)`` of the points with fixed cameras, and from the cameras."""
     rows, used = one.rows, one.factor > 0.0
-    count = len(one.miss_m)
+    count = len(one.difference_m)
     at = np.bincount(rows.of, rows.share * (ground[rows.point, 2] - rows.height), count)
     within, out = at[used], at[~used]
     cofactor = np.bincount(rows.of, rows.share**2 * of_points[rows.point] + rows.share * of_cameras[rows.point], count)

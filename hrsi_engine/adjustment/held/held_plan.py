@@ -45,7 +45,7 @@ class PlanObservations:
     points: np.ndarray
     estimate: bool = True
     can_be_biased_as_a_whole: bool = True
-    holds_points: bool = False
+    determines_points: bool = False
     memory: tuple[GroupHistory, GroupHistory] = field(default_factory=lambda: (GroupHistory(), GroupHistory()))
     groups: tuple[str, ...] = field(init=False)
     _part: np.ndarray = field(init=False)
@@ -67,7 +67,7 @@ class PlanObservations:
     def overall_m(self) -> float:
         return ORTHOIMAGE.by_all * self.places.sigma_m
 
-    weighed_m = overall_m
+    weighting_sigma_m = overall_m
 
     def enter_start(self, priors: PointPriors) -> None:
         """Enter the places into the initial priors, before they are tested."""

@@ -108,7 +108,7 @@ class LaserHeights:
     reach_m: float
     sigma_m: float
     name: str = NAME
-    holds_points: bool = False
+    determines_points: bool = False
     can_be_biased_as_a_whole: bool = False
     common_m: float = LASER_FIT.track_sigma_m
     chosen: np.ndarray = field(init=False)  #: (o,) indices of the laser points with tie points, in the order of `rows`
@@ -124,7 +124,7 @@ class LaserHeights:
     def overall_m(self) -> float:
         return float(np.hypot(LASER_FIT.overall_sigma_m, self.laser.operation_sigma_m[1]))
 
-    weighed_m = overall_m
+    weighting_sigma_m = overall_m
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the observed laser heights at the points' positions."""

@@ -1,7 +1,7 @@
 """External heights and positions with correlated errors: weights by fit, joint weights, outlying groups.
 
-An observation is compared with the position by the rays alone (`miss_m`, with the variance of the rays). The variance
-of the difference is sigma² + that of the rays. Its weight, the inverse of that variance, is unchanged up to `fitting`
+An observation is compared with the position by the rays alone (`difference_m`, with their variance). The variance of
+the difference is sigma² + that of the rays. Its weight, the inverse of that variance, is unchanged up to `fitting`
 standard deviations and falls to zero at `wrong` (thresholds: `SOURCE_FIT`). Differences are relative to the median of
 their source: an offset of a block without GCPs must not exclude a DEM.
 
@@ -65,7 +65,7 @@ class ErrorSource(Protocol):
         """Names of the source's groups."""
 
     @property
-    def holds_points(self) -> bool:
+    def determines_points(self) -> bool:
         """True if the source also serves to determine single points, not only the block."""
 
     @property
@@ -81,7 +81,7 @@ class ErrorSource(Protocol):
         """Standard deviation of the common error of the whole source, for the test of contradictions."""
 
     @property
-    def weighed_m(self) -> float:
+    def weighting_sigma_m(self) -> float:
         """The same for the weight of the whole source in the block's position: `overall_m` or more."""
 
 
@@ -105,7 +105,7 @@ class SourceFit(Generic[ObservedRows]):
     """Fit of a source's observations to the block, and their weights.
 
     rows : the observations that were tested
-    miss_m, of_rays : (o,) observed minus position by the rays alone, and the variance of the latter
+    difference_m, of_rays : (o,) observed minus position by the rays alone, and the variance of the latter
     sigma_factor : the variance component
     factor : (o,) factor of the weight by the observation's fit, 0 if it is left out
     left : (o,) factor of the weight because of shared errors
@@ -114,7 +114,7 @@ class SourceFit(Generic[ObservedRows]):
 
     source: ErrorSource
     rows: ObservedRows
-    miss_m: np.ndarray
+    difference_m: np.ndarray
     of_rays: np.ndarray
     sigma_factor: float = 1.0
     factor: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -136,11 +136,11 @@ class SourceFit(Generic[ObservedRows]):
 
     def weigh_by_fit(self, trusted: np.ndarray) -> None:
         """Set the weight factors by the fit to the ``trusted (o,)`` observations; the others are left out."""
-        self.factor = np.zeros(len(self.miss_m))
+        self.factor = np.zeros(len(self.difference_m))
         if trusted.any():
             sigma = np.sqrt(self.variance[trusted])
-            middle, scale = _find_core(self.miss_m[trusted], sigma)
-            self.factor[trusted] = hampel_weight(np.abs(self.miss_m[trusted] - middle) / (scale * sigma))
+            middle, scale = _find_core(self.difference_m[trusted], sigma)
+            self.factor[trusted] = hampel_weight(np.abs(self.difference_m[trusted] - middle) / (scale * sigma))
 
     def reduce_shared_weights(self) -> None:
         """Reduce the weights for the errors that groups, and the whole source, share."""
@@ -149,13 +149,13 @@ class SourceFit(Generic[ObservedRows]):
         of_group = np.bincount(group, weight, count)
         left = 1.0 / (1.0 + source.common_m**2 * of_group)
         total = float((of_group * left).sum())
-        self.left = left[group] / (1.0 + source.weighed_m**2 * total)
-        if source.holds_points:
+        self.left = left[group] / (1.0 + source.weighting_sigma_m**2 * total)
+        if source.determines_points:
             self.left = self.left ** (1.0 - self.of_rays / self.variance)
         weight = weight * self.left
         self.weight = float(weight.sum())
         if self.weight > 0.0:
-            self.offset_m = float(weight @ self.miss_m / self.weight)
+            self.offset_m = float(weight @ self.difference_m / self.weight)
 
 
 def hampel_weight(t: np.ndarray) -> np.ndarray:
@@ -191,11 +191,11 @@ def estimate_sigma_factor(one: SourceFit[Any]) -> float:
     Observations are weighted by the share of their own variance, against that of the rays.
     """
     rows = one.rows
-    apart, own = np.full(len(one.miss_m), np.nan), rows.sigma_m**2
+    apart, own = np.full(len(one.difference_m), np.nan), rows.sigma_m**2
     for group in range(len(one.source.groups)):
         here = rows.group == group
         if here.sum() >= SOURCE_FIT.least_of_group:
-            apart[here] = one.miss_m[here] - np.median(one.miss_m[here])
+            apart[here] = one.difference_m[here] - np.median(one.difference_m[here])
     known = np.isfinite(apart)
     if not known.any():
         return 1.0
@@ -217,7 +217,7 @@ def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
         here = one.rows.group == group
         if here.sum() < SOURCE_FIT.least_of_group:
             continue
-        miss, variance = one.miss_m[here], one.variance[here]
+        miss, variance = one.difference_m[here], one.variance[here]
         middle, scale = _find_core(miss, np.sqrt(variance))
         core = np.abs(miss - middle) <= SOURCE_FIT.core * scale * np.sqrt(variance)
         own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # variance of a median
@@ -252,29 +252,29 @@ def compare_groups(
     ``memory`` is the history of earlier passes; ``beside`` are offsets by other observations. Returned are masks of
     those of the latter that contradict the others.
     """
-    opinions = [opinion for number, one in enumerate(judged) for opinion in _collect_offsets(one, number)]
+    group_offsets = [opinion for number, one in enumerate(judged) for opinion in _collect_offsets(one, number)]
     sources = [CommonError(one.source.overall_m, one.source.can_be_biased_as_a_whole) for one in judged]
-    said = len(opinions)
-    if opinions:
+    said = len(group_offsets)
+    if group_offsets:
         for other in beside:
             pairs = zip(other.offset_m.tolist(), other.variance.tolist(), strict=True)
-            opinions += [GroupOffset(len(sources), k, *pair, 1) for k, pair in enumerate(pairs)]
+            group_offsets += [GroupOffset(len(sources), k, *pair, 1) for k, pair in enumerate(pairs)]
             sources.append(other.common)
-    off, decided, middle = find_outlying_groups(opinions, sources)
-    of_others = np.split(off[said:], np.cumsum([len(other.offset_m) for other in beside])[:-1]) if opinions else []
-    opinions = opinions[:said]
+    off, decided, middle = find_outlying_groups(group_offsets, sources)
+    of_others = np.split(off[said:], np.cumsum([len(other.offset_m) for other in beside])[:-1]) if group_offsets else []
+    group_offsets = group_offsets[:said]
     left_out = [
         memory.decide_exclusion((judged[opinion.source].source.name, opinion.group), sure)
-        for opinion, sure in zip(opinions, decided[:said].tolist(), strict=True)
+        for opinion, sure in zip(group_offsets, decided[:said].tolist(), strict=True)
     ]
-    for opinion, wrong, sure in zip(opinions, off[:said].tolist(), left_out, strict=True):
+    for opinion, wrong, sure in zip(group_offsets, off[:said].tolist(), left_out, strict=True):
         one = judged[opinion.source]
         one.groups.append(SourceGroup(
             one.source.groups[opinion.group], opinion.observations, opinion.offset_m - middle,
             float(np.hypot(np.sqrt(opinion.variance), one.source.overall_m)), wrong or sure, sure,
         ))  # fmt: skip
     for number, one in enumerate(judged):
-        wrong_groups = [opinion.group for opinion, sure in zip(opinions, left_out, strict=True)
+        wrong_groups = [opinion.group for opinion, sure in zip(group_offsets, left_out, strict=True)
                         if sure and opinion.source == number]  # fmt: skip
         if wrong_groups:  # if all large groups are wrong, small ones are too
             all_wrong = one.source.can_be_biased_as_a_whole and len(wrong_groups) == len(one.groups)
@@ -308,7 +308,7 @@ class OtherOffsets(NamedTuple):
 
 
 def find_outlying_groups(
-    opinions: Sequence[GroupOffset], sources: Sequence[CommonError]
+    group_offsets: Sequence[GroupOffset], sources: Sequence[CommonError]
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the masks of wrong and of certainly wrong group offsets, and the weighted mean of the others.
 
@@ -318,11 +318,11 @@ def find_outlying_groups(
     error, for any number of its parts; laser tracks are wrong independently. It is not certain that a group is wrong if
     it is right with another m of nearly the same cost: for example one of two tracks that differ.
     """
-    offset = np.array([one.offset_m for one in opinions])
+    offset = np.array([one.offset_m for one in group_offsets])
     if len(offset) < 2:
         return np.zeros(len(offset), dtype=bool), np.zeros(len(offset), dtype=bool), float(offset.sum())
-    variance = np.array([one.variance for one in opinions])
-    of = np.array([one.source for one in opinions])
+    variance = np.array([one.variance for one in group_offsets])
+    of = np.array([one.source for one in group_offsets])
     tried = [chi2_at_offset(float(m), offset, variance, of, sources) for m in offset]
     costs = np.array([cost for cost, _ in tried])
     best = int(np.argmin(costs + 1e-9 * variance))

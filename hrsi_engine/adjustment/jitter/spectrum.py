@@ -151,7 +151,7 @@ def collect_line_profiles(result: Adjustment) -> list[LineProfile]:
     Residuals of tie points, GCPs and points on a surface are used equally, by redundancy numbers; rejected ones are
     not.
     """
-    rows, residual, share = result.block.measurements, result.judged_residual_px, result.redundancy_numbers
+    rows, residual, share = result.block.measurements, result.tested_residual_px, result.redundancy_numbers
     used = (result.decision == int(Decision.KEPT)) & (result.weight > 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         seen = used[:, None] & np.isfinite(residual) & (share >= WAVES.least_redundancy)

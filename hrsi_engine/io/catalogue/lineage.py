@@ -69,7 +69,7 @@ def rpc_history(path: str) -> str:
     return f"refined by HRSI {told.get('HRSI_VERSION')} on {told.get('HRSI_DATE')}, model {told['HRSI_MODEL']}"
 
 
-def maker_of(path: str) -> str | None:
+def find_refining_report(path: str) -> str | None:
     """Return the path of the report of the run that refined an image's RPC, from its metadata; None if no run did."""
     if path.lower().endswith(_TEXTS):
         return None

@@ -111,7 +111,7 @@ def replace_layers(path: str, layers: Sequence[layer_files.Layer]) -> None:
     if not os.path.exists(path):
         layer_files.write_geopackage(path, layers)
         return
-    layers = layer_files.in_one_place(layers)
+    layers = layer_files.join_longitudes(layers)
     styles = layer_files.default_styles(layers)
     dataset = None
     with gdal_messages() as messages:

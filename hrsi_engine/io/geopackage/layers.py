@@ -109,7 +109,7 @@ def write_geopackage(
             lengths["coordinates"] = len(layer.coordinates)
         if len(set(lengths.values())) > 1:
             raise OutputError(f"{path}, layer {layer.name}: columns differ in length: {lengths}")
-    layers = in_one_place(layers)
+    layers = join_longitudes(layers)
     total = max(1, sum(map(len, layers)))
     if styles is None:
         styles = default_styles(layers)
@@ -153,7 +153,7 @@ def write_geopackage(
     advance(progress, 1.0, f"wrote {os.path.basename(path)}")
 
 
-def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
+def join_longitudes(layers: Sequence[Layer]) -> list[Layer]:
     """Return layers whose longitudes do not jump at 180 degrees, so that the extent of a block across it is correct."""
     places = {
         number: _corners(layer)[0][:, 0]

@@ -68,7 +68,7 @@ WITHOUT_SAFETY = ("PRAGMA synchronous = OFF", "PRAGMA journal_mode = OFF")
 
 def rows_of_new_file(path: str, database: sqlite3.Connection, columns: Sequence[Column]) -> Inserter:
     """Return the faster inserter for the empty tables of a new file: `Pages` where possible, otherwise `PythonRows`."""
-    return Pages(path, database) if can_have_pages(path, columns) else PythonRows(database)
+    return Pages(path, database) if can_write_pages(path, columns) else PythonRows(database)
 
 
 _HEAD = 100  # bytes of the file header
@@ -177,7 +177,7 @@ class Pages:
 Inserter = PythonRows | Pages  #: ways to insert rows
 
 
-def can_have_pages(path: str, columns: Sequence[Column]) -> bool:
+def can_write_pages(path: str, columns: Sequence[Column]) -> bool:
     """Return whether rows of these columns can be written as pages of a file."""
     with open(path, "rb") as file:
         head = file.read(_HEAD)

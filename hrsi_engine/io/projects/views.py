@@ -13,7 +13,7 @@ from ...foundation.progress import silent
 from ..rasters.cropping import CropWindow, open_window, save_image
 from ..rasters.orthoimages import OrthoFormat
 from ..rpc_files.crop import crop_rpc
-from ..rpc_files.write import UNTOLD
+from ..rpc_files.write import NO_LINEAGE
 from .project import PROJECTS, BlockProject, find_window, sample_area
 
 _FORMAT, _KERNEL = OrthoFormat("gtiff", "deflate"), "cubic"
@@ -68,7 +68,7 @@ def sample_volume(project: BlockProject) -> np.ndarray:
 def write_crop(view: CropView, path: str) -> None:
     """Write the pixels of a view with its RPC as GeoTIFF."""
     pixels = open_window(view.image.path, view.window, _KERNEL)
-    save_image(pixels, path, view.rpc, _FORMAT, 0, UNTOLD, silent)
+    save_image(pixels, path, view.rpc, _FORMAT, 0, NO_LINEAGE, silent)
 
 
 def split_views(names: list[str], every: int) -> tuple[list[str], list[str]]:

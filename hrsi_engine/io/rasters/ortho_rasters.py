@@ -83,7 +83,7 @@ def offset_of(first: OrthoRaster, second: OrthoRaster) -> tuple[int, int] | None
     return (int(whole[0]), int(whole[1])) if np.abs(offset - whole).max() <= 0.01 else None  # equal grids
 
 
-def regrid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
+def resample_to_grid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
     """Return an orthoimage on the grid and extent of another; warped (cubic) when it is read.
 
     If the datums differ, GDAL uses PROJ's best operation between them for the extent. It equals that of `operations_of`

@@ -26,7 +26,7 @@ from .in_place import prepare_sidecar as prepare_sidecar
 from .in_place import require_in_place as require_in_place
 from .in_place import restore as restore
 from .in_place import write_in_place as write_in_place
-from .sidecars import free_the_way as free_the_way
+from .sidecars import set_aside_conflicting_rpcs as set_aside_conflicting_rpcs
 from .write import Lineage as Lineage
 from .write import prepare_geotiff_copy as prepare_geotiff_copy
 from .write import write_geotiff_copy as write_geotiff_copy

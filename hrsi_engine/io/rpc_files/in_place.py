@@ -18,9 +18,9 @@ from . import tiff_tag
 from .content import siblings
 from .fields import numbers_of
 from .find import RPC_READERS, read_rpc, require_same, rpc_reader_of, side_files
-from .sidecars import PLAIN, keep_original, put_back, set_aside, stale_files, vendor_xml
+from .sidecars import PLAIN, keep_original, restore_originals, set_aside, stale_files, vendor_xml
 from .tiff_tag import read_directory
-from .write import SIDECARS, UNTOLD, Lineage, write_rpc_file
+from .write import NO_LINEAGE, SIDECARS, Lineage, write_rpc_file
 
 KEEPS_NONE = "keeps no original RPC: it was not written in place by this program, or is restored already"
 
@@ -42,7 +42,7 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
 
 
 def prepare_in_place(
-    path: str, rpc: RPC, changes: Transaction, progress: Progress = silent, lineage: Lineage = UNTOLD
+    path: str, rpc: RPC, changes: Transaction, progress: Progress = silent, lineage: Lineage = NO_LINEAGE
 ) -> tuple[str, ...]:
     """Prepare the replacement of an image's RPC, which the commit of ``changes`` makes; return notices for the log.
 
@@ -139,7 +139,7 @@ def prepare_restoring(path: str, changes: Transaction, progress: Progress = sile
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     is_rpc_file = rpc_reader_of(path) is not None
     names = {os.path.basename(path).lower()} if is_rpc_file else {n for k in PLAIN for n in RPC_READERS[k].beside(stem)}
-    notices = put_back(path, names, changes)
+    notices = restore_originals(path, names, changes)
     if not is_rpc_file and os.path.isfile(path) and tiff_tag.keeps_original(path):
         notices += (f"{path}: the original RPC is back",)
         with changes.replacing(path) as temporary:

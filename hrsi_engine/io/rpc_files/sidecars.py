@@ -1,7 +1,7 @@
 """RPC files next to an image that take precedence over the RPC inside it: setting aside and restoring them.
 
-A vendor's file is never deleted: it is renamed to ``<name>.original``, and `put_back` renames it again. Files that HRSI
-wrote contain a mark and are replaced or removed.
+A vendor's file is never deleted: it is renamed to ``<name>.original``, and `restore_originals` renames it again. Files
+that HRSI wrote contain a mark and are replaced or removed.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ ORIGINAL = ".original"
 PLAIN = ("rpb", "rpc-txt", "kompsat")
 
 
-def is_ours(path: str) -> bool:
+def is_written_by_hrsi(path: str) -> bool:
     """Return whether an RPC file was written by HRSI."""
     head = read_head(path)
     return any(mark.encode() in head for mark in (*MARKS.values(), ISD_MARK))
@@ -58,7 +58,7 @@ def is_only_rpc(path: str) -> bool:
 
 def set_aside(path: str, changes: Transaction) -> str:
     """Schedule the removal of HRSI's own RPC file, or the renaming of a vendor's; return a notice for the log."""
-    if is_ours(path) and not is_only_rpc(path):
+    if is_written_by_hrsi(path) and not is_only_rpc(path):
         changes.remove(path)
         return f"{path}: GDAL would read this RPC file of an earlier run instead of the new RPC; it was removed"
     kept = _free_name(path)
@@ -72,7 +72,7 @@ def keep_original(path: str, changes: Transaction, is_alone: bool = False) -> No
     HRSI's own file is copied only if it is the only RPC of an image, or was given alone and has no copy yet.
     """
     first = is_alone and not os.path.exists(path + ORIGINAL)
-    if is_rpc_file(path) and (not is_ours(path) or first or is_only_rpc(path)):
+    if is_rpc_file(path) and (not is_written_by_hrsi(path) or first or is_only_rpc(path)):
         with changes.replacing(_free_name(path)) as copy:
             copy_bytes(path, copy)
             take_permissions(path, copy)
@@ -86,7 +86,7 @@ def _free_name(path: str) -> str:
     return kept
 
 
-def put_back(image_path: str, names: set[str], changes: Transaction) -> tuple[str, ...]:
+def restore_originals(image_path: str, names: set[str], changes: Transaction) -> tuple[str, ...]:
     """Schedule the renaming of the originals among an image's RPC files, and the removal of HRSI's; return notices.
 
     ``names`` are the names, in lower case, of RPC files that belong to the image.
@@ -98,7 +98,7 @@ def put_back(image_path: str, names: set[str], changes: Transaction) -> tuple[st
         if original is not None:
             changes.rename(original, original.removesuffix(ORIGINAL))
             notices.append(f"{original.removesuffix(ORIGINAL)}: the original is back")
-        elif current not in (None, image_path) and is_ours(current) and not is_only_rpc(current):
+        elif current not in (None, image_path) and is_written_by_hrsi(current) and not is_only_rpc(current):
             changes.remove(current)
             notices.append(f"{current}: written by an earlier run, removed")
     return tuple(notices)
@@ -117,7 +117,7 @@ def stale_files(image_path: str, rpc: RPC) -> list[str]:
     return stale
 
 
-def free_the_way(target_path: str, source_path: str, rpc: RPC, changes: Transaction) -> tuple[str, ...]:
+def set_aside_conflicting_rpcs(target_path: str, source_path: str, rpc: RPC, changes: Transaction) -> tuple[str, ...]:
     """Set files aside that are next to a copy and whose RPC would take precedence over its tag; return notices.
 
     Raises `InputError` if they may belong to the source (the same folder) or are the vendor's XML.

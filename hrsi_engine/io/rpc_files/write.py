@@ -18,7 +18,7 @@ from ..safety.transactions import Transaction
 from . import tiff_tag
 from .fields import gdal_metadata, numbers_of, rpc_from_gdal
 from .find import RPC_READERS, read_rpc, require_same
-from .sidecars import free_the_way
+from .sidecars import set_aside_conflicting_rpcs
 from .text_formats import geom_text, rpb_text, rpc_txt_text, rpcm_json_text
 from .tiff_tag import read_directory
 from .xml_formats import isd_text, without_domain
@@ -36,7 +36,7 @@ class Lineage:
     original: RPC | None = None
 
 
-UNTOLD = Lineage()
+NO_LINEAGE = Lineage()
 #: Gives a temporary name to write to: `replacing`, or that of a transaction, which renames several files together.
 Replace = Callable[[str], AbstractContextManager[str]]
 #: By format of an RPC file that is written: suffix after the image's stem, and a function that returns its content.
@@ -46,7 +46,7 @@ SIDECARS: dict[str, tuple[str, Callable[[RPC], str]]] = {
 }  # fmt: skip
 
 
-def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Replace = replacing) -> None:
+def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = NO_LINEAGE, replace: Replace = replacing) -> None:
     """Write a ``_RPC.TXT`` file with all digits, read it again and compare.
 
     Parameters
@@ -77,7 +77,7 @@ def write_rpb(path: str, rpc: RPC, replace: Replace = replacing) -> None:
     write_rpc_file(path, rpc, "rpb", replace)
 
 
-def write_rpc_file(path: str, rpc: RPC, kind: str, replace: Replace = replacing, lineage: Lineage = UNTOLD) -> None:
+def write_rpc_file(path: str, rpc: RPC, kind: str, replace: Replace = replacing, lineage: Lineage = NO_LINEAGE) -> None:
     """Write a file of a ``kind`` of `SIDECARS` with all digits, read it again and compare."""
     text = rpc_txt_text(rpc, lineage.items) if kind == "rpc-txt" else SIDECARS[kind][1](rpc)
     with replace(path) as temporary:
@@ -87,7 +87,7 @@ def write_rpc_file(path: str, rpc: RPC, kind: str, replace: Replace = replacing,
 
 
 def write_geotiff_copy(
-    source_path: str, target_path: str, rpc: RPC, progress: Progress = silent, lineage: Lineage = UNTOLD
+    source_path: str, target_path: str, rpc: RPC, progress: Progress = silent, lineage: Lineage = NO_LINEAGE
 ) -> tuple[str, ...]:
     """Copy an image to a GeoTIFF with another RPC; the source is only read.
 
@@ -129,13 +129,13 @@ def write_geotiff_copy(
 
 def prepare_geotiff_copy(
     source_path: str, target_path: str, rpc: RPC, changes: Transaction, progress: Progress = silent,
-    lineage: Lineage = UNTOLD,
+    lineage: Lineage = NO_LINEAGE,
 ) -> tuple[str, ...]:  # fmt: skip
     """Prepare a copy as `write_geotiff_copy` writes it; it is renamed when the changes are committed."""
     _require_other_file(source_path, target_path)
     source = open_raster(source_path)
     is_tiff = source.GetDriver().ShortName == "GTiff" and read_directory(source_path) is not None
-    notices = free_the_way(target_path, source_path, rpc, changes)
+    notices = set_aside_conflicting_rpcs(target_path, source_path, rpc, changes)
     if not is_tiff:
         # Lossless options that every GDAL reads
         band = source.GetRasterBand(1)
@@ -162,7 +162,7 @@ def prepare_geotiff_copy(
 
 def save_geotiff(
     source: gdal.Dataset, target_path: str, rpc: RPC, driver: str, options: Sequence[str],
-    progress: Progress = silent, lineage: Lineage = UNTOLD, replace: Replace = replacing,
+    progress: Progress = silent, lineage: Lineage = NO_LINEAGE, replace: Replace = replacing,
 ) -> tuple[str, ...]:  # fmt: skip
     """Write a dataset, which may be virtual, with GDAL's ``driver`` GTiff or COG; otherwise as `write_geotiff_copy`."""
     notices: tuple[str, ...] = ()
@@ -222,7 +222,7 @@ def create_copy(
 
 
 def write_vrt(
-    source_path: str, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Replace = replacing
+    source_path: str, target_path: str, rpc: RPC, lineage: Lineage = NO_LINEAGE, replace: Replace = replacing
 ) -> tuple[str, ...]:
     """Write a virtual image: the source's pixels with another RPC; the source is only read.
 
@@ -258,7 +258,7 @@ def write_vrt(
 
 
 def save_vrt(
-    source: gdal.Dataset, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Replace = replacing
+    source: gdal.Dataset, target_path: str, rpc: RPC, lineage: Lineage = NO_LINEAGE, replace: Replace = replacing
 ) -> None:
     """Write a dataset that was opened by its absolute path, or a virtual one of it; otherwise as `write_vrt`."""
     with replace(os.path.abspath(target_path)) as temporary:

@@ -55,12 +55,12 @@ class Evidence:
     @cached_property
     def adjusting(self) -> np.ndarray:
         """True for measurements that determine the cameras, ``(n,)`` bool: of GCPs and tie points, not rejected."""
-        return self.result.took_part & ~self.left_out & np.isin(self.row_role, [Role.GCP, Role.TIE])
+        return self.result.has_residual & ~self.left_out & np.isin(self.row_role, [Role.GCP, Role.TIE])
 
     @cached_property
     def fields(self) -> list[ResidualField]:
         """The significant fields in the residuals of adjusted images, without their waves; the largest first."""
-        used = self.result.took_part & ~self.left_out & (self.row_role != Role.HELD_OUT)
+        used = self.result.has_residual & ~self.left_out & (self.row_role != Role.HELD_OUT)
         image = self.result.block.measurements.image
         held = np.bincount(image[self.adjusting], minlength=len(self.result.block.images)) > 0
         residual, share = self.result.residual_px.copy(), np.nan_to_num(self.result.redundancy_numbers)

@@ -300,7 +300,7 @@ def do_check_points_agree(evidence: Evidence) -> bool:
     return float(factor) < GROUND_TRUTH.agreeing_error
 
 
-def is_rest_sound(evidence: Evidence, wrong: Sequence[str]) -> bool:
+def are_other_gcps_consistent(evidence: Evidence, wrong: Sequence[str]) -> bool:
     """Return True if the ``wrong`` points (ids) were rejected, and the other GCPs are enough and more than these.
 
     Otherwise the few GCPs that agree could be the wrong ones, and the rejected majority the correct ones.

@@ -123,7 +123,7 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     if all(reason.level is not Level.UNUSABLE for reason in found):
         before = [
             replace(reason, level=min(reason.level, Level.DOUBTFUL))
-            if reason.code in WRONG_POINTS and ground_truth.is_rest_sound(evidence, reason.points)
+            if reason.code in WRONG_POINTS and ground_truth.are_other_gcps_consistent(evidence, reason.points)
             else reason
             for reason in before
         ]

@@ -1,7 +1,7 @@
-"""Typical input errors (slips) in coordinates and datums: the correction, the message and the advice for each.
+"""Typical mistakes in coordinates and datums: the correction, the message and the advice for each.
 
-A slip is corrected and the points are fitted again: it explains the misfit if all of them fit then. Slips of image
-coordinates may concern only the images that do not fit.
+A mistake is corrected and the points are fitted again: it explains the misfit if all of them fit then. Mistakes in
+image coordinates may concern only the images that do not fit.
 """
 
 import contextlib
@@ -31,7 +31,7 @@ DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG codes
 
 
 @dataclass(frozen=True)
-class Slip:
+class Mistake:
     """A typical input error: the code of its reason, what is wrong, and what to do.
 
     burden : cost added for an error with parameters estimated from the data, against one without
@@ -74,26 +74,28 @@ SCALES = (
 )  # fmt: skip
 
 #: Input errors of image coordinates; each with the function that corrects them for ``xy (n, 2)`` of an image.
-PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
+PIXEL_MISTAKES: tuple[tuple[Mistake, UndoPixels], ...] = (
     (
-        Slip("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
+        Mistake("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
         lambda xy, image: xy[:, ::-1],
     ),
     (
-        Slip("lines-from-below", "lines are counted from below", "subtract the lines from the image's last line"),
+        Mistake("lines-from-below", "lines are counted from below", "subtract the lines from the image's last line"),
         lambda xy, image: _mirror_axis(xy, image, 1),
     ),
     (
-        Slip("lines-from-below", "lines are negative, counted upwards", "change the sign of the lines"),
+        Mistake("lines-from-below", "lines are negative, counted upwards", "change the sign of the lines"),
         lambda xy, image: xy * [1.0, -1.0],
     ),
     (
-        Slip("samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"),
+        Mistake(
+            "samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"
+        ),
         lambda xy, image: _mirror_axis(xy, image, 0),
     ),
     *(
         (
-            Slip(
+            Mistake(
                 "image-turned", f"image coordinates belong to a copy rotated by {90 * quarters} degrees",
                 "measure on the image with the orientation of its RPC, or rotate the coordinates back",
             ),
@@ -103,7 +105,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     ),
     *(
         (
-            Slip(
+            Mistake(
                 "image-scale", f"image coordinates belong to an image with pixels {text}",
                 "measure on the image itself, or multiply the coordinates", length=factor,
             ),
@@ -115,9 +117,9 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
 
 
 #: Input errors of RPC fields; each with the function that corrects them.
-RPC_SLIPS: tuple[tuple[Slip, Callable[[RPC], RPC]], ...] = tuple(
+RPC_MISTAKES: tuple[tuple[Mistake, Callable[[RPC], RPC]], ...] = tuple(
     (
-        Slip("rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
+        Mistake("rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
         partial(_exchange_fields, names=names),
     )
     for names in (("line_scale", "samp_scale"), ("lat_scale", "long_scale"))
@@ -126,10 +128,10 @@ RPC_SLIPS: tuple[tuple[Slip, Callable[[RPC], RPC]], ...] = tuple(
 
 # ---- ground coordinates --------------------------------------------------------------------------------------------
 
-GroundHypothesis = tuple[Slip, np.ndarray]
+GroundHypothesis = tuple[Mistake, np.ndarray]
 
 
-def iterate_ground_slips(
+def iterate_ground_mistakes(
     control: ControlMeasurements, shift_m: np.ndarray, suspicious_shift: bool
 ) -> Iterator[GroundHypothesis]:
     """Yield the input errors of ground coordinates, each with the corrected points ``(n, 3)``.
@@ -143,23 +145,23 @@ def iterate_ground_slips(
     yield from _iterate_zones(ground, near)
     yield from _iterate_hemispheres(ground, near)
     yield from _iterate_projections(ground, near)
-    yield from _iterate_height_slips(control, shift_m)
+    yield from _iterate_height_mistakes(control, shift_m)
     if suspicious_shift:
         yield from _iterate_datums(ground, near)
 
 
 def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
     exchanged, how = "longitude and latitude are exchanged", "exchange the columns of the ground points"
-    yield Slip("lon-lat-swapped", exchanged, how), ground[:, [1, 0, 2]]
+    yield Mistake("lon-lat-swapped", exchanged, how), ground[:, [1, 0, 2]]
     for code, what, signs in (
         ("lon-sign", "the longitude has the wrong sign", [-1.0, 1.0, 1.0]),
         ("lat-sign", "the latitude has the wrong sign", [1.0, -1.0, 1.0]),
         ("lon-lat-sign", "longitude and latitude have the wrong sign", [-1.0, -1.0, 1.0]),
     ):
-        yield Slip(code, what, "change the sign: east and north are positive"), ground * signs
+        yield Mistake(code, what, "change the sign: east and north are positive"), ground * signs
     for signs in ([-1.0, 1.0, 1.0], [1.0, -1.0, 1.0]):
         what, advice = f"{exchanged} and one has the wrong sign", f"{how}; east and north are positive"
-        yield Slip("lon-lat-swapped", what, advice), ground[:, [1, 0, 2]] * signs
+        yield Mistake("lon-lat-swapped", what, advice), ground[:, [1, 0, 2]] * signs
 
 
 def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -175,7 +177,10 @@ def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[Gro
     ):  # fmt: skip
         moved = np.column_stack([sign * degrees, ground[:, 2]])
         if np.abs(wrap_degrees(np.median(moved[:, :2], axis=0) - near[:2])).max() < 1.0:
-            yield Slip("angular-unit", f"longitude and latitude are {unit}, not degrees", "give decimal degrees"), moved
+            yield (
+                Mistake("angular-unit", f"longitude and latitude are {unit}, not degrees", "give decimal degrees"),
+                moved,
+            )
 
 
 def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -188,7 +193,7 @@ def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypot
             moved = ground.copy()
             moved[:, 0] = wrap_degrees(ground[:, 0] - zones * width)
             what = f"the {kind} zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}"
-            yield Slip("utm-zone", what, advice, burden), moved
+            yield Mistake("utm-zone", what, advice, burden), moved
 
 
 def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -205,7 +210,7 @@ def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
         moved[:, 0] = wrap_degrees(moved[:, 0] - 6.0 * zones)
         also = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
         advice = "correct the CRS of the ground points (EPSG:326xx north, EPSG:327xx south)"
-        yield Slip("hemisphere", f"the UTM zone belongs to the wrong hemisphere{also}", advice), moved
+        yield Mistake("hemisphere", f"the UTM zone belongs to the wrong hemisphere{also}", advice), moved
 
 
 def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -219,7 +224,7 @@ def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
         moved = _reproject_misread(ground, read, meant)
         if moved is not None:
             what = f"the ground points are in {names[meant]} but were read as {names[read]}"
-            yield Slip("other-projection", what, f"give their CRS: `ground_crs` EPSG:{meant}"), moved
+            yield Mistake("other-projection", what, f"give their CRS: `ground_crs` EPSG:{meant}"), moved
 
 
 def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
@@ -234,13 +239,16 @@ def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray 
     return moved if np.isfinite(moved).all() else None
 
 
-def _iterate_height_slips(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:
+def _iterate_height_mistakes(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:
     ground, heights = control.ground, "the heights of the ground points"
     for factor, what in (
         (FEET_M, "are in feet"),
         (1.0 / FEET_M, "were converted from feet although they were in metres"),
     ):
-        yield Slip("height-unit", f"{heights} {what}", "give heights in metres"), ground * [1.0, 1.0, factor]
+        yield (
+            Mistake("height-unit", f"{heights} {what}", "give heights in metres"),
+            ground * [1.0, 1.0, factor],
+        )
     found = find_undulations(ground)
     if found is not None:  # geoid models differ by less than images resolve: any is used
         name, undulation = found
@@ -248,13 +256,13 @@ def _iterate_height_slips(control: ControlMeasurements, shift_m: np.ndarray) -> 
         up = np.column_stack([np.zeros((len(ground), 2)), undulation])
         advice = "give their height datum: `height_datum`"
         what = f"{heights} refer to the geoid (undulation {middle:+.1f} m) and not to the ellipsoid"
-        yield Slip("height-datum", what, f"{advice} {name}"), ground + up
+        yield Mistake("height-datum", what, f"{advice} {name}"), ground + up
         what = f"{heights} are ellipsoidal but were converted as heights above the geoid ({middle:+.1f} m)"
-        yield Slip("height-datum", what, f"{advice} ellipsoidal"), ground - up
+        yield Mistake("height-datum", what, f"{advice} ellipsoidal"), ground - up
     lift, _ = estimate_common_lift(control, shift_m)
     what = f"{heights} are {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'}"
     advice = "check height datum and unit"
-    yield Slip("height-offset", what, advice, 8.0), ground - [0.0, 0.0, lift]
+    yield Mistake("height-offset", what, advice, 8.0), ground - [0.0, 0.0, lift]
 
 
 def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> tuple[float, float]:
@@ -304,7 +312,7 @@ def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypo
             step = sign * np.array([datum.east_m, datum.north_m, 0.0])
             what = f"the ground points {said.format(datum.name)} ({np.hypot(*step[:2]):.0f} m there)"
             advice = "give the actual CRS of the coordinates"
-            yield Slip("horizontal-datum", what, advice, 4.0), ground + step * degrees
+            yield Mistake("horizontal-datum", what, advice, 4.0), ground + step * degrees
 
 
 # ---- datums --------------------------------------------------------------------------------------------------------

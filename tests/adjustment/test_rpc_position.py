@@ -9,8 +9,8 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, outcome
-from hrsi.hrsi_engine.adjustment.following import Follower
-from hrsi.hrsi_engine.adjustment.given_position import keep_given_position
+from hrsi.hrsi_engine.adjustment.following import BlockUpdater
+from hrsi.hrsi_engine.adjustment.rpc_position import keep_rpc_position
 from hrsi.hrsi_engine.adjustment.solver import run_adjuster
 from hrsi.hrsi_engine.adjustment.statistics.precision import compute_precision
 from hrsi.hrsi_engine.block.block import Block, Image
@@ -50,7 +50,7 @@ def find_translation_m(block: Block, shifts: np.ndarray) -> np.ndarray:
 
 def test_the_corrections_are_the_smallest_that_a_translation_allows(free_block, monkeypatch):
     kept = adjust(free_block, FREE)
-    monkeypatch.setattr(outcome, "keep_given_position", lambda problem, loop, solution, precise: (solution, precise))
+    monkeypatch.setattr(outcome, "keep_rpc_position", lambda problem, loop, solution, precise: (solution, precise))
     by_ties = adjust(free_block, FREE)
     before, after = (find_translation_m(free_block, one.cameras.values[:, :2]) for one in (by_ties, kept))
     print("translation that the corrections amount to, m, before", before.round(3), "after", after.round(6))
@@ -68,7 +68,7 @@ def test_equals_a_dense_constrained_solution(free_block):
     _, adjuster = run_adjuster(free_block, FREE)
     problem, loop, solution = adjuster.problem, adjuster.loop, adjuster.solution
     precise = compute_precision(loop, solution)
-    moved, more_precise = keep_given_position(problem, loop, solution, precise)
+    moved, more_precise = keep_rpc_position(problem, loop, solution, precise)
     p, k = loop.pattern.parameters, loop.pattern.cameras
     normal = np.diag(loop.prior_weight.ravel())
     for block, row, column in zip(solution.normals.blocks, loop.pattern.rows, loop.pattern.columns, strict=True):
@@ -118,7 +118,7 @@ def test_what_something_else_holds_stays(free_block, how):
     _, adjuster = run_adjuster(block, options)
     solution = adjuster.solution
     precise = compute_precision(adjuster.loop, solution)
-    moved, same = keep_given_position(adjuster.problem, adjuster.loop, solution, precise)
+    moved, same = keep_rpc_position(adjuster.problem, adjuster.loop, solution, precise)
     upwards = ground_difference_m(solution.state.ground, moved.state.ground)[:, 2]
     assert np.abs(upwards).max() < 1e-3
     np.testing.assert_allclose(same.points[:, 2, 2], precise.points[:, 2, 2], rtol=1e-6)
@@ -126,7 +126,7 @@ def test_what_something_else_holds_stays(free_block, how):
 
 def test_an_adjustment_that_follows_edits_stays_there(free_block):
     """A point that is the same as before moves no camera."""
-    follower = Follower(free_block, FREE)
+    follower = BlockUpdater(free_block, FREE)
     one = free_block.points.ids[free_block.measurements.point] == free_block.points.ids[5]
     update = follower.follow([str(free_block.points.ids[5])], free_block.with_measurements(one))
     np.testing.assert_allclose(update.values, follower.result.values, atol=1e-4)

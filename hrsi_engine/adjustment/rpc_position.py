@@ -42,7 +42,7 @@ class GIVEN_POSITION:
     )  # fmt: skip
 
 
-def keep_given_position(
+def keep_rpc_position(
     problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision
 ) -> tuple[Solution, Precision]:
     """Return solution and precision with the parts that only RPCs determine moved to the RPCs' mean position."""

@@ -108,7 +108,7 @@ def locate_parameters(names: Sequence[str], of_camera: Sequence[str]) -> np.ndar
     return np.array([place.index(name.removeprefix("drift_")) for name in names], dtype=np.int64)
 
 
-def deliver_as(
+def express_as_model(
     name: str, problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision
 ) -> tuple[Problem, GaussNewton, Solution, Precision]:
     """Return the same estimate with another of the nested models as the model of the final cameras."""
