@@ -32,7 +32,7 @@ from hrsi.hrsi_engine.laboratory.interest_points import DetectionOptions, Intere
 from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, CentreOptions
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
     check_rpc_consistency,
-    compute_epipolar_miss,
+    compute_epipolar_deviation,
     match_descriptors,
     transfer,
 )
@@ -76,7 +76,7 @@ class Truth:
         other = np.array([k for rows in candidates for k in rows], dtype=np.int64)
         if not len(row):
             return result
-        miss = compute_epipolar_miss(self.first.rpc, self.second.rpc, points.xy[row], others[other], middle[row])
+        miss = compute_epipolar_deviation(self.first.rpc, self.second.rpc, points.xy[row], others[other], middle[row])
         away = np.abs(miss.across_px - self.bias_px)
         room = PARALLAX_ROOM_PX / miss.stretch
         fits = (away <= ACROSS_PX) & (miss.height_m >= low[row] - room) & (miss.height_m <= high[row] + room)
@@ -89,7 +89,7 @@ class Truth:
         """Return the distances across the epipolar lines of what is found again."""
         rows = np.flatnonzero(found >= 0)
         xy, there = points.xy[rows], others[found[rows]]
-        return compute_epipolar_miss(self.first.rpc, self.second.rpc, xy, there, 0.0).across_px - self.bias_px
+        return compute_epipolar_deviation(self.first.rpc, self.second.rpc, xy, there, 0.0).across_px - self.bias_px
 
 
 def main() -> None:
@@ -177,7 +177,7 @@ def truths(images: list[Image], rasters: list[ArrayRaster], height_m: float) -> 
     positions = xy[i[good]], other[j[good]]
     ways = []
     for a, b in ((0, 1), (1, 0)):
-        miss = compute_epipolar_miss(images[a].rpc, images[b].rpc, positions[a], positions[b], height_m)
+        miss = compute_epipolar_deviation(images[a].rpc, images[b].rpc, positions[a], positions[b], height_m)
         ways.append(
             Truth(images[a], images[b], positions[a], miss.height_m, float(np.median(miss.across_px)),
                   float(np.median(miss.stretch)))

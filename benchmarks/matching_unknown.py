@@ -26,7 +26,7 @@ from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.control_network import match_windows
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_deviation
 from hrsi.tests.conftest import TEST_DATA
 
 PAGE = DOCS / "matching.md"
@@ -109,7 +109,7 @@ def _row(images: list[Image], pair: RealPair, scale: float, turn: float, bias: f
     (sift_xy, sift_other), sift_seconds = timed(partial(sift_matches, first, second.raster))
 
     def far(xy: np.ndarray, other: np.ndarray) -> int:
-        miss = compute_epipolar_miss(images[0].rpc, images[1].rpc, xy, second.back(other), pair.height_m)
+        miss = compute_epipolar_deviation(images[0].rpc, images[1].rpc, xy, second.back(other), pair.height_m)
         return int(np.sum(~(np.abs(miss.across_px - bias) <= FAR_PX * max(1.0, 1.0 / scale))))
 
     beyond = far(found.positions.first, found.positions.second) if len(found) else 0
@@ -126,7 +126,9 @@ def _bias(images: list[Image], pair: RealPair) -> float:
     """Return the RPCs' constant bias across the epipolar lines, from SIFT on the pair as it is."""
     rasters = [ArrayRaster(*image.raster.read(0, 0, *image.raster.size)) for image in images]
     xy, other = sift_matches(*rasters)
-    return float(np.median(compute_epipolar_miss(images[0].rpc, images[1].rpc, xy, other, pair.height_m).across_px))
+    return float(
+        np.median(compute_epipolar_deviation(images[0].rpc, images[1].rpc, xy, other, pair.height_m).across_px)
+    )
 
 
 def resampled(image: ArrayRaster, scale: float, degrees: float) -> Seen:

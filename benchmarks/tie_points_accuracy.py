@@ -22,7 +22,7 @@ from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Image, ImagePoints
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_deviation, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.features import detect_tile_points
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
@@ -95,7 +95,7 @@ def sift_matches(images: Sequence[Image]) -> tuple[np.ndarray, np.ndarray]:
 def across(images: Sequence[Image], xy1: np.ndarray, xy2: np.ndarray, height_m: float) -> tuple[float, float]:
     """Return median and NMAD of the epipolar distance by the original RPCs, by the norm of its four coefficients."""
     first, second = images[0].rpc, images[1].rpc
-    miss = compute_epipolar_miss(first, second, xy1, xy2, height_m)
+    miss = compute_epipolar_deviation(first, second, xy1, xy2, height_m)
     line = transfer(first, second, xy1, height_m + 50.0) - transfer(first, second, xy1, height_m - 50.0)
     normal = np.column_stack([-line[:, 1], line[:, 0]]) / np.linalg.norm(line, axis=1)[:, None]
     here = transfer(first, second, xy1, height_m)

@@ -48,7 +48,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.plausibility.accuracy import estimate_accuracies
 from hrsi.hrsi_engine.plausibility.control import collect_control, fit_control
-from hrsi.hrsi_engine.plausibility.slips import estimate_common_lift, find_datum_shifts
+from hrsi.hrsi_engine.plausibility.mistakes import estimate_common_lift, find_datum_shifts
 
 PAGE = DOCS / "wrong_inputs.md"
 PLACES = ((5.45, 43.53), (147.3, -42.85), (-71.6, -33.4), (-105.0, 39.7), (36.9, 37.6), (113.2, 34.6), (18.4, -33.9))

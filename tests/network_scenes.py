@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.laboratory.control_network.leaves import Tolerance
 from hrsi.hrsi_engine.laboratory.control_network.leaves import rotate_offset as turned_offset
 from hrsi.hrsi_engine.laboratory.simulation.texture import PeriodicField
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_deviation
 
 RELIEF_PX, RELIEF_WAVE_PX = 5.0, 220.0  # parallax between the views: amplitude, and length of its waves
 NOISE = 0.06  # of the texture's standard deviation
@@ -132,7 +132,7 @@ def across_epipolar(
     first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: float
 ) -> np.ndarray:
     """Return distances ``(n,)`` px across the RPCs' epipolar lines, without the pair's constant bias."""
-    across = compute_epipolar_miss(first, second, first_xy, second_xy, height_m).across_px
+    across = compute_epipolar_deviation(first, second, first_xy, second_xy, height_m).across_px
     return across - np.median(across)
 
 

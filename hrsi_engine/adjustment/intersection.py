@@ -7,7 +7,7 @@ points or in the middle of the RPC's height range: the cameras are nearly linear
 
 import numpy as np
 
-from ..block.block import stack_of
+from ..block.block import stack_rpcs
 from ..ground.geodesy import move_ground
 from ..refinement.model import RefinementModel
 from .equations import NormalEquations, PointPriors, State, make_diagonal_pattern
@@ -24,7 +24,11 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
         return np.empty((0, 3))
     seen, image = np.unique(observations.image[first], return_inverse=True)
     images = [observations.images[index] for index in seen.tolist()]
-    rpcs, stack, centre_px = [one.rpc for one in images], stack_of(images), np.array([one.centre_px for one in images])
+    rpcs, stack, centre_px = (
+        [one.rpc for one in images],
+        stack_rpcs(images),
+        np.array([one.centre_px for one in images]),
+    )
     # The ground positions (k, 3) of the images' centres, and the metres east, north per pixel there
     centre = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in rpcs])
     known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]

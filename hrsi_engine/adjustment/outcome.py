@@ -394,7 +394,7 @@ def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> Pla
         return None
     # Standard deviation of the block in plan by its RPCs, with independent errors of the images
     pointing = [estimate_pointing(image).sigma_m for image in problem.observations.images]
-    over = held.places.over_rpcs or problem.observations.surveyed.any()
+    over = held.places.ignores_rpc_priors or problem.observations.surveyed.any()
     rpcs_m = np.inf if over else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))
     return held.summarise_places(
         solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points, rpcs_m

@@ -417,7 +417,7 @@ def _weigh_priors(
     estimation of a drift from the block starts with them.
     """
     p = len(model.parameters)
-    over_rpcs = options.reference is not None and options.reference.over_rpcs
+    ignores_rpc_priors = options.reference is not None and options.reference.ignores_rpc_priors
     sigma, of_sensor = np.empty((2, observations.cameras, len(guessed)))
     for part in parts:
         # for images with common parameters, the prior is that of the first one with the smallest pixels
@@ -425,7 +425,7 @@ def _weigh_priors(
             image, number = observations.images[index], observations.camera_of_image[index]
             usual = estimate_priors(image)
             of_sensor[number, :p], of_sensor[number, p:] = model.prior_sigmas(image, usual), usual.drift
-            priors = select_priors(image, part.gcps > 0 or (part.places > 0 and over_rpcs))
+            priors = select_priors(image, part.gcps > 0 or (part.places > 0 and ignores_rpc_priors))
             # without these options, the sensor's own sigmas of position and attitude remain in the priors
             if options.sigma_shift_px is not None or options.sigma_drift is not None:
                 priors = Priors(

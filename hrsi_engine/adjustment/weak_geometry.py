@@ -6,7 +6,7 @@ block to the middle of that range. Only points on more parallel rays get a prior
 
 import numpy as np
 
-from ..block.block import stack_of
+from ..block.block import stack_rpcs
 from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.ground_area import compute_px_per_m
@@ -38,7 +38,7 @@ def set_point_priors(
         unknown &= ~found
     # The largest angle between rays of each point, twice the largest from their mean, (m,). The direction of an image's
     # rays is that at its centre; it changes by at most a degree across a scene.
-    stack = stack_of(observations.images)
+    stack = stack_rpcs(observations.images)
     _, at = stack.project_with_metric_jacobian(np.arange(len(observations.images)), stack.middles())
     ray = np.cross(at[:, 0], at[:, 1])
     direction = ray * np.sign(ray[:, 2:]) / np.linalg.norm(ray, axis=1, keepdims=True)

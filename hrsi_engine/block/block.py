@@ -381,6 +381,6 @@ def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) ->
     return [tiles for tiles in scenes.values() if len(tiles) > 1]
 
 
-def stack_of(images: Sequence[Image]) -> RPCStack:
+def stack_rpcs(images: Sequence[Image]) -> RPCStack:
     """Return the RPCs of images as a stack, in the order of the images."""
     return RPCStack([image.rpc for image in images])

@@ -34,7 +34,7 @@ from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import continuous_longitudes, ground_difference_m
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
-from .block import Image, stack_of
+from .block import Image, stack_rpcs
 
 OUTLINE_PER_SIDE = 8
 
@@ -53,7 +53,7 @@ def compute_footprints(images: Sequence[Image], height_m: float, per_side: int =
         return []
     outlines = np.concatenate([image.outline_px(per_side) for image in images])
     which = np.repeat(np.arange(len(images)), 4 * per_side)
-    ground = stack_of(images).localize(which, outlines, height_m)
+    ground = stack_rpcs(images).localize(which, outlines, height_m)
     return [make_polygon(ring) for ring in ground.reshape(len(images), -1, 3)]
 
 

@@ -60,14 +60,14 @@ class ReferencePlaces:
     ids : (k,) ids in the block
     ground : (k, 3) lon, lat in degrees, ellipsoidal height in metres; the height is an initial value
     sigma_m : standard deviation of each horizontal coordinate of the reference
-    over_rpcs : True if the reference determines the block like surveyed GCPs, without the prior of the RPC biases
+    ignores_rpc_priors : True if the reference determines the block like surveyed GCPs, without priors of the RPC biases
     name : name of the reference in reports
     """
 
     ids: np.ndarray
     ground: np.ndarray
     sigma_m: float
-    over_rpcs: bool = False
+    ignores_rpc_priors: bool = False
     name: str = "reference"
 
     def select(self, ids: np.ndarray) -> ReferencePlaces:
@@ -109,7 +109,7 @@ class ErrorShares(NamedTuple):
         return sigma_m * float(np.sqrt(shared + self.independent**2))
 
 
-ORTHOIMAGE, DEM = ErrorShares(0.8, 0.4), ErrorShares(0.4, 0.4)
+ORTHOIMAGE_ERRORS, DEM = ErrorShares(0.8, 0.4), ErrorShares(0.4, 0.4)
 
 
 def divide_area(ground: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:

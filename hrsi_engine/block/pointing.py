@@ -26,7 +26,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
-from .block import Image, stack_of
+from .block import Image, stack_rpcs
 
 SIGMAS_OF_CE90 = 2.1460  # sqrt(2 ln 10)
 
@@ -52,14 +52,14 @@ class SensorAccuracy(NamedTuple):
     """Published accuracy of a sensor.
 
     ce90_m : CE90 without ground control; source : publication
-    told_by : regular expression that identifies the sensor by the names of its files
+    name_pattern : regular expression that identifies the sensor by the names of its files
     drift : drift of its error across an image, px/px, and publication; None if none is published
     """
 
     title: str
     ce90_m: float
     source: str
-    told_by: str
+    name_pattern: str
     drift: tuple[float, str] | None = None
 
 
@@ -71,8 +71,8 @@ _KOMPSAT = "SI Imaging Services, white paper: Geolocation accuracy of KOMPSAT, Q
 _DRIFTS = {"IKONOS": (0.5 / 11_000.0, _HANLEY)}
 #: By title. In file names a sensor's name must not follow a letter or digit.
 PUBLISHED = tuple(
-    SensorAccuracy(title, ce90_m, source, rf"(?<![a-z0-9])(?:{told_by})", _DRIFTS.get(title))
-    for title, ce90_m, source, told_by in (
+    SensorAccuracy(title, ce90_m, source, rf"(?<![a-z0-9])(?:{name_pattern})", _DRIFTS.get(title))
+    for title, ce90_m, source, name_pattern in (
         ("IKONOS", 15.0, "GeoInformatics 2/2008, p. 53: Geo Ortho Kit, 15 m CE90", r"ikonos|ik0?[12](?!\d)|po_\d{5}"),
         ("QuickBird", 17.5, f"{_SMILEY}: 14 to 21 m", r"quickbird|qb_?0?2(?!\d)"),
         ("WorldView-1", 4.7, f"{_SMILEY}: 4.0 to 5.3 m", r"worldview[-_ ]?0?1|wv_?0?1(?!\d)"),
@@ -107,7 +107,7 @@ PUBLISHED = tuple(
         ),
     )
 )  # fmt: skip
-_TOLD_BY_ANY = re.compile("|".join(entry.told_by for entry in PUBLISHED))
+_TOLD_BY_ANY = re.compile("|".join(entry.name_pattern for entry in PUBLISHED))
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def find_sensor(*names: str) -> SensorAccuracy | None:
     """Return the published accuracy of the sensor identified by the first of some names; None if unknown."""
     for name in names:
         if name and _TOLD_BY_ANY.search(name.lower()):
-            return next(entry for entry in PUBLISHED if re.search(entry.told_by, name.lower()))
+            return next(entry for entry in PUBLISHED if re.search(entry.name_pattern, name.lower()))
     return None
 
 
@@ -181,5 +181,5 @@ def compute_gsds_m(images: Sequence[Image]) -> np.ndarray:
     """Return `compute_gsd_m` of many images, ``(images,)``."""
     if not images:
         return np.empty(0)
-    stack = stack_of(images)
+    stack = stack_rpcs(images)
     return np.asarray(1.0 / stack.px_per_m(np.arange(len(images)), stack.middles()))

@@ -43,7 +43,7 @@ class ArrayFilters:
         return ndimage.minimum_filter(mask.view(np.uint8), side, mode="constant", cval=int(outside)).view(bool)
 
     @staticmethod
-    def largest_within(image: np.ndarray, radius_px: float) -> np.ndarray:
+    def compute_local_maximum(image: np.ndarray, radius_px: float) -> np.ndarray:
         reach = int(radius_px)
         rows, columns = image.shape
         around = np.pad(image, reach, constant_values=-np.inf)

@@ -29,7 +29,7 @@ class OpenCVFilters:
         return cv2.erode(mask.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=value).view(bool)
 
     @staticmethod
-    def largest_within(image: np.ndarray, radius_px: float) -> np.ndarray:
+    def compute_local_maximum(image: np.ndarray, radius_px: float) -> np.ndarray:
         reach = int(radius_px)
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         return cv2.dilate(image, (np.hypot(x, y) <= radius_px).astype(np.uint8))

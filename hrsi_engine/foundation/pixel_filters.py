@@ -84,9 +84,9 @@ def apply_opening(mask: np.ndarray, side: int) -> np.ndarray:
     return dilate(erode(mask, side), side)
 
 
-def largest_within(image: np.ndarray, radius_px: float) -> np.ndarray:
+def compute_local_maximum(image: np.ndarray, radius_px: float) -> np.ndarray:
     """Return the maximum within a circle of this radius around each pixel."""
-    return np.asarray(_choose_filters().largest_within(image, radius_px))
+    return np.asarray(_choose_filters().compute_local_maximum(image, radius_px))
 
 
 def reduce_by_area(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -64,7 +64,7 @@ class OperationUse(NamedTuple):
     loss_m : accuracy lost by the missing grid; NaN if it is unknown
     geoid : the geoid model for heights, if it does not follow from the CRS: one that was named, or a substitute
     geoid_grids : files of the geoid that was replaced by a substitute
-    takes_plate_for_wgs84 : whether a plate-fixed datum was treated as equal to WGS84
+    treats_plate_as_wgs84 : whether a plate-fixed datum was treated as equal to WGS84
     """
 
     source: str
@@ -76,7 +76,7 @@ class OperationUse(NamedTuple):
     loss_m: float = 0.0
     geoid: Geoid | None = None
     geoid_grids: tuple[str, ...] = ()
-    takes_plate_for_wgs84: bool = False
+    treats_plate_as_wgs84: bool = False
 
     @property
     def error_names(self) -> tuple[str, str]:
@@ -98,7 +98,7 @@ class OperationUse(NamedTuple):
             "source": self.source, "crs": self.crs, "name": made.name, "code": made.code or None,
             "accuracy_m": made.accuracy_m, "sigma_plan_m": round(made.sigma_m[0], 4),
             "sigma_height_m": round(made.sigma_m[1], 4), "grid": ", ".join(made.grids) or None, "points": self.points,
-            "area": made.area or None, "ballpark": made.is_ballpark, "plate_fixed_as_wgs84": self.takes_plate_for_wgs84,
+            "area": made.area or None, "ballpark": made.is_ballpark, "plate_fixed_as_wgs84": self.treats_plate_as_wgs84,
             "missing_operation": None if better is None else better.name,
             "missing_grid": None if better is None else ", ".join(better.grids),
             "loss_m": None if np.isnan(self.loss_m) else round(self.loss_m, 4),
@@ -202,7 +202,7 @@ def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
             told.append(
                 f"{use.source}: PROJ has no operation from {use.crs} to WGS84, so the two datums are treated as equal"
             )
-        if use.takes_plate_for_wgs84:
+        if use.treats_plate_as_wgs84:
             told.append(
                 f"{use.source}: {use.crs} moves with its plate and is treated as WGS84 ({use.operation.name}): they "
                 f"may differ by {use.operation.sigma_m[0] * COORDINATES_OF_ACCURACY**0.5:.3g} m, equal for all its "

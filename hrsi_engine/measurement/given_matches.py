@@ -19,14 +19,14 @@ from ..foundation.progress import Progress, silent
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.scheduling import PartResult, Scheduler, WorkPart, open_scheduler, run_parts
 from .block_matching import joining
-from .block_matching.links import drop_unsound_links, judge_links, summarise_holds
+from .block_matching.links import drop_unreliable_links, judge_links, summarise_connections
 from .block_matching.overlaps import compute_resolution_step, rank_resolution
 from .block_matching.search import EVERY
 from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, read_tile
 from .tie_options import TieOptions
 from .tie_points import PairSummary, TiePoints
-from .tile_matching.epipolar import check_rpc_consistency, compute_epipolar_miss, transfer
+from .tile_matching.epipolar import check_rpc_consistency, compute_epipolar_deviation, transfer
 from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import refine_points
 from .tile_matching.types import TilePairGeometry
@@ -88,7 +88,7 @@ def refine_given_matches(
     matches = joining.collect_matches([(job.number, done[part.key]) for job, part in zip(jobs, parts, strict=True)])
     good = joining.drop_contradictions(joining.drop_outliers(matches, images, options.dense), images)
     links = judge_links(good)
-    good = drop_unsound_links(good, links)
+    good = drop_unreliable_links(good, links)
     room = dict.fromkeys(range(len(images)), options.per_cell or EVERY)  # all are kept, unless an option limits them
     points, ground = joining.to_image_points(good, images, options.cells, room)
     tried: dict[tuple[int, int], int] = {}
@@ -101,7 +101,7 @@ def refine_given_matches(
     ]  # fmt: skip
     usable = [number for number, image in enumerate(images) if image.raster is not None]
     of_image = {number: sum(number in pair for pair in tried) for number in usable}
-    holds = summarise_holds(images, usable, links, of_image, {})
+    holds = summarise_connections(images, usable, links, of_image, {})
     total = sum(tried.values())
     warnings = [f"{hold.image}: none of the given matches passes the tests" for hold in holds if not hold.links]
     if 2 * sum(accepted.values()) < total:
@@ -162,7 +162,7 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
         if tile is None or other is None:
             continue
         # Geometry of the pair from its matches: range of heights, offset of the RPCs, and search margin
-        heights = compute_epipolar_miss(*rpcs, agreed.first_xy, agreed.second_xy, start).height_m
+        heights = compute_epipolar_deviation(*rpcs, agreed.first_xy, agreed.second_xy, start).height_m
         low_m, high_m = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m
         away = agreed.second_xy - transfer(*rpcs, agreed.first_xy, heights)
         bias = np.median(away, axis=0)

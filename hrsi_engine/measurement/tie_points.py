@@ -16,10 +16,16 @@ from ..block.block import Image
 from ..block.points import ImagePoints
 from ..foundation.errors import list_ids
 from ..foundation.progress import Progress, silent, stage
-from ..foundation.workers.scheduling import Keeper, Scheduler, open_scheduler
+from ..foundation.workers.scheduling import ResultStore, Scheduler, open_scheduler
 from ..surface.dem import HeightSurface
 from .block_matching import joining
-from .block_matching.links import ImageHold, cut_weak_bridges, drop_unsound_links, find_bridges, summarise_holds
+from .block_matching.links import (
+    ImageConnection,
+    cut_weak_bridges,
+    drop_unreliable_links,
+    find_bridges,
+    summarise_connections,
+)
 from .block_matching.search import TieSearch, count_points_per_cell
 from .tie_options import TieOptions
 
@@ -46,7 +52,7 @@ class TiePoints(NamedTuple):
         Results of each pair of images.
     warnings : tuple of str
         Warnings for the user.
-    holds : tuple of ImageHold
+    holds : tuple of ImageConnection
         Connection of each image with pixels to the others.
     """
 
@@ -54,7 +60,7 @@ class TiePoints(NamedTuple):
     ground: np.ndarray
     pairs: tuple[PairSummary, ...]
     warnings: tuple[str, ...]
-    holds: tuple[ImageHold, ...] = ()
+    holds: tuple[ImageConnection, ...] = ()
 
     def __repr__(self) -> str:
         return f"<TiePoints: {len(self.ground)} points, {len(self.image_points)} measurements, {len(self.pairs)} pairs>"
@@ -62,7 +68,7 @@ class TiePoints(NamedTuple):
 
 def find_tie_points(
     images: Sequence[Image], options: TieOptions | None = None, progress: Progress = silent, *,
-    surface: HeightSurface | None = None, scheduler: Scheduler | None = None, keeper: Keeper | None = None,
+    surface: HeightSurface | None = None, scheduler: Scheduler | None = None, keeper: ResultStore | None = None,
     earlier: Collection[str] = (),
 ) -> TiePoints:  # fmt: skip
     """Find tie points between all overlapping images with pixels.
@@ -79,7 +85,7 @@ def find_tie_points(
         The terrain, if known; else heights are determined by the matching.
     scheduler : Scheduler, optional
         Runs the work; by default threads.
-    keeper : Keeper, optional
+    keeper : ResultStore, optional
         Stores the results of finished parts, so that an interrupted run can continue.
     earlier : collection of str
         Ids of images that were already matched with each other; their pairs are not matched again.
@@ -114,7 +120,7 @@ def find_tie_points(
         links = cut_weak_bridges(links)
     elif search.complete(good, progress):
         good, _ = search.judge()
-    good = drop_unsound_links(good, links)
+    good = drop_unreliable_links(good, links)
     room = {k: count_points_per_cell(search.options, image) for k, image in enumerate(images)}
     points, ground = joining.to_image_points(good, images, search.options.cells, room)
     count = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
@@ -126,7 +132,7 @@ def find_tie_points(
         )
         for pair in search.pairs
     )  # fmt: skip
-    holds = summarise_holds(images, search.usable, links, search.count_trials(), search.reasons)
+    holds = summarise_connections(images, search.usable, links, search.count_trials(), search.reasons)
     # Warn of images without tie points, and of overlapping pairs without matches
     tied = set(points.image_ids.tolist())
     lonely = [hold.image for hold in holds if hold.image not in tied | search.earlier]

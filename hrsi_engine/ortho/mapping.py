@@ -161,7 +161,7 @@ class _Chunk:
             return self._cells.heights(column, row)
         return (self._surface.heights(np.column_stack([column, row])) - self.middle_m) / self.half_m
 
-    def middles_keep(self, error_px: float, nodes: np.ndarray, step: int) -> bool:
+    def is_interpolation_accurate(self, error_px: float, nodes: np.ndarray, step: int) -> bool:
         """Return whether interpolation at the centres of all cells between nodes is accurate to ``error_px``."""
         for rows, middles in self._node_rows(step, offset=step / 2.0):
             upper = nodes[:, rows.start : rows.stop + 1]
@@ -235,7 +235,7 @@ class OrthoMapping:
             errors = np.hypot(*(_interpolate_nodes(nodes, checks / step) - truth).T)
             errors = errors[np.isfinite(errors)]
             good = known.all() and errors.max(initial=0.0) <= self.error_px
-            if step == 1 or (good and chunk.middles_keep(self.error_px, nodes, step)):
+            if step == 1 or (good and chunk.is_interpolation_accurate(self.error_px, nodes, step)):
                 break
             step = step // 2 if known.all() else 1
         return ChunkMapping(nodes, step, errors, 0 if known.all() else self._count_unknown(window, known))

@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..block.block import Block, Image, stack_of
+from ..block.block import Block, Image, stack_rpcs
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
@@ -83,7 +83,7 @@ def compute_sightlines(images: Sequence[Image], image: np.ndarray, xy: np.ndarra
     if not len(xy):
         return StraightRays(np.empty((0, 3)), np.empty((0, 2)))
     rpcs = [one.rpc for one in images]
-    stack = stack_of(images)
+    stack = stack_rpcs(images)
     middle, high = np.array([(rpc.height_off, rpc.height_range[1]) for rpc in rpcs])[image].T
     ground, upper = (stack.localize(image, xy, height) for height in (middle, high))
     return StraightRays(ground, ground_difference_m(upper, ground)[:, :2] / (high - middle)[:, None])

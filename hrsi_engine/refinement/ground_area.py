@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block.block import Image, stack_of
+from ..block.block import Image, stack_rpcs
 from ..foundation.errors import SolveError
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
@@ -50,6 +50,6 @@ def compute_ground_area(image: Image) -> GroundArea:
 
 def compute_px_per_m(images: Sequence[Image]) -> np.ndarray:
     """Return the pixels per metre on the ground at the centre of each image, ``(images,)``."""
-    stack, which = stack_of(images), np.arange(len(images))
+    stack, which = stack_rpcs(images), np.arange(len(images))
     centres = np.array([image.camera_centre_px for image in images])
     return stack.px_per_m(which, stack.localize(which, centres, stack.middles()[:, 2]))

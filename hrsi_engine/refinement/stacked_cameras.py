@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..block.block import Image, stack_of
+from ..block.block import Image, stack_rpcs
 from .image_space import ImagePolynomial
 from .model import Equations, RefinementModel
 from .object_coordinates import GroundPolynomial
@@ -32,7 +32,7 @@ def linearise_images(
     if isinstance(model, ImagePolynomial | GroundPolynomial):
         constants = np.array([model.constants(image) for image in images])
         return model.linearise(
-            constants, which, values, ground, *stack_of(images).project_with_metric_jacobian(which, ground)
+            constants, which, values, ground, *stack_rpcs(images).project_with_metric_jacobian(which, ground)
         )
     n, p = len(ground), len(model.parameters)
     found = Equations(np.empty((n, 2)), np.empty((n, 2, p)), np.empty((n, 2, 3)))

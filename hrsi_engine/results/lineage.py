@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..block.block import stack_of
+from ..block.block import stack_rpcs
 from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
@@ -69,7 +69,7 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     chosen, covariance = [images[index] for index in known.tolist()], covariance[known]
     xy = np.concatenate([image.grid_px(ACCURACY_GRID.nodes, ACCURACY_GRID.nodes) for image in chosen])
     which = np.repeat(np.arange(len(chosen)), ACCURACY_GRID.nodes**2)
-    ground = stack_of(chosen).localize(which, xy, height)
+    ground = stack_rpcs(chosen).localize(which, xy, height)
     at = linearise_images(cameras.model, chosen, which, xy, values[known], ground)
     delivered = project_to_images(result.model, chosen, which, result.values[of_part][known], ground)
     to_ground = invert_2x2(at.by_ground[:, :, :2])

@@ -115,7 +115,7 @@ def check_operations(block: Block, uses: Sequence[OperationUse], strict_datum: b
     year = None if time is None else round(time.year + (time.timetuple().tm_yday - 1) / 365.25, 1)
     rpc = block.images[0].rpc
     place = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
-    for crs in dict.fromkeys(use.crs for use in uses if use.takes_plate_for_wgs84):
+    for crs in dict.fromkeys(use.crs for use in uses if use.treats_plate_as_wgs84):
         with suppress(InputError):
             motion = operations_of(crs).motion_in(year or ANY_YEAR)
             if motion is None:

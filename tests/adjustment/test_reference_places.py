@@ -74,7 +74,7 @@ def test_single_wrong_places_are_left_out(scene):
 
 
 def test_a_reference_that_is_believed_over_the_rpcs_moves_the_block_to_it(scene):
-    moved = replace(scene.places, ground=scene.places.ground + [200.0 / 80_000.0, 0.0, 0.0], over_rpcs=True)
+    moved = replace(scene.places, ground=scene.places.ground + [200.0 / 80_000.0, 0.0, 0.0], ignores_rpc_priors=True)
     result = adjusted(replace(scene, places=moved))
     assert result.plan is not None and result.plan.share == 1.0
     assert np.hypot(*result.plan.alone_m) < 2.0

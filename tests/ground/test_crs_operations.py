@@ -212,8 +212,8 @@ def test_points_on_a_plate_are_brought_to_the_year_of_the_images(
     assert shift[2] == 0.0
     np.testing.assert_allclose(moved.from_wgs84(moved.to_wgs84(at_place)), at_place[:, :2], atol=1e-8)
     (before,), (after,) = still.uses_at("gcps.csv", at_place), moved.uses_at("gcps.csv", at_place)
-    assert before.takes_plate_for_wgs84
-    assert not after.takes_plate_for_wgs84
+    assert before.treats_plate_as_wgs84
+    assert not after.treats_plate_as_wgs84
     assert "2023.5" in after.operation.name
     assert after.operation.sigma_m[0] < 0.1 < before.operation.sigma_m[0]
 
@@ -224,7 +224,7 @@ def test_wgs84_and_the_itrs_move_with_no_plate(code: int) -> None:
     operations, place = operations_of(f"EPSG:{code}", 2023.5), np.array([[10.0, 50.0, 100.0]])
     assert operations.motion_in(2023.5) is None
     (use,) = operations.uses_at("laser.gpkg", place)
-    assert not use.operation.is_ballpark and not use.takes_plate_for_wgs84
+    assert not use.operation.is_ballpark and not use.treats_plate_as_wgs84
     assert list_operation_warnings([use]) == []
     if code != 32632:
         np.testing.assert_array_equal(operations.to_wgs84(place), place)

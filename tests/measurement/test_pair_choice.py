@@ -14,7 +14,7 @@ from hrsi.hrsi_engine.measurement.block_matching.links import (
     LINKS,
     ImageLink,
     cut_weak_bridges,
-    drop_unsound_links,
+    drop_unreliable_links,
     find_bridges,
     find_displaced_images,
     judge_links,
@@ -161,7 +161,7 @@ def test_false_links_are_found_by_closures_and_nothing_else():
     matches = block_matches(6, false)
     links = judge_links(matches)
     assert {(link.first, link.second) for link in links if not link.sound} == set(false)
-    kept = drop_unsound_links(matches, links)
+    kept = drop_unreliable_links(matches, links)
     assert not any(((kept.first == a) & (kept.second == b)).any() for a, b in false)
     assert len(kept) == len(matches) - sum(link.matches for link in links if not link.sound)
 

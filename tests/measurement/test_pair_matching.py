@@ -14,7 +14,7 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
     check_rpc_consistency,
-    compute_epipolar_miss,
+    compute_epipolar_deviation,
     match_descriptors,
     transfer,
 )
@@ -309,7 +309,7 @@ def test_real_pairs_beat_sift(real_data, name: str):
         tiles.append(ImageTile(grey.astype(np.float32), valid))
     pair_of = TilePairGeometry(images[0].rpc, images[1].rpc, height - 40.0, height + 40.0, margin_px=(20.0, 20.0))
     matches = match_tile(*tiles, pair_of)
-    across = compute_epipolar_miss(images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height).across_px
+    across = compute_epipolar_deviation(images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height).across_px
     nmad = 1.4826 * np.median(np.abs(across - np.median(across))) / np.sqrt(2.0)
     print(f"{name}: {len(matches)} matches, NMAD {nmad:.3f} px ({nmad / baseline:.2f} of SIFT's)")
     assert len(matches) >= least

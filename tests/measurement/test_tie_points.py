@@ -23,7 +23,7 @@ from hrsi.hrsi_engine.measurement.tie_options import TieOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
     check_rpc_consistency,
-    compute_epipolar_miss,
+    compute_epipolar_deviation,
     match_descriptors,
     transfer,
 )
@@ -231,7 +231,7 @@ def test_epipolar_miss_tells_height_and_offset():
     xy1, xy2 = first.rpc.project(ground), second.rpc.project(ground)
     line = transfer(first.rpc, second.rpc, xy1, 300.0) - transfer(first.rpc, second.rpc, xy1, 200.0)
     normal = np.column_stack([-line[:, 1], line[:, 0]]) / np.linalg.norm(line, axis=1)[:, None]
-    miss = compute_epipolar_miss(first.rpc, second.rpc, xy1, xy2 + 2.5 * normal, 150.0)
+    miss = compute_epipolar_deviation(first.rpc, second.rpc, xy1, xy2 + 2.5 * normal, 150.0)
     np.testing.assert_allclose(miss.height_m, 260.0, atol=0.01)
     np.testing.assert_allclose(miss.across_px, 2.5, atol=0.01)
 

@@ -117,11 +117,11 @@ def test_middles_are_compared_in_every_row(tmp_path: Path) -> None:
     """One node that is wrong, anywhere, is noticed."""
     chunk = _Chunk(mapping(tmp_path, 3e-4), GridWindow(0, 0, 200, 300))
     nodes = chunk.nodes(2)
-    assert chunk.middles_keep(0.05, nodes, 2)
+    assert chunk.is_interpolation_accurate(0.05, nodes, 2)
     for row, column in ((0, 0), (70, 50), (nodes.shape[1] - 1, nodes.shape[2] - 1)):
         wrong = nodes.copy()
         wrong[0, row, column] += 1.0
-        assert not chunk.middles_keep(0.05, wrong, 2)
+        assert not chunk.is_interpolation_accurate(0.05, wrong, 2)
 
 
 def test_ground_without_height_has_no_position(tmp_path: Path) -> None:

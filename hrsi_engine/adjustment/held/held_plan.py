@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...block.orthoimage import ORTHOIMAGE, ReferencePlaces, divide_area
+from ...block.orthoimage import ORTHOIMAGE_ERRORS, ReferencePlaces, divide_area
 from ...ground.geodesy import metres_per_degree, wrap_degrees
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import PlanAgreement, PlanGroup
@@ -61,18 +61,18 @@ class PlanObservations:
 
     @property
     def common_m(self) -> float:
-        return ORTHOIMAGE.by_part * self.places.sigma_m
+        return ORTHOIMAGE_ERRORS.by_part * self.places.sigma_m
 
     @property
     def overall_m(self) -> float:
-        return ORTHOIMAGE.by_all * self.places.sigma_m
+        return ORTHOIMAGE_ERRORS.by_all * self.places.sigma_m
 
     weighting_sigma_m = overall_m
 
     def enter_start(self, priors: PointPriors) -> None:
         """Enter the places into the initial priors, before they are tested."""
         count = len(self.points)
-        weight = 1.0 / ((ORTHOIMAGE.independent * self.places.sigma_m) ** 2 + count * self.overall_m**2)
+        weight = 1.0 / ((ORTHOIMAGE_ERRORS.independent * self.places.sigma_m) ** 2 + count * self.overall_m**2)
         for axis in EAST_NORTH:
             priors.target[self.points, axis] = self.places.ground[:, axis]
             priors.weight[self.points, axis] = weight
@@ -98,7 +98,7 @@ class PlanObservations:
         away = np.zeros((len(self.points), 3))
         away[:, EAST_NORTH] = self._away_m(ground)
         miss = away + np.einsum("kij,kjl,kl->ki", by_rays, weight, away)
-        rows = PlaceRows(np.full(len(self.points), ORTHOIMAGE.independent * self.places.sigma_m), self._part)
+        rows = PlaceRows(np.full(len(self.points), ORTHOIMAGE_ERRORS.independent * self.places.sigma_m), self._part)
         judged = [SourceFit(self, rows, miss[:, axis], np.maximum(by_rays[:, axis, axis], 0.0)) for axis in EAST_NORTH]
         if self.estimate:
             both = float(np.sqrt(np.mean([estimate_sigma_factor(one) ** 2 for one in judged])))
@@ -131,7 +131,7 @@ class PlanObservations:
         )
         weight = 0.5 * (east.weight + north.weight)
         own_m = (
-            ORTHOIMAGE.independent * self.places.sigma_m * east.sigma_factor
+            ORTHOIMAGE_ERRORS.independent * self.places.sigma_m * east.sigma_factor
         )  # scatter of single places; the other parts are shared
         return PlanAgreement(
             source=self.name,

@@ -46,7 +46,7 @@ class WorkPart:
     label: str = ""
 
 
-class Keeper(Protocol):
+class ResultStore(Protocol):
     """Stores the results of finished parts between runs; `hrsi_engine.io` has an implementation with files."""
 
     def load(self, key: str) -> PartResult | None:
@@ -62,7 +62,7 @@ Scheduler = Callable[[Graph, Sequence[str], Done], None]
 
 
 def run_parts(
-    parts: Sequence[WorkPart], wanted: Sequence[str], scheduler: Scheduler, keeper: Keeper | None = None,
+    parts: Sequence[WorkPart], wanted: Sequence[str], scheduler: Scheduler, keeper: ResultStore | None = None,
     progress: Progress = silent,
 ) -> dict[str, PartResult]:  # fmt: skip
     """Return the results of the wanted parts; stored ones are loaded, the others are run with the parts that they need.

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...foundation.pixel_filters import blur, filter_separable, largest_within, reduce_by_area, slopes
+from ...foundation.pixel_filters import blur, compute_local_maximum, filter_separable, reduce_by_area, slopes
 from ...foundation.thresholds import threshold, thresholds
 from ...measurement.interest_points.options import CentreOptions
 from ...measurement.interest_points.outlines import interpolate_bilinear
@@ -170,7 +170,7 @@ def _find_seeds(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         yy = filter_separable(smooth, one, second, "reflect")
         mixed = filter_separable(smooth, first, first, "reflect")
         strength = np.float32(scale**4) * (xx * yy - mixed * mixed)
-        peak = (strength >= largest_within(strength, 1.5)) & (strength > BLOBS.seed_strength**2)
+        peak = (strength >= compute_local_maximum(strength, 1.5)) & (strength > BLOBS.seed_strength**2)
         row, column = np.nonzero(peak)
         bright = np.where(xx[row, column] + yy[row, column] < 0.0, 1.0, -1.0)
         at = (np.column_stack([column, row]) + 0.5) * factor - 0.5

@@ -23,7 +23,7 @@ from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface, Status, intersect_surface
-from ..tile_matching.epipolar import check_rpc_consistency, compute_epipolar_miss, transfer
+from ..tile_matching.epipolar import check_rpc_consistency, compute_epipolar_deviation, transfer
 from ..tile_matching.features import invert_descriptors
 from ..tile_matching.types import HeightGrid, TilePairGeometry
 from .overview import EpipolarLines, detect_features, match_in_bands
@@ -191,7 +191,7 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
         return None
     first, second = job.first.rpc, job.second.rpc
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
-    miss = compute_epipolar_miss(first, second, first_xy, second_xy, middle)
+    miss = compute_epipolar_deviation(first, second, first_xy, second_xy, middle)
     noise_px = COARSE.floor_px * max(job.steps)
     stretch, contrasts = float(np.median(miss.stretch)), tuple(found["contrasts"].tolist())
     if stretch * (job.heights.high_m - job.heights.low_m) < COARSE.same_view_px:
@@ -203,7 +203,7 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
         geometry = TilePairGeometry(first, second, *job.heights, tuple(offset.tolist()), both, contrasts=contrasts)
         return PairEstimate(geometry, len(first_xy))
     across = float(np.median(miss.across_px))
-    # The mean direction across the epipolar lines, with the sign of `compute_epipolar_miss`
+    # The mean direction across the epipolar lines, with the sign of `compute_epipolar_deviation`
     slope = transfer(first, second, first_xy, middle + 1.0) - transfer(first, second, first_xy, middle - 1.0)
     direction = np.nanmean(slope / np.linalg.norm(slope, axis=1, keepdims=True), axis=0)
     direction /= np.linalg.norm(direction)

@@ -35,7 +35,7 @@ from ...block.points import ImagePoints
 from ...foundation.robust_scale import ROBUST, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
-from ..tile_matching.epipolar import EPIPOLAR, EpipolarMiss, compute_epipolar_miss
+from ..tile_matching.epipolar import EPIPOLAR, EpipolarDeviation, compute_epipolar_deviation
 
 _RELIEF = "simulated pairs on relief, off along their lines, 2026-11-22 (docs/tie_sigmas.md)"
 _KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22"
@@ -122,18 +122,18 @@ def drop_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool 
         keep[rows] = precise & _find_trend_inliers(matches.first_xy[rows], miss.across_px, tolerance)
         if not islands:
             rows, along = rows[keep[rows]], miss.along_px[keep[rows]]
-            keep[rows] = _find_mainland(matches.first_xy[rows], along)
+            keep[rows] = _find_connected_heights(matches.first_xy[rows], along)
     return matches.select(keep)
 
 
-def _compute_pair_miss(matches: BlockMatches, rows: np.ndarray, images: Sequence[Image]) -> EpipolarMiss:
+def _compute_pair_miss(matches: BlockMatches, rows: np.ndarray, images: Sequence[Image]) -> EpipolarDeviation:
     """Return the deviations of one pair's matches from their epipolar lines, at their median height."""
     first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
     middle = float(np.median(matches.height_m[rows]))
-    return compute_epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
+    return compute_epipolar_deviation(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
 
 
-def _find_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
+def _find_connected_heights(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     """Return the mask of matches that are connected with many others by height steps of terrain and buildings."""
     if len(xy) <= TESTS.island_neighbours:
         return np.ones(len(xy), dtype=bool)
@@ -238,7 +238,7 @@ def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
     stretch = np.zeros(len(matches))
     for (first, second), rows in group_by_pair(matches).items():
         few = rows[:: max(1, len(rows) // 16)]
-        miss = compute_epipolar_miss(
+        miss = compute_epipolar_deviation(
             images[first].rpc, images[second].rpc, matches.first_xy[few], matches.second_xy[few],
             float(np.median(matches.height_m[few])), 1,
         )  # fmt: skip

@@ -61,7 +61,7 @@ class ImageLink(NamedTuple):
     sound: bool
 
 
-class ImageHold(NamedTuple):
+class ImageConnection(NamedTuple):
     """Connection of an image to the others of its block.
 
     links : number of its reliable links; images : number of images connected to it directly or indirectly, with itself
@@ -226,7 +226,7 @@ def _build_adjacency(pairs: np.ndarray, count: int) -> coo_matrix:
     return coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
 
 
-def drop_unsound_links(matches: BlockMatches, links: Sequence[ImageLink]) -> BlockMatches:
+def drop_unreliable_links(matches: BlockMatches, links: Sequence[ImageLink]) -> BlockMatches:
     """Return the matches of reliable links only, in both orders of the images."""
     sound = {frozenset(link[:2]) for link in links if link.sound}
     keep = np.zeros(len(matches), dtype=bool)
@@ -259,10 +259,10 @@ def find_displaced_images(offsets_px: Mapping[NumberPair, float]) -> dict[int, f
     return displaced
 
 
-def summarise_holds(
+def summarise_connections(
     images: Sequence[Image], usable: Sequence[int], links: Sequence[ImageLink], tried: Mapping[int, int],
     reasons: Mapping[int, str],
-) -> tuple[ImageHold, ...]:  # fmt: skip
+) -> tuple[ImageConnection, ...]:  # fmt: skip
     """Return for each usable image its number of reliable links, and the number of images connected with it."""
     sound = [link for link in links if link.sound]
     count = Counter(number for link in sound for number in link[:2])
@@ -275,7 +275,7 @@ def summarise_holds(
                 else f"it has only {link.matches} matches, with {images[other].id}, and no third image confirms them"
             )  # fmt: skip
     return tuple(
-        ImageHold(
+        ImageConnection(
             images[number].id, count[number], together.get(number, 1), int(tried.get(number, 0)),
             "" if count[number] else reasons.get(number, lost.get(number, "no pair of it has consistent matches")),
         )

@@ -16,7 +16,7 @@ from ...block.block import Image
 from ...block.columns import rank_in_groups
 from ...foundation.progress import Progress, stage
 from ...foundation.thresholds import threshold, thresholds
-from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, WorkPart, run_parts
+from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler, WorkPart, run_parts
 from ..tile_matching.features import compute_root_sift, detect_sift_features
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
@@ -70,7 +70,7 @@ class OverviewFeatures:
     also in memory if there is none.
     """
 
-    def __init__(self, parts: Sequence[WorkPart], scheduler: Scheduler, keeper: Keeper | None) -> None:
+    def __init__(self, parts: Sequence[WorkPart], scheduler: Scheduler, keeper: ResultStore | None) -> None:
         self._parts = [replace(part, keep=True) for part in parts]
         self._scheduler, self._keeper = scheduler, keeper
         self._held: dict[str, PartResult] = {}

@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from ...block.block import Image
 from ...block.sliding_footprints import GroundRange
 from ...foundation.workers.scheduling import PartResult
-from ..tile_matching.epipolar import compute_epipolar_miss
+from ..tile_matching.epipolar import compute_epipolar_deviation
 from .coarse import compute_epipolar_lines, reduce_rpc
 from .overlaps import CHOICE
 from .overview import match_in_bands
@@ -77,7 +77,9 @@ def probe_pairs(job: ProbeJob) -> PartResult:
         if not len(pairs):
             continue
         places = xy[usable[pairs[:, 0]]], second_xy[pairs[:, 1]]
-        across = compute_epipolar_miss(first_rpc, second_rpc, *places, 0.5 * (heights.low_m + heights.high_m)).across_px
+        across = compute_epipolar_deviation(
+            first_rpc, second_rpc, *places, 0.5 * (heights.low_m + heights.high_m)
+        ).across_px
         order = np.argsort(across)
         count = np.searchsorted(across[order], across[order] + CHOICE.agreeing_px, side="right") - np.arange(len(order))
         best = int(np.argmax(count))

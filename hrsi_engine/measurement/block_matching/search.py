@@ -11,12 +11,12 @@ from ...block.block import Image
 from ...foundation.errors import InputError, list_ids
 from ...foundation.progress import Progress, stage
 from ...foundation.version import VERSION
-from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, WorkPart, digest, run_parts
+from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler, WorkPart, digest, run_parts
 from ...surface.dem import HeightSurface
 from ..tie_options import AUTOMATIC_CELLS, TIE_SEARCH, TieOptions
 from ..tile_matching.options import TileMatchOptions
 from . import coarse, joining, overlaps
-from .links import ImageLink, drop_unsound_links, find_displaced_images, judge_links
+from .links import ImageLink, drop_unreliable_links, find_displaced_images, judge_links
 from .overlaps import CHOICE, choose_probes, compute_central_views, compute_convergence_deg, find_likely_overlaps
 from .overview import OverviewFeatures, OverviewJob, choose_overview_step, detect_overview_features
 from .pair_choice import PairChoice, Probe, ProbeJob, probe_pairs
@@ -65,7 +65,7 @@ class TieSearch:
 
     def __init__(
         self, images: Sequence[Image], options: TieOptions, surface: HeightSurface | None, scheduler: Scheduler,
-        keeper: Keeper | None, marked: bool = True, earlier: Collection[str] = (),
+        keeper: ResultStore | None, marked: bool = True, earlier: Collection[str] = (),
     ) -> None:  # fmt: skip
         self.images, self.options, self.surface = images, options, surface
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
@@ -259,7 +259,7 @@ class TieSearch:
         """Match images with few links with their most similar images, at positions predicted from all matches."""
         if self.choice is None:
             return False
-        cameras = estimate_relative_cameras(drop_unsound_links(good, links), self.images)
+        cameras = estimate_relative_cameras(drop_unreliable_links(good, links), self.images)
         if cameras is None:
             return False
         sound = {(link.first, link.second) for link in links if link.sound}

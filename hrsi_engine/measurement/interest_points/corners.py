@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.pixel_filters import erode, filter_separable, largest_within, slopes
+from ...foundation.pixel_filters import compute_local_maximum, erode, filter_separable, slopes
 from ...foundation.thresholds import threshold, thresholds
 
 SIMULATED_OBJECTS = "simulated scenes of objects and corners, 2026-11-21 (docs/interest_points_accuracy.md)"
@@ -50,7 +50,7 @@ def make_gaussian_kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
 
 def find_local_maxima(strength: np.ndarray, radius_px: float) -> np.ndarray:
     """Return the mask of pixels that are positive and the maximum within a radius."""
-    return (strength > 0.0) & (strength >= largest_within(strength, radius_px))
+    return (strength > 0.0) & (strength >= compute_local_maximum(strength, radius_px))
 
 
 def mask_usable_surroundings(usable: np.ndarray, distance_px: int) -> np.ndarray:

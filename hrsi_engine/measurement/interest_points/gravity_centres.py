@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS
-from .level_regions import EVEN, find_compact_regions
+from .level_regions import HOMOGENEOUS, find_compact_regions
 from .options import CentreOptions
-from .outlines import Outlines, SlopeImage, interpolate_bilinear, measure_outlines
+from .outlines import GradientImage, Outlines, interpolate_bilinear, measure_outlines
 from .shapes import SHAPE, SHAPES, Shapes, compute_size_tolerance
 from .windows import STATISTICS_HALO_PX, DetectionWindow, ImageStatistics, normalise
 
@@ -99,7 +99,7 @@ def find_gravity_centres(
     regions = regions.select(near_core)
     if not len(regions):
         return []
-    slopes = SlopeImage(window.grey, window.usable, statistics.noise)
+    slopes = GradientImage(window.grey, window.usable, statistics.noise)
     outlines = measure_outlines(slopes, regions)
     # Keep outlines with a sufficient share of clear edges and without a wide gap
     share = outlines.found.sum(axis=1) / outlines.count
@@ -119,7 +119,7 @@ def find_gravity_centres(
     open_rows = np.arange(len(sign))
     shapes = {}
     for kind, fit in SHAPES.items():
-        tried = open_rows if kind != "region" else open_rows[sign[open_rows] != EVEN]
+        tried = open_rows if kind != "region" else open_rows[sign[open_rows] != HOMOGENEOUS]
         shape = fit(outlines.select(tried), slopes, sign[tried])
         shapes[kind] = shape.select(shape.good), tried[shape.good]
         open_rows = np.setdiff1d(open_rows, tried[shape.good])
@@ -170,8 +170,8 @@ def _merge_outlines(
 
 
 def _score_shapes(
-    kind: str, shapes: Shapes, sign: np.ndarray, support: np.ndarray, slopes: SlopeImage, statistics: ImageStatistics,
-    options: CentreOptions,
+    kind: str, shapes: Shapes, sign: np.ndarray, support: np.ndarray, slopes: GradientImage,
+    statistics: ImageStatistics, options: CentreOptions,
 ) -> _CentreCandidates:  # fmt: skip
     """Return the centres of one kind that pass all tests, with their scores."""
     # Median grey values half-way to the edge and outside it, ``(n,)``
@@ -189,7 +189,7 @@ def _score_shapes(
     contrast = inside - outside
     relative = np.abs(contrast) / statistics.deviation_floor
     keep = (shapes.size_px[:, 1] >= options.smallest_px) & (shapes.size_px[:, 0] <= options.largest_px)
-    keep &= (relative >= options.contrast) & ((sign == EVEN) | (sign * contrast < 0.0))
+    keep &= (relative >= options.contrast) & ((sign == HOMOGENEOUS) | (sign * contrast < 0.0))
     limit = CENTRE.centroid_agreement[0] + CENTRE.centroid_agreement[1] * np.sqrt(np.prod(shapes.size_px, axis=1))
     # Grey-weighted centroids (n, 2) over the rotated bounding boxes of the shapes
     step = np.linspace(-0.5, 0.5, CENTRE.centroid_samples)
@@ -202,7 +202,7 @@ def _score_shapes(
     weight = np.clip((interpolate_bilinear(slopes.grey, x, y) - outside[:, None]) / difference[:, None], 0.0, 1.0)
     total = np.maximum(weight.sum(axis=1), 1e-9)
     away = np.stack([(weight * x).sum(axis=1) / total, (weight * y).sum(axis=1) / total], axis=1) - shapes.xy
-    keep &= (sign == EVEN) | (np.hypot(away[:, 0], away[:, 1]) < limit)
+    keep &= (sign == HOMOGENEOUS) | (np.hypot(away[:, 0], away[:, 1]) < limit)
     # Scores 0 … 1: contrast, closed share of the outline, its fit to the shape, accuracy of the centre
     sigma = np.sqrt(np.trace(shapes.covariance_px2, axis1=1, axis2=2) / 2.0)
     scores = (

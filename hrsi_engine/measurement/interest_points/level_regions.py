@@ -23,7 +23,7 @@ from ...foundation.pixel_filters import blur, reduce_by_area, reduce_mask, shoul
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 
-BRIGHT, DARK, EVEN = 1, -1, 0
+BRIGHT, DARK, HOMOGENEOUS = 1, -1, 0
 
 
 @thresholds
@@ -52,7 +52,7 @@ class LevelRegions:
     """Compact regions of a window.
 
     pixels : (k, 2) column, row of the pixels, sorted by region, in the window reduced by ``scale``
-    bounds : (n + 1,) first pixel of each region; scale : (n,); sign : (n,) `BRIGHT`, `DARK` or `EVEN`
+    bounds : (n + 1,) first pixel of each region; scale : (n,); sign : (n,) `BRIGHT`, `DARK` or `HOMOGENEOUS`
     """
 
     pixels: np.ndarray
@@ -98,7 +98,7 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
             steepness = np.hypot(*slopes(reduced, smooth, slope, "reflect"))
             evenness = np.rint(255.0 * REGION.half_slope / (steepness + REGION.half_slope)).astype(np.uint8)
             even = _find_stable_regions(evenness, REGION.even_stable_steps, REGION.even_largest_change, reach)
-            tables.append(_select_compact(even, closed, reach - 2.0 * REGION.even_inset_px, scale, EVEN))
+            tables.append(_select_compact(even, closed, reach - 2.0 * REGION.even_inset_px, scale, HOMOGENEOUS))
     counts = np.concatenate([np.diff(table.bounds) for table in tables])
     return LevelRegions(
         np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
@@ -141,7 +141,7 @@ def _select_compact(
         np.full(len(chosen), sign),
     )  # fmt: skip
     # Ratio of the axes, for even regions that of their edge, which is ``within_px`` outside the region
-    within_px = REGION.even_inset_px if sign == EVEN else 0.0
+    within_px = REGION.even_inset_px if sign == HOMOGENEOUS else 0.0
     starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
     def mean(values: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from ...block.columns import Columns
 from ...foundation import pixel_filters as filters
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
-from .level_regions import EVEN, REGION, LevelRegions
+from .level_regions import HOMOGENEOUS, REGION, LevelRegions
 
 
 @thresholds
@@ -38,7 +38,7 @@ class OUTLINE_SAMPLING:
 
 
 @dataclass(frozen=True, eq=False)
-class SlopeImage:
+class GradientImage:
     """Grey values of a window, reduced by ``scale``, their gradient and its noise; unusable pixels have gradient 0."""
 
     grey: np.ndarray
@@ -61,13 +61,13 @@ class SlopeImage:
         """Smallest gradient of a clear edge."""
         return OUTLINE_SAMPLING.slope_to_noise * self.noise * compute_slope_noise()
 
-    def reduce(self, scale: int) -> SlopeImage:
-        """Return the `SlopeImage` of the image reduced by averaging ``scale`` x ``scale`` pixels."""
+    def reduce(self, scale: int) -> GradientImage:
+        """Return the `GradientImage` of the image reduced by averaging ``scale`` x ``scale`` pixels."""
         if scale == 1:
             return self
         size = self.grey.shape[1] // scale, self.grey.shape[0] // scale
         grey, usable = filters.reduce_by_area(self.grey, size), filters.reduce_mask(self.usable, size)
-        return SlopeImage(grey, usable, self.noise / scale, scale)
+        return GradientImage(grey, usable, self.noise / scale, scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def compute_slope_noise() -> float:
     return float(np.sqrt(np.sum(smooth**2) * np.sum(slope**2)))
 
 
-def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
+def measure_outlines(slopes: GradientImage, regions: LevelRegions) -> Outlines:
     """Return the edge points of all regions."""
     points, normals, counts = _trace_pixel_outlines(regions)
     region = np.repeat(np.arange(len(regions)), counts)
@@ -119,7 +119,7 @@ def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
 
 
 def find_edges_along(
-    slopes: SlopeImage, points: np.ndarray, normals: np.ndarray, sign: np.ndarray, reach_px: float
+    slopes: GradientImage, points: np.ndarray, normals: np.ndarray, sign: np.ndarray, reach_px: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the edge along each normal ``(n, 2)``, its gradient ``(n,)`` and whether it is clear ``(n,)``.
 
@@ -208,7 +208,7 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     outwards = np.add.reduceat(np.sum((points - middle[region]) * normal, axis=1), starts)
     normal *= np.where(outwards < 0.0, -1.0, 1.0)[region, None]
     # the contour connects pixel centres; the edge is half a pixel outside, for even regions farther
-    outside = np.where(regions.sign == EVEN, REGION.even_inset_px, 0.5)[region]
+    outside = np.where(regions.sign == HOMOGENEOUS, REGION.even_inset_px, 0.5)[region]
     return points + outside[:, None] * normal, normal, counts
 
 

@@ -23,7 +23,7 @@ from ..targets.ellipse import (
     iterate_ellipses,
 )
 from .corners import SIMULATED_OBJECTS
-from .outlines import Outlines, SlopeImage, find_edges_along
+from .outlines import GradientImage, Outlines, find_edges_along
 
 
 @thresholds
@@ -105,7 +105,7 @@ def _mean_of_rows(mask: np.ndarray, of: np.ndarray | float) -> np.ndarray:
 # ---- ellipses --------------------------------------------------------------------------------------------------
 
 
-def fit_ellipses(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
+def fit_ellipses(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) -> Shapes:
     """Return the ellipses through outlines; ``sign (n,)`` is that of the outward gradient, 0 for any sign."""
     tried = _mean_of_rows(outlines.found, outlines.count) >= SHAPE.closed_share
     xy, weight = outlines.xy[tried], outlines.found[tried].astype(np.float64)
@@ -121,7 +121,7 @@ def fit_ellipses(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
     return _expand_rows(_remeasure_ellipses(centre[good], Q[good], slopes, sign[tried]), tried)
 
 
-def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
+def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: GradientImage, sign: np.ndarray) -> Shapes:
     # Points on ellipses and outward normals, ``(n, points, 2)``
     semi_axes, azimuth = compute_axes(Q)
     t = 2.0 * np.pi * np.arange(SHAPE.ellipse_points) / SHAPE.ellipse_points
@@ -154,7 +154,7 @@ def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: SlopeImage, s
 
 
 def _measure_edges(
-    slopes: SlopeImage, points: np.ndarray, normals: np.ndarray, sign: np.ndarray
+    slopes: GradientImage, points: np.ndarray, normals: np.ndarray, sign: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return edge points near points ``(n, k, 2)`` along their normals, and the mask of clear ones ``(n, k)``."""
     count = points.shape[1]
@@ -175,7 +175,7 @@ def _expand_rows(shapes: Shapes, rows: np.ndarray) -> Shapes:
 # ---- rectangles ------------------------------------------------------------------------------------------------
 
 
-def fit_rectangles(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
+def fit_rectangles(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) -> Shapes:
     """Return the parallelograms through outlines; normals of four directions belong to the four sides."""
     weight = outlines.found.astype(np.float64)
     angle = np.arctan2(outlines.normal[..., 1], outlines.normal[..., 0])
@@ -276,7 +276,7 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Sha
 # ---- polygons --------------------------------------------------------------------------------------------------
 
 
-def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
+def fit_polygons(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) -> Shapes:
     """Return the polygons of the edge points: centroid, and the diameters of the ellipse with equal moments."""
     count = outlines.found.sum(axis=1)
     order = np.argsort(~outlines.found, axis=1, kind="stable")
@@ -316,6 +316,6 @@ def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
     return Shapes(good, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
 
 
-ShapeFit = Callable[[Outlines, SlopeImage, np.ndarray], Shapes]
+ShapeFit = Callable[[Outlines, GradientImage, np.ndarray], Shapes]
 #: Shapes in the order in which they are tried; the keys are the kinds of points.
 SHAPES: dict[str, ShapeFit] = {"ellipse": fit_ellipses, "rectangle": fit_rectangles, "region": fit_polygons}

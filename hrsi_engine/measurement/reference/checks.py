@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
-from ...block.orthoimage import DEM, ORTHOIMAGE
+from ...block.orthoimage import DEM, ORTHOIMAGE_ERRORS
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from .matching import ImageControl, ReferenceControl
@@ -45,7 +45,7 @@ class ReferenceAccuracy:
     def compute_sigmas(self, ground: np.ndarray) -> tuple[float, float]:
         """Return standard deviations for ``ground (k, 3)`` as independent GCPs, enlarged for the common errors."""
         sigma_h_m = DEM.compute_equivalent_sigma(self.sigma_h_m, ground)
-        return ORTHOIMAGE.compute_equivalent_sigma(self.sigma_xy_m, ground), sigma_h_m
+        return ORTHOIMAGE_ERRORS.compute_equivalent_sigma(self.sigma_xy_m, ground), sigma_h_m
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ def drop_wrong_parts(
             middle[index] = np.mean(own, axis=0)
             spread = [1.57 * robust_sigma(value - at) ** 2 / len(value) for value, at in zip(values, own, strict=True)]
             variance[index] = float(np.sum(spread)) / len(values) ** 2
-    variance += (ORTHOIMAGE.by_part * accuracy.sigma_xy_m) ** 2 + REFERENCE_CHECKS.drift_m**2
+    variance += (ORTHOIMAGE_ERRORS.by_part * accuracy.sigma_xy_m) ** 2 + REFERENCE_CHECKS.drift_m**2
     known = np.flatnonzero(np.isfinite(variance))
     if len(known) < 3:
         return control, []

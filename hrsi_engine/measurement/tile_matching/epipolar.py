@@ -35,7 +35,7 @@ class EPIPOLAR:
     jump_px: float = threshold(8.0, "px", "from that median that buildings and trees explain")
 
 
-class EpipolarMiss(NamedTuple):
+class EpipolarDeviation(NamedTuple):
     """For each match: signed distance across the epipolar line (px), height (m), parallax along the line (px per metre
     of height), and distance along the line (px) from the position at the initial height.
 
@@ -53,10 +53,10 @@ def transfer(source: RPC, target: RPC, xy: np.ndarray, height_m: np.ndarray | fl
     return target.project(source.localize(xy, height_m).ground)
 
 
-def compute_epipolar_miss(
+def compute_epipolar_deviation(
     first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: np.ndarray | float,
     iterations: int = 3,
-) -> EpipolarMiss:  # fmt: skip
+) -> EpipolarDeviation:  # fmt: skip
     """Return distance across the line and height of matches; ``height_m`` is the initial height of the iteration."""
     lowest, highest = first.height_range
     reach = 2.0 * (highest - lowest)
@@ -73,7 +73,7 @@ def compute_epipolar_miss(
         across = direction[:, 0] * miss[:, 1] - direction[:, 1] * miss[:, 0]
         step = np.where(distinct, along / np.maximum(stretch, EPIPOLAR.least_stretch), 0.0)
         height = np.clip(height + step, lowest - reach, highest + reach)
-    return EpipolarMiss(across, height, stretch, np.where(distinct, (height - height_m) * stretch, along))
+    return EpipolarDeviation(across, height, stretch, np.where(distinct, (height - height_m) * stretch, along))
 
 
 def match_descriptors(
@@ -112,7 +112,7 @@ class Consistency(NamedTuple):
     good: np.ndarray
     deviation_px: np.ndarray
     sigma_px: float
-    miss: EpipolarMiss
+    miss: EpipolarDeviation
 
 
 def check_rpc_consistency(
@@ -127,7 +127,7 @@ def check_rpc_consistency(
     Along the lines a match must not differ from its neighbours by more than terrain does. ``unit_px`` is the size of a
     matched pixel in pixels of the image (pyramids); thresholds are in units of it.
     """
-    miss = compute_epipolar_miss(first, second, first_xy, second_xy, height_m)
+    miss = compute_epipolar_deviation(first, second, first_xy, second_xy, height_m)
     across, along = miss.across_px / unit_px, miss.along_px / unit_px
     known = np.isfinite(across) & np.isfinite(miss.height_m)
     nothing = Consistency(np.zeros(len(first_xy), bool), np.full(len(first_xy), np.nan), np.nan, miss)

@@ -315,7 +315,7 @@ def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
     )
     xy = frame.first.to_image(task.points[known])
     offset = float(np.median(fit.miss.across_px[good])) if good.any() else 0.0
-    # Unit vector across the epipolar lines in the second image, with the sign of `compute_epipolar_miss`
+    # Unit vector across the epipolar lines in the second image, with the sign of `compute_epipolar_deviation`
     points = frame.first.to_tile(xy[:: max(1, len(xy) // 50)])
     direction = np.mean(np.einsum("nij,nj->ni", frame.compute_jacobians(points), frame.parallax(points)[0]), axis=0)
     direction /= max(float(np.linalg.norm(direction)), EPIPOLAR.least_stretch)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import sparse
 
-from ...block.block import Role, stack_of
+from ...block.block import Role, stack_rpcs
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
@@ -161,7 +161,7 @@ def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
     places = np.concatenate([(sums / np.maximum(count, 1)[:, None])[measured, None], corners], axis=1)
     heights = np.array([image.middle_height_m for image in block.images])
     which = np.repeat(measured, 5)
-    ground = stack_of(block.images).localize(which, places.reshape(-1, 2), heights[which])
+    ground = stack_rpcs(block.images).localize(which, places.reshape(-1, 2), heights[which])
     cameras = result.cameras
     at = linearise_images(cameras.model, block.images, which, places.reshape(-1, 2), cameras.values, ground)
     by_values = at.by_values.reshape(len(measured), 10, at.by_values.shape[2])  # sample and line of five places
