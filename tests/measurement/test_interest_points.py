@@ -31,11 +31,11 @@ from hrsi.hrsi_engine.measurement.interest_points.gravity_centres import find_gr
 from hrsi.hrsi_engine.measurement.interest_points.level_regions import (
     BRIGHT,
     DARK,
-    EVEN,
+    HOMOGENEOUS,
     REGION,
     LevelRegions,
 )
-from hrsi.hrsi_engine.measurement.interest_points.outlines import OUTLINE_SAMPLING, SlopeImage, measure_outlines
+from hrsi.hrsi_engine.measurement.interest_points.outlines import OUTLINE_SAMPLING, GradientImage, measure_outlines
 from hrsi.hrsi_engine.measurement.interest_points.shapes import SHAPE, compute_size_tolerance
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
 
@@ -339,23 +339,23 @@ def test_objects_have_their_centre_size_direction_and_contrast():
         assert low / 4.0 < sum(squares) < 4.0 * high
 
 
-@pytest.mark.parametrize(("sign", "scale"), [(BRIGHT, 1), (DARK, 1), (BRIGHT, 2), (EVEN, 1)])
+@pytest.mark.parametrize(("sign", "scale"), [(BRIGHT, 1), (DARK, 1), (BRIGHT, 2), (HOMOGENEOUS, 1)])
 def test_edge_points_of_a_disc_lie_on_its_circle(sign: int, scale: int):
     """From a rough region: distances, normals and slopes are those of the blurred edge of a disc of 100 grey values."""
     centre, radius, blur = np.array([31.3, 29.6]), 13.4, 0.6
     y, x = (np.mgrid[: 64 * 8, : 64 * 8] + 0.5) / 8.0 - 0.5
     inside = np.hypot(x - centre[0], y - centre[1]) < radius
     grey = gaussian_filter(100.0 * inside.reshape(64, 8, 64, 8).mean(axis=(1, 3)), blur)
-    slopes = SlopeImage((500.0 + (sign or 1) * grey).astype(np.float32), np.ones((64, 64), dtype=bool), 0.5)
+    slopes = GradientImage((500.0 + (sign or 1) * grey).astype(np.float32), np.ones((64, 64), dtype=bool), 0.5)
     side = 64 // scale
     row, column = np.nonzero(grey.reshape(side, scale, side, scale).mean(axis=(1, 3)) > 70.0)
-    if sign == EVEN:  # what is even ends some pixels before the edge
+    if sign == HOMOGENEOUS:  # what is even ends some pixels before the edge
         row, column = np.nonzero(np.hypot(x - centre[0], y - centre[1])[4::8, 4::8] < radius - REGION.even_inset_px)
     pixels = np.column_stack([column, row]).astype(np.int32)
     regions = LevelRegions(pixels, np.array([0, len(pixels)]), np.array([scale]), np.array([sign]))
     found = measure_outlines(slopes, regions)
     count = int(found.count[0])
-    inner = radius - (REGION.even_inset_px if sign == EVEN else 0.0)
+    inner = radius - (REGION.even_inset_px if sign == HOMOGENEOUS else 0.0)
     assert count == pytest.approx(2.0 * np.pi * inner / scale, rel=0.15)  # about a pixel of the region apart
     assert found.found[0, :count].all() and not found.found[0, count:].any()
     xy, normal = found.xy[0, :count], found.normal[0, :count]

@@ -309,7 +309,9 @@ def test_real_pairs_beat_sift(real_data, name: str):
         tiles.append(ImageTile(grey.astype(np.float32), valid))
     pair_of = TilePairGeometry(images[0].rpc, images[1].rpc, height - 40.0, height + 40.0, margin_px=(20.0, 20.0))
     matches = match_tile(*tiles, pair_of)
-    across = compute_epipolar_deviation(images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height).across_px
+    across = compute_epipolar_deviation(
+        images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height
+    ).across_px
     nmad = 1.4826 * np.median(np.abs(across - np.median(across))) / np.sqrt(2.0)
     print(f"{name}: {len(matches)} matches, NMAD {nmad:.3f} px ({nmad / baseline:.2f} of SIFT's)")
     assert len(matches) >= least
