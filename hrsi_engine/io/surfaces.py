@@ -29,14 +29,14 @@ GROUND_CLASS, NOISE_CLASSES = 2, (7, 18)  # ASPRS LAS 1.4, table 17
 
 @thresholds
 class CLOUD:
-    """Conversion of points to a grid of heights."""
+    """Conversion of a point cloud to a grid of heights."""
 
-    spacings: float = threshold(2.0, "spacings", "side of a cell: four points a cell")
+    spacings: float = threshold(2.0, "spacings", "side of a cell: four points per cell")
     least_cell_m: float = threshold(0.25, "m", "smallest side of a cell")
-    most_cells: int = threshold(16_000_000, "cells", "of the grid: memory")
-    gap: int = threshold(3, "cells", "that gaps between points are interpolated over")
-    batch: int = threshold(2_000_000, "points", "of a cloud read at a time: memory")
-    sample: int = threshold(2_000, "points", "whose distance to the nearest determines the spacing")
+    most_cells: int = threshold(16_000_000, "cells", "largest number (memory)")
+    gap: int = threshold(3, "cells", "largest gap that is interpolated")
+    batch: int = threshold(2_000_000, "points", "points of a cloud read together (memory)")
+    sample: int = threshold(2_000, "points", "number of points from which the spacing is estimated")
 
 
 def open_surface(

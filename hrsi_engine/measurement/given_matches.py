@@ -36,13 +36,13 @@ _LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 p
 
 @thresholds
 class EXTERNAL:
-    """Windows in which given matches are measured again, and their largest errors."""
+    """Windows for measuring given matches again, and their largest errors."""
 
-    window_px: int = threshold(1024, "px", "side of the part of the reference that is matched at a time")
-    border_px: int = threshold(40, "px", "read around matches: half a window of least-squares matching and some room")
-    reach_px: tuple[float, float] = threshold((6.0, 6.0), "px", "least and largest half length of the search")
-    across_px: float = threshold(4.0, "px", "half width of the search, largest miss of a given match", _LEARNED)
-    height_margin_m: float = threshold(10.0, "m", "searched beyond the heights that the given matches cover")
+    window_px: int = threshold(1024, "px", "side of the part of the reference that is matched together")
+    border_px: int = threshold(40, "px", "border around matches: half a matching window and a reserve")
+    reach_px: tuple[float, float] = threshold((6.0, 6.0), "px", "smallest and largest half length of the search")
+    across_px: float = threshold(4.0, "px", "half width of the search: error of given matches", _LEARNED)
+    height_margin_m: float = threshold(10.0, "m", "margin of the search beyond the heights of the given matches")
 
 
 @dataclass(frozen=True, eq=False)

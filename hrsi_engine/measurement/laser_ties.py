@@ -34,14 +34,14 @@ from .tile_matching.types import TilePairGeometry
 
 @thresholds
 class LASER_TIES:
-    """Selection of laser points, and of the tie points measured around them."""
+    """Selection of laser points, and of tie points around them."""
 
-    most_points: int = threshold(2000, "laser points", "looked up in all; more of a track add no information")
-    window_px: int = threshold(384, "px", "side of the window whose laser points are looked up together")
-    radius_m: float = threshold(15.0, "m", "around a laser point", "footprints: ICESat-2 11 m, GEDI 25 m")
-    ties_per_point: int = threshold(6, "ties", "measured at most around one laser point")
-    height_margin_m: float = threshold(8.0, "m", "of the ground from its laser point, camera errors included")
-    margin_px: int = threshold(40, "px", "from the window's edge that matching needs")
+    most_points: int = threshold(2000, "laser points", "largest number in use, of more an even choice")
+    window_px: int = threshold(384, "px", "side of the window whose laser points are measured together")
+    radius_m: float = threshold(15.0, "m", "largest distance of tie points", "footprints: ICESat-2 11 m, GEDI 25 m")
+    ties_per_point: int = threshold(6, "ties", "largest number at a laser point")
+    height_margin_m: float = threshold(8.0, "m", "largest height difference of the ground and its laser point")
+    margin_px: int = threshold(40, "px", "smallest distance of laser points from the image's edge")
 
 
 MATCHED_AT_LASER = TileMatchOptions(features=0, windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))

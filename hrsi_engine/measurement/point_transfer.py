@@ -21,23 +21,23 @@ from .window_matching.windows import DONE, LsmOptions, MatchImage
 
 @thresholds
 class TRANSFER:
-    """Conditions for accepting a point measured in another image."""
+    """Conditions for the measurement of a point of one image in another."""
 
-    smoothing_px: float = threshold(0.7, "px", "Gaussian of both windows, as for tie points")
-    half_px: int = threshold(15, "px", "half the side of the window that is searched")
-    across_px: float = threshold(6.0, "px", "half width of the search across the line of heights, beyond `margin_px`")
-    correlation: float = threshold(0.7, "", "below which nothing is found")
-    rival: float = threshold(0.9, "", "correlation over the best one, above which a second place makes it ambiguous")
-    closure_px: float = threshold(0.5, "px", "between a point and where measuring it back puts it")
-    sigma_px: float = threshold(0.3, "px", "standard deviation above which a position is refused")
+    smoothing_px: float = threshold(0.7, "px", "sigma of the smoothing filter of both windows")
+    half_px: int = threshold(15, "px", "half side of the correlation window")
+    across_px: float = threshold(6.0, "px", "half width of the search across epipolar lines, beyond `margin_px`")
+    correlation: float = threshold(0.7, "", "smallest accepted correlation")
+    rival: float = threshold(0.9, "", "largest ratio of the second and the highest correlation (ambiguity)")
+    closure_px: float = threshold(0.5, "px", "largest difference of the reverse measurement")
+    sigma_px: float = threshold(0.3, "px", "largest accepted standard deviation")
     surroundings: float = threshold(
         0.1, "", "smallest correlation of gradient directions around the window", "3 sigma of 1000 independent pixels"
     )
     deformation: float = threshold(
-        0.12, "", "of a chip's window against the cameras' geometry", "slopes of 30 % at 20 degrees between the views"
+        0.12, "", "largest deformation of a chip relative to the cameras", "slopes of 30 % at 20 degrees between views"
     )
-    finest_px: float = threshold(0.8, "px", "of the second image: windows have no smaller pixels")
-    texture: float = threshold(1e-6, "grey values", "standard deviation of a window below which it shows nothing")
+    finest_px: float = threshold(0.8, "px", "smallest pixel of a window in pixels of the second image")
+    texture: float = threshold(1e-6, "grey values", "smallest standard deviation of grey values in a window")
 
 
 @dataclass(frozen=True)

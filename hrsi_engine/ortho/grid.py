@@ -28,19 +28,19 @@ ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
 
 @thresholds
 class ORTHO:
-    """Pixels of orthoimages: rounding and extent of their grid, and nodes at which it is mapped exactly."""
+    """Grid of orthoimages (rounding, extent), and nodes at which it is mapped exactly."""
 
-    coarser: float = threshold(1.05, "", "rounded resolution over the image's ground sample distance, at most")
-    whole_px: float = threshold(1e-6, "px", "within which an edge lies on the lattice")
-    outline_points: int = threshold(200, "points", "along each side of the outline")
-    margin_px: float = threshold(2.0, "px", "around the outline")
+    coarser: float = threshold(1.05, "", "largest rounded resolution over the image's ground sample distance")
+    whole_px: float = threshold(1e-6, "px", "tolerance for an edge on a whole pixel")
+    outline_points: int = threshold(200, "points", "along each side of an image's outline")
+    margin_px: float = threshold(2.0, "px", "margin around the footprint")
     grid_points: int = threshold(15, "points", "along each side of the grid over an image")
-    lattice_px: int = threshold(32, "px", "between positions of the map projection; also the largest step")
-    checked_pixels: int = threshold(400, "px", "of each chunk, at random")
-    unknown_grid: int = threshold(65, "positions", "along each side of a chunk where missing heights are counted")
-    batch: int = threshold(16384, "nodes", "in the processor's cache", "measured for speed, 2026-11-21")
-    most_cells: int = threshold(4_000_000, "cells", "held below a chunk; heights of finer terrain are taken one by one")
-    straight: float = threshold(0.01, "", "of the error asked for, below which curvature with the height is left out")
+    lattice_px: int = threshold(32, "px", "spacing of positions with exact map projection; also the largest step")
+    checked_pixels: int = threshold(400, "px", "random pixels of each chunk at which the error is tested")
+    unknown_grid: int = threshold(65, "positions", "along each side of a chunk, for counting missing heights")
+    batch: int = threshold(16384, "nodes", "computed together (processor's cache)", "measured for speed, 2026-11-21")
+    most_cells: int = threshold(4_000_000, "cells", "most DEM cells for a chunk; of more, heights are read singly")
+    straight: float = threshold(0.01, "", "part of the error up to which the curvature of rays is neglected")
 
 
 class GridWindow(NamedTuple):

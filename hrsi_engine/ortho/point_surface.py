@@ -23,21 +23,21 @@ from ..surface.grid_surface import GridSurface
 
 @thresholds
 class POINT_SURFACE:
-    """Interpolation of a surface from scattered points, and rejection of blunders."""
+    """Interpolation of a surface from scattered points, and rejection of outliers."""
 
-    neighbours: int = threshold(12, "points", "with whose median height a point is compared")
-    blunder: float = threshold(6.0, "sigma", "robust; farther from that median, a point is suspect")
-    companions: int = threshold(3, "points", "among them at its own height that excuse it: a roof")
-    cells_per_spacing: float = threshold(5.0, "cells", "of the surface along the points' mean spacing")
-    most_cells: int = threshold(9_000_000, "cells", "of the surface: memory")
-    margin: float = threshold(200.0, "spacings", "that the surface continues around the points")
-    fitted: int = threshold(20, "points", "that a plane is fitted to")
-    nearest: int = threshold(5, "points", "whose distance determines the width of the weights")
-    width: float = threshold(0.33, "", "Gaussian of the weights over that distance")
+    neighbours: int = threshold(12, "points", "whose median height a point is compared with")
+    blunder: float = threshold(6.0, "sigma", "largest deviation from that median, in robust sigmas")
+    companions: int = threshold(3, "points", "neighbours of equal height with which it is kept (a roof)")
+    cells_per_spacing: float = threshold(5.0, "cells", "cells of the surface per mean spacing of points")
+    most_cells: int = threshold(9_000_000, "cells", "largest number (memory)")
+    margin: float = threshold(200.0, "spacings", "largest extrapolation around the points")
+    fitted: int = threshold(20, "points", "number in the fit of a plane")
+    nearest: int = threshold(5, "points", "the farthest of so many determines the weights' width")
+    width: float = threshold(0.33, "", "sigma of the Gaussian weights over that distance")
     slope_sigma: float = threshold(0.3, "m/m", "a priori standard deviation of the ground's slope")
-    scatters: tuple[float, ...] = threshold((16.0, 8.0, 4.0, 2.0, 1.0, 1.0), "", "scatter of each round", "Blake 1987")
-    batch: int = threshold(16384, "nodes", "fitted at a time: memory")
-    least_scatter_m: float = threshold(0.1, "m", "robust standard deviation of heights about planes, at least")
+    scatters: tuple[float, ...] = threshold((16.0, 8.0, 4.0, 2.0, 1.0, 1.0), "", "robust scales in turn", "Blake 1987")
+    batch: int = threshold(16384, "nodes", "computed together (memory)")
+    least_scatter_m: float = threshold(0.1, "m", "smallest robust standard deviation of heights about planes")
 
 
 def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = None) -> tuple[GridSurface, int]:

@@ -32,31 +32,27 @@ OF_SENSORS = "describes the published accuracies of the module's table"
 
 @thresholds
 class ACCURACY:
-    """Errors that RPCs of satellite images can have, and errors that are too large for any RPC."""
+    """A priori accuracy of RPCs, and errors that are too large for any RPC."""
 
-    unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift where the product states none", OF_SENSORS)
-    unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both applies", OF_SENSORS)
-    least_sigma_px: float = threshold(3.0, "px", "a stated sigma of the shift (ERR_BIAS) is raised to this", SIMULATED)
-    least_sigma_m: float = threshold(2.0, "m", "the same in metres", SIMULATED)
-    large_shift_sigmas: float = threshold(10.0, "sigma", "a larger shift is reported where no CE90 is known", SIMULATED)
-    biased_ce90: float = threshold(2.0, "CE90", "a larger shift of an image is reported as a bias of its RPC")
-    most_biased_ce90: float = threshold(
-        10.5, "CE90", "up to this, a shift that is equal for all points is a bias of the RPC"
-    )
+    unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift if the product states none", OF_SENSORS)
+    unknown_sigma_m: float = threshold(15.0, "m", "… in metres; the larger one is used", OF_SENSORS)
+    least_sigma_px: float = threshold(3.0, "px", "smallest sigma of a shift (ERR_BIAS) in use", SIMULATED)
+    least_sigma_m: float = threshold(2.0, "m", "… in metres", SIMULATED)
+    large_shift_sigmas: float = threshold(10.0, "sigma", "shift without known CE90 that is reported", SIMULATED)
+    biased_ce90: float = threshold(2.0, "CE90", "shift of an image that is reported as a bias of its RPC")
+    most_biased_ce90: float = threshold(10.5, "CE90", "largest shift common to all points that is a bias of the RPC")
     unwritten_sigmas: float = threshold(
-        30.0, "sigma", "beyond this and the last one, no refined RPC is written",
-        "ten times Pleiades' published CE90, 26 sigma of what its simulated RPCs state (docs/biased_rpcs.md)",
+        30.0, "sigma", "shift beyond which, and beyond `most_biased_ce90`, no refined RPC is written", "ten times the "
+        "published CE90 of Pleiades, 26 sigma of its simulated RPCs (docs/biased_rpcs.md)"
     )  # fmt: skip
-    large_drift_sigmas: float = threshold(10.0, "sigma", "largest drift, of a drift that the user states", SIMULATED)
-    impossible_shift_sigmas: float = threshold(
-        15.0, "sigma", "largest possible error of an RPC, with the next one", SIMULATED
-    )
-    impossible_shift_m: float = threshold(500.0, "m", "the same in metres", SIMULATED)
+    large_drift_sigmas: float = threshold(10.0, "sigma", "largest drift relative to the user's sigma", SIMULATED)
+    impossible_shift_sigmas: float = threshold(15.0, "sigma", "largest possible shift by an RPC, or …", SIMULATED)
+    impossible_shift_m: float = threshold(500.0, "m", "… in metres", SIMULATED)
     misfit_px: float = threshold(
-        15.0, "px", "largest difference among the points of one image by measuring and drift", SIMULATED
+        15.0, "px", "largest difference between points of one image by measurement errors and drift", SIMULATED
     )
-    usual_drift: float = threshold(3e-4, "px/px", "sigma of the change of an RPC's error over its image", SIMULATED)
-    largest_drift: float = threshold(1e-3, "px/px", "largest such change", SIMULATED)
+    usual_drift: float = threshold(3e-4, "px/px", "sigma of the drift of an RPC over its image", SIMULATED)
+    largest_drift: float = threshold(1e-3, "px/px", "largest drift", SIMULATED)
 
 
 @dataclass(frozen=True)

@@ -30,16 +30,14 @@ from .accuracy import SIMULATED, ImageAccuracy
 
 @thresholds
 class CONTROL_FIT:
-    """Limits within which surveyed points fit the images on which they are measured."""
+    """Limits for the agreement of surveyed points with the images on which they are measured."""
 
-    least_noise_px: float = threshold(0.3, "px", "smaller sigmas of measurements are raised to it")
-    agreeing_share: float = threshold(0.7, "", "share of an image's points that agree where the image fits", SIMULATED)
-    usual_scatter: float = threshold(2.5, "", "largest robust scatter of right blocks over the expected one", SIMULATED)
-    most_freedom: int = threshold(5, "points", "independent misfits of an image: a drift relates the rest", SIMULATED)
-    agreeing_sigmas: float = threshold(
-        8.0, "sigma", "a point with an error of fewer expected residuals agrees", SIMULATED
-    )
-    linear_cost_sigmas: float = threshold(10.0, "sigma", "the cost of a larger shift is its logarithm", SIMULATED)
+    least_noise_px: float = threshold(0.3, "px", "smallest sigma of a measurement in these tests")
+    agreeing_share: float = threshold(0.7, "", "smallest share of agreeing points of an image that fits", SIMULATED)
+    usual_scatter: float = threshold(2.5, "", "largest robust scatter over the expected one", SIMULATED)
+    most_freedom: int = threshold(5, "points", "largest redundancy of an image in the cost (drift)", SIMULATED)
+    agreeing_sigmas: float = threshold(8.0, "sigma", "largest error of an agreeing point", SIMULATED)
+    linear_cost_sigmas: float = threshold(10.0, "sigma", "shift beyond which its cost is logarithmic", SIMULATED)
 
 
 NOWHERE_M = 2e7  # distance of a point without a ray: half round the Earth
@@ -247,14 +245,14 @@ def fit_control(
 
 @thresholds
 class GROUP:
-    """Limits beyond which surveyed points disagree with the others: single points, or two clusters of misfits."""
+    """Limits for surveyed points that disagree with the others, singly or as a cluster of misfits."""
 
-    gap_ratio: float = threshold(8.0, "", "gap of two clusters, or distance of a point, over their spread", SIMULATED)
-    least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap, in expected misfits", SIMULATED)
-    least_gap_px: float = threshold(2.0, "px", "smallest gap, in pixels on the ground", SIMULATED)
-    fewest_points: int = threshold(4, "points", "fewer cannot be separated")
-    directions: int = threshold(12, "directions", "horizontal directions along which clusters are sought")
-    least_lean: float = threshold(0.02, "m/m", "rays that deviate less from the mean of the others determine no height")
+    gap_ratio: float = threshold(8.0, "", "smallest gap of two clusters or points over their spread", SIMULATED)
+    least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap in expected misfits", SIMULATED)
+    least_gap_px: float = threshold(2.0, "px", "smallest gap in pixels on the ground", SIMULATED)
+    fewest_points: int = threshold(4, "points", "fewest that are tested")
+    directions: int = threshold(12, "directions", "directions in plan in which clusters are sought")
+    least_lean: float = threshold(0.02, "m/m", "smallest difference of a ray's slope from the others' for a height")
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,27 +31,25 @@ from .mistakes import PIXEL_MISTAKES, RPC_MISTAKES, Mistake, estimate_common_lif
 class MISTAKE:
     """Limits for naming a typical input error (a mistake) as the cause of a misfit of the surveyed points."""
 
-    fewest_points: int = threshold(2, "points", "that prove an input error")
+    fewest_points: int = threshold(2, "points", "fewest for a proven input error")
     most_listed: int = threshold(4, "", "candidate input errors that are listed where none is certain")
     certain_cost: float = threshold(
-        50.0, "", "an input error that lowers the cost by more makes the input unusable", SIMULATED
+        50.0, "", "decrease of the cost from which an input error makes the input unusable", SIMULATED
     )
     least_cost: float = threshold(
-        22.0, "", "gain of a named input error: by chance 1 in 10 000", "theory: likelihood ratio"
+        22.0, "", "smallest decrease of the cost by an input error: by chance 1 in 10 000", "theory: likelihood ratio"
     )
-    least_lead: float = threshold(
-        6.0, "", "cost by which the named input error must be better than every other", SIMULATED
-    )
+    least_lead: float = threshold(6.0, "", "smallest lead of the input error over all others, in cost", SIMULATED)
     suspicious_sigmas: float = threshold(
-        3.5, "sigma", "shifts or a common height beyond: input errors are tested", SIMULATED
+        3.5, "sigma", "shifts or common height beyond which input errors are tested", SIMULATED
     )
-    explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift that an input error may leave", SIMULATED)
-    explained_scatter: float = threshold(12.0, "", "largest scatter over the expected that it may leave", SIMULATED)
-    explained_share: float = threshold(0.02, "", "or this share of shift or scatter before it was undone", SIMULATED)
-    wrong_share: float = threshold(0.25, "", "share of the GCPs, or of all points, whose errors make surveys unusable")
-    height_sigmas: float = threshold(6.0, "sigma", "a larger common height offset of surveys is reported", SIMULATED)
+    explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift after the correction", SIMULATED)
+    explained_scatter: float = threshold(12.0, "", "largest scatter after it over the expected one", SIMULATED)
+    explained_share: float = threshold(0.02, "", "or this share of shift or scatter before it", SIMULATED)
+    wrong_share: float = threshold(0.25, "", "share of GCPs, or of all points, whose errors make surveys unusable")
+    height_sigmas: float = threshold(6.0, "sigma", "common height offset of surveys that is reported", SIMULATED)
     few_points_gain: float = threshold(
-        3.0, "", "ratio by which an input error of few points improves their residuals", SIMULATED
+        3.0, "", "smallest improvement of residuals by the input error of a few points", SIMULATED
     )
 
 

@@ -21,12 +21,12 @@ from .control import ControlMeasurements, StraightRays, compute_sightlines
 
 @thresholds
 class IDENTITY:
-    """Limits for assigning measurements to other points or images than their ids state."""
+    """Limits for permutations of the ids of points and images."""
 
-    most_points: int = threshold(400, "points", "permutations of more are not tested: the cost grows with the square")
-    most_images: int = threshold(12, "images", "permutations of more are not tried")
-    sampled_points: int = threshold(12, "points", "of each image, that judge a permutation of images")
-    position_sigmas: float = threshold(5.0, "sigma", "of the RPC, within which a measurement may belong to a survey")
+    most_points: int = threshold(400, "points", "largest number whose permutations are tested (quadratic cost)")
+    most_images: int = threshold(12, "images", "largest number whose permutations are tested")
+    sampled_points: int = threshold(12, "points", "largest number of each image in this test")
+    position_sigmas: float = threshold(5.0, "sigma", "largest distance of a measurement from a survey with similar id")
 
 
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:

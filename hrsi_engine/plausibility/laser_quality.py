@@ -15,17 +15,17 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 @thresholds
 class LASER_QUALITY:
-    """Limits for leaving out a laser point before the adjustment. Those kept are weighted by how well they fit."""
+    """Limits for laser points that are used in the adjustment; residuals reduce the weights there."""
 
-    sigma_m: float = threshold(1.0, "m", "largest standard deviation that its file states")
-    misfit_m: float = threshold(1.0, "m", "largest spread of its photons about the fitted segment")
+    sigma_m: float = threshold(1.0, "m", "largest stated standard deviation")
+    misfit_m: float = threshold(1.0, "m", "largest spread of the photons about the fitted segment")
     photons: float = threshold(10.0, "photons", "fewest photons of a segment")
-    slope: float = threshold(0.3, "m/m", "steepest ground on the track: the plan position is known to some metres only")
-    canopy_m: float = threshold(3.0, "m", "highest vegetation: below, an image still shows the ground between plants")
-    neighbours: int = threshold(8, "points", "neighbours on the track with which a point is compared")
-    neighbour_reach_m: float = threshold(150.0, "m", "farthest of them")
-    neighbour_slope: float = threshold(0.3, "m/m", "height per distance by which neighbours may differ")
-    neighbour_sigmas: float = threshold(5.0, "sigma", "beyond, a point is an outlier of its track")
+    slope: float = threshold(0.3, "m/m", "steepest ground along the track: errors in plan are metres")
+    canopy_m: float = threshold(3.0, "m", "greatest height of vegetation; below it the ground is visible in images")
+    neighbours: int = threshold(8, "points", "neighbours along the track in the test of a point")
+    neighbour_reach_m: float = threshold(150.0, "m", "largest distance of a neighbour")
+    neighbour_slope: float = threshold(0.3, "m/m", "allowed height difference per distance of neighbours")
+    neighbour_sigmas: float = threshold(5.0, "sigma", "largest deviation from neighbours, in addition")
 
 
 def find_laser_reasons(points: LaserPoints) -> np.ndarray:

@@ -24,20 +24,20 @@ from .mistakes import FEET_M, find_undulations
 
 @thresholds
 class PLACEMENT:
-    """Limits for the positions of points, heights and a DEM relative to the images."""
+    """Limits for the positions of image points, heights and a DEM relative to the images."""
 
-    far_outside: float = threshold(0.5, "", "share of the image's size by which a point outside was not measured on it")
-    edge_slack_px: float = threshold(1.5, "px", "slack at the edge, for images whose pixels count from 1")
+    far_outside: float = threshold(0.5, "", "distance of a point outside an image, over its size, that is an error")
+    edge_slack_px: float = threshold(1.5, "px", "tolerance at the edge, for coordinates that begin at 1")
     many_outside: float = threshold(0.5, "", "share of an image's points outside it that is reported")
-    cut_share: float = threshold(0.95, "", "an image smaller than this share of an extent that begins with it is cut")
+    cut_share: float = threshold(0.95, "", "share of an RPC's extent below which an image without surveys is a crop")
     bent_px: float = threshold(
-        0.01, "px", "rays bent by more are tried in the order of RPC00A",
-        "60 vendor RPCs of 12 sensors: medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25",
+        0.01, "px", "curvature of rays beyond which the order of RPC00A is tested", "60 vendor RPCs of 12 sensors: "
+        "medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25"
     )  # fmt: skip
-    straight_share: float = threshold(0.05, "", "and by less than this share of it in the right order")
-    several_points: int = threshold(4, "points", "fewer are no pattern")
-    range_slack: float = threshold(0.1, "", "share of the RPC's height range that heights may lie beyond it")
-    range_slack_m: float = threshold(50.0, "m", "the same in metres; the larger of both applies")
+    straight_share: float = threshold(0.05, "", "… and share that must remain in the right order")
+    several_points: int = threshold(4, "points", "fewest that are tested")
+    range_slack: float = threshold(0.1, "", "tolerance of the RPC's height range, relative to it")
+    range_slack_m: float = threshold(50.0, "m", "… in metres; the larger one is used")
     height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM should cover")
     coverage_grid: int = threshold(5, "points", "grid points along each side of an image at which the DEM is asked")

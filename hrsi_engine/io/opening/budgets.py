@@ -108,23 +108,23 @@ class RASTER_BUDGETS:
 
 @thresholds
 class GROUND_HEIGHTS:
-    """Possible heights of the ground."""
+    """Range of the heights of the ground; heights outside it are refused."""
 
-    lowest_m: float = threshold(-12_000.0, "m", "lowest height", "the deepest trench and the error of a datum")
-    highest_m: float = threshold(9_000.0, "m", "greatest height", "the highest mountain and the error of a datum")
+    lowest_m: float = threshold(-12_000.0, "m", "lowest height", "deepest trench, and a datum's error")
+    highest_m: float = threshold(9_000.0, "m", "greatest height", "highest mountain, and a datum's error")
     no_data_m: float = threshold(
-        -9999.0, "m", "height that means nodata in files that do not declare it",
-        "no ground that images show is so deep",
+        -9999.0, "m", "height that means nodata in files that do not declare it", "images show no ground as deep as "
+        "this"
     )  # fmt: skip
 
 
 @thresholds
 class RPC_BUDGETS:
-    """Possible offsets, scales and coefficients of an RPC."""
+    """Ranges of the offsets, scales and coefficients of an RPC; others are refused."""
 
-    image_px: float = threshold(1e8, "px", "largest offset, scale, or position of a point along samples and lines")
+    image_px: float = threshold(1e8, "px", "largest image offset or scale, and sample or line of a point")
     lat_off_deg: float = threshold(90.0, "deg", "largest latitude offset", "the pole")
-    long_off_deg: float = threshold(540.0, "deg", "largest longitude offset", "counted to 360 or around the date line")
+    long_off_deg: float = threshold(540.0, "deg", "largest longitude offset", "0 to 360, or across the date line")
     lat_scale_deg: float = threshold(180.0, "deg", "largest latitude scale", "from pole to pole")
     long_scale_deg: float = threshold(360.0, "deg", "largest longitude scale", "a whole turn")
     height_m: float = threshold(1e5, "m", "largest height offset and scale")
@@ -132,10 +132,10 @@ class RPC_BUDGETS:
     least_ground_scale_deg: float = threshold(1e-9, "deg", "smallest scale of latitudes and longitudes")
     least_height_scale_m: float = threshold(1e-3, "m", "smallest scale of heights")
     denominator: float = threshold(
-        1e3, "", "largest coefficient of a denominator relative to its constant term",
-        "the constant term is 1 in the files of all vendors; beyond, the denominator would pass zero",
+        1e3, "", "largest coefficient of a denominator relative to its constant term", "the constant term is 1 in the "
+        "files of all vendors; with larger coefficients the denominator becomes zero"
     )  # fmt: skip
-    coefficient: float = threshold(1e9, "", "largest coefficient", "crops with a scene's scales have some 1e3")
+    coefficient: float = threshold(1e9, "", "largest coefficient", "about 1e3 in crops with a scene's scales")
 
 
 #: For each number of an RPC: largest magnitude of an offset, or smallest and largest value of a scale.

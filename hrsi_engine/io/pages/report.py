@@ -101,11 +101,11 @@ LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
 
 @thresholds
 class PAGE_NUMBERS:
-    """Decimals of numbers on pages, and compression and fill of pictures."""
+    """Decimals of numbers in reports, and quality of their pictures."""
 
     decimals: int = threshold(5, "digits", "most decimals; smaller numbers get a power of ten")
-    jpeg_quality: int = threshold(70, "", "quality of JPEG")
-    fill_grey: int = threshold(236, "grey value", "grey of pixels without a value", "near the page's white")
+    jpeg_quality: int = threshold(70, "", "JPEG quality of pictures")
+    fill_grey: int = threshold(236, "grey value", "grey value of invalid pixels", "near the page's white")
 
 
 def write_page(

@@ -34,20 +34,20 @@ class PROJECTS:
     """Sizes, margins and resolutions of projects for other programs."""
 
     most_nodes: int = threshold(
-        1000, "nodes", "of the initial DEM along each side", "a start for matching needs no more"
+        1000, "nodes", "largest number of nodes along a side of the initial DEM", "sufficient as a start of matching"
     )
-    node_pixels: float = threshold(4.0, "px", "of the images, distance of the initial DEM's nodes at least")
-    margin: float = threshold(0.25, "", "of the area's extent, by which the initial DEM reaches beyond it")
-    margin_deg: float = threshold(0.02, "deg", "by which the initial DEM reaches farther still")
-    dsm_pixels: float = threshold(4.0, "px", "of the images, cell of a surface model", "advice of ASP's handbook")
-    outline_nodes: int = threshold(21, "nodes", "along each side of an area that is carried into an image")
-    held_out_of: int = threshold(8, "views", "of which one is held out, to judge a reconstruction", "custom of LLFF")
-    stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "of the grey values, shown from black to white")
-    volume_layers: int = threshold(5, "layers", "of points between the lowest and the highest height of the volume")
+    node_pixels: float = threshold(4.0, "px", "smallest spacing of the initial DEM in image pixels")
+    margin: float = threshold(0.25, "", "margin of the initial DEM relative to the area's extent")
+    margin_deg: float = threshold(0.02, "deg", "further margin of the initial DEM")
+    dsm_pixels: float = threshold(4.0, "px", "cell of a surface model in image pixels", "advice of ASP's handbook")
+    outline_nodes: int = threshold(21, "nodes", "points along each side of an area that are projected")
+    held_out_of: int = threshold(8, "views", "one of so many views is held out for a test", "custom of LLFF")
+    stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles shown black and white")
+    volume_layers: int = threshold(5, "layers", "layers of points from the lowest to the greatest height")
     perspective_px: float = threshold(
-        0.5, "px", "between a perspective camera and its RPC, beyond which a message is given", "as COLMAP filters"
+        0.5, "px", "largest difference of a perspective camera from its RPC without a message", "as COLMAP filters"
     )
-    height_margin_m: float = threshold(30.0, "m", "below and above the terrain, of the volume that is modelled")
+    height_margin_m: float = threshold(30.0, "m", "margin of the modelled volume below and above the terrain")
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,11 +24,11 @@ from ..opening.budgets import RASTER_BUDGETS
 
 @thresholds
 class MAP_GRID:
-    """When a raster extends around the Earth, and when an image on a map grid has the RPC of its own pixels."""
+    """Conditions for a raster to extend around the Earth, and for an RPC to agree with an image's map grid."""
 
-    turn_columns: float = threshold(1e-3, "columns", "by which a raster round the Earth may miss a whole turn")
+    turn_columns: float = threshold(1e-3, "columns", "largest difference of a raster's columns from a full circle")
     step_share: float = threshold(
-        0.03, "", "by which a step of a pixel may come back as another one through map and RPC", "map products: 0.002"
+        0.03, "", "largest relative difference of a pixel's step on the map and by the RPC", "map products: 0.002"
     )
 
 

@@ -32,13 +32,13 @@ RPC_SUFFIX = "_rpc"
 
 @thresholds
 class OPEN_IMAGES:
-    """Number of images that are kept open, and of pixels that are read at once."""
+    """Number of images that are kept open, and of pixels read together."""
 
     open_per_thread: int = threshold(
         32, "files", "most files that a thread keeps open", "a block of a thousand images must not keep all of them in "
         "memory"
     )  # fmt: skip
-    strip_pixels: int = threshold(4_000_000, "px", "read at once of an image wanted at a lower resolution", "memory")
+    strip_pixels: int = threshold(4_000_000, "px", "pixels read together for a reduced image", "memory")
 
 
 _open_datasets = threading.local()

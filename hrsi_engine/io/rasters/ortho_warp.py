@@ -35,13 +35,13 @@ class CHUNKS:
     columns_per_row: int = threshold(
         2, "px/px", "columns of a chunk for each row", "what GDAL does once for a chunk costs as much as about 50 rows"
     )
-    least_rows: int = threshold(128, "px", "fewest rows of a chunk")
-    same_size: float = threshold(1.5, "", "share by which a chunk's part of the image may be longer than a tile")
+    least_rows: int = threshold(128, "px", "smallest number of rows of a chunk")
+    same_size: float = threshold(1.5, "", "largest side of a chunk in the image, relative to a tile")
     warped_share: float = threshold(
-        0.85, "", "share of the time that the chunks of a COG take; the rest goes into the finished format", "measured"
+        0.85, "", "share of the chunks of a COG in the running time; the rest writes the final format", "measured"
     )
     same_scale: float = threshold(
-        1.05, "", "a pixel of the map up to so many times as long counts as one of the image", "as GDAL's warper"
+        1.05, "", "pixel of the map over that of the image up to which both are equal", "as GDAL's warper"
     )
 
 

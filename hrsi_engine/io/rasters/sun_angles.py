@@ -52,10 +52,10 @@ _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT",
 
 @thresholds
 class SUN:
-    """Which acquisition times are plausible."""
+    """Limit for plausible acquisition times."""
 
     lowest_deg: float = threshold(
-        2.0, "deg", "lowest sun that images are taken by; a lower one means that the time is not that of the image"
+        2.0, "deg", "smallest sun elevation of images; a lower sun shows that the time is not that of the acquisition"
     )
 
 

@@ -36,19 +36,19 @@ Geotransform = tuple[float, float, float, float, float, float]
 
 @thresholds
 class CROPS:
-    """How the place of a crop in its scene is determined from its geotransform and the RPC next to it."""
+    """Limits for the position of a crop in its scene, from its geotransform and the RPC next to it."""
 
-    range_share: float = threshold(0.02, "", "share of the RPC's range by which it may end inside the image")
+    range_share: float = threshold(0.02, "", "tolerance of the ends of an RPC's range, relative to the range")
     pixel_scales: tuple[float, float] = threshold(
-        (1.0 / 32.0, 128.0), "scene px", "shortest and longest pixel of an image of a scene"
+        (1.0 / 32.0, 128.0), "scene px", "smallest and largest pixel of an image, in pixels of its scene"
     )
-    same_end_share: float = threshold(0.05, "", "share by which a scene and an image of all of it may differ in size")
+    same_end_share: float = threshold(0.05, "", "largest relative difference in size of a scene and its image")
     first_px: float = threshold(
-        2.0, "px", "of a crop with another pixel size: an origin nearer to that of the scene is ambiguous"
+        2.0, "px", "smallest origin of a crop with another pixel size; below, the RPC's origin is ambiguous"
     )
-    turned_px: float = threshold(1e-3, "px", "largest difference to which an RPC follows a turned or sheared crop")
+    turned_px: float = threshold(1e-3, "px", "largest error of the RPC of a rotated or sheared crop")
     chip_corner_px: float = threshold(
-        1e-6, "px", "largest misfit of a shift and scale to the corners in ICHIPB of a NITF file", "rounding of the "
+        1e-6, "px", "largest residual of a shift and scale at the corners in ICHIPB of a NITF file", "rounding of the "
         "fields"
     )  # fmt: skip
 

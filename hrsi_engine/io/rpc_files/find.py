@@ -49,9 +49,9 @@ SENSOR_ITEM, HEIGHT_ITEM = "HRSI_SENSOR", "HRSI_GROUND_HEIGHT_M"
 
 @thresholds
 class RPC_SOURCES:
-    """When two sources of an image's RPC are equal."""
+    """Limits for equal RPCs from two sources."""
 
-    same_px: float = threshold(0.01, "px", "largest difference of two writings of one RPC", "the digits of the formats")
+    same_px: float = threshold(0.01, "px", "largest difference of one RPC in two files", "digits of the formats")
     gdal_rounding_px: float = threshold(1e-4, "px", "largest difference by GDAL's rounding to 15 digits")
 
 

@@ -31,16 +31,16 @@ SIZE_ITEM, SIZE_TEXT = "HRSI_CROP_SIZE", "{},{}"
 
 @thresholds
 class IGNORED_RESAMPLING:
-    """When the size of an image and its RPC show a resampling that the RPC ignores."""
+    """Limits for the detection of a resampling of the image that its RPC ignores."""
 
-    same_px: float = threshold(1e-3, "px", "largest difference of an RPC from the one that is looked for")
+    same_px: float = threshold(1e-3, "px", "largest difference from the RPC expected")
     factor: float = threshold(1.05, "", "smallest factor of a resampling that is detected from the range of an RPC")
     same_factor: float = threshold(
         0.003, "", "largest difference of the factors along samples and lines", "centres of vendors' RPCs"
     )
-    begin_share: float = threshold(0.1, "", "share of half an image by which an RPC of all of it may begin elsewhere")
+    begin_share: float = threshold(0.1, "", "largest offset of an RPC's range from the first pixel, in half images")
     gross_px: float = threshold(
-        1.0, "px", "offset beyond which an adjustment is doubtful", "less is a shift, which every model takes up"
+        1.0, "px", "smallest error with which an adjustment is unreliable", "a shift is corrected by every model"
     )
     whole: float = threshold(1e-4, "px", "largest difference from a whole number of pixels", "15 digits of GDAL")
 

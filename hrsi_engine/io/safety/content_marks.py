@@ -22,16 +22,16 @@ class CONTENT_SAMPLING:
     """Parts of a file that are hashed to distinguish its states."""
 
     whole_bytes: int = threshold(
-        64 * 2**20, "byte", "a file with its side files up to this size is hashed whole", "a larger one takes too long"
+        64 * 2**20, "byte", "size up to which a file and its side files are hashed completely", "larger: too long"
     )
     edge_bytes: int = threshold(
         2**20, "byte", "length of the beginnings and ends of all files together", "headers and tables of tiles"
     )
-    least_edge_bytes: int = threshold(4096, "byte", "least length of the beginning and the end of one file")
+    least_edge_bytes: int = threshold(4096, "byte", "smallest length of the beginning and the end of a file")
     blocks: int = threshold(512, "blocks", "blocks spread over all files together")
     block_bytes: int = threshold(16 * 2**10, "byte", "length of a block")
     remote_bytes: int = threshold(
-        2**14, "byte", "beginning of a file behind a server that counts", "what GDAL reads of a remote file in any case"
+        2**14, "byte", "length of the beginning of a remote file that is compared", "what GDAL reads of it in any case"
     )
 
 

@@ -33,11 +33,11 @@ class REPLACING:
 
     copy_bytes: int = threshold(64 * 2**20, "byte", "length of the parts in which a file is copied")
     many_files: int = threshold(
-        100, "files", "beyond, the whole file system is flushed once instead of each file", "a flush takes some ms"
+        100, "files", "number of files above which the file system is flushed once, not each file", "a flush takes ms"
     )
-    lock_patience_s: float = threshold(0.1, "s", "a lock held for longer is that of a run, not of one that looks")
+    lock_patience_s: float = threshold(0.1, "s", "time after which a locked folder is that of another run")
     old_s: float = threshold(
-        7 * 86_400.0, "s", "age beyond which what another machine left unfinished on a shared disk counts as dead"
+        7 * 86_400.0, "s", "age at which unfinished files of another machine on a shared disk are abandoned"
     )
 
 

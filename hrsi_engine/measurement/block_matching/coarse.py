@@ -34,24 +34,22 @@ _CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
 
 @thresholds
 class COARSE:
-    """Conditions for agreement of the features of two overviews, and properties of the pair derived from them."""
+    """Conditions for matches of two overviews, and accuracy of the offsets and heights derived from them."""
 
-    enough: int = threshold(60, "matches", "that agree, from which no other contrast is tried", _CONTRASTS)
-    enough_share: float = threshold(
-        0.1, "", "of the features, in the same way; chance gives a negative 0.03", _CONTRASTS
-    )
-    contrast_gain: float = threshold(1.5, "", "matches in another contrast over those as it is", _CONTRASTS)
-    fewest: int = threshold(10, "matches", "that agree, below which a pair has none")
-    band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "band over `margin_px`, tried in turn")
-    nodes: int = threshold(24, "nodes", "of the height grid along the longer side of an image")
-    neighbours: int = threshold(7, "matches", "whose median height a node takes")
-    floor_px: float = threshold(1.0, "px of the overview", "least standard deviation of a match")
-    safety: float = threshold(3.0, "sigma", "of offset and height, to which the full resolution is searched")
-    finer: int = threshold(4, "", "factor of resolution where the overviews have too little in common")
-    windows: int = threshold(3, "windows", "along each side of an image that are compared then")
-    window_px: int = threshold(512, "px", "side of such a window")
-    features: int = threshold(1000, "features", "of such a window")
-    same_view_px: float = threshold(2.0, "px", "parallax of all heights below which heights are not estimated")
+    enough: int = threshold(60, "matches", "number with which no other contrast is tried", _CONTRASTS)
+    enough_share: float = threshold(0.1, "", "… and share of the features; a negative gives 0.03 by chance", _CONTRASTS)
+    contrast_gain: float = threshold(1.5, "", "factor by which another contrast must have more matches", _CONTRASTS)
+    fewest: int = threshold(10, "matches", "fewest matches of a connected pair")
+    band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")
+    nodes: int = threshold(24, "nodes", "along an image's longer side in the grid of heights")
+    neighbours: int = threshold(7, "matches", "number for the median height of a node")
+    floor_px: float = threshold(1.0, "px of the overview", "smallest standard deviation of a match")
+    safety: float = threshold(3.0, "sigma", "half width of the full-resolution search")
+    finer: int = threshold(4, "", "factor of resolution of the second search")
+    windows: int = threshold(3, "windows", "windows along each side of an image in this search")
+    window_px: int = threshold(512, "px", "side of these windows")
+    features: int = threshold(1000, "features", "largest number of these windows")
+    same_view_px: float = threshold(2.0, "px", "smallest parallax from which heights are estimated")
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,21 +44,21 @@ _CLIFFS = "simulated cliffs, clouds, water, bands: nearly all false, 1 of 200 go
 
 @thresholds
 class TESTS:
-    """Rejection of matches of a pair or track that contradict the others, and sigmas of the rest."""
+    """Limits for outliers among the matches of a pair or track, and for the sigmas of the others."""
 
-    least_camera_px: float = threshold(0.0125, "px", "added by cameras at least", _RELIEF)
-    most_camera_px: float = threshold(0.2, "px", "added by cameras at most; drift is the adjustment's")
-    deviation_px: float = threshold(0.25, "px", "across the lines, below which no match is dropped")
-    contradiction_px: float = threshold(0.375, "px", "from a track's mean height, to be dropped", _KAHRAMANMARAS)
-    rounds: int = threshold(10, "rounds", "of the robust trend")
-    fewest: int = threshold(8, "matches", "that a pair needs, to be judged and used")
-    imprecise: float = threshold(3.0, "", "sigma of a match over its pair's median, above which it is dropped", _CLIFFS)
-    imprecise_px: float = threshold(0.06, "px", "sigma below which no match is dropped as imprecise", _CLIFFS)
-    island_neighbours: int = threshold(8, "matches", "to each of which parallax may step")
-    island_slope: float = threshold(0.5, "px/px", "parallax over distance that such a step may have")
-    island_gap: float = threshold(3.0, "", "distance over the usual one, from which a step may not grow further")
-    island_share: float = threshold(0.05, "", "of a pair's matches: smaller parts without steps to others are dropped")
-    same_place_px: float = threshold(3.0, "px", "between tracks of two references that are one point")
+    least_camera_px: float = threshold(0.0125, "px", "smallest random error of cameras", _RELIEF)
+    most_camera_px: float = threshold(0.2, "px", "largest random error of cameras (drift is estimated later)")
+    deviation_px: float = threshold(0.25, "px", "largest deviation from the epipolar line without a test")
+    contradiction_px: float = threshold(0.375, "px", "largest deviation from the height of the track", _KAHRAMANMARAS)
+    rounds: int = threshold(10, "rounds", "iterations of the robust trend")
+    fewest: int = threshold(8, "matches", "fewest matches of a pair that is tested and used")
+    imprecise: float = threshold(3.0, "", "largest sigma of a match relative to its pair's median", _CLIFFS)
+    imprecise_px: float = threshold(0.06, "px", "sigma up to which this is not tested", _CLIFFS)
+    island_neighbours: int = threshold(8, "matches", "neighbours to which parallax steps are tested")
+    island_slope: float = threshold(0.5, "px/px", "largest parallax step relative to the distance")
+    island_gap: float = threshold(3.0, "", "distance over the median one, beyond which the step is constant")
+    island_share: float = threshold(0.05, "", "share of a pair's matches in the smallest accepted connected part")
+    same_place_px: float = threshold(3.0, "px", "distance of tracks of two references up to which they are one")
 
 
 MEDIAN_CHI_SQUARED = 0.4549  # with one degree of freedom

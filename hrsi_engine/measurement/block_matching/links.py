@@ -32,19 +32,19 @@ _YEAR = "simulated year, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
 
 @thresholds
 class LINKS:
-    """Conditions for links between images to be used."""
+    """Conditions for a reliable link (pair of matched images)."""
 
-    near_px: float = threshold(40.0, "px", "from a point to the matches of the third link that predict it")
-    neighbours: int = threshold(5, "matches", "of the third link that predict a point")
-    closure_px: float = threshold(3.0, "px", "largest median closure of a correct triangle, relief included", _YEAR)
-    fewest_closures: int = threshold(8, "points", "that a triangle needs, to be judged")
-    weak_matches: int = threshold(16, "matches", "below which a link with better alternatives is dropped", _YEAR)
-    strong_links: int = threshold(2, "links", "with more matches that each of its images must have then")
-    excess: int = threshold(2, "triangles", "open beyond closed: from one alone the false link is not known")
-    bridge_matches: int = threshold(60, "matches", "of a link on no loop that may connect an image", _YEAR)
-    smallest_part: int = threshold(3, "images", "that are used although they are not connected to the others")
-    displaced_px: float = threshold(32.0, "px", "least offset of an image whose RPC is wrong")
-    displaced_factor: float = threshold(8.0, "", "offset of such an image over the block's median")
+    near_px: float = threshold(40.0, "px", "largest distance of a predicted point from the third link's matches")
+    neighbours: int = threshold(5, "matches", "of the third link, for the prediction of a point")
+    closure_px: float = threshold(3.0, "px", "largest median closure of a triangle of images, with relief", _YEAR)
+    fewest_closures: int = threshold(8, "points", "fewest common points of a triangle that is tested")
+    weak_matches: int = threshold(16, "matches", "matches of a link below which other links are preferred", _YEAR)
+    strong_links: int = threshold(2, "links", "number of links with more matches at which it is dropped")
+    excess: int = threshold(2, "triangles", "surplus of open over closed triangles at which a link is dropped")
+    bridge_matches: int = threshold(60, "matches", "fewest of a link that alone connects one image", _YEAR)
+    smallest_part: int = threshold(3, "images", "images of the smallest separate part that is used")
+    displaced_px: float = threshold(32.0, "px", "smallest offset of an image with a wrong RPC")
+    displaced_factor: float = threshold(8.0, "", "… relative to the median offset of the block")
 
 
 class ImageLink(NamedTuple):

@@ -37,21 +37,21 @@ _YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
 
 @thresholds
 class CHOICE:
-    """Selection of the pairs to be probed and matched, if many images overlap."""
+    """Selection of the pairs to be compared and matched in large blocks."""
 
-    features: int = threshold(600, "features", "of an image that are compared", _YEAR)
-    agreeing_px: float = threshold(4.0, "px of the overview", "between offsets across the lines that are one")
-    cells: int = threshold(3, "cells", "along each side of an image, for the ground that a pair covers")
-    partners: int = threshold(40, "images", "with which an image is probed at most")
-    measured_partners: int = threshold(60, "images", "whose overlap is measured; of more it is estimated")
-    angle_scale_deg: float = threshold(20.0, "°", "between views, over which similarity falls to 1/e")
-    chance: int = threshold(5, "features", "that agree by chance: a probe with no more is not significant", _YEAR)
-    narrow_deg: float = threshold(1.5, "°", "angle between views below which a pair determines no heights")
-    narrow_worth: float = threshold(0.6, "", "worth of such a pair over that of another")
-    wanted_angle_deg: float = threshold(5.0, "°", "angle that one pair of each image should have")
-    last_tries: int = threshold(3, "pairs", "tried of an image of which no probe is above chance")
-    rounds: int = threshold(6, "rounds", "of new trees after failed pairs")
-    found_worth: float = threshold(1e6, "features", "added to the worth of pairs that matched: they stay in new trees")
+    features: int = threshold(600, "features", "number of an image in a comparison", _YEAR)
+    agreeing_px: float = threshold(4.0, "px of the overview", "range of the offsets across epipolar lines that agree")
+    cells: int = threshold(3, "cells", "cells along each side of an image, for the area that a pair covers")
+    partners: int = threshold(40, "images", "most images with which an image is compared")
+    measured_partners: int = threshold(60, "images", "most overlaps of an image that are computed; beyond, estimated")
+    angle_scale_deg: float = threshold(20.0, "°", "difference of viewing angles at which similarity is 1/e")
+    chance: int = threshold(5, "features", "number that agree by chance; a comparison with no more is not used", _YEAR)
+    narrow_deg: float = threshold(1.5, "°", "smallest angle between the views of a pair for heights")
+    narrow_worth: float = threshold(0.6, "", "weight of narrower pairs in the selection")
+    wanted_angle_deg: float = threshold(5.0, "°", "smallest angle of one of each image's pairs")
+    last_tries: int = threshold(3, "pairs", "tried for an image whose comparisons are not significant")
+    rounds: int = threshold(6, "rounds", "largest number of selections after failed pairs")
+    found_worth: float = threshold(1e6, "features", "added to the rating of matched pairs, which remain selected")
 
 
 SEA_LEVEL_TO_EVEREST_M = (-500.0, 9000.0)

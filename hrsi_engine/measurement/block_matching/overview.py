@@ -26,17 +26,17 @@ _SPEED = "measured for speed, 2026-11-22"
 
 @thresholds
 class OVERVIEW:
-    """Resolution and features of overviews, and comparison of features within bands."""
+    """Resolution and features of overviews, and their comparison along epipolar lines."""
 
-    smallest_px: int = threshold(1024, "px", "least longer side of an overview, where the image has it")
-    largest_px: int = threshold(2048, "px", "greatest longer side of an overview")
-    tile_px: int = threshold(1024, "px", "side of the part that goes through SIFT at once")
-    border_px: int = threshold(24, "px", "read around such a part")
-    features: int = threshold(4000, "features", "of an overview")
-    batch: int = threshold(64, "images", "whose features are in memory")
-    cells: int = threshold(10, "cells", "along each side, over which features are kept evenly")
-    ratio: float = threshold(0.85, "", "of distances to the nearest descriptors of a band", "Lowe 2004: 0.8 of all")
-    line_batch: int = threshold(256, "lines", "compared at a time: neighbours have few points in question", _SPEED)
+    smallest_px: int = threshold(1024, "px", "smallest longer side of an overview, if available")
+    largest_px: int = threshold(2048, "px", "largest longer side of an overview")
+    tile_px: int = threshold(1024, "px", "side of a part whose SIFT features are detected together")
+    border_px: int = threshold(24, "px", "border of such a part")
+    features: int = threshold(4000, "features", "largest number of an overview")
+    batch: int = threshold(64, "images", "number with features in memory")
+    cells: int = threshold(10, "cells", "along each side, from each of which features are kept")
+    ratio: float = threshold(0.85, "", "largest ratio of the nearest descriptors in a band", "Lowe 2004: 0.8 of all")
+    line_batch: int = threshold(256, "lines", "compared together: neighbouring lines have common candidates", _SPEED)
 
 
 @dataclass(frozen=True, eq=False)

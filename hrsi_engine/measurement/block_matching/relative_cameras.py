@@ -32,16 +32,16 @@ from .joining import BlockMatches, group_by_pair
 
 @thresholds
 class CAMERAS:
-    """Estimation of the relative shifts of cameras, and the range of the search around predicted positions."""
+    """Estimation of relative camera shifts from matches, and half width of searches at predicted positions."""
 
     prior_px: float = threshold(30.0, "px", "a priori standard deviation of a camera's shift")
-    rounds: int = threshold(3, "rounds", "of reweighting")
-    influence_px: float = threshold(2.0, "px", "residual beyond which an observation is down-weighted (Huber)")
-    margin_px: float = threshold(2.0, "px", "searched around a place", "Pléiades, Kahramanmaras, 2026-11-22")
-    safety: float = threshold(3.0, "sigma", "of residuals, shifts and heights, added to that")
-    widest_px: float = threshold(24.0, "px", "searched around where an image without matches is expected")
-    neighbours: int = threshold(5, "points", "whose median height is that of the ground between them")
-    sampled: int = threshold(16, "points", "of a pair, whose mean derivatives are used for all")
+    rounds: int = threshold(3, "rounds", "iterations of the robust weights")
+    influence_px: float = threshold(2.0, "px", "residual above which the weight is reduced (Huber)")
+    margin_px: float = threshold(2.0, "px", "smallest half width of a search", "Pléiades, Kahramanmaras, 2026-11-22")
+    safety: float = threshold(3.0, "sigma", "factor of the standard deviations added to it")
+    widest_px: float = threshold(24.0, "px", "largest half width for an image without matches")
+    neighbours: int = threshold(5, "points", "number whose median is the height of the ground")
+    sampled: int = threshold(16, "points", "of a pair, from which mean derivatives are computed")
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,22 +14,22 @@ from ..tile_matching.types import ImageTile, TilePairGeometry
 
 @thresholds
 class TIE_WINDOWS:
-    """Windows of an image and of its partners, and reading of them."""
+    """Sizes of the windows of an image and its partners, and limits for matching them."""
 
-    height_safety: float = threshold(3.0, "sigma", "of the height, to which a window is searched")
-    strip_lines: int = threshold(1024, "lines", "read at a time of an image without a pyramid")
-    full_px: int = threshold(2048, "px", "longer side of images that are matched everywhere")
-    full_window_px: int = threshold(512, "px", "side of their windows")
-    overlap_px: int = threshold(24, "px", "of their windows: points near the edge need their surroundings")
+    height_safety: float = threshold(3.0, "sigma", "half range of the heights in a search")
+    strip_lines: int = threshold(1024, "lines", "lines read together from an image without overviews")
+    full_px: int = threshold(2048, "px", "longer side up to which an image is matched everywhere")
+    full_window_px: int = threshold(512, "px", "side of the windows of such images")
+    overlap_px: int = threshold(24, "px", "overlap of these windows")
     window_px: int = threshold(256, "px", "side of the windows of larger images", "tiles of most GeoTIFFs")
-    attempts: int = threshold(4, "windows", "tried in a cell")
-    surplus: int = threshold(3, "", "points kept of a cell over those it is to have: tracks are chosen later")
-    border_px: int = threshold(24, "px", "around predicted windows, for least-squares matching")
-    valid_share: float = threshold(0.3, "", "of a window's pixels, below which it is not matched")
-    side_px: int = threshold(64, "px", "least side of the part of a partner that shows the window")
-    fewest_common: int = threshold(3, "points", "that determine the difference of the apparent heights of two partners")
-    miss_px: float = threshold(1e-3, "px", "of the cubic of a window, above which its RPCs are used")
-    height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "of the cubic, for the lines' step")
+    attempts: int = threshold(4, "windows", "windows of a cell that are tried")
+    surplus: int = threshold(3, "", "ratio of measured and wanted points of a cell; tracks are selected later")
+    border_px: int = threshold(24, "px", "border of predicted windows for least-squares matching")
+    valid_share: float = threshold(0.3, "", "smallest share of valid pixels in a window")
+    side_px: int = threshold(64, "px", "smallest side of a window's part in a partner image")
+    fewest_common: int = threshold(3, "points", "fewest for the difference in apparent height between two partners")
+    miss_px: float = threshold(1e-3, "px", "largest error of a cubic that replaces the RPCs")
+    height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "margin of its heights: a step of the line")
 
 
 class ImageWindow(NamedTuple):

@@ -12,10 +12,10 @@ SIMULATED_OBJECTS = "simulated scenes of objects and corners, 2026-11-21 (docs/i
 
 @thresholds
 class CORNER_DETECTION:
-    """Filters of the structure tensor."""
+    """Filters of the structure tensor of the Förstner operator."""
 
     derivative_px: float = threshold(1.0, "px", "standard deviation of the Gaussian of the derivatives")
-    patch_px: float = threshold(2.0, "px", "standard deviation of the Gaussian of the patch")
+    patch_px: float = threshold(2.0, "px", "standard deviation of the Gaussian window")
 
 
 class StructureTensor(NamedTuple):

@@ -23,24 +23,24 @@ from .windows import STATISTICS_HALO_PX, DetectionWindow, ImageStatistics, norma
 
 @thresholds
 class CENTRE:
-    """Conditions for gravity centres, and scoring of their quality."""
+    """Conditions for gravity centres of closed regions, and their quality (0 to 1)."""
 
-    largest_gap: float = threshold(0.12, "", "largest share of the outline without a clear edge", SIMULATED_OBJECTS)
+    largest_gap: float = threshold(0.12, "", "largest share of the outline in one gap", SIMULATED_OBJECTS)
     centroid_agreement: tuple[float, float] = threshold(
-        (0.4, 0.05), "px, share", "largest distance of centroid and centre", SIMULATED_OBJECTS
+        (0.4, 0.05), "px, share", "largest distance of the grey-weighted centroid and the centre", SIMULATED_OBJECTS
     )
     centroid_samples: int = threshold(13, "points", "side of the sample grid of the grey-weighted centroid")
-    box_margin_px: float = threshold(1.5, "px", "margin of that grid around the shape: the blurred edge belongs to it")
-    surroundings_px: float = threshold(2.5, "px", "distance outside the edge at which the surroundings are sampled")
-    same_outline_px: float = threshold(0.75, "px", "cell of centres within which outlines are one")
-    same_log_radius: float = threshold(0.06, "", "cell of the log of the mean radius, for the same purpose")
-    same_centre: float = threshold(0.1, "", "distance of centres of one object, as a share of the diameter")
+    box_margin_px: float = threshold(1.5, "px", "margin of that grid around the shape, for its blurred edge")
+    surroundings_px: float = threshold(2.5, "px", "distance from the edge at which the grey value outside is taken")
+    same_outline_px: float = threshold(0.75, "px", "tolerance of the centres of equal outlines")
+    same_log_radius: float = threshold(0.06, "", "tolerance of the log of their mean radii")
+    same_centre: float = threshold(0.1, "", "largest distance of the centres of one object over its diameter")
     object_margin_px: int = threshold(24, "px", "margin of a window beyond half of the largest object")
-    full_support: int = threshold(4, "regions", "regions of one outline from which it scores 1", SIMULATED_OBJECTS)
-    full_contrast: float = threshold(8.0, "sigma", "contrast from which it scores 1", SIMULATED_OBJECTS)
-    zero_sigma_px: float = threshold(0.25, "px", "sigma of the centre from which it scores 0", SIMULATED_OBJECTS)
-    zero_closed: float = threshold(0.65, "", "closed share of the outline below which it scores 0", SIMULATED_OBJECTS)
-    strong_quality: float = threshold(0.75, "", "quality from which most views have the shape", SIMULATED_OBJECTS)
+    full_support: int = threshold(4, "regions", "regions with one outline at which support scores 1", SIMULATED_OBJECTS)
+    full_contrast: float = threshold(8.0, "sigma", "contrast at which it scores 1", SIMULATED_OBJECTS)
+    zero_sigma_px: float = threshold(0.25, "px", "sigma of the centre for a score of 0", SIMULATED_OBJECTS)
+    zero_closed: float = threshold(0.65, "", "share of closed outline at which it scores 0", SIMULATED_OBJECTS)
+    strong_quality: float = threshold(0.75, "", "quality of an object that is certain", SIMULATED_OBJECTS)
 
 
 class GravityCentre(NamedTuple):

@@ -28,22 +28,22 @@ BRIGHT, DARK, HOMOGENEOUS = 1, -1, 0
 
 @thresholds
 class REGION:
-    """Selection of stable regions of grey levels and gradients as compact candidates of objects."""
+    """Limits for stable and compact regions of grey levels and gradients (MSER), candidates of objects."""
 
-    scales: tuple[int, int] = threshold((1, 4), "", "reductions of the image in which regions are searched")
-    smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before levels are cut")
-    level_step: float = threshold(0.05, "sigma", "distance of the 256 grey levels, in local standard deviations")
-    stable_steps: int = threshold(4, "levels", "distance of the levels compared", SIMULATED_OBJECTS)
-    largest_change: float = threshold(0.7, "", "largest change of the area over them", SIMULATED_OBJECTS)
+    scales: tuple[int, int] = threshold((1, 4), "", "reduction factors of the image")
+    smoothing_px: float = threshold(0.7, "px", "standard deviation of the smoothing filter")
+    level_step: float = threshold(0.05, "sigma", "difference of the 256 grey levels, in local standard deviations")
+    stable_steps: int = threshold(4, "levels", "difference of the compared levels", SIMULATED_OBJECTS)
+    largest_change: float = threshold(0.7, "", "largest relative change of the area over it", SIMULATED_OBJECTS)
     even_stable_steps: int = threshold(
-        16, "levels", "the same for even regions, of 255 of the slope", SIMULATED_OBJECTS
+        16, "levels", "difference of the compared gradient levels (even regions)", SIMULATED_OBJECTS
     )
-    even_largest_change: float = threshold(1.0, "", "the same: largest change of the area", SIMULATED_OBJECTS)
-    half_slope: float = threshold(0.5, "sigma/px", "slope in the middle of these steps")
-    even_inset_px: float = threshold(1.5, "px", "distance of the border of an even region inside its edge")
-    smallest_at_scale_px: int = threshold(12, "px", "smallest side in a reduced image")
+    even_largest_change: float = threshold(1.0, "", "largest relative change of the area over it", SIMULATED_OBJECTS)
+    half_slope: float = threshold(0.5, "sigma/px", "gradient at half of the gradient levels")
+    even_inset_px: float = threshold(1.5, "px", "distance of an even region's border from its edge")
+    smallest_at_scale_px: int = threshold(12, "px", "smallest side in reduced pixels")
     fewest_pixels: int = threshold(12, "px", "smallest area of a region")
-    compactness: float = threshold(0.86, "", "area by that of the ellipse of equal moments", SIMULATED_OBJECTS)
+    compactness: float = threshold(0.86, "", "area over that of its inertial ellipse", SIMULATED_OBJECTS)
     largest_elongation: float = threshold(4.0, "", "largest ratio of the axes; longer regions are roads and shadows")
 
 

@@ -23,18 +23,18 @@ from .level_regions import HOMOGENEOUS, REGION, LevelRegions
 
 @thresholds
 class OUTLINE_SAMPLING:
-    """Sampling of a region's outline and measurement of its edge points."""
+    """Sampling of a region's outline and detection of its edge points."""
 
-    slope_px: float = threshold(0.7, "px", "standard deviation of the Gaussian of the slope")
-    step_px: float = threshold(0.5, "px", "distance of samples along a normal")
-    normal_reach_px: float = threshold(2.5, "px", "search along a normal to each side, in pixels of the region's scale")
-    fine_reach: float = threshold(0.75, "", "search around an edge of the reduced image, by the scale")
-    first_peak_share: float = threshold(0.5, "", "share of the largest slope that makes an edge", SIMULATED_OBJECTS)
-    smoothing_points: float = threshold(1.5, "points", "standard deviation of the Gaussian along the outline")
-    opened_pixels: int = threshold(60, "px", "area from which a region is opened, to cut its threads")
+    slope_px: float = threshold(0.7, "px", "standard deviation of the Gaussian derivative")
+    step_px: float = threshold(0.5, "px", "spacing of samples along a normal")
+    normal_reach_px: float = threshold(2.5, "px", "half length of a normal in pixels of the region's scale")
+    fine_reach: float = threshold(0.75, "", "half length at full resolution, relative to the scale")
+    first_peak_share: float = threshold(0.5, "", "smallest gradient of an edge over the largest", SIMULATED_OBJECTS)
+    smoothing_points: float = threshold(1.5, "points", "standard deviation of the outline's smoothing")
+    opened_pixels: int = threshold(60, "px", "area above which thin connections are removed by opening")
     fewest_points: int = threshold(16, "points", "fewest points of an outline")
     most_points: int = threshold(96, "points", "most points of an outline")
-    slope_to_noise: float = threshold(4.0, "sigma", "smallest slope of a clear edge")
+    slope_to_noise: float = threshold(4.0, "sigma", "smallest gradient of a clear edge over its noise")
 
 
 @dataclass(frozen=True, eq=False)

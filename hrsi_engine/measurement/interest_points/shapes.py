@@ -28,36 +28,36 @@ from .outlines import GradientImage, Outlines, find_edges_along
 
 @thresholds
 class SHAPE:
-    """Conditions for an ellipse, a rectangle or a polygon to represent an outline."""
+    """Conditions for an ellipse, rectangle or polygon to fit an outline."""
 
     closed_share: float = threshold(0.85, "", "smallest share of clear edge points on the shape", SIMULATED_OBJECTS)
-    sides_share: float = threshold(0.72, "", "the same for the four sides of a rectangle together", SIMULATED_OBJECTS)
-    side_share: float = threshold(0.6, "", "the same for each side", SIMULATED_OBJECTS)
-    sigma_floor_px: float = threshold(0.02, "px", "smallest standard deviation of a centre")
-    correlation_length_px: float = threshold(4.0, "px", "correlation length of edge errors", SIMULATED_OBJECTS)
+    sides_share: float = threshold(0.72, "", "the same for a rectangle", SIMULATED_OBJECTS)
+    side_share: float = threshold(0.6, "", "the same for each of its sides", SIMULATED_OBJECTS)
+    sigma_floor_px: float = threshold(0.02, "px", "added to the standard deviation of a centre (in squares)")
+    correlation_length_px: float = threshold(4.0, "px", "correlation length of the edge", SIMULATED_OBJECTS)
     ellipse_tolerance: tuple[float, float] = threshold(
         (0.20, 0.012), "px, share", "largest RMS of the edge points", SIMULATED_OBJECTS
     )
     rectangle_tolerance: tuple[float, float] = threshold(
-        (0.2, 0.004), "px, share", "the same about a rectangle", SIMULATED_OBJECTS
+        (0.2, 0.004), "px, share", "the same for a rectangle", SIMULATED_OBJECTS
     )
     polygon_tolerance: tuple[float, float] = threshold(
-        (0.5, 0.04), "px, share", "the same about the smoothed outline", SIMULATED_OBJECTS
+        (0.5, 0.04), "px, share", "the same for a polygon, about its smoothed outline", SIMULATED_OBJECTS
     )
-    independent_parts: int = threshold(8, "parts", "parts of a polygon's outline with independent errors")
-    fourfold: float = threshold(0.25, "", "smallest fourfold mean of the normals (circle 0)", SIMULATED_OBJECTS)
-    smallest_angle_deg: float = threshold(55.0, "°", "smallest angle at the corners of a rectangle in an oblique view")
-    solidity: float = threshold(0.88, "", "smallest area of a polygon over that of its convex hull", SIMULATED_OBJECTS)
+    independent_parts: int = threshold(8, "parts", "number of independent errors along a polygon's outline")
+    fourfold: float = threshold(0.25, "", "smallest fourfold moment of a rectangle's normals", SIMULATED_OBJECTS)
+    smallest_angle_deg: float = threshold(55.0, "°", "smallest angle at a corner of a rectangle (oblique view)")
+    solidity: float = threshold(0.88, "", "smallest area of a polygon over its convex hull's", SIMULATED_OBJECTS)
     robust_px: tuple[float, ...] = threshold(
-        (1.0, 0.5, 0.3, 0.3), "px", "residuals of a quarter weight, step by step", SIMULATED_OBJECTS
+        (1.0, 0.5, 0.3, 0.3), "px", "residual with a quarter of the weight, in each step", SIMULATED_OBJECTS
     )
-    on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point that counts as on the shape")
-    final_steps: int = threshold(3, "steps", "Gauss-Newton steps at the end (the last: < 1e-3 px)", SIMULATED_OBJECTS)
+    on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point on the shape")
+    final_steps: int = threshold(3, "steps", "final Gauss-Newton steps (the last below 1e-3 px)", SIMULATED_OBJECTS)
     ellipse_points: int = threshold(48, "points", "edge points measured around an ellipse")
     side_points: int = threshold(20, "points", "edge points measured along a side")
-    fine_reach_px: float = threshold(1.25, "px", "search along the normals of the shape")
-    corner_share: float = threshold(0.12, "", "share of a side at each end that its rounded corner takes away")
-    corner_px: float = threshold(1.5, "px", "but at least so much")
+    fine_reach_px: float = threshold(1.25, "px", "half length of the normals at the shape")
+    corner_share: float = threshold(0.12, "", "share of a side that is not used at each end (rounded corner)")
+    corner_px: float = threshold(1.5, "px", "… but at least this length")
 
 
 class Shapes(NamedTuple):

@@ -21,18 +21,18 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class WINDOWS:
-    """Size of the windows in which an image is read, saturated pixels, and local means and deviations."""
+    """Sizes of the windows in which an image is read, saturation, and local statistics."""
 
-    core_px: int = threshold(1536, "px", "side of a core; with a halo of 256 a window has 2048 x 2048 pixels")
-    grid_px: int = threshold(32, "px", "windows begin at multiples of it; side of the cells of local statistics")
-    saturated_share: float = threshold(1e-4, "", "share of pixels from which the largest grey value is saturated")
-    fill_side_px: int = threshold(31, "px", "side of the square whose mean replaces an invalid pixel")
-    saturated_side_px: int = threshold(3, "px", "side of the smallest saturated area; single glints stay usable")
-    averaged_cells: int = threshold(5, "cells", "side of the square of cells that a local mean is taken from")
-    sample_px: int = threshold(512, "px", "side of a sample area of an image's statistics")
-    samples_per_side: int = threshold(4, "areas", "most sample areas along each side of an image")
-    noise_floor: float = threshold(4.0, "sigma", "local deviations below so many times the noise are noise")
-    contrast_floor: float = threshold(0.15, "", "or below this share of the image's median local deviation")
+    core_px: int = threshold(1536, "px", "side of a window without its border; with one of 256 it is 2048")
+    grid_px: int = threshold(32, "px", "grid of window origins; side of the cells of local statistics")
+    saturated_share: float = threshold(1e-4, "", "share of pixels from which the largest grey value is saturation")
+    fill_side_px: int = threshold(31, "px", "side of the square whose mean replaces invalid pixels")
+    saturated_side_px: int = threshold(3, "px", "side of the smallest saturated area that is excluded")
+    averaged_cells: int = threshold(5, "cells", "side of the square of cells with one local mean")
+    sample_px: int = threshold(512, "px", "side of a sample for an image's statistics")
+    samples_per_side: int = threshold(4, "areas", "largest number of samples along each side of an image")
+    noise_floor: float = threshold(4.0, "sigma", "smallest local standard deviation relative to the noise …")
+    contrast_floor: float = threshold(0.15, "", "… and relative to the median local deviation of the image")
 
 
 @dataclass(frozen=True, eq=False)

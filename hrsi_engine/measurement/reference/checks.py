@@ -25,14 +25,14 @@ from .matching import ImageControl, ReferenceControl
 
 @thresholds
 class REFERENCE_CHECKS:
-    """Limits for contradictions of a reference to the RPCs, to surveyed GCPs or within itself."""
+    """Limits for the differences of a reference from RPCs and surveyed GCPs, and within itself."""
 
-    limit: float = threshold(3.5, "sigma", "beyond which an offset is excessive", "normal, in the plane: 0.2 %")
-    far: float = threshold(1.3, "", "times that, chance is excluded", "normal, in the plane: 1 of 25 000")
-    unknown_bias_m: float = threshold(15.0, "m", "standard deviation of each coordinate by an RPC without ERR_BIAS")
-    parts: int = threshold(3, "parts", "along each side of the ground")
-    fewest_places: int = threshold(4, "places", "of an image by which a part is judged")
-    drift_m: float = threshold(1.0, "m", "standard deviation of an image's own bias from part to part")
+    limit: float = threshold(3.5, "sigma", "largest offset without a warning", "normal, in the plane: 0.2 %")
+    far: float = threshold(1.3, "", "… and times that limit with certainty", "normal, in the plane: 1 of 25 000")
+    unknown_bias_m: float = threshold(15.0, "m", "a priori error of a coordinate by an RPC without ERR_BIAS")
+    parts: int = threshold(3, "parts", "parts of the area along each side")
+    fewest_places: int = threshold(4, "places", "fewest places of an image in a part that is tested")
+    drift_m: float = threshold(1.0, "m", "standard deviation of an image's bias between two parts")
 
 
 @dataclass(frozen=True)

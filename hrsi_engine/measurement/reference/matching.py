@@ -42,21 +42,21 @@ from .predicted_patches import PATCH, ImageBias, predict_patch, read_means, read
 
 @thresholds
 class REFERENCE_MATCHES:
-    """Conditions for a place to be found in an image, its accuracy, and agreement of offsets on an affine bias."""
+    """Conditions for matching a reference with an image, and for the agreement of offsets with an affine bias."""
 
-    coarser: float = threshold(1.25, "", "pixel of the orthoimage over the image's, from which it sets the resolution")
-    chance_log10: float = threshold(-6.0, "log10", "largest probability that as many false matches agree")
-    agreement: float = threshold(2.0, "working px", "within which matches belong together: the DEM is not exact")
-    sigma_floor: float = threshold(0.05, "working px", "added to sigma: different images match no better")
-    direction_sigma: float = threshold(0.4, "working px", "sigma of a peak where grey values do not match")
-    correlation: float = threshold(0.5, "", "of grey values, below which least-squares matching is not trusted")
-    lsm_reach: float = threshold(1.5, "working px", "that least-squares matching may move")
-    smoothing: float = threshold(0.7, "working px", "Gaussian of both windows")
-    border: int = threshold(4, "working px", "around a template, for smoothing and slopes")
-    rounds: int = threshold(20, "rounds", "of reweighting of an image's affine bias")
-    fewest_offsets: int = threshold(6, "offsets", "that agree, below which there is no bias")
-    least_spread: float = threshold(0.05, "", "standard deviation over the tolerance: offsets agree no better")
-    affine_from: int = threshold(12, "offsets", "fewer only give a shift")
+    coarser: float = threshold(1.25, "", "ratio of the pixels of orthoimage and image above which the image is reduced")
+    chance_log10: float = threshold(-6.0, "log10", "largest probability of a chance agreement of offsets")
+    agreement: float = threshold(2.0, "working px", "tolerance of agreeing offsets: error of the DEM")
+    sigma_floor: float = threshold(0.05, "working px", "smallest sigma: images of different dates")
+    direction_sigma: float = threshold(0.4, "working px", "sigma of a correlation peak without least-squares matching")
+    correlation: float = threshold(0.5, "", "smallest correlation of accepted least-squares matching")
+    lsm_reach: float = threshold(1.5, "working px", "largest shift by least-squares matching")
+    smoothing: float = threshold(0.7, "working px", "sigma of the smoothing filter of both windows")
+    border: int = threshold(4, "working px", "border of a template for smoothing and gradients")
+    rounds: int = threshold(20, "rounds", "iterations of the robust affine bias of an image")
+    fewest_offsets: int = threshold(6, "offsets", "fewest agreeing offsets of a bias")
+    least_spread: float = threshold(0.05, "", "smallest standard deviation of offsets over their tolerance")
+    affine_from: int = threshold(12, "offsets", "fewest for an affine bias; fewer give a shift")
 
 
 @dataclass(frozen=True, eq=False)

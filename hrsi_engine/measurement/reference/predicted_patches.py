@@ -29,17 +29,17 @@ from ..window_matching.correlation import (
 
 @thresholds
 class PATCH:
-    """Selection of places in a reference, and its resampling to the pixels of images."""
+    """Selection of places in a reference, and resampling of it to images."""
 
     blur: float = threshold(0.45, "px of the coarser image", "standard deviation of the low-pass filter")
-    strip_lines: int = threshold(2048, "lines", "read at a time where pixels are averaged")
-    valid: float = threshold(0.999, "", "share of a resampled pixel that must be valid; below 1 for rounding")
-    least_known: float = threshold(0.5, "", "share of a patch's rays that meet the DEM; fewer leave the gaps")
-    largest_px: int = threshold(64_000_000, "working px", "of a source window; more lies across half the world")
-    cell_px: int = threshold(192, "working px", "side of the part of a cell in which the place is chosen")
-    flat: float = threshold(0.02, "", "texture over the median, below which a place shows nothing")
-    rays: int = threshold(40, "rays", "along each side of an image, by which its ground is known")
-    most_cells: int = threshold(20_000, "cells", "of all images together")
+    strip_lines: int = threshold(2048, "lines", "lines read together where pixels are averaged")
+    valid: float = threshold(0.999, "", "smallest valid share of a resampled pixel (1 but for rounding)")
+    least_known: float = threshold(0.5, "", "smallest share of a patch's rays that intersect the DEM")
+    largest_px: int = threshold(64_000_000, "working px", "largest source window; beyond, the position is wrong")
+    cell_px: int = threshold(192, "working px", "side of the part of a cell in which a place is selected")
+    flat: float = threshold(0.02, "", "smallest texture of a place over the median")
+    rays: int = threshold(40, "rays", "rays along each side of an image, for its footprint")
+    most_cells: int = threshold(20_000, "cells", "largest number in all images")
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,18 +174,18 @@ def _interpolate_nodes(values: np.ndarray, shape: tuple[int, int], node_px: floa
 
 @thresholds
 class BIAS:
-    """Coarse-to-fine search for an image's offset from a reference."""
+    """Coarse-to-fine search for an image's bias relative to a reference."""
 
-    first_search_px: float = threshold(64.0, "px", "largest offset of the first attempt")
-    growth: float = threshold(4.0, "", "of the search from attempt to attempt, of the resolution from step to step")
-    reach: int = threshold(32, "working px", "to each side at the coarsest step")
-    least_side: int = threshold(128, "working px", "along the shorter side of an image; fewer show too little")
-    fine_reach: int = threshold(8, "working px", "to each side at finer steps")
-    site: int = threshold(160, "working px", "side of a part of the image")
-    sites: int = threshold(4, "parts", "along each side of a large image")
-    contrast: float = threshold(9.0, "sigma", "robust standard deviations by which a peak must exceed the others")
-    rival: float = threshold(0.75, "", "height over the peak's, above which a second one makes it ambiguous")
-    node: float = threshold(8.0, "working px", "between nodes of the predicted part")
+    first_search_px: float = threshold(64.0, "px", "half width of the first search")
+    growth: float = threshold(4.0, "", "factor from one search to the next, and between resolution levels")
+    reach: int = threshold(32, "working px", "half width of the search at the coarsest level")
+    least_side: int = threshold(128, "working px", "smallest shorter side of an image at the coarsest level")
+    fine_reach: int = threshold(8, "working px", "half width at finer levels")
+    site: int = threshold(160, "working px", "side of a correlated part of the image")
+    sites: int = threshold(4, "parts", "most along each side of an image")
+    contrast: float = threshold(9.0, "sigma", "smallest height of a peak above the others, in robust sigmas")
+    rival: float = threshold(0.75, "", "largest ratio of the second and the highest peak (ambiguity)")
+    node: float = threshold(8.0, "working px", "spacing of the nodes of a predicted part")
 
 
 @dataclass(frozen=True, eq=False)

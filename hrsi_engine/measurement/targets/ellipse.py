@@ -19,11 +19,11 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class ELLIPSES:
-    """Ellipse fits."""
+    """Limits and iterations of ellipse fits."""
 
     fewest_points: int = threshold(6, "points", "fewest edge points: five unknowns, redundancy 1", "theory")
-    iterations: int = threshold(20, "steps", "most Gauss-Newton steps")
-    step_px: float = threshold(1e-5, "px", "smallest movement of the centre that is followed")
+    iterations: int = threshold(20, "steps", "largest number of Gauss-Newton steps")
+    step_px: float = threshold(1e-5, "px", "shift of the centre at convergence")
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,15 +22,15 @@ from ..interest_points.outlines import OUTLINE_SAMPLING, compute_slope_noise, in
 
 @thresholds
 class LINES:
-    """Conditions for edge points, straight segments, lines, and corners of two lines."""
+    """Conditions for edge points, straight edges and corners of two edges."""
 
     fewest_points: int = threshold(3, "points", "fewest edge points of a line", "thesis section 2.3")
-    smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of two lines that are intersected")
-    slope_to_noise: float = threshold(5.0, "sigma", "smallest slope of an edge point")
-    weakest_share: float = threshold(0.15, "", "the same as a share of the strongest slope of the window")
-    line_distance_px: float = threshold(0.8, "px", "largest distance from the line of a segment")
-    direction_deg: float = threshold(20.0, "°", "largest difference of the slope's direction in a segment")
-    largest_gap_px: float = threshold(2.5, "px", "largest gap in a segment")
+    smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of intersection of two lines")
+    slope_to_noise: float = threshold(5.0, "sigma", "smallest gradient of an edge point over its noise")
+    weakest_share: float = threshold(0.15, "", "… and over the largest gradient of the window")
+    line_distance_px: float = threshold(0.8, "px", "largest distance of an edge point from its line")
+    direction_deg: float = threshold(20.0, "°", "largest difference of its gradient's direction")
+    largest_gap_px: float = threshold(2.5, "px", "largest gap between the points of a straight edge")
 
 
 @dataclass(frozen=True, eq=False)

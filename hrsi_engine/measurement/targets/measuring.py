@@ -32,19 +32,19 @@ TARGET_CENTER, TARGET_CORNER = "center", "corner"
 
 @thresholds
 class TARGETS:
-    """Limits for refusing measured centres and corners, and the part of an edge that is used."""
+    """Limits for measured centres and corners, and part of an edge that is used."""
 
     largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a coordinate")
-    smallest_quality: float = threshold(0.4, "", "smallest quality of a region", "simulated targets, 2026-11-21")
-    largest_rmse_px: float = threshold(0.5, "px", "largest RMS of edge points about the edges of a corner")
-    smallest_angle_deg: float = threshold(30.0, "°", "smallest angle of the edges of a corner")
-    shortest_edge_px: float = threshold(3.0, "px", "shortest edge")
-    largest_turn_deg: float = threshold(20.0, "°", "largest turn of the slope along an edge")
-    far_px: float = threshold(20.0, "px", "edges are used up to this distance from the corner")
-    near_px: float = threshold(1.5, "px", "and from here on: nearer, the sensor rounds the corner")
-    end_px: float = threshold(4.0, "px", "largest distance of an edge's end from the corner")
-    stray_px: float = threshold(0.6, "px", "edge points farther from their line are stray")
-    statistics_px: int = threshold(255, "px", "half side of the area of local statistics: one sample of 512 px")
+    smallest_quality: float = threshold(0.4, "", "smallest quality of an object", "simulated targets, 2026-11-21")
+    largest_rmse_px: float = threshold(0.5, "px", "largest RMS of edge points about the two edges of a corner")
+    smallest_angle_deg: float = threshold(30.0, "°", "smallest angle of a corner's edges")
+    shortest_edge_px: float = threshold(3.0, "px", "shortest usable edge")
+    largest_turn_deg: float = threshold(20.0, "°", "largest change of the gradient's direction along an edge")
+    far_px: float = threshold(20.0, "px", "largest distance of edge points from the corner")
+    near_px: float = threshold(1.5, "px", "smallest distance: nearer, the corner is rounded by blur")
+    end_px: float = threshold(4.0, "px", "largest distance of the end of an edge from the corner")
+    stray_px: float = threshold(0.6, "px", "largest distance of edge points from their line in the fit")
+    statistics_px: int = threshold(255, "px", "half side of the area of the local statistics: one sample of 512 px")
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,17 +22,17 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class EPIPOLAR:
-    """Computation of epipolar lines from RPCs, and tests of matches against them."""
+    """Computation of epipolar lines from RPCs, and limits for matches relative to them."""
 
-    height_step_m: float = threshold(50.0, "m", "half the height difference over which a line's direction is taken")
-    least_stretch: float = threshold(1e-3, "px/m", "along the line by height, below which two views are the same")
-    ratio: float = threshold(0.8, "", "of the distances to the nearest and second nearest descriptor", "Lowe 2004")
-    batch: int = threshold(2048, "descriptors", "compared at a time: memory")
-    mode_px: float = threshold(3.0, "px", "across the lines, within which the true matches of a pair lie")
-    neighbours: int = threshold(12, "matches", "with whose median parallax a match is compared")
-    fewest: int = threshold(6, "matches", "by which an offset can be judged")
-    fewest_for_plane: int = threshold(30, "matches", "by which a plane can be judged")
-    jump_px: float = threshold(8.0, "px", "from that median that buildings and trees explain")
+    height_step_m: float = threshold(50.0, "m", "half the height difference from which a line's direction is computed")
+    least_stretch: float = threshold(1e-3, "px/m", "smallest parallax per height from which heights are computed")
+    ratio: float = threshold(0.8, "", "largest ratio of the distances to the two nearest descriptors", "Lowe 2004")
+    batch: int = threshold(2048, "descriptors", "compared together (memory)")
+    mode_px: float = threshold(3.0, "px", "range of the offsets of correct matches across epipolar lines")
+    neighbours: int = threshold(12, "matches", "number from which the median parallax is taken")
+    fewest: int = threshold(6, "matches", "fewest for a constant offset")
+    fewest_for_plane: int = threshold(30, "matches", "fewest for an offset linear in position")
+    jump_px: float = threshold(8.0, "px", "largest deviation from that median: buildings, trees")
 
 
 class EpipolarDeviation(NamedTuple):

@@ -25,10 +25,10 @@ from .types import ImageTile
 class FEATURES:
     """Detection and comparison of SIFT features in satellite images."""
 
-    contrast: float = threshold(0.01, "", "least of a feature: 11 bit, little texture", "Lowe 2004 has 0.03")
-    valid_px: int = threshold(9, "px", "side of the square around a feature that must be valid")
+    contrast: float = threshold(0.01, "", "smallest contrast of a feature", "Lowe 2004: 0.03; lower for 11 bit")
+    valid_px: int = threshold(9, "px", "side of the square of valid pixels around a feature")
     stretch: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles of the grey values that become 0 and 255")
-    lenient_ratio: float = threshold(0.9, "", "of descriptors' distances; geometry decides", "Lowe 2004 has 0.8")
+    lenient_ratio: float = threshold(0.9, "", "largest ratio of descriptors' distances", "Lowe 2004: 0.8; RPCs follow")
 
 
 class SiftFeatures(NamedTuple):

@@ -7,24 +7,26 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class TILE_MATCH:
-    """Selection and search of the points of a window, and acceptance of matches."""
+    """Selection of the interest points of a window, their search, and acceptance of matches."""
 
-    expected_sigma_px: float = threshold(0.1, "px", "of a match, above which a point is dropped")
-    weakest_corner: float = threshold(0.02, "", "over the median corner, below which it is unseen noise")
-    edge_px: int = threshold(4, "px", "from the tile's edge, where filters see its mirror image")
-    cells: int = threshold(16, "cells", "along each side, over which points are spread")
-    node_px: int = threshold(32, "px", "between nodes with exact prediction; bilinear between them")
-    widest_pad_px: int = threshold(512, "px", "by which the resampled window reaches beyond the first at most")
-    neighbours: int = threshold(8, "seeds", "that predict a point")
+    expected_sigma_px: float = threshold(0.1, "px", "largest expected sigma of a match of a point")
+    weakest_corner: float = threshold(0.02, "", "smallest strength of a corner over the median one")
+    edge_px: int = threshold(4, "px", "smallest distance of points from the edge of the tile (filters)")
+    cells: int = threshold(16, "cells", "along each side, with equal numbers of points")
+    node_px: int = threshold(32, "px", "spacing of exactly predicted nodes, bilinear between them")
+    widest_pad_px: int = threshold(512, "px", "largest border of the resampled window around the first one")
+    neighbours: int = threshold(8, "seeds", "number from which a point is predicted")
     spread: float = threshold(0.7, "", "half length of the search over the range of the neighbours' parallax")
-    slope: float = threshold(0.02, "px/px", "added to it for each px to the neighbours")
-    search_margin_px: int = threshold(3, "px", "by which search windows are smaller on each side")
-    trial: int = threshold(150, "matches", "on which the band is chosen")
-    fewest_trial: int = threshold(20, "matches", "that the choice needs")
-    inner: float = threshold(2.0 / 3.0, "", "share of a window, matched again: over two surfaces the result moves")
-    change_weight: float = threshold(0.35, "", "of that movement in sigma", "errors of simulated pairs, 2026-11-21")
+    slope: float = threshold(0.02, "px/px", "added to it per distance of the neighbours")
+    search_margin_px: int = threshold(3, "px", "margin between search and matching windows")
+    trial: int = threshold(150, "matches", "largest number on which bands are compared")
+    fewest_trial: int = threshold(20, "matches", "fewest for this comparison")
+    inner: float = threshold(2.0 / 3.0, "", "smaller window of the second matching, relative to the first")
+    change_weight: float = threshold(
+        0.35, "", "weight of the shift between both", "errors of simulated pairs, 2026-11-21"
+    )
     half_quality_px: float = threshold(0.1, "px", "standard deviation at which quality is one half")
-    normalised: float = threshold(4.0, "sigma", "independent error of a match across its line")
+    normalised: float = threshold(4.0, "sigma", "largest error of a match across its epipolar line")
 
 
 @dataclass(frozen=True)

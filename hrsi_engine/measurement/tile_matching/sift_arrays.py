@@ -22,22 +22,22 @@ _LOWE = "Lowe 2004"
 
 @thresholds
 class SIFT:
-    """Parameters of SIFT, as in OpenCV."""
+    """Parameters of SIFT (Lowe 2004), with the values of OpenCV."""
 
-    layers: int = threshold(3, "scales", "of an octave", _LOWE)
+    layers: int = threshold(3, "scales", "scales of an octave", _LOWE)
     first_sigma_px: float = threshold(1.6, "px", "Gaussian of the first scale", _LOWE)
-    image_sigma_px: float = threshold(0.5, "px", "Gaussian that the image itself is taken to have", _LOWE)
-    edge_ratio: float = threshold(10.0, "", "of principal curvatures, above which a feature lies on an edge", _LOWE)
-    border_px: int = threshold(5, "px", "of an octave without features", "OpenCV")
-    moves: int = threshold(5, "moves", "from pixel to pixel on the way to the extremum", "OpenCV")
-    bins: int = threshold(36, "bins", "of the histogram of directions", _LOWE)
-    second_peak: float = threshold(0.8, "", "of its peak, from which another direction makes another feature", _LOWE)
-    reach: float = threshold(4.5, "scales", "half side of the square whose gradients are counted", _LOWE)
-    weight_sigma: float = threshold(1.5, "scales", "Gaussian of their weights", _LOWE)
-    part_scales: float = threshold(3.0, "scales", "side of a part of the descriptor", "OpenCV")
-    places: int = threshold(4, "places", "sampled along a part's side", "as good as OpenCV's, 2026-11-22")
-    largest_share: float = threshold(0.2, "", "of a descriptor's length in one number", _LOWE)
-    batch: int = threshold(256, "features", "described at a time: memory")
+    image_sigma_px: float = threshold(0.5, "px", "assumed blur of the image (Gaussian)", _LOWE)
+    edge_ratio: float = threshold(10.0, "", "largest ratio of principal curvatures (a larger one is an edge)", _LOWE)
+    border_px: int = threshold(5, "px", "border without features", "OpenCV")
+    moves: int = threshold(5, "moves", "largest number of moves to the extremum", "OpenCV")
+    bins: int = threshold(36, "bins", "bins of the histogram of directions", _LOWE)
+    second_peak: float = threshold(0.8, "", "share of the largest peak from which a direction is a new feature", _LOWE)
+    reach: float = threshold(4.5, "scales", "half side of the square of gradients in the histogram", _LOWE)
+    weight_sigma: float = threshold(1.5, "scales", "Gaussian weights of these", _LOWE)
+    part_scales: float = threshold(3.0, "scales", "side of a cell of the descriptor", "OpenCV")
+    places: int = threshold(4, "places", "samples along a cell's side", "as good as OpenCV's, 2026-11-22")
+    largest_share: float = threshold(0.2, "", "largest component of a descriptor over its length", _LOWE)
+    batch: int = threshold(256, "features", "described together (memory)")
 
 
 DESCRIPTOR_PARTS, TURNS = 4, 8  # parts along each side of a descriptor, and directions in each part

@@ -22,19 +22,19 @@ TERMS = 8  # two shifts, four affine terms, gain, offset
 
 @thresholds
 class MATCHING:
-    """Weights, limits and batches of correlation, search and least-squares matching."""
+    """Weights, limits and batches of correlation and least-squares matching."""
 
-    smallest_gain: float = threshold(0.05, "", "smallest gain of the grey values; below, the iteration diverges")
-    rounding_share: float = threshold(1e-9, "", "share of the squares of a window below which its spread is rounding")
-    rival_px: int = threshold(3, "px", "peaks nearer to the best one belong to it")
-    spline_reach_px: int = threshold(12, "px", "length of the spline's filter to each side, to 1e-7", "Unser 1999")
-    taper: float = threshold(0.6, "", "standard deviation of the Gaussian weights, by half the window")
-    least_contrast: float = threshold(1e-9, "", "share of the search area's contrast from which a place is compared")
-    gradient_smoothing_px: float = threshold(0.8, "px", "standard deviation of the Gaussian of orientation fields")
-    gradient_side_px: int = threshold(5, "px", "side of the pixels that such a gradient depends on")
-    batch: int = threshold(32, "windows", "windows matched at a time by NumPy: they fit into the processor's cache")
-    search_batch: int = threshold(64, "windows", "windows searched at a time by NumPy")
-    place_batch: int = threshold(512, "places", "places correlated at a time by NumPy")
+    smallest_gain: float = threshold(0.05, "", "smallest gain of the grey values; with a smaller one matching fails")
+    rounding_share: float = threshold(1e-9, "", "smallest squared deviations in a window over its squares")
+    rival_px: int = threshold(3, "px", "distance up to which peaks belong to the best one")
+    spline_reach_px: int = threshold(12, "px", "half length of the spline's filter (error 1e-7)", "Unser 1999")
+    taper: float = threshold(0.6, "", "sigma of the Gaussian weights relative to half the window")
+    least_contrast: float = threshold(1e-9, "", "smallest contrast of a window over that of the search area")
+    gradient_smoothing_px: float = threshold(0.8, "px", "standard deviation of the Gaussian before gradients")
+    gradient_side_px: int = threshold(5, "px", "side of the area that a gradient depends on")
+    batch: int = threshold(32, "windows", "windows matched together by NumPy (processor's cache)")
+    search_batch: int = threshold(64, "windows", "windows searched together by NumPy")
+    place_batch: int = threshold(512, "places", "positions correlated together by NumPy")
 
 
 @dataclass(frozen=True)
