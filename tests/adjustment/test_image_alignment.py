@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import simulated_blocks as blocks
 from long_tests import mark_beyond
 
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Decision
 from hrsi.hrsi_engine.adjustment.equations import State
 from hrsi.hrsi_engine.adjustment.gauss_newton import Solution, Weighting
+from hrsi.hrsi_engine.adjustment.image_alignment import bound_heights
 from hrsi.hrsi_engine.adjustment.problem import prepare_problem
+from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.laboratory.simulation.options import Noise, PointCounts, SceneSpec
 from hrsi.hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError
@@ -67,6 +70,19 @@ def test_a_drift_that_no_parameter_follows_does_not_move_the_block(model, sigma_
     assert result.converged
     off = np.nanmean(ground_difference_m(simulated.truth.ground, result.ground), axis=0)
     assert (np.abs(off) < 3.0 * np.array(result.parts[0].sigma_m)).all()
+
+
+def test_heights_alone_are_bound_by_the_height_range_of_the_rpc():
+    """No plan position has a prior but those of surveys, which keep their own."""
+    block, *_ = blocks.block(gcps=3, checks=0, ties=5)
+    observations = prepare_problem(block, AdjustOptions(model="shift")).observations
+    weight = bound_heights(observations, block.points.ground).weight
+    surveyed = block.points.role == Role.GCP
+    assert surveyed.sum() == 3
+    np.testing.assert_allclose(weight[surveyed], 1.0 / 0.1**2)  # m, stated for all three coordinates
+    reach = abs(block.images[0].rpc.height_scale)
+    np.testing.assert_allclose(weight[~surveyed, 2], 1.0 / reach**2)
+    assert weight[~surveyed, :2].max() <= 1.0 / 10e3**2  # 10 km, against singular equations
 
 
 @pytest.mark.parametrize(("frames", "ties"), [(5, 600), (1, 12)])

@@ -215,6 +215,19 @@ def test_departures_are_in_sigmas_from_the_plane_of_the_image_pair():
     assert np.abs(departure[~right]).min() > 25.0 / 0.8
 
 
+def test_departures_of_few_parallaxes_are_those_from_their_level():
+    """Forty image pairs with six parallaxes each, about 50 px and alike, but for the last of each, 30 px away."""
+    rng = np.random.default_rng(13)
+    rows = np.arange(480).reshape(-1, 2)
+    image = np.repeat(np.arange(80).reshape(-1, 2), 6, axis=0).ravel()
+    observations = SimpleNamespace(image=image, images=range(80), places=rng.uniform(-1.0, 1.0, (480, 2)))
+    y, wrong = 50.0 + rng.normal(0.0, 0.2, 240), np.arange(240) % 6 == 5
+    pairs = Parallaxes(rows[:, 0], rows[:, 1], y + 30.0 * wrong, np.full(240, 0.2))
+    departure, _ = _measure_departures(observations, pairs)
+    assert np.abs(departure[~wrong]).max() < 6.0
+    assert np.abs(departure[wrong] - 150.0).max() < 6.0
+
+
 def test_an_image_that_was_delivered_twice_does_not_stop_the_others():
     """The rays of the two are parallel: there is no epipolar line between them, but there is with the other image."""
     cameras = blocks.images(2)

@@ -113,6 +113,9 @@ def test_tie_points(scene, true_cameras, tmp_path) -> None:
         seen = tracks[row["id"]]
         place = np.array(row["geometry"]["coordinates"][:2] + [row["height"]])
         assert row["views"] == len(seen)
+        own = [one for one in rows if one["id"] == row["id"]]
+        assert row["sigma"] == pytest.approx(rms([one["sigma"] for one in own]), rel=1e-6)
+        assert row["quality"] == pytest.approx(np.mean([one["quality"] for one in own]), rel=1e-6)
         near = intersect([(scene.cameras[n], xy) for n, xy in seen.items()], place)
         assert np.abs(metres(place, near)[0]).max() < 10.0  # m: held by weak priors of the RPCs' common error of 4 m
 

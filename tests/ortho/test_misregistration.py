@@ -57,6 +57,28 @@ def test_known_shifts_come_back_without_bias(dx: float, dy: float, noise: float)
         assert 0.7 < error.std() / np.median(found.sigma_px[found.good]) < 1.4
 
 
+def test_mirrored_windows_have_mirrored_shifts() -> None:
+    """Both axes reversed: no side of a window is preferred, and noise moves the result as much to the other side."""
+    rng, options = np.random.default_rng(4), MisregistrationOptions(window_px=32, search_px=6)
+    grey = texture(SIDE, SIDE)
+    pair = [1000.0 * one + rng.normal(0.0, 30.0, grey.shape) for one in (grey, shifted(grey, 0.3, -0.2))]
+    mask, centres = np.ones(grey.shape, dtype=bool), np.array([[80, 90], [150, 100], [200, 220], [110, 240]])
+
+    def find(pair: list[np.ndarray], centres: np.ndarray) -> WindowShifts:
+        first, second = (
+            lambda x, y, columns, rows, one=one: (
+                one[y : y + rows, x : x + columns],
+                mask[y : y + rows, x : x + columns],
+            )
+            for one in pair
+        )
+        return measure_shifts(first, second, centres, options)
+
+    ahead, back = find(pair, centres), find([one[::-1, ::-1] for one in pair], SIDE - centres)
+    assert ahead.good.all() and back.good.all()
+    np.testing.assert_allclose(back.shift_px, -ahead.shift_px, atol=1e-3)
+
+
 def test_windows_that_cannot_be_matched_say_why() -> None:
     grey = 1000.0 * texture(SIDE, SIDE)
     other = 1000.0 * texture(SIDE, SIDE, seed=99)
