@@ -2,7 +2,7 @@
 
 ``python scripts/check_words.py [FILE …]`` prints one line for each fault and ends with 1 if there is one. Without a
 file it reads all texts of the repository: the pages in Markdown, the templates of reports, and the strings of the code
-(help texts, messages, reasons, labels; not docstrings). ``make lint`` runs it.
+(help texts, messages, reasons, labels). ``make lint`` runs it. Of docstrings and comments only the words are checked.
 
 The vocabulary is the table *Words not to use* of docs/glossary.md. A sentence has 30 words at most and, in a paragraph
 of a page, a verb. Messages of the code have the form "what happened: what to do"; there a colon or semicolon ends a
@@ -12,9 +12,11 @@ sentence. Files that scripts/words_to_rewrite.txt lists are not checked yet. The
 from __future__ import annotations
 
 import ast
+import io
 import re
 import subprocess
 import sys
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -69,13 +71,17 @@ ENDINGS = ("", "s", "es", "d", "ed", "ing")
 
 
 class Text(NamedTuple):
-    """A piece of prose: place, text, and whether it is a message of the code, or a label (cell, heading, item)."""
+    """A piece of prose: place, text, and whether it is a message of the code, or a label (cell, heading, item).
+
+    Of a note (docstring or comment of the code) only the words are checked.
+    """
 
     place: str
     text: str
     is_message: bool
     is_label: bool
     is_item: bool = False
+    is_note: bool = False
 
 
 def list_verb_forms() -> set[str]:
@@ -134,7 +140,7 @@ def find_faults(text: Text, words: dict[str, str], pattern: re.Pattern[str]) -> 
             continue
         key = re.sub(r"\s+", " ", re.sub(r"\d[\d.]*", "#", found[0])).lower()
         yield f"{text.place}: '{found[0]}': {words.get(key, '')}".rstrip(": ")
-    for sentence in split_sentences(text):
+    for sentence in [] if text.is_note else split_sentences(text):
         tokens = re.findall(r"[^\W\d_][\w'-]*", sentence)
         if len(tokens) > MOST_WORDS:
             yield f"{text.place}: {len(tokens)} words: {' '.join(sentence.split())[:60]}…: make it shorter"
@@ -205,6 +211,17 @@ def texts_of_code(place: str, source: str) -> Iterator[Text]:
             yield Text(f"{place}:{node.lineno}", text, True, False)
 
 
+def notes_of_code(place: str, source: str) -> Iterator[Text]:
+    """Yield the docstrings and comments of a module; comments for tools (noqa, fmt) are not among them."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (text := ast.get_docstring(node)):
+            text = re.sub(r"(?m)(^\s*|; )[\w*, ]+ : |\bhold(s|ing)?\s+out\b", r"\1", text)  # parameters, and a term
+            yield Text(f"{place}:{node.body[0].lineno}", text, False, False, is_note=True)
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT and not re.match(r"#:?\s*(noqa|fmt|type|pragma)\b", token.string):
+            yield Text(f"{place}:{token.start[0]}", token.string.lstrip("#: "), False, False, is_note=True)
+
+
 def texts_of_template(place: str, page: str) -> Iterator[Text]:
     """Yield the lines of a template of a page (Jinja), without its marks, styles and scripts."""
     marks = r"<style.*?</style>|<script.*?</script>|\{#.*?#\}|\{%.*?%\}|\{\{.*?\}\}"
@@ -224,7 +241,8 @@ def check_file(name: str, words: dict[str, str], pattern: re.Pattern[str]) -> li
     """Return the faults of a file."""
     content = (ROOT / name).read_text(encoding="utf-8")
     read = {".py": texts_of_code, ".md": texts_of_page, ".j2": texts_of_template}[Path(name).suffix]
-    return [fault for text in read(name, content) for fault in find_faults(text, words, pattern)]
+    texts = [*read(name, content), *(notes_of_code(name, content) if name.endswith(".py") else ())]
+    return [fault for text in texts for fault in find_faults(text, words, pattern)]
 
 
 def main(arguments: list[str]) -> int:

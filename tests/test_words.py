@@ -79,3 +79,21 @@ def test_all_texts_keep_to_the_vocabulary() -> None:
     names = [name for name in check_words.list_files() if name not in listed]
     faults = [fault for name in names for fault in check_words.check_file(name, WORDS, PATTERN)]
     assert not faults, "\n".join(faults)
+
+
+def test_words_of_docstrings_and_comments_are_checked() -> None:
+    """Not the names of parameters, nor comments for tools; sentences may be long, and without a verb."""
+    source = '''def f(ties):
+    """What the points tell.
+
+    ties : (n,) the tie points
+    """
+    x = 1  # it stands here
+    return x  # noqa: sound
+'''
+    faults = [
+        fault
+        for text in check_words.notes_of_code("a.py", source)
+        for fault in check_words.find_faults(text, WORDS, PATTERN)
+    ]
+    assert [fault.split(": ")[:2] for fault in faults] == [["a.py:2", "'tell'"], ["a.py:6", "'stands'"]]

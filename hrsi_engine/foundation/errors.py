@@ -1,4 +1,4 @@
-"""Errors that a caller can act on: each message says what is wrong, where, and what to do."""
+"""Errors that a caller can act on: each message states what is wrong, where, and what to do."""
 
 from collections.abc import Iterable
 

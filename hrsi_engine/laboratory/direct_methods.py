@@ -83,7 +83,7 @@ class DirectRPC:
 
     @property
     def drifts(self) -> np.ndarray:
-        """None that stands apart from the rest, ``(p,)``."""
+        """None that is separate from the rest, ``(p,)``."""
         return np.zeros(COEFFICIENTS, dtype=bool)
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
@@ -266,7 +266,7 @@ DIRECT = make_models(DIRECT_TABLE, _MAKERS)
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison:
-    """Residuals ``(n, 2)`` of a model at control and check points; ``note`` says why it failed."""
+    """Residuals ``(n, 2)`` of a model at control and check points; ``note`` states why it failed."""
 
     control_px: np.ndarray
     check_px: np.ndarray

@@ -2,7 +2,7 @@
 
 The points of the first image are carried to the second by a transformation whose parameters the points determine:
 directly in image space, or after both RPCs have carried them over the ground. What is left over, by kind of point,
-tells how well corners and centres can be measured.
+shows how well corners and centres can be measured.
 """
 
 from __future__ import annotations

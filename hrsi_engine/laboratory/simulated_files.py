@@ -1,6 +1,6 @@
 """Files of a simulated block: images streamed by blocks, terrain and points.
 
-Nothing here knows how pixels come about: an image is anything whose windows can be read (`block.Raster`).
+This module is independent of how pixels are made: an image is anything whose windows can be read (`block.Raster`).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def write_image(
 def _write_row(dataset: gdal.Dataset, line: int, parts: list[PixelStrip]) -> None:
     for band, sample, pixels in parts:
         dataset.GetRasterBand(band + 1).WriteArray(pixels, sample, line)
-    dataset.FlushCache()  # GDAL would hold up to a twentieth of the machine's memory
+    dataset.FlushCache()  # GDAL would keep up to a twentieth of the machine's memory
 
 
 def _create_file(

@@ -48,7 +48,7 @@ def read_block(
     images: Sequence[Image], points: PointFiles, dem: GridSurface | None = None, tie_points: str | None = None,
     ties: Sequence[ImagePoints] = (), known: Sequence[GroundPoints] = (),
 ) -> tuple[Block, list[str]]:  # fmt: skip
-    """Read point files and assemble the block with ties and known points; return it with warnings for the user.
+    """Read point files and assemble the block with tie points and known points; return it with warnings for the user.
 
     Ground positions are used from the layer of GCPs only: a layer of image points may be one that HRSI wrote, with
     adjusted positions.
@@ -208,7 +208,7 @@ EARLIER = "earlier:"  # prefix of earlier tie point ids if new ones have the sam
 
 @dataclass(frozen=True, eq=False)
 class EarlierBlock:
-    """Earlier block that new images join: its images, ties and known points, or the joint estimate of its cameras."""
+    """Earlier block that new images join: its images, tie and known points, or the joint estimate of its cameras."""
 
     images: tuple[Image, ...] = ()
     ties: tuple[ImagePoints, ...] = ()

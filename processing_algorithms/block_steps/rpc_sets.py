@@ -84,7 +84,7 @@ def _names_output(path: str, file: str) -> bool:
 
 
 def split_measurements(tables: Sequence[PointTables]) -> tuple[ImagePoints, ImagePoints]:
-    """Return the image points that influenced cameras, and those of held-out ties; check points are in neither."""
+    """Return the image points that influenced cameras, and those of held-out tie points; neither has check points."""
     used, held = list[ImagePoints](), list[ImagePoints]()
     for image, ground in ((one.image, one.ground) for one in tables if one.image is not None):
         passive, out = (

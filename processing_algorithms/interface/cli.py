@@ -164,7 +164,7 @@ def _init_project(words: list[str]) -> None:
 
 
 def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
-    """Return the page of an algorithm or of a command; without a word, or for several, the list of algorithms."""
+    """Return the page of an algorithm or of a command; without a name, or for several, the list of algorithms."""
     if len(words) != 1 or words[0] in HELP:
         return f"{registry_help(registry)}\n"
     if words[0] in COMMANDS:  # no algorithms

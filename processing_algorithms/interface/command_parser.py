@@ -103,7 +103,7 @@ def algorithm_parser(algorithm: Algorithm, groups: Mapping[str, Sequence[Param]]
     for title, params in (groups or sections(algorithm.params)).items():
         section = parser.add_argument_group(title)
         for param in params:
-            if param in LINE_PARAMS and param.kind is Kind.FLAG:  # flags that are off by default: no opposite
+            if param in LINE_PARAMS and param.kind is Kind.FLAG:  # flags that are false by default: no opposite
                 section.add_argument(*SHORT.get(param.key, []), f"--{param.name}", action="store_true", help=param.help)
             else:
                 add_option(section, param, [*algorithm.params, *LINE_PARAMS])

@@ -40,7 +40,7 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
             here = stage(context.progress, steps[step], steps[step + 1])
             parts.append(detect_interest_points(image.raster, name, options.detection, region, here))
         tables.append(join_points(parts))
-    # Where the sun stood: as its delivery tells, else as given, for then its elevation is not known
+    # Direction of the sun: that of the delivery, else as given, because its elevation is not known then
     given = None if options.sun_azimuth is None else SunReading(SunAngles(options.sun_azimuth, float("nan")), "given")
     suns = [None if image.rpc is None else read_sun(image.path, image.rpc) or given for image in images]
     # Of each point ``yes`` or ``no``, whether it is a dark centre on the shadow side; else ``unknown``

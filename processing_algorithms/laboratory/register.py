@@ -116,7 +116,7 @@ def _rows_by_id(table: ImagePoints, image: str) -> dict[str, int]:
 
 
 def _pair(options: RegisterOptions, names: list[str], table: ImagePoints) -> tuple[str, str]:
-    """Return the ids of the first and the second image: as the options say, else in the order of the file."""
+    """Return the ids of the first and the second image: as the options state, else in the order of the file."""
     present = list(dict.fromkeys(table.image_ids.tolist()))
     chosen = names or present
     first = options.first or next(iter(chosen), None)

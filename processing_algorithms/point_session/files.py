@@ -231,7 +231,7 @@ def save(session: PointSession, path: str = "") -> None:
                 columns["survey_lon"][row], columns["survey_lat"][row] = point.lon, point.lat
                 columns["survey_height"][row] = point.height
         layers["ground_points"] = replace(ground, fields=GroundPointRows(**{**ground.fields, **columns}))
-        # … and add points that were not used: those that are off, or in no image
+        # … and add points that were not used: those with the role off, or in no image
         for name in ("ground_points", "image_points"):
             layers[name] = _with_others(layers[name], plain[name])
     if any(point.photo for point in session.points.values()):

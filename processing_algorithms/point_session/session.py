@@ -141,7 +141,7 @@ class PointSession:
     def find_next_gap(self, name: str, step: int) -> str:
         """Return the next point (``step`` 1; -1: the previous one) that is not measured in an image that contains it.
 
-        Points that are off are skipped. The point itself is returned if there is no other.
+        Points with the role off are skipped. The point itself is returned if there is no other.
         """
         names = list(self.points)
         if not names:

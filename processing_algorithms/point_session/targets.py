@@ -16,7 +16,7 @@ from .rows import PANEL, ImageMeasurement
 
 BY_HAND = "point"
 #: Error of identifying the surveyed point with the centre of an object, and of the cameras' models, in px: the sigma
-#: of a fit, some 0.01 px, does not include them, and would make every click an outlier among other measurements.
+#: of a fit, about 0.01 px, does not include them, and would make every click an outlier among other measurements.
 IDENTIFICATION_PX = 0.1
 
 

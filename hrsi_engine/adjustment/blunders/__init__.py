@@ -2,7 +2,7 @@
 
 | module        | contains                                                                                  |
 |---------------|-------------------------------------------------------------------------------------------|
-| ties          | each tie point as a small adjustment of its own; error probabilities, shared by all tests |
+| tie points    | each tie point as a small adjustment of its own; error probabilities, shared by all tests |
 | discrepancies | differences of the GCPs from the rest of the block, also with observations left out       |
 | control       | groups of wrong GCPs, and whether survey or measurement is wrong                          |
 """

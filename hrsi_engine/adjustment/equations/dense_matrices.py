@@ -2,7 +2,7 @@
 
 The wheels of NumPy and SciPy each contain their own library. That of NumPy 1.26 does not recognise recent processors
 and falls back to instructions of 2004: 16 instead of 65 billion operations a second with the one of SciPy 1.13. SciPy's
-functions for Python hold Python's lock while they run; `scipy.linalg.cython_blas` and `cython_lapack` offer the
+functions for Python keep Python's lock while they run; `scipy.linalg.cython_blas` and `cython_lapack` offer the
 addresses of the same routines to compiled code, and so to `ctypes`, which releases it. The library's threads wait for
 one another by spinning, which makes it ten times slower on a busy machine: callers limit them
 (`threads.one_thread_calls`).

@@ -1,7 +1,7 @@
 """QGIS styles of the result's layers: residual arrows whose scale suits the data, footprints, points.
 
 The styles are QML templates in ``styles/``, made for QGIS 3.22 and later. The arrow of the 90th percentile has a fixed
-length on the screen; the legend says how many metres or pixels that is.
+length on the screen; the legend states how many metres or pixels that is.
 """
 
 import math

@@ -1,7 +1,7 @@
 """s2p: a configuration in JSON; its paths are relative to the working directory.
 
 The first image is the reference, and every other image forms a stereo pair with it. The DEM has ellipsoidal heights,
-so ``exogenous_dem_geoid_mode`` is off. Source: ``s2p/config.py`` and the README of s2p 1.0b25.
+so ``exogenous_dem_geoid_mode`` is false. Source: ``s2p/config.py`` and the README of s2p 1.0b25.
 """
 
 from collections import Counter

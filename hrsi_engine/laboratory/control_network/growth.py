@@ -3,8 +3,8 @@
 Every interest point is grouped with its closest node. In the sub-network of that node, the direction to the node's
 father is the starting point, and each point has a distance and an angle; in the other image the points within the
 tolerances of both are its candidates. The thesis takes the closest one. On real relief 3-37 % of those are wrong, so a
-candidate must also look alike (`correlate_patches`, under the local affine map of the nodes around) and agree with
-where the nodes around put it; the one that looks most alike is taken if the choice is mutual. New nodes join the
+candidate must also look similar (`correlate_patches`, under the local affine map of the nodes around) and agree with
+where the nodes around put it; the one that looks most similar is taken if the choice is mutual. New nodes join the
 network, and points that have got a closer node are matched again.
 
 Final positions come from least-squares matching; outliers are found by neighbours and affine epipolar geometry.
@@ -214,7 +214,7 @@ def compute_epipolar_residuals(first: np.ndarray, second: np.ndarray, iterations
     """Return the signed distances ``(n,)`` px of pairs from their robust affine epipolar geometry.
 
     Points of two views by parallel rays fulfil ``a x + b y + c x' + d y' + e = 0`` whatever the relief (Koenderink
-    and van Doorn 1991); over a window, that holds for satellite images to a fraction of a pixel. The normal is
+    and van Doorn 1991); over a window, that is true of satellite images to a fraction of a pixel. The normal is
     the direction of least spread of the four coordinates, weights after Cauchy; the distance is that of one image.
     """
     joint = np.column_stack([first, second])

@@ -1,4 +1,4 @@
-"""Leaves of a network in polar coordinates about their root (thesis §3.3.2, fig. 3.5), and how far they may be off.
+"""Leaves of a network in polar coordinates about their root (thesis §3.3.2, fig. 3.5), and their tolerances.
 
 Tolerances (thesis §3.3.4, eqs. 3.4-3.6): a ground distance ``s`` on a slope ``beta`` is seen by two sensors with
 incidence angles ``theta1`` and ``theta2`` as ``s cos(theta1 - beta)`` and ``s cos(theta2 + beta)``. The difference

@@ -207,7 +207,7 @@ def match_views(
 ) -> ControlNetworkMatch:  # fmt: skip
     """Match two windows with their interest points; ``scales`` are those between the windows' own pixels.
 
-    ``similarity (2, 3)`` is where features put the points of the first window, if they tell that.
+    ``similarity (2, 3)`` is where features put the points of the first window, if they determine it.
     """
     radius_px = options.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
     gentle, steep = (
@@ -313,8 +313,8 @@ def vote_by_features(
 ) -> FeatureVote:
     """Return the similarity that features vote for; `SCALE.unknown_scales` where they do not agree.
 
-    Both windows are reduced alike until the larger has at most ``most_px`` pixels: that is quick, and enough where they
-    overlap well.
+    Both windows are reduced equally until the larger has at most ``most_px`` pixels: that is quick, and enough where
+    they overlap well.
     """
     areas = first_window, second_window
     largest = max((area.right - area.left) * (area.bottom - area.top) for area in areas)

@@ -1,6 +1,6 @@
 """The control network: nodes measured in both images, each node's father, and affine maps through the nodes around.
 
-The local maps predict where a point should be, tell nodes that contradict their neighbours, and shape the patches that
+The local maps predict where a point should be, find nodes that contradict their neighbours, and shape the patches that
 are compared. A weak pull towards the similarity of the whole network keeps them determined with few or collinear nodes.
 """
 
@@ -65,7 +65,7 @@ class Network:
         """Return rotation (rad) and scale ``(k,)`` at each node: from the direction to its father in both images.
 
         A father too near to give a direction hands over to his own; without any ancestor far enough the whole
-        network's rotation and scale stand.
+        network's rotation and scale are fixed.
         """
         overall = np.arctan2(self.matrix[1, 0], self.matrix[0, 0])
         rotation = np.full(len(self), overall)
@@ -109,7 +109,7 @@ def fit_local_affine(
 ) -> LocalAffine:
     """Return the robust affine maps at points ``(n, 2)`` through their nearest nodes ``first`` -> ``second`` (k, 2).
 
-    overall : (2, 2) matrix of the whole network; leave_out : (n,) node that must not take part at each point (itself)
+    overall : (2, 2) matrix of the whole network; leave_out : (n,) node that is not used at each point (itself)
     """
     left_out = int(leave_out is not None)
     count = min(LOCAL_AFFINE.neighbours, len(first) - left_out)
@@ -127,7 +127,7 @@ def fit_local_affine(
     residual = dy - start[:, None, :]
     for _ in range(LOCAL_AFFINE.iterations):
         squared = np.sum(residual**2, axis=2)
-        # Before the affine terms are known all neighbours are off: the scale shrinks with their median.
+        # Before the affine terms are known all neighbours deviate: the scale shrinks with their median.
         weight = 1.0 / (1.0 + squared / np.maximum(np.median(squared, axis=1, keepdims=True), LOCAL_AFFINE.scale_px**2))
         weighted = np.transpose(design * weight[..., None], (0, 2, 1))
         normal = weighted @ design

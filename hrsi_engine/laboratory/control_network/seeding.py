@@ -4,8 +4,8 @@ A part of about 400 x 400 pixels has about a hundred super points, as in the the
 network, and the number of pairs of roots would grow with the square of the area; so parts are tried one by one, those
 near the middle first, until one of them is found in the second window.
 
-Geometry may fail to tell where few super points repeat (wide angles, other dates, small overlap). Where features vote
-clearly for one similarity, interest points that look alike are paired near where it puts them (`find_feature_seeds`).
+Geometry may not determine where few super points repeat (wide angles, other dates, small overlap). Where features vote
+clearly for one similarity, interest points that look similar are paired near where it puts them (`find_feature_seeds`).
 Else the likeliest hypotheses are compared by what their nodes look like (`find_grey_seeds`).
 """
 
@@ -37,7 +37,7 @@ from .views import NetworkWindow, correlate_patches
 
 @thresholds
 class SEEDING:
-    """Which super points a network begins with, and when its first nodes are believed."""
+    """Which super points a network begins with, and when its first nodes are accepted."""
 
     cell_px: float = threshold(100.0, "px", "side of a cell", "thesis section 3.3: 110 in 400 x 400 px")
     points_per_cell: int = threshold(7, "points", "super points in a cell", "thesis section 3.3: 110 in 400 x 400 px")
@@ -90,7 +90,7 @@ def find_seeds(
 ) -> Iterator[Seed]:  # fmt: skip
     """Yield first networks, most trustworthy first; every super-point match is noted in ``seen``.
 
-    ``similarity (2, 3)`` is where features put the first window's points, if they tell that.
+    ``similarity (2, 3)`` is where features put the first window's points, if they determine it.
     """
     # The thesis takes the strongest points of a whole window; cells do the same for windows of any size
     per_cell = SEEDING.cell_px, SEEDING.points_per_cell
@@ -117,7 +117,7 @@ def find_seeds(
 def find_grey_seeds(
     first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, theirs: np.ndarray, options: SeedOptions,
 ) -> Iterator[Seed]:  # fmt: skip
-    """Yield the network of the hypothesis of which most nodes look alike, if no other has nearly as many."""
+    """Yield the network of the hypothesis of which most nodes look similar, if no other has nearly as many."""
     tested, hypotheses = [], []
     for share in SEEDING.grey_reaches:
         reach_px = share * options.reach_px
@@ -139,7 +139,7 @@ def find_grey_seeds(
 def find_feature_seeds(
     first: NetworkWindow, second: NetworkWindow, similarity: np.ndarray, options: SeedOptions
 ) -> Iterator[Seed]:
-    """Yield the network of the interest points that look alike near where a similarity puts them."""
+    """Yield the network of the interest points that look similar near where a similarity puts them."""
     matrix, shift = similarity[:, :2], similarity[:, 2]
     near = cKDTree(second.xy).query_ball_point(first.xy @ matrix.T + shift, SEEDING.feature_reach_px)
     a = np.repeat(np.arange(len(near)), [len(rows) for rows in near])
@@ -176,7 +176,7 @@ def make_network(
 
 
 def verify_network(network: Network, first: NetworkWindow, second: NetworkWindow, least: float) -> Network:
-    """Return the nodes that look alike under the network's rotation and scale and agree with their neighbours."""
+    """Return the nodes that look similar under the network's rotation and scale and agree with their neighbours."""
     matrices = np.broadcast_to(network.matrix, (len(network), 2, 2))
     correlation = correlate_patches(first, second, network.first, network.second, matrices)
     network = replace(network, correlation=correlation).select(correlation >= least)

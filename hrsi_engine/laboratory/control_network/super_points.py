@@ -2,8 +2,8 @@
 
 A hypothesis names a root and a starting leaf in both sets. The starting leaves fix the rotation, and every leaf has its
 distance from the root and its angle from the starting leaf; two leaves correspond (eq. 3.3) when they are each
-other's closest within the tolerances of distance and angle. The hypothesis with the most correspondences wins, then
-that with the smallest sum of squared differences in units of the tolerances.
+other's closest within the tolerances of distance and angle. The hypothesis with the most correspondences is chosen,
+then that with the smallest sum of squared differences in units of the tolerances.
 
 The search gives what trying all hypotheses gives. `bound_votes` bounds the number of every pair of roots from above;
 pairs are evaluated from the largest bound down until no bound reaches what was found (or what is more than chance),
@@ -11,8 +11,8 @@ and so are the starting points within a pair of roots. For m and n points with l
 ``O(m n)`` (see `bound_votes`), an evaluated pair of roots ``O(k + h k)`` for its k leaf pairs of like distance and the
 h of them that may win; the exhaustive search costs ``O(m n l^4)``.
 
-Two measures tell whether the winner is right. ``log10_nfa``: how many hypotheses of as many correspondences would
-appear by chance in two unrelated sets (number of false alarms; Desolneux, Moisan and Morel 2000). ``runner_up``:
+Two measures show whether the best hypothesis is right. ``log10_nfa``: how many hypotheses of as many correspondences
+would appear by chance in two unrelated sets (number of false alarms; Desolneux, Moisan and Morel 2000). ``runner_up``:
 the most correspondences of a hypothesis that puts the root somewhere else or turns it otherwise.
 
 **Votes.** Every root's leaves are counted in a histogram over distance and direction. A rotation shifts the directions,
@@ -89,9 +89,9 @@ class SuperPointMatch:
 
 
 class LeafPairs(NamedTuple):
-    """Leaf pairs of two roots with distances alike: rows into the two leaf tables, (k,) each, and what they need.
+    """Leaf pairs of two roots with similar distances: rows into the two leaf tables, (k,) each, and what they need.
 
-    turn_rad : rotation that each pair stands for; allowed_rad : tolerance of the angle; radial : squared difference of
+    turn_rad : rotation that each pair implies; allowed_rad : tolerance of the angle; radial : squared difference of
     distance in units of the tolerance
     """
 

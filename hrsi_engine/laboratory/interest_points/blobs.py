@@ -212,7 +212,7 @@ def _trace_best_paths(
     outwards = -sign[:, None, None].astype(np.float32) * (slope.real * ray.real + slope.imag * ray.imag)
     usual = np.maximum(np.median(outwards.max(axis=2), axis=1), 1e-3)[:, None, None]
     gain = np.maximum(outwards, 0.0) / usual
-    gain = 2.0 * gain / (1.0 + gain)  # a very steep edge beside does not draw the path away
+    gain = 2.0 * gain / (1.0 + gain)  # a very steep edge next to it does not draw the path away
     # Index on each ray (n, rays) of the closed path with the largest sum of gain
     gain = np.ascontiguousarray(np.moveaxis(gain, 1, 0))
     rays, count, radii = gain.shape

@@ -1,6 +1,6 @@
 """Dark gravity centres that are shadows of objects standing on the ground, by the direction of the sun.
 
-An object that stands on the ground has its lit side towards the sun and its shadow behind. A dark centre that is such a
+An object above the ground has its lit side towards the sun and its shadow behind. A dark centre that is such a
 shadow is brighter in its half towards the sun. Beyond its outline lies the object itself on the sun's side, darker than
 the open, lit ground on all other sides. Pits, ponds and dark plots have neither, or the opposite.
 

@@ -1,4 +1,4 @@
-"""Dates: on which day an image is taken, where the sun stands, and what the air and the sensor do.
+"""Dates: on which day an image is taken, the position of the sun, and what the air and the sensor do.
 
 The sun's direction follows from its declination and hour angle (Cooper, 1969, Solar Energy 12, 333-346).
 """

@@ -1,7 +1,7 @@
 """Points of a simulated block: where they are, which cameras see them, and how they are measured with errors.
 
 Surveyed points are placed as a surveyor would: far from each other, on gentle ground, on two images where there are
-two. Tie points fill every image evenly. Whether a camera sees a point is decided by its own ray: the point is
+two. Tie points fill every image evenly. Whether a point is visible in an image is decided by its own ray: the point is
 projected, the ray of that image position is followed to the terrain, and a mountain in between hides the point. Errors
 are normal with the standard deviations of `Noise`, except for the blunders, which are marked in the truth.
 """

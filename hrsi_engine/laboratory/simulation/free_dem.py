@@ -1,6 +1,6 @@
 """A DEM as everybody can have it, with the errors of Copernicus GLO-30: cells of 30 m, trees and buildings in them.
 
-GLO-30 is a surface seen by radar; half of a wood's height or more stands in it. It is stated (Copernicus DEM Product
+GLO-30 is a surface seen by radar; it contains half of a wood's height or more. It is stated (Copernicus DEM Product
 Handbook, AIRBUS 2022, accuracy) to 4 m absolutely in height (LE90) and 6 m in plan (CE90), and to 2 m from cell to
 cell, 4 m on slopes above 20 %. So heights and place are displaced as a whole, and noise that is correlated over some
 cells grows with the slope::
@@ -22,7 +22,7 @@ from .terrain import TerrainSurface, make_fractal_relief
 
 @thresholds
 class CANOPY:
-    """Where trees stand on a free DEM."""
+    """Heights of trees in a free DEM."""
 
     roughness: float = threshold(0.2, "", "Hurst exponent of the field that decides where trees grow")
     edge_cells: float = threshold(0.7, "cells", "standard deviation by which the edges of woods are smoothed")

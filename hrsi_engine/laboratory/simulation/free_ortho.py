@@ -1,9 +1,8 @@
-"""An orthoimage as everybody can have it: pixels of 10 m, from another time of the year, some metres beside the truth.
+"""An orthoimage as everybody can have it: pixels of 10 m, from another time of the year, some metres from the truth.
 
-Most of what Sentinel-2 and its like lie off is the same for all of a scene; some changes from part to part, where a
-mosaic has its seams or the orbit was adjusted by itself, and the rest, the heights it was rectified with, from place to
-place. The shares of the variance are 64, 16 and 20 %.
-"""
+Most of the displacement of Sentinel-2 and similar images is the same for all of a scene; some changes from part to
+part, where a mosaic has its seams or the orbit was adjusted by itself, and the rest, by the heights of rectification,
+from place to place. The shares of the variance are 64, 16 and 20 %."""
 
 from __future__ import annotations
 
@@ -38,7 +37,7 @@ ORTHO_BANDS = tuple(range(1, len(SPECTRAL_BANDS)))  #: blue, green, red, near in
 
 
 class OrthoErrors(NamedTuple):
-    """How far an orthoimage lies beside the truth: east and north ``(2, rows, columns)`` at nodes over the scene."""
+    """Displacement of an orthoimage from the truth: east and north ``(2, rows, columns)`` at nodes over the scene."""
 
     at_nodes_m: np.ndarray
     half_extent_m: float
@@ -104,7 +103,7 @@ def draw_ortho_errors(half_extent_m: float, spec: FreeOrthoSpec, seed: list[int]
 
 @dataclass(frozen=True, eq=False)
 class FreeOrthoRenderer(OrthoRenderer):
-    """The ground from above at another time, beside where it is."""
+    """The ground from above at another time, displaced."""
 
     errors: OrthoErrors
 
@@ -135,7 +134,7 @@ def simulate_free_orthoimage(scene: Scene, spec: FreeOrthoSpec, errors: OrthoErr
     spec : FreeOrthoSpec
         Pixels and change.
     errors : OrthoErrors
-        By how much it lies beside the truth.
+        Displacement from the truth.
 
     Returns
     -------

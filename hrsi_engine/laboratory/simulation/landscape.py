@@ -3,7 +3,7 @@
 The land is a lattice of blocks, bent smoothly so that nothing is straight or parallel for long: chart metres
 ``(E, N)`` go to lattice metres ``(u, v)`` by a few sines, which can be undone to any accuracy. Roads follow the borders
 of the blocks; every block has a land cover and is cut into parcels. All lengths are multiplied by ``scale``, so that a
-coarser sensor sees a landscape of the same richness in pixels.
+coarser sensor shows a landscape of the same richness in pixels.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class LandCover(NamedTuple):
     share: float
     grey: tuple[float, float, float, float, float]
     parcel_spread: float  # standard deviation between parcels, as a share of the grey value
-    contrast: float  # of the fine texture, likewise
-    canopy: float  # of tree crowns, likewise
+    contrast: float  # of the fine texture, relative too
+    canopy: float  # of tree crowns, relative too
 
 
 COVERS = (

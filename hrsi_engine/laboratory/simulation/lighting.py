@@ -1,11 +1,10 @@
-"""Painting the ground as it looks under one sun: shading, cast shadows, and buildings that stand above the ground.
+"""Painting the ground as it looks under one sun: shading, cast shadows, and buildings above the ground.
 
 A line of sight that reaches the ground at (E, N) passes (E, N) + h l at the height h above it, l being its lean in
-metres per metre. So what stands up to a height h is painted at the positions (E, N) + h l: its roof moves away from its
-foot as the view is oblique, and between them lie the walls. A shadow is the outline of what casts it, moved away from
-the sun by h cot(elevation); it takes away the direct light and leaves that of the sky. The terrain's own shadows are
-found by walking from the ground towards the sun.
-"""
+metres per metre. So what reaches up to a height h is painted at the positions (E, N) + h l: its roof moves away from
+its foot as the view is oblique, and between them lie the walls. A shadow is the outline of what casts it, moved away
+from the sun by h cot(elevation); it takes away the direct light and leaves that of the sky. The terrain's own shadows
+are found by walking from the ground towards the sun."""
 
 from __future__ import annotations
 

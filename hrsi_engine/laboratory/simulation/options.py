@@ -21,7 +21,7 @@ class Landform(NamedTuple):
     relief_m : float
         Range of its heights.
     town : float or None
-        Share of the blocks of land that are built up, with buildings that stand above the ground; None: the
+        Share of the blocks of land that are built up, with buildings above the ground; None: the
         landscape's own share, its roofs flat on the ground.
     """
 

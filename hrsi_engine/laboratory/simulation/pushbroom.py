@@ -47,7 +47,7 @@ class PushbroomCamera:
     size : tuple of int
         Samples and lines.
     middle : tuple of float
-        Sample and line at which the undisturbed sensor sees the scene centre.
+        Sample and line at which the undisturbed sensor observes the scene centre.
     drift_lines : float
         After which the drifts of ``error`` are complete.
     pixel_rad : float
@@ -337,7 +337,7 @@ def aim_camera(
 def _compute_position(
     sensor: Sensor, frame: LocalFrame, along_deg: float, across_deg: float, heading_deg: float
 ) -> np.ndarray:
-    """Return the satellite's ECEF position at the sensor's altitude that sees the frame's origin at the two angles."""
+    """Return the satellite's ECEF position at its altitude that observes the frame's origin at the two angles."""
     target = to_ecef(np.array([[frame.lon_deg, frame.lat_deg, frame.height_m]]))
     wanted = np.tan(np.radians([along_deg, across_deg]))
     tangents = wanted.copy()

@@ -164,7 +164,7 @@ class ImageRenderer:
 
     @cached_property
     def _node_lines(self) -> int:
-        # Between nodes at a distance h a chord is off by h² / 8 times the second derivative at most
+        # Between nodes at a distance h a chord deviates by h² / 8 times the second derivative at most
         curvature_px = max(self.camera.error.vibration.curvature_rad / self.camera.pixel_rad, 1e-12)
         return int(np.clip(np.sqrt(8.0 * RENDERING.jitter_px / curvature_px), 1, RENDERING.node_lines))
 

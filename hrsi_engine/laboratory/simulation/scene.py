@@ -21,7 +21,7 @@ from .views import SceneView
 
 @thresholds
 class SCENE:
-    """Size of a scene, and where objects stand."""
+    """Size of a scene, and the places of objects."""
 
     most_posts: int = threshold(4000, "posts", "most posts along a side of the terrain")
     polar_share: float = threshold(0.2, "", "half a scene, by its distance from the pole, at most")
@@ -58,7 +58,7 @@ class Scene:
     targets_m : (n, 2) ndarray
         Surveyed targets in chart metres.
     bare : TerrainSurface
-        The ground without the buildings that stand on the terrain.
+        The ground without the buildings on the terrain.
     """
 
     spec: SceneSpec
@@ -84,7 +84,7 @@ class Scene:
 
     @cached_property
     def chronicle(self) -> Chronicle:
-        """What stands when, and how high, where the scene has dates."""
+        """Objects by date with their heights, where the scene has dates."""
         return Chronicle.draw(self.objects, self.spec.seed, self.landscape.scale)
 
     @cached_property
@@ -129,13 +129,13 @@ def make_scene(spec: SceneSpec, views: Sequence[SceneView]) -> Scene:
     bare = make_fractal_terrain(chart, half_extent, post, spec.mean_height_m, relief_m, spec.seed, spec.cliff_m)
     scale = spec.scale or max(1.0, finest / SCENE.unit_gsd_m)
     landscape = Landscape(spec.seed, scale, town=landform.town)
-    dated = any(view.acquisition is not None for view in views)  # then they stand by the chronicle
+    dated = any(view.acquisition is not None for view in views)  # then the chronicle determines them
     terrain = bare if landform.town is None or dated else build_town(bare, landscape, half_extent)
     return Scene(spec, chart, terrain, landscape, half_extent, finest, np.empty((0, 2)), bare)
 
 
 def select_buildable(landscape: Landscape, ground: TerrainSurface, half_extent_m: float) -> Objects:
-    """Return the objects that do not stand across a cliff or on a very steep slope."""
+    """Return the objects that do not lie across a cliff or on a very steep slope."""
     objects = landscape.objects(half_extent_m)
     corners = ground.height(*np.moveaxis(objects.corners_m(), 2, 0))
     return objects.select(np.ptp(corners, axis=1) < SCENE.steepest_built * np.hypot(*objects.size_m.T))
@@ -151,7 +151,7 @@ def build_town(ground: TerrainSurface, landscape: Landscape, half_extent_m: floa
 
 
 def select_objects(scene: Scene, taken: Acquisition) -> tuple[Objects, np.ndarray]:
-    """Return what stands or lies on a scene on a date, cars included, and the heights of these objects ``(n,)``."""
+    """Return the objects of a scene on a date, cars included, and the heights of these objects ``(n,)``."""
     standing = scene.chronicle.standing(taken.day)
     kept, height_m = scene.objects.select(standing), scene.chronicle.height_m[standing]
     cars = park_cars(scene.landscape, scene.half_extent_m, taken)

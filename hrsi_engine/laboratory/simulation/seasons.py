@@ -3,7 +3,7 @@
 Fields go through the
 year of a crop, ploughed, green, ripe, stubble; meadows and deciduous forest follow the season; the texture of soil and
 plants decorrelates over two months, that of roads and roofs never; snow lies in patches on winter days; a share of the
-buildings is built or torn down on some day; cars stand on the roads, others every time.
+buildings is built or torn down on some day; cars are on the roads, others every time.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class SeasonLandscape(Landscape):
 
     @cached_property
     def ploughing_day(self) -> np.ndarray:
-        """Day on which each parcel is ploughed, ``(parcels, parcels)``; that of fields counts, alike along strips."""
+        """Day on which each parcel is ploughed, ``(parcels, parcels)``; that of fields counts, equal along strips."""
         rng = np.random.default_rng([self.seed, 62])
         by_row = np.kron(
             np.random.default_rng([self.seed, 12]).random(self.block_cover.shape) < 0.5,
@@ -118,7 +118,7 @@ class SeasonLandscape(Landscape):
 def make_season_texture(
     texture: Texture, taken: Acquisition, lat_deg: float, sigma_m: float, band: int
 ) -> SensorTexture:
-    """Return the ground on a date as a sensor sees it whose blur has ``sigma_m``, in one of `SPECTRAL_BANDS`.
+    """Return the ground on a date as observed by a sensor whose blur has ``sigma_m``, in one of `SPECTRAL_BANDS`.
 
     Soil and plants go from one texture of their own to the next within two months (`YEAR`); the sun lights crowns.
     """
@@ -135,7 +135,7 @@ def make_season_texture(
     return SensorTexture(landscape, fields, sigma, band)
 
 
-# ---- what stands on it -----------------------------------------------------------------------------------------------
+# ---- objects on the ground ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ class Chronicle:
         )
 
     def standing(self, day: float) -> np.ndarray:
-        """Return a mask of the objects that stand on a day."""
+        """Return a mask of the objects that exist on a day."""
         return (self.built_day <= day) & (day < self.torn_day)
 
 

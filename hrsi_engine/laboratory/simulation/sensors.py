@@ -165,7 +165,7 @@ class Radiometry:
 
 
 class AccuracyStatement(NamedTuple):
-    """Standard deviations with which a vendor knows a satellite's orbit and attitude.
+    """Standard deviations of a vendor's orbit and attitude of a satellite.
 
     Parameters
     ----------

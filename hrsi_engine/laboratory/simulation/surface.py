@@ -108,7 +108,7 @@ def _walk_down(paths: RayPaths, terrain: TerrainSurface, low: float, high: float
 
 
 def locate_on_surface(camera: PushbroomCamera, terrain: TerrainSurface, image: np.ndarray) -> np.ndarray:
-    """Return the ground points that a camera sees at image points.
+    """Return the ground points observed at image points.
 
     Parameters
     ----------

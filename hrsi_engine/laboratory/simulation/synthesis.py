@@ -39,7 +39,7 @@ class BlockTruth:
     cameras : tuple of PushbroomCamera
         The physical cameras that took the images.
     vendor_cameras : tuple of PushbroomCamera
-        What the vendor believes.
+        The vendor's assumption.
     vendor_rpcs : tuple of VendorRPC
         The delivered RPCs with their fit errors.
     height_range_m : tuple of float

@@ -1,7 +1,7 @@
 """The ground of a simulated scene: a plane chart, and a fractal height surface over it.
 
 The surface *is* the bilinear interpolation of its posts, which are regular in longitude and latitude and exact in
-float32; so a DEM file of the posts holds the true surface, without loss.
+float32; so a DEM file of the posts contains the true surface, without loss.
 
 The posts are white noise with spectral amplitudes falling as ``f ** -(1 + H)`` (spectral synthesis of fractional
 Brownian relief; Saupe 1988, in Peitgen and Saupe, The Science of Fractal Images, section 2.4). Cliffs are steps of the

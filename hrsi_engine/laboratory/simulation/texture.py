@@ -152,7 +152,7 @@ class Texture:
         return PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([self.landscape.seed, 32]))
 
     def blur(self, sigma_m: float, band: int, date: int = 0, change: float = 0.0) -> SensorTexture:
-        """Return the ground as a sensor sees it whose blur on the ground has ``sigma_m``, in one of `BANDS`.
+        """Return the ground as observed by a sensor whose blur on the ground has ``sigma_m``, in one of `BANDS`.
 
         At dates other than 0 the ``change``, 0 … 1, is how much of soil and plants looks different: their fine texture
         is mixed with one of its own, parcels have other grey values, and the sun lights the crowns from elsewhere.

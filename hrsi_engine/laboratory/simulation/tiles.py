@@ -92,7 +92,7 @@ class TilePainter:
     ) -> np.ndarray:
         """Return a tile's blurred grey values, float32, of the chart positions of its pixels.
 
-        ``lean (2, …)``, metres by which lines of sight move a metre above the ground, matters to what stands up.
+        ``lean (2, …)``, metres by which lines of sight move per metre of height, matters for high objects.
         """
         grey = self.texture.grey(east, north)
         for index, part in self.touching(row, column):

@@ -168,7 +168,7 @@ def _tabulate_changes(simulated: BlockSimulation) -> TruthTable:
     """Return what is different on each date: at a place of the ground, what it is and since when or on which date.
 
     ``built`` and ``torn`` are buildings that are there or gone for the first time, ``ploughed`` and ``grown`` parcels
-    that are bare or green again for the first time, ``car`` those on the roads that day; ``snow`` stands at the centre.
+    that are bare or green again for the first time, ``car`` those on the roads that day; ``snow`` is at the centre.
     """
     scene, objects, year = simulated.scene, simulated.scene.objects, simulated.scene.chronicle
     rows: list[tuple[str, Acquisition, np.ndarray]] = []

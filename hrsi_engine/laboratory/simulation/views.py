@@ -148,7 +148,7 @@ def make_strip_views(
     sensor : Sensor
         The scanner.
     strips : int
-        Beside each other.
+        Next to each other.
     per_strip : int
         Places along each.
     images_per_place : int

@@ -1,1 +1,1 @@
-"""What the laboratory's algorithms say of themselves."""
+"""Declarations of the laboratory's algorithms."""

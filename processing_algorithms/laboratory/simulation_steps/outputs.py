@@ -34,7 +34,7 @@ from ....hrsi_engine.laboratory.simulation.views import SceneView
 from ...interface.declare import Report
 from ..declarations.simulate import SimulateOptions
 
-LASER_SEED = 50  # of the laser points beside the scene's own
+LASER_SEED = 50  # of the laser points, different from the scene's own
 TRUTH_FILES = ("dem.tif", "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg")
 LASER_FILES = ("laser.csv", "true_laser.gpkg")
 FREE_DEM, FREE_ORTHO = "free_dem.tif", "free_ortho.tif"
@@ -42,7 +42,7 @@ FREE_DEM_SEED, FREE_ORTHO_SEED = 60, 61
 
 
 def report_simulated_block(simulated: BlockSimulation, record: Report) -> Report:
-    """Return what the report says of the block: images with their RPC fits, and how many points there are."""
+    """Return the entries of the report on the block: images with their RPC fits, and how many points there are."""
     truth, roles = simulated.truth, simulated.truth.role
     return {
         **record,
@@ -94,7 +94,7 @@ def files_of_simulation(views: Sequence[SceneView], options: SimulateOptions) ->
 
 
 def files_of_earlier_run(folder: str) -> set[str]:
-    """Return the names of the files in a folder that the report of an earlier simulation there says are its own."""
+    """Return the names of the files in a folder that the report of an earlier simulation there lists."""
     report = read_report(os.path.join(folder, "report.json")) or {}
     if report.get("algorithm") != "simulate":
         return set()
@@ -133,7 +133,7 @@ def write_free_dem(folder: Path, dem: FreeDem | None) -> list[str]:
 
 
 def write_free_ortho(folder: Path, simulated: BlockSimulation, options: SimulateOptions, progress: Progress) -> Report:
-    """Write an orthoimage as free ones are; return by how much it lies beside the truth in its middle."""
+    """Write an orthoimage as free ones are; return its displacement from the truth in its middle."""
     scene, spec = simulated.scene, options.free_ortho
     seen_m = max(0.5 * max(view.size) * view.sensor.gsd_m for view in simulated.views)  # the scene is larger
     errors = draw_ortho_errors(seen_m, spec, [options.scene.seed, FREE_ORTHO_SEED])
