@@ -23,12 +23,12 @@ from .interface.declare import Context, Report
 
 @thresholds
 class FIT_CHECK:
-    """Check of a fitted RPC."""
+    """Limits for the check of a fitted RPC."""
 
-    check_every: int = threshold(5, "points", "one point of so many is kept for the check")
-    fewest_points: int = threshold(15, "points", "points below which none is kept for the check")
+    check_every: int = threshold(5, "points", "one of so many is kept for the check")
+    fewest_points: int = threshold(15, "points", "fewest for a check")
     bad_fit_px: float = threshold(
-        1.0, "px", "RMSE from which a warning is given: for a sensor that an RPC can represent, it is some hundredths"
+        1.0, "px", "residual from which a warning is given: some hundredths for a sensor that an RPC can represent"
     )
 
 

@@ -303,14 +303,14 @@ def _lay_out(ortho: OrthoRaster, picture: Picture | None) -> list[GroundPicture]
 
 @thresholds
 class REGISTRATION:
-    """When the misregistration of orthoimages is too large for their use."""
+    """Limits for the misregistration of orthoimages."""
 
     most_median_px: float = threshold(
-        1.0, "px", "median misregistration of a pair above which the verdict is doubtful",
-        "a pixel: above it seams of a mosaic and false change show",
+        1.0, "px", "median misregistration of a pair above which the verdict is doubtful", "visible in mosaics and "
+        "change detection"
     )  # fmt: skip
-    worse_px: float = threshold(0.1, "px", "increase of the median from before to after that is worth a reason")
-    fewest_windows: int = threshold(10, "windows", "matched windows of a pair without a warning")
+    worse_px: float = threshold(0.1, "px", "increase of the median misregistration that is reported")
+    fewest_windows: int = threshold(10, "windows", "fewest of a pair without a warning")
 
 
 def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:

@@ -56,13 +56,17 @@ SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice
 
 @thresholds
 class DIRECT_METHOD:
-    """What the sources of the direct methods leave open."""
+    """A priori standard deviations and limits of the direct methods."""
 
-    systematic_px: float = threshold(20.0, "px", "systematic error of a vendor's RPC, as prior of its coefficients")
-    denominator_sigma: float = threshold(0.01, "", "standard deviation of the denominators' coefficients for `direct`")
-    least_eigenvalue: float = threshold(1e-4, "", "smallest eigenvalue of the information, over the largest")
-    linear_steps: int = threshold(3, "steps", "with linear equations, before the iteration")
-    harmless_sigmas: float = threshold(0.1, "sigma", "distance from the minimum at which a single pass has converged")
+    systematic_px: float = threshold(
+        20.0, "px", "systematic error of a vendor's RPC: a priori sigma of its coefficients"
+    )
+    denominator_sigma: float = threshold(0.01, "", "sigma of the denominators' coefficients for `direct`")
+    least_eigenvalue: float = threshold(1e-4, "", "smallest eigenvalue of the information over the largest one")
+    linear_steps: int = threshold(3, "steps", "steps with linear equations before the others")
+    harmless_sigmas: float = threshold(
+        0.1, "sigma", "distance from the minimum up to which a single pass has converged"
+    )
 
 
 Information = Callable[[Image], np.ndarray]

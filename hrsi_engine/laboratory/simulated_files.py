@@ -29,10 +29,10 @@ from ..io.safety.replacing import replacing
 
 @thresholds
 class IMAGE_FILES:
-    """How simulated images are written."""
+    """Tiles of the files of simulated images."""
 
     tile_px: int = threshold(256, "px", "side of a tile of the file")
-    window_samples: int = threshold(1024, "px", "samples that one thread renders at a time")
+    window_samples: int = threshold(1024, "px", "samples that one thread renders together")
 
 
 PixelStrip = tuple[int, int, np.ndarray]  # band, first sample, pixels

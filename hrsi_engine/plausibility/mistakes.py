@@ -320,10 +320,10 @@ def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypo
 
 @thresholds
 class DATUM:
-    """Limits between which a horizontal datum can be distinguished from WGS84."""
+    """Limits for the difference of a datum from WGS84 in the test of surveyed coordinates."""
 
-    least_shift_m: float = threshold(3.0, "m", "datums nearer to WGS84 are not distinguished from it")
-    largest_shift_m: float = threshold(5e3, "m", "larger differences are no datum of the area")
+    least_shift_m: float = threshold(3.0, "m", "smallest difference of a datum from WGS84 that is tested")
+    largest_shift_m: float = threshold(5e3, "m", "largest difference of a datum that is tested")
 
 
 class DatumShift(NamedTuple):

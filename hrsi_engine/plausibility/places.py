@@ -39,10 +39,10 @@ class PLACEMENT:
     range_slack: float = threshold(0.1, "", "tolerance of the RPC's height range, relative to it")
     range_slack_m: float = threshold(50.0, "m", "… in metres; the larger one is used")
     height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
-    covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM should cover")
-    coverage_grid: int = threshold(5, "points", "grid points along each side of an image at which the DEM is asked")
-    copied_height_m: float = threshold(1e-3, "m", "surveyed heights nearer to the DEM are assumed to be read from it")
-    dem_difference_m: float = threshold(20.0, "m", "median difference that trees, houses and a coarse DEM stay below")
+    covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM covers without a message")
+    coverage_grid: int = threshold(5, "points", "along each side of an image, at which the DEM is read")
+    copied_height_m: float = threshold(1e-3, "m", "smallest difference of surveyed heights not read from the DEM")
+    dem_difference_m: float = threshold(20.0, "m", "median height difference from the DEM without a message")
 
 
 #: Position in the order of RPC00A of each term of RPC00B.
@@ -53,16 +53,16 @@ RAY_PLACES = np.array([[0.0, 0.0], [-0.8, -0.8], [0.8, -0.8], [-0.8, 0.8], [0.8,
 
 @thresholds
 class SURVEY:
-    """Limits for rounded surveyed coordinates, and for check points that are copies of GCPs."""
+    """Limits for rounded coordinates of surveys, and for check points that are copies of GCPs."""
 
     coarse_decimals: int = threshold(
-        5, "decimals", "of a degree: more have no effect", "theory: 1e-5 degrees are 1.1 m"
+        5, "decimals", "decimals of a degree without effect", "theory: 1e-5 degrees are 1.1 m"
     )
-    decimal_slack: float = threshold(1e-6, "", "of the last decimal: rounding by reading, writing and a turn of 360°")
-    fewest_points: int = threshold(4, "points", "from which on not all coordinates are round by chance")
-    harmful_px: float = threshold(0.5, "px", "standard deviation of the rounding that is reported")
-    copied_share: float = threshold(0.5, "", "share of check points measured where GCPs are that makes them copies")
-    same_target_px: float = threshold(1.5, "px", "measurements nearer than this may be of one target")
+    decimal_slack: float = threshold(1e-6, "", "tolerance for rounded coordinates in units of the last decimal")
+    fewest_points: int = threshold(4, "points", "fewest that are tested: fewer may be round by chance")
+    harmful_px: float = threshold(0.5, "px", "smallest standard deviation of the rounding that is reported")
+    copied_share: float = threshold(0.5, "", "share of check points at GCPs beyond which they are copies")
+    same_target_px: float = threshold(1.5, "px", "largest distance of two measurements of one target")
 
 
 def find_points_outside(block: Block) -> list[Reason]:

@@ -21,25 +21,25 @@ from .accuracy import SIMULATED
 
 @thresholds
 class RELIEF:
-    """Limits beyond which a DEM does not show the ground of the adjusted tie points."""
+    """Limits for a DEM that does not show the ground of the adjusted tie points."""
 
-    fewest_points: int = threshold(30, "points", "fewer tie points with a DEM height are not evaluated")
-    most_points: int = threshold(20_000, "points", "of more a sample is compared")
-    unlike_m: float = threshold(15.0, "m", "scatter of differences that is reported, beyond the next two", SIMULATED)
-    unlike_share: float = threshold(0.5, "", "the same as a share of the relief's own scatter", SIMULATED)
-    unlike_sigmas: float = threshold(5.0, "sigma", "the same in standard deviations of the points' heights", SIMULATED)
-    far_off_m: float = threshold(50.0, "m", "a difference beyond is no tree, house or change of the ground")
+    fewest_points: int = threshold(30, "points", "fewest tie points with a height of the DEM that are tested")
+    most_points: int = threshold(20_000, "points", "largest number that is compared")
+    unlike_m: float = threshold(15.0, "m", "scatter of height differences that is reported", SIMULATED)
+    unlike_share: float = threshold(0.5, "", "… over the scatter of heights (all three exceeded)", SIMULATED)
+    unlike_sigmas: float = threshold(5.0, "sigma", "… in standard deviations of the points' heights", SIMULATED)
+    far_off_m: float = threshold(50.0, "m", "difference that vegetation, buildings and changes do not explain")
     far_off_points: int = threshold(
-        5, "points", "number of such differences that a few wrong tie points do not explain"
+        5, "points", "smallest number of such differences: more than a few wrong tie points"
     )
-    far_off_share: float = threshold(0.01, "", "or this share of all")
-    same_value_m: float = threshold(2.0, "m", "spread of an undeclared nodata value by undulations over a block")
-    displacement_cells: float = threshold(2.0, "cells", "smallest displacement of a DEM that is reported", SIMULATED)
-    displacement_sigmas: float = threshold(5.0, "sigma", "the same in standard deviations of the position", SIMULATED)
-    left_of_scatter: float = threshold(0.5, "", "share of the scatter that a displacement may leave", SIMULATED)
-    left_of_relief: float = threshold(0.2, "", "share of the relief that a displacement may leave", SIMULATED)
-    beyond_share: float = threshold(0.3, "", "share of the points that may lie beyond the moved DEM")
-    most_steps: int = threshold(12, "steps", "iterations for the displacement")
+    far_off_share: float = threshold(0.01, "", "and smallest share of all")
+    same_value_m: float = threshold(2.0, "m", "largest range of an undeclared nodata value (by undulations)")
+    displacement_cells: float = threshold(2.0, "cells", "smallest displacement that is reported", SIMULATED)
+    displacement_sigmas: float = threshold(5.0, "sigma", "… in standard deviations of the position", SIMULATED)
+    left_of_scatter: float = threshold(0.5, "", "largest scatter after a displacement over that before", SIMULATED)
+    left_of_relief: float = threshold(0.2, "", "… and over the scatter of heights", SIMULATED)
+    beyond_share: float = threshold(0.3, "", "largest share of points outside the displaced DEM")
+    most_steps: int = threshold(12, "steps", "largest number of iterations")
 
 
 def find_relief_reasons(

@@ -27,36 +27,34 @@ from .mistakes import PIXEL_MISTAKES, Mistake
 
 @thresholds
 class TIE_CHECK:
-    """Limits beyond which tie points do not connect the images on which they are measured."""
+    """Limits for tie points whose rays do not intersect, by pairs of images."""
 
-    sample_per_pair: int = threshold(60, "points", "of each pair of images that are judged")
-    most_sampled: int = threshold(20_000, "points", "of the block that are judged")
-    fewest_of_pair: int = threshold(8, "points", "a pair with fewer is not tested")
+    sample_per_pair: int = threshold(60, "points", "largest number of a pair that is tested")
+    most_sampled: int = threshold(20_000, "points", "largest number of the block that is tested")
+    fewest_of_pair: int = threshold(8, "points", "fewest of a pair that is tested")
     least_slope: float = threshold(
-        0.005, "m/m",
-        "rays whose slopes differ by less do not determine a height: 500 m of relief separate them by 2.5 m; at 0.02 "
-        "every twentieth pair of correct blocks failed", "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
+        0.005, "m/m", "smallest difference in slope of rays with a height: 500 m of relief separate such rays by 2.5 "
+        "m; with 0.02 every twentieth pair of correct blocks failed", "blocks of adjust_speed of 60 to 90 images, "
+        "2026-11-23"
     )  # fmt: skip
-    miss_px: float = threshold(4.0, "px", "rays of a correct point pass nearer than this, or the two below", SIMULATED)
-    miss_sigmas: float = threshold(6.0, "sigma", "the same in standard deviations of the measurement", SIMULATED)
-    miss_drift: float = threshold(3e-4, "px/px", "the same by the RPCs' drift over half an image", SIMULATED)
+    miss_px: float = threshold(4.0, "px", "largest distance of the rays of a correct point, or …", SIMULATED)
+    miss_sigmas: float = threshold(6.0, "sigma", "… in standard deviations of the measurement, or …", SIMULATED)
+    miss_drift: float = threshold(3e-4, "px/px", "… by drift over half an image (the largest of these)", SIMULATED)
     largest_drift: float = threshold(4e-3, "px/px", "largest drift of two RPCs against each other", SIMULATED)
-    off_share: float = threshold(0.05, "", "share beyond a pair's bulk: a drift is tried, and may leave it", SIMULATED)
-    drift_steps: int = threshold(6, "steps", "iterations for the drift of a pair")
-    bulk_share: float = threshold(0.15, "", "share of a pair's points whose narrowest interval contains the bulk")
-    bulk_sigmas: float = threshold(8.0, "sigma", "a bulk farther from zero is beyond the errors of the RPCs", SIMULATED)
+    off_share: float = threshold(0.05, "", "share of failing points from which a drift is estimated", SIMULATED)
+    drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
+    bulk_share: float = threshold(0.15, "", "share of a pair's points in the shortest interval around its mode")
+    bulk_sigmas: float = threshold(8.0, "sigma", "largest mode by the errors of the RPCs", SIMULATED)
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
-    unusable_share: float = threshold(0.37, "", "share of wrong measurements: the tie points are unusable", SIMULATED)
-    agreeing_share: float = threshold(0.5, "", "share of a pair's points that agree where the pair fits", SIMULATED)
-    broken_share: float = threshold(0.25, "", "a pair with a smaller share makes the tie points unusable", SIMULATED)
-    cured_share: float = threshold(0.15, "", "largest share of wrong points that a named input error leaves", SIMULATED)
+    unusable_share: float = threshold(0.37, "", "share of wrong measurements that is unusable", SIMULATED)
+    agreeing_share: float = threshold(0.5, "", "smallest share of agreeing points of a correct pair", SIMULATED)
+    broken_share: float = threshold(0.25, "", "share of these below which the tie points are unusable", SIMULATED)
+    cured_share: float = threshold(0.15, "", "largest share of wrong points that a correction leaves", SIMULATED)
     cured_ratio: float = threshold(
-        3.0, "", "least ratio of wrong points before and after correction of a named input error", SIMULATED
+        3.0, "", "smallest ratio of wrong points before and after the correction of an input error", SIMULATED
     )
-    fewest_cured: int = threshold(
-        12, "points", "whose rays the correction of a named input error must make intersect", SIMULATED
-    )
-    most_suspects: int = threshold(6, "images", "of which input errors of single images are tested")
+    fewest_cured: int = threshold(12, "points", "smallest number that is corrected by a named input error", SIMULATED)
+    most_suspects: int = threshold(6, "images", "most of which single input errors are tested")
 
 
 #: Input errors that tie points of one strip cannot distinguish (an image and its mirror image); the likelier first.

@@ -32,18 +32,18 @@ TUNED_ON = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/conve
 
 @thresholds
 class ESTIMATION:
-    """Limits of the iterations for the parameters of one image."""
+    """Limits of the iterations that estimate the parameters of one image."""
 
-    most_steps: int = threshold(30, "steps", "of an estimation, refused ones included")
-    scaled_steps: int = threshold(4, "steps", "at most with weights by the fit, while residuals are large", TUNED_ON)
-    large_residual: float = threshold(100.0, "sigma", "larger RMS residual: first steps weighted so", TUNED_ON)
-    gauss_newton_steps: int = threshold(8, "steps", "of Gauss-Newton before second derivatives are used", TUNED_ON)
-    difference_sigmas: float = threshold(0.1, "sigma", "step of the numeric second derivatives, of each parameter")
+    most_steps: int = threshold(30, "steps", "largest number, with rejected ones")
+    scaled_steps: int = threshold(4, "steps", "most with reduced weights, while residuals are large", TUNED_ON)
+    large_residual: float = threshold(100.0, "sigma", "RMS residual above which weights are reduced", TUNED_ON)
+    gauss_newton_steps: int = threshold(8, "steps", "Gauss-Newton steps before second derivatives are used", TUNED_ON)
+    difference_sigmas: float = threshold(0.1, "sigma", "step of numerical second derivatives, for each parameter")
     least_curvature: float = threshold(1e-2, "", "smallest eigenvalue of the Hessian, relative to the normal matrix")
     unsettled_ratio: float = threshold(
-        2.0, "", "growth of the cost by new weights that shows that there is no common minimum"
+        2.0, "", "increase of the cost by new weights from which there is no common minimum"
     )
-    weightings: int = threshold(3, "", "times that the weights are computed, at the start included")
+    weightings: int = threshold(3, "times", "computations of the weights, with the first one")
 
 
 #: Priors for an image with GCPs only: they serve to keep the equations regular, for errors up to 0.1 rad (tens of

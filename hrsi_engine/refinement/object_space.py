@@ -30,7 +30,7 @@ UP = 2
 
 @thresholds
 class OBJECT_SPACE_PRIORS:
-    """Priors of corrections in object space."""
+    """A priori standard deviations of corrections in object space."""
 
     height_share: float = threshold(
         0.1, "", "a priori standard deviation of corrections in height over those in position: an image determines "

@@ -32,16 +32,16 @@ from .model import ALL_ROWS, RowIndex
 
 @thresholds
 class SENSOR:
-    """Limits for plausible pseudo sensors, and for the accuracy of the rays' iterations."""
+    """Limits for plausible pseudo sensors, and for the convergence of their rays."""
 
-    usual_height_m: float = threshold(600e3, "m", "of the sensor, for nearly parallel rays", "thesis, section 4.3")
-    least_height_m: float = threshold(1e3, "m", "lowest plausible height: an aircraft")
-    largest_height_m: float = threshold(2e6, "m", "highest plausible height: above the highest mapping satellites")
-    largest_climb: float = threshold(0.02, "", "relative change of height over half an image; more is noise")
-    least_range_m: float = threshold(100.0, "m", "between the two heights of a ray, where the RPC's range is smaller")
-    closure_px: float = threshold(1e-9, "px", "step of the projection at which its iteration ends")
-    height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays that ends its iteration")
-    most_steps: int = threshold(20, "steps", "of both iterations")
+    usual_height_m: float = threshold(600e3, "m", "height of the sensor, if not computed", "thesis, section 4.3")
+    least_height_m: float = threshold(1e3, "m", "smallest plausible height: an aircraft")
+    largest_height_m: float = threshold(2e6, "m", "largest plausible height: above all mapping satellites")
+    largest_climb: float = threshold(0.02, "", "largest relative change of height over half an image (else noise)")
+    least_range_m: float = threshold(100.0, "m", "smallest difference of the two heights that define a ray")
+    closure_px: float = threshold(1e-9, "px", "step of the projection at convergence")
+    height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays at convergence")
+    most_steps: int = threshold(20, "steps", "largest number of both iterations")
 
 
 @dataclass(frozen=True)

@@ -28,13 +28,13 @@ from .selection import RULES, ModelChoice, SuspectGcp, find_suspects
 
 @thresholds
 class CONTROL:
-    """Limits for GCPs of an image that cannot be correct, or that do not determine it."""
+    """Limits for GCPs that are wrong for an image or do not determine it."""
 
-    farthest_m: float = threshold(300e3, "m", "from an image: 120 km by attitude, at most", "0.1 rad from 800 km")
-    same_place_m: float = threshold(0.05, "m", "GCPs nearer than this count as one")
-    least_width: float = threshold(0.03, "", "spread of the GCPs across their line, over that along it")
-    warned_px: float = threshold(10.0, "px", "standard deviation at the image corners beyond which a warning is given")
-    undetermined_px: float = threshold(1e3, "px", "standard deviation beyond which nothing is determined there")
+    farthest_m: float = threshold(300e3, "m", "largest distance of a GCP from its image", "0.1 rad from 800 km: 120 km")
+    same_place_m: float = threshold(0.05, "m", "distance below which two GCPs count as one")
+    least_width: float = threshold(0.03, "", "smallest spread of the GCPs in one direction over the other")
+    warned_px: float = threshold(10.0, "px", "standard deviation at the image corners above which a warning is given")
+    undetermined_px: float = threshold(1e3, "px", "… above which parameters are not determined")
 
 
 class HasRpc(Protocol):

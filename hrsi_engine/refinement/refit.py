@@ -10,10 +10,10 @@ from .model import RefinementModel, RefitRPC
 
 @thresholds
 class REFIT:
-    """Limits of the iteration for the area of a refit."""
+    """Limits of the iteration for the image area of a refit."""
 
-    passes: int = threshold(6, "", "iterations for the corrected image area")
-    settled_px: float = threshold(0.1, "px", "movement of the area at which they end")
+    passes: int = threshold(6, "iterations", "largest number of iterations")
+    settled_px: float = threshold(0.1, "px", "shift of the area at convergence")
 
 
 def refit_camera(model: RefinementModel, image: Image, values: np.ndarray) -> RefitRPC:

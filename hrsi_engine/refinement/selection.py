@@ -43,25 +43,24 @@ JUDGES = ("shift", "shift-drift", "conformal", "affine", "generic-affine")
 
 @thresholds
 class SELECTION:
-    """Limits for the choice of a model from GCPs, and for the detection of GCPs that are blunders."""
+    """Limits for the choice of a model by GCPs, and for the detection of wrong GCPs."""
 
     significance: float = threshold(
-        0.05, "", "significance that the better prediction of a richer model must have",
-        "Breiman et al. 1984, one standard error rule",
+        0.05, "", "significance level at which a model with more parameters predicts better", "Breiman et al. 1984, "
+        "one standard error rule"
     )  # fmt: skip
-    blunder_risk: float = threshold(1e-3, "", "error probability of the test of the worst of all GCPs", "Rosner 1983")
-    least_redundancy: float = threshold(4.0, "", "left without a GCP, for a model to judge it")
-    least_deviation: float = threshold(4.0, "sigma", "smaller deviations of a GCP have no effect")
-    expected_error: float = threshold(2.0, "sigma", "RMS prediction error, good enough", "docs/accuracy_blunders.md")
-    large_error: float = threshold(5.0, "sigma", "prediction error beyond which a model does not explain the GCPs")
+    blunder_risk: float = threshold(1e-3, "", "error probability of the test of the worst GCP", "Rosner 1983")
+    least_redundancy: float = threshold(4.0, "", "smallest redundancy without a tested GCP")
+    least_deviation: float = threshold(4.0, "sigma", "smallest deviation of a wrong GCP")
+    expected_error: float = threshold(2.0, "sigma", "RMS prediction error of a good model", "docs/accuracy_blunders.md")
+    large_error: float = threshold(5.0, "sigma", "largest RMS prediction error of a model that explains the GCPs")
     drift_measurements: int = threshold(
-        25_000, "measurements",
-        "an image up to which the drift of a block is estimated: with more, treated as independent, small common "
-        "errors are estimated as drift (115 109 tie points tilt a pair by 60 m in height)", "SPOT 7, 2026-11-22",
+        25_000, "measurements", "most per image for an estimate of the drift: with more, treated as independent, small "
+        "common errors are estimated as drift (115 109 tie points tilt a pair by 60 m in height)", "SPOT 7, 2026-11-22"
     )  # fmt: skip
-    drift_points: int = threshold(6, "points", "on each image from which on its drift shows")
-    few_gcps: int = threshold(3, "GCPs", "from which on the generic method has linear terms", "thesis, section 4.3")
-    many_gcps: int = threshold(50, "GCPs", "from which on the generic method has all terms", "thesis, section 4.3")
+    drift_points: int = threshold(6, "points", "fewest on each image for an estimate of its drift")
+    few_gcps: int = threshold(3, "GCPs", "fewest for linear terms of the generic method", "thesis, section 4.3")
+    many_gcps: int = threshold(50, "GCPs", "fewest for all terms of the generic method", "thesis, section 4.3")
 
 
 WITHOUT_CONTROL = "shift"

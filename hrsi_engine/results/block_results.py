@@ -38,18 +38,18 @@ NSSDA_PLAN, NSSDA_HEIGHT = 2.4477, 1.9600  # 95 % limits in plan and height, in 
 
 @thresholds
 class ACCURACY_STATEMENT:
-    """Limits of the accuracy standards for check points."""
+    """Numbers of check points and ratio of RMSEs in accuracy standards."""
 
-    asprs_points: int = threshold(30, "points", "check points that a test needs", "ASPRS 2024, edition 2")
-    nssda_points: int = threshold(20, "points", "check points that a test needs", "FGDC-STD-007.3-1998")
+    asprs_points: int = threshold(30, "points", "fewest check points of a test", "ASPRS 2024, edition 2")
+    nssda_points: int = threshold(20, "points", "fewest check points of a test", "FGDC-STD-007.3-1998")
     nssda_ratio: float = threshold(
-        0.6, "", "smaller over larger RMSE in plan, from which the circular error is defined", "FGDC-STD-007.3-1998"
+        0.6, "", "smallest ratio of the RMSEs in plan for which the circular error is defined", "FGDC-STD-007.3-1998"
     )
 
 
 @thresholds
 class RPC_AGREEMENT:
-    """Limit for refined RPCs that do not reproduce their model."""
+    """Limit for the difference of a refined RPC from its model."""
 
     warned_px: float = threshold(0.01, "px", "largest difference of a refined RPC from its model without a warning")
 

@@ -32,19 +32,19 @@ from .tables import choose_positions
 
 @thresholds
 class REPORT_PAGE:
-    """Limits for the amount of data on the report's page."""
+    """Limits for the amount of data on the page of the report."""
 
-    most_known: int = threshold(1500, "points", "known points on the map, the worst first")
-    most_ties: int = threshold(2500, "points", "tie points drawn one by one")
-    worst_ties: int = threshold(300, "points", "of more tie points, the worst that are drawn one by one")
-    most_vectors: int = threshold(250, "residuals", "residual vectors on one image")
-    most_images: int = threshold(24, "images", "images shown one by one, those with the largest residuals")
-    card_cells: int = threshold(10, "cells", "parts of an image along each side")
-    chip_half_px: int = threshold(12, "px", "half the side of a chip of a point")
-    largest_chip_px: int = threshold(36, "px", "half the side of a chip with a large target")
-    most_values: int = threshold(400_000, "values", "values of a histogram; of more an even choice")
-    most_picture_pixels: int = threshold(400_000_000, "px", "pixels read for all pictures together: some seconds")
-    covering_share: float = threshold(0.05, "", "share of an image that it must add to the background of the map")
+    most_known: int = threshold(1500, "points", "most known points on the map, those with the largest residuals")
+    most_ties: int = threshold(2500, "points", "number up to which all tie points are drawn singly")
+    worst_ties: int = threshold(300, "points", "of more tie points, those with the largest residuals are drawn")
+    most_vectors: int = threshold(250, "residuals", "largest number of residual vectors on an image")
+    most_images: int = threshold(24, "images", "most that are shown, those with the largest residuals")
+    card_cells: int = threshold(10, "cells", "cells of an image along each side")
+    chip_half_px: int = threshold(12, "px", "half side of a chip")
+    largest_chip_px: int = threshold(36, "px", "largest half side of a chip")
+    most_values: int = threshold(400_000, "values", "largest number in a histogram; of more an even choice")
+    most_picture_pixels: int = threshold(400_000_000, "px", "largest number read for all pictures: some seconds")
+    covering_share: float = threshold(0.05, "", "smallest new area of an image in the background of the map")
 
 
 MOST_CHIPS = {Role.GCP: 120, Role.CHECK: 120, Role.TIE: 24}  # the worst of each role

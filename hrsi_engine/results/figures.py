@@ -22,10 +22,10 @@ from .surface_figures import describe_surface
 
 @thresholds
 class WARNING:
-    """Limits for errors of a block that are listed in warnings."""
+    """Limits for outliers that are named in warnings."""
 
-    most_named: int = threshold(6, "measurements", "measurements named in one warning")
-    gross_sigmas: float = threshold(10.0, "sigma", "error of a measurement that is worth a warning of its own")
+    most_named: int = threshold(6, "measurements", "largest number in one warning")
+    gross_sigmas: float = threshold(10.0, "sigma", "residual of a measurement that is named in a warning")
 
 
 NO_ROWS = np.zeros(0, dtype=np.int64)
@@ -235,9 +235,9 @@ def _find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | Non
 
 @thresholds
 class HELD_OUT:
-    """Limit for held-out tracks that are evaluated."""
+    """Limit for held-out tracks that are used in the evaluation."""
 
-    wrong_match: float = threshold(4.0, "robust sigma", "across epipolar lines, beyond the pair's trend: not counted")
+    wrong_match: float = threshold(4.0, "robust sigma", "largest deviation across epipolar lines of a correct match")
 
 
 NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse_px": None, "wrong": 0}

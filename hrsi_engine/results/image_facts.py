@@ -30,10 +30,10 @@ from .tables import choose_positions
 
 @thresholds
 class IMAGE_FACTS:
-    """Limits for the amount of data on images and pairs in the report."""
+    """Limits for facts on images and pairs in the report."""
 
-    grid: int = threshold(5, "px", "positions along each side of an image at which its correction is taken")
-    most_pairs: int = threshold(1000, "pairs", "pairs that are listed, those with the most common tie points")
+    grid: int = threshold(5, "positions", "along each side of an image, at which its correction is computed")
+    most_pairs: int = threshold(1000, "pairs", "most that are listed, those with most tie points first")
 
 
 def add_image_facts(

@@ -16,9 +16,9 @@ from ..io.rasters.sun_angles import read_line_rate
 class LINE_PROFILE:
     """Limits for the residuals along the lines in the report."""
 
-    most_images: int = threshold(12, "images", "images with profile and spectrum, those with waves first")
-    lines: int = threshold(100, "cells", "parts of the lines, with the mean of their residuals")
-    periods: int = threshold(160, "periods", "of a spectrum: of more frequencies the largest of some each")
+    most_images: int = threshold(12, "images", "most with profile and spectrum, those with waves first")
+    lines: int = threshold(100, "cells", "parts of the lines with a mean residual each")
+    periods: int = threshold(160, "periods", "largest number in a spectrum; maxima of more frequencies")
 
 
 def describe_line_profiles(

@@ -29,11 +29,11 @@ from .tables import choose_positions
 
 @thresholds
 class ACCURACY_GRID:
-    """Limits for sampling the accuracy of refined images, and for the ids in their metadata."""
+    """Sampling of the accuracy of refined images, and ids in their metadata."""
 
-    nodes: int = threshold(5, "nodes", "nodes of the grid over an image, along each axis")
-    grids_at_once: int = threshold(1000, "images", "images whose grids are in memory together")
-    most_ids: int = threshold(20, "points", "ids of control points that a file lists")
+    nodes: int = threshold(5, "nodes", "along each axis of an image")
+    grids_at_once: int = threshold(1000, "images", "largest number in memory")
+    most_ids: int = threshold(20, "points", "most ids of control points in a file")
 
 
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"

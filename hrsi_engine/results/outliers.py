@@ -19,10 +19,10 @@ from .residuals import Residuals
 
 @thresholds
 class OUTLIER:
-    """Limit for outliers, and for their list."""
+    """Limit for residuals of outliers, and length of their list."""
 
-    sigmas: float = threshold(4.0, "sigma", "of an outlier's residual", "theory: of 2D normal errors 1 in 3000 exceeds")
-    most_listed: int = threshold(200, "outliers", "outliers that the report lists")
+    sigmas: float = threshold(4.0, "sigma", "smallest residual of an outlier", "theory: 1 of 3000 normal errors in 2D")
+    most_listed: int = threshold(200, "outliers", "largest number in the report")
 
 
 def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:

@@ -33,9 +33,9 @@ from ..refinement.stacked_cameras import linearise_images, project_to_images
 
 @thresholds
 class RESIDUAL:
-    """Limit for the number of residuals that are computed together."""
+    """Limit for the covariances of known points in memory."""
 
-    known_at_once: int = threshold(20_000, "measurements", "of known points whose covariances are in memory together")
+    known_at_once: int = threshold(20_000, "measurements", "largest number with covariances in memory")
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,11 @@ from .residuals import Residuals, by_image
 
 @thresholds
 class STATISTIC:
-    """Limits for the evaluated residuals, and for the lists in the report."""
+    """Limits for residuals that are normalised, and for the lists in the report."""
 
-    least_redundancy: float = threshold(0.02, "", "redundancy number below which a residual is not evaluated")
-    coverage_cells: int = threshold(5, "cells", "cells of the coverage by tie points, along each side of an image")
-    most_points: int = threshold(200, "points", "known points that the report lists")
+    least_redundancy: float = threshold(0.02, "", "smallest redundancy number of a normalised residual")
+    coverage_cells: int = threshold(5, "cells", "for the coverage by tie points, along each side of an image")
+    most_points: int = threshold(200, "points", "largest number of known points in the report")
 
 
 IMAGE_AXES = ("sample", "line")

@@ -17,11 +17,11 @@ from .tables import Table, choose_positions
 
 @thresholds
 class SURFACE_PICTURE:
-    """Limits for the pictures of the match with a surface."""
+    """Sizes of the pictures of the match with a surface."""
 
-    cells: int = threshold(48, "cells", "of the maps along the longer side of the ground")
-    pixel: int = threshold(5, "px", "side of a cell, or of a displacement that was searched")
-    limit: float = threshold(3.0, "", "grey ends at so many times the scatter about the surface")
+    cells: int = threshold(48, "cells", "along the longer side of the ground")
+    pixel: int = threshold(5, "px", "side of a cell or displacement in the picture")
+    limit: float = threshold(3.0, "", "range of the grey values in scatters about the surface")
 
 
 def describe_surface(one: SurfaceOutcome) -> dict[str, Any]:

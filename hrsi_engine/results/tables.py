@@ -26,9 +26,9 @@ from .residuals import Residuals
 
 @thresholds
 class TABLE:
-    """Limit for the length of layers."""
+    """Limit for the length of result layers."""
 
-    most_image_residuals: int = threshold(1_000_000, "rows", "in a layer: a map shows no more, each takes 200 bytes")
+    most_image_residuals: int = threshold(1_000_000, "rows", "most of a layer (a row takes 200 bytes)")
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,14 +76,14 @@ def cell_size_m(surface: HeightSurface, ground: np.ndarray) -> float:
 
 @thresholds
 class RAY_TRACING:
-    """Steps and accuracy of following rays down to a surface."""
+    """Steps and accuracy of the intersection of rays with a surface."""
 
-    batch: int = threshold(16384, "rays", "followed at a time: memory")
-    step: float = threshold(0.5, "cells", "that a ray passes from height to height")
-    accuracy_m: float = threshold(1e-3, "m", "of the height at which a ray meets the surface")
-    margin_m: float = threshold(1.0, "m", "above the highest and below the lowest cell on a ray's way")
-    most_iterations: int = threshold(60, "iterations", "of regula falsi")
-    bound_rounds: int = threshold(4, "rounds", "in which the range of heights follows the terrain passed")
+    batch: int = threshold(16384, "rays", "computed together (memory)")
+    step: float = threshold(0.5, "cells", "step of a ray in plan between two heights of the surface")
+    accuracy_m: float = threshold(1e-3, "m", "height error of the intersection at convergence")
+    margin_m: float = threshold(1.0, "m", "margin of a ray above the highest and below the lowest cell")
+    most_iterations: int = threshold(60, "iterations", "largest number of the regula falsi")
+    bound_rounds: int = threshold(4, "rounds", "computations of the range of heights along the rays")
 
 
 class Status(IntEnum):

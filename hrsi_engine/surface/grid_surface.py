@@ -16,10 +16,10 @@ from ..ground.operation_uses import OperationUse
 
 @thresholds
 class SURFACE:
-    """Tiles of a surface that are kept in memory."""
+    """Tiles of a surface in memory."""
 
-    tile: int = threshold(256, "cells", "side of a part that is kept in memory")
-    tiles: int = threshold(128, "tiles", "kept in memory: 68 MB")
+    tile: int = threshold(256, "cells", "side of a tile in memory")
+    tiles: int = threshold(128, "tiles", "largest number in memory: 68 MB")
 
 
 @dataclass(frozen=True)

@@ -34,35 +34,33 @@ _STEP_M = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
 
 @thresholds
 class SURFACE_MATCHING:
-    """Search, refinement and covariance of matching points with a surface."""
+    """Search, refinement and covariance of the match of points with a surface."""
 
-    fewest_points: int = threshold(30, "points", "with a height of the surface; fewer are not matched")
-    coarse_points: int = threshold(700, "points", "that the search for displacements looks at")
-    most_points: int = threshold(8000, "points", "that the refinement looks at")
-    coarse_steps: int = threshold(20, "steps", "of the search from its middle to its end, or a quarter of a cell")
-    minima: int = threshold(8, "minima", "of the score that are refined")
-    most_pairs: int = threshold(4_000_000, "pairs", "of points within a cell or so of one another: memory")
-    in_cell: float = threshold(1.0, "points", "mean number in a cell beyond which points are smoothed as cells are")
+    fewest_points: int = threshold(30, "points", "fewest with a height of the surface for a match")
+    coarse_points: int = threshold(700, "points", "largest number in the search of displacements")
+    most_points: int = threshold(8000, "points", "largest number in the refinement")
+    coarse_steps: int = threshold(20, "steps", "steps from the middle to the end of the search, at least 1/4 cell")
+    minima: int = threshold(8, "minima", "lowest minima of the score that are refined")
+    most_pairs: int = threshold(4_000_000, "pairs", "largest number of pairs of neighbouring points (memory)")
+    in_cell: float = threshold(1.0, "points", "mean number per cell above which their heights are averaged like cells")
     lopsided: float = threshold(
-        0.15, "cells", "largest distance of the middle of these points from the place: the edge"
+        0.15, "cells", "largest distance of the mean position of these points from the point (else at an edge)"
     )
-    fewest_near: int = threshold(9, "points", "that a smoothed height needs around")
-    most_iterations: int = threshold(50, "iterations", "of the refinement, two cells each at most")
-    settled_cells: float = threshold(0.01, "cells", "step in plan that ends the refinement")
-    redescending: float = threshold(4.0, "sigma", "a misclosure beyond has no weight", "biweight (Beaton, Tukey 1974)")
-    one_sided: float = threshold(2.0, "", "factor of the misclosures of objects on a terrain model")
-    steepest: float = threshold(1.5, "m/m", "steeper cells are walls: their gradient is that of the interpolation")
-    uneven: float = threshold(0.7, "", "bend of the surface over its slope, beyond which a place has no weight …")
-    even_sigmas: float = threshold(3.0, "sigma", "… where the slope exceeds so many standard deviations")
-    part_cells: float = threshold(
-        12.0, "cells", "side of the parts of the ground that may have an error of their own …"
-    )
-    part_points: float = threshold(8.0, "points", "… and points in them on the average, both at least")
-    noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less that at 3", "GLO-30: exp(-d / 300 m)")
-    least_relief: float = threshold(0.03, "", "least share of the squares of the slopes that is not noise")
-    known_share: float = threshold(0.6, "", "share of the points with heights that a displacement must leave")
-    fewest_cells: int = threshold(12, "cells", "fewer groups of points determine no covariance")
-    decided_sigmas: float = threshold(3.0, "sigma", "difference of two minima's scores that decides between them")
+    fewest_near: int = threshold(9, "points", "fewest points for such a mean height")
+    most_iterations: int = threshold(50, "iterations", "largest number in the refinement, of two cells each at most")
+    settled_cells: float = threshold(0.01, "cells", "step in plan at convergence")
+    redescending: float = threshold(4.0, "sigma", "misclosure of weight zero", "biweight (Beaton, Tukey 1974)")
+    one_sided: float = threshold(2.0, "", "factor of misclosures by objects above a terrain model")
+    steepest: float = threshold(1.5, "m/m", "slope above which cells are not used: walls, distorted by interpolation")
+    uneven: float = threshold(0.7, "", "curvature of the surface over its slope, from which the weight is zero …")
+    even_sigmas: float = threshold(3.0, "sigma", "… added to the slope, in standard deviations")
+    part_cells: float = threshold(12.0, "cells", "smallest side of the parts of the ground with independent errors …")
+    part_points: float = threshold(8.0, "points", "… and smallest mean number of points in them")
+    noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less at 3", "GLO-30: exp(-d / 300 m)")
+    least_relief: float = threshold(0.03, "", "smallest share of the slopes' squares that is not noise")
+    known_share: float = threshold(0.6, "", "smallest share of points with heights at a displacement")
+    fewest_cells: int = threshold(12, "cells", "fewest groups of points for a covariance")
+    decided_sigmas: float = threshold(3.0, "sigma", "smallest difference of two minima of the score, if unambiguous")
 
 
 @dataclass(frozen=True, eq=False)

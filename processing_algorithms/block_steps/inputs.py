@@ -196,10 +196,10 @@ def refuse_idle_matches(search: SearchOptions, is_automatic: bool, instead: str)
 
 @thresholds
 class EARLIER_BLOCK:
-    """When earlier measurements are equal to those of a new file."""
+    """Limit for the same measurement in two files."""
 
     same_place_px: float = threshold(
-        1e-3, "px", "distance of two measurements of one point on one image that are the same"
+        1e-3, "px", "largest distance of two measurements of one point on one image that are equal"
     )
 
 

@@ -29,18 +29,18 @@ from .inputs import check_operations
 
 @thresholds
 class LASER_SEARCH:
-    """Selection of laser points near the images, and rounds of measuring tie points at them."""
+    """Selection of laser points near the images, and iterations of measuring tie points at them."""
 
     margin_px: float = threshold(
         100.0, "px", "distance of a laser point from an image within which a shift of the block may bring it in"
     )
-    most_rounds: int = threshold(3, "rounds", "rounds of looking for the places of laser points")
-    moved_plan_m: float = threshold(3.0, "m", "move of the block in plan after which there is another round")
-    moved_height_m: float = threshold(4.0, "m", "move of the block in height after which there is another round")
+    most_rounds: int = threshold(3, "rounds", "iterations of the search for laser points in images")
+    moved_plan_m: float = threshold(3.0, "m", "shift of the block in plan above which there is another iteration")
+    moved_height_m: float = threshold(4.0, "m", "shift of the block in height above which there is another iteration")
     ties_compared: int = threshold(
-        8, "points", "tie points that a laser point is compared with before tie points are measured at it"
+        8, "points", "tie points whose heights are compared with a laser point before measurements at it"
     )
-    few_points: int = threshold(10, "points", "laser points in the adjustment below which a warning is given")
+    few_points: int = threshold(10, "points", "number of laser points in use below which a warning is given")
 
 
 NOT_SEEN = "not on two images"

@@ -53,11 +53,11 @@ def explain_failures(reasons: Sequence[Reason]) -> Iterator[None]:
 
 @thresholds
 class DEM_OFFSET:
-    """When a block deviates in height from the DEM."""
+    """Limits for the height difference of a block from the DEM."""
 
-    fewest_points: int = threshold(10, "points", "points with a height of the DEM that the median needs")
-    least_m: float = threshold(1.0, "m", "offset that grass, interpolation and a DEM's own errors may cause")
-    sigmas: float = threshold(4.0, "sigma", "standard deviations of the median that an offset must exceed")
+    fewest_points: int = threshold(10, "points", "fewest points with a height of the DEM")
+    least_m: float = threshold(1.0, "m", "smallest reported difference: grass, interpolation, errors of a DEM")
+    sigmas: float = threshold(4.0, "sigma", "smallest reported difference in standard deviations of the median")
 
 
 def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[str]:

@@ -25,15 +25,15 @@ from .inputs import read_block as read_files
 
 @thresholds
 class REFERENCE_SIGMA:
-    """Standard deviation of a reference orthoimage if none is given."""
+    """Default standard deviation of a reference orthoimage."""
 
-    pixels: float = threshold(2.0, "px", "standard deviation in its pixels, up to that of satellites' own")
+    pixels: float = threshold(2.0, "px", "standard deviation in its pixels, at most that of satellites")
     satellite_m: float = threshold(
-        5.0, "m", "standard deviation of orthoimages of free satellites",
-        "Sentinel-2: 12.5 m for 95 %; Landsat: 12 m CE90",
+        5.0, "m", "standard deviation of free satellite orthoimages (minimum)", "Sentinel-2: 12.5 m for 95 %; Landsat: "
+        "12 m CE90"
     )  # fmt: skip
     satellite_pixels: float = threshold(
-        0.5, "px", "standard deviation of orthoimages of free satellites in their pixels", "Landsat: pixels of 30 m"
+        0.5, "px", "standard deviation of free satellite orthoimages in their pixels, at least", "Landsat: 30 m pixels"
     )
 
 

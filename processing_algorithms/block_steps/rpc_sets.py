@@ -31,11 +31,11 @@ REFINING_ALGORITHMS = ("triangulate", "adjust", "refine-rpc")  #: algorithms tha
 
 @thresholds
 class RPC_SETS:
-    """When a measurement was used for an RPC, and when a set of RPCs has too few predictions."""
+    """Limits for points that were used to estimate RPCs, and for the number of predictions."""
 
-    same_px: float = threshold(0.1, "px", "distance of two measurements that are the same one, read or found again")
-    few_predictions: int = threshold(30, "predictions", "predictions below which a warning is given")
-    denser: int = threshold(3, "", "times the tie points of a cell, where all that a run takes made the RPCs")
+    same_px: float = threshold(0.1, "px", "largest distance of two measurements of the same point")
+    few_predictions: int = threshold(30, "predictions", "number below which a warning is given")
+    denser: int = threshold(3, "", "factor of the tie points per cell in a further search")
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,13 +43,13 @@ from .opening import open_terrain
 
 @thresholds
 class ORTHO_GRID:
-    """Which grids of orthoimages are accepted and warned of."""
+    """Limits for the grids of orthoimages, and height error in a warning."""
 
     largest_ratio: float = threshold(
-        200.0, "", "pixel size of the orthoimages over that of the images, beyond which it is an input error"
+        200.0, "", "largest ratio of the pixel sizes of orthoimages and images, or inverse (else wrong unit)"
     )
-    nodes: int = threshold(21, "nodes", "nodes along each side of an extent that is carried to another CRS")
-    notable_height_m: float = threshold(10.0, "m", "error of the constant height for which the warning gives the shift")
+    nodes: int = threshold(21, "nodes", "along each side of an extent that is transformed")
+    notable_height_m: float = threshold(10.0, "m", "height difference whose displacement a warning states")
 
 
 METRES_PER_DEGREE = 111_320.0

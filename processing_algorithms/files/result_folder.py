@@ -20,17 +20,17 @@ REPORT_FILE, PAGE_FILE = "report.json", "report.html"
 
 @thresholds
 class LENGTH:
-    """Limits of what logs, pages and the last lines on the terminal list."""
+    """Lengths of lists in logs, pages and summaries."""
 
-    most_images: int = threshold(20, "images", "of a larger block only images with several RPCs are logged")
-    most_chips: int = threshold(200, "targets", "whose chips a page shows")
-    most_maps: int = threshold(12, "pairs", "of orthoimages whose shifts a page shows on maps")
-    most_arrows: int = threshold(400, "arrows", "on one map; of more an even choice")
-    most_pictures: int = threshold(24, "pictures", "of orthoimages on a page")
-    picture_px: int = threshold(640, "px", "longer side of such a picture")
-    most_outliers: int = threshold(5, "outliers", "named on the terminal")
-    most_parts: int = threshold(3, "parts", "of a block named on the terminal")
-    most_pairs: int = threshold(10, "pairs", "in the summary of an evaluation")
+    most_images: int = threshold(20, "images", "largest block of which every image is logged")
+    most_chips: int = threshold(200, "targets", "largest number with chips on a page")
+    most_maps: int = threshold(12, "pairs", "largest number with maps of shifts on a page")
+    most_arrows: int = threshold(400, "arrows", "largest number on a map; of more an even choice")
+    most_pictures: int = threshold(24, "pictures", "largest number of orthoimages on a page")
+    picture_px: int = threshold(640, "px", "longer side of a picture")
+    most_outliers: int = threshold(5, "outliers", "largest number in a summary")
+    most_parts: int = threshold(3, "parts", "largest number in a summary")
+    most_pairs: int = threshold(10, "pairs", "largest number in the summary of an evaluation")
 
 
 def plan(

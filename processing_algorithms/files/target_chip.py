@@ -10,10 +10,10 @@ from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement, meas
 
 @thresholds
 class TARGET_CHIP:
-    """Content of a picture of a target."""
+    """Limits for the picture of a target."""
 
     margin_px: float = threshold(8.0, "px", "margin around the target")
-    same_target_px: float = threshold(3.0, "px", "a target found farther from a measurement is another one")
+    same_target_px: float = threshold(3.0, "px", "largest distance of a target from its measurement")
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:

@@ -15,15 +15,15 @@ _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage
 
 @thresholds
 class LIVE_LINE:
-    """Drawing of the live line of progress, and what of it is logged."""
+    """Drawing of the line of progress, and lines of progress in the log."""
 
-    redraw_s: float = threshold(0.1, "s", "least time between two drawings")
-    foreseen_share: float = threshold(0.02, "", "share of the work from which the rest is foreseen")
-    foreseen_s: float = threshold(3.0, "s", "time of work from which the rest is foreseen")
-    least_columns: int = threshold(20, "characters", "narrowest line")
-    least_bar: int = threshold(6, "characters", "narrowest bar; below, there is none")
-    most_bar: int = threshold(30, "characters", "widest bar")
-    step_share: float = threshold(0.05, "", "progress worth a line of the log though the message is the same")
+    redraw_s: float = threshold(0.1, "s", "smallest time between two drawings")
+    foreseen_share: float = threshold(0.02, "", "smallest share of the work for an estimate of the rest")
+    foreseen_s: float = threshold(3.0, "s", "smallest time of work for an estimate of the rest")
+    least_columns: int = threshold(20, "characters", "smallest width of the line")
+    least_bar: int = threshold(6, "characters", "smallest width of the bar (none below)")
+    most_bar: int = threshold(30, "characters", "largest width of the bar")
+    step_share: float = threshold(0.05, "", "smallest progress for another line in the log with the same message")
 
 
 _REST_COLUMNS = len(" 59:59 min left")

@@ -18,13 +18,13 @@ from .rows import ROLES, SurveyPoint
 
 @thresholds
 class CHIPS:
-    """Size of chips, their assignment to points, and their comparison."""
+    """Size of chips, their assignment to points, and number compared."""
 
-    half_px: int = threshold(64, "px", "half the side of a chip: enough for images of a third of its resolution")
-    same_id_m: float = threshold(10.0, "m", "farther away a chip of the same id is of another point")
-    same_place_m: float = threshold(0.5, "m", "up to here a chip of another id is of the same point")
-    most: int = threshold(6, "chips", "of a point that are compared, those of the most similar pixel size first")
-    agree_px: float = threshold(1.0, "px", "farther apart the places of two chips contradict each other")
+    half_px: int = threshold(64, "px", "half side of a chip, sufficient for images of a third of its resolution")
+    same_id_m: float = threshold(10.0, "m", "largest distance of a chip with the id of a point")
+    same_place_m: float = threshold(0.5, "m", "largest distance of a chip with another id")
+    most: int = threshold(6, "chips", "largest number compared for a point, most similar pixel sizes first")
+    agree_px: float = threshold(1.0, "px", "largest distance of the positions by two chips")
 
 
 class ChipLibrary:

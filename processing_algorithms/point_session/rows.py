@@ -19,21 +19,21 @@ MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "m
 
 @thresholds
 class PANEL:
-    """Limits of the panel, and a priori errors by which a point is searched in other images."""
+    """Limits of the panel, and a priori errors in the search of a point in other images."""
 
-    longest_history: int = threshold(1000, "edits", "that can be undone")
-    stretch_percent: tuple[float, float] = threshold((2.0, 98.0), "%", "of a view's greys that become black and white")
-    hills_m: float = threshold(30.0, "m", "heights beyond those of the points: hills between them, and roofs")
-    unknown_heights_m: float = threshold(300.0, "m", "heights to both sides where no point has a height")
-    vendor_px: float = threshold(150.0, "px", "error of RPCs as delivered: 75 m at 0.5 m pixels")
+    longest_history: int = threshold(1000, "edits", "largest number that can be undone")
+    stretch_percent: tuple[float, float] = threshold((2.0, 98.0), "%", "percentiles shown black and white")
+    hills_m: float = threshold(30.0, "m", "margin of heights beyond those of the points: relief, buildings")
+    unknown_heights_m: float = threshold(300.0, "m", "half range of heights if no point has a height")
+    vendor_px: float = threshold(150.0, "px", "error of given RPCs: 75 m at 0.5 m pixels")
     adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
-    shifted_px: float = threshold(10.0, "px", "error of RPCs that were only shifted so far: drifts, heights")
-    half_view_px: float = threshold(60.0, "px", "half the side of what a view shows, on an image that is located")
-    difference_px: float = threshold(20.0, "px", "distance over which the derivatives between images are taken")
+    shifted_px: float = threshold(10.0, "px", "error of RPCs corrected by a shift: drift, heights")
+    half_view_px: float = threshold(60.0, "px", "half side of a view of an image with corrected RPC")
+    difference_px: float = threshold(20.0, "px", "distance for numerical derivatives between images")
     beside_px: float = threshold(2.0, "px", "largest distance of a click from the outline of the target")
-    north_m: float = threshold(10.0, "m", "distance over which the direction of north is taken")
-    rpc_reach: float = threshold(1.5, "of the RPC's scales", "beyond it positions by an RPC mean nothing")
-    newton_steps: int = threshold(4, "iterations", "steps of Newton's method from a place on an image to the ground")
+    north_m: float = threshold(10.0, "m", "distance for the numerical direction of north")
+    rpc_reach: float = threshold(1.5, "of the RPC's scales", "normalised distance to which an RPC is used")
+    newton_steps: int = threshold(4, "iterations", "steps of Newton's method for the ground position of an image point")
 
 
 @dataclass(frozen=True)

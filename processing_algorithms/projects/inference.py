@@ -33,11 +33,11 @@ FoundPoints = tuple[str, str, PointTables]
 
 @thresholds
 class INFERENCE:
-    """Interpretation of the files in a folder."""
+    """Limits for the interpretation of the files in a folder."""
 
-    beyond_deg: float = threshold(0.5, "degree", "distance of ground points from the images' footprints")
-    probe_px: int = threshold(2000, "px", "columns and rows of a DEM that are read to find its gaps")
-    widest_gap: int = threshold(1000, "cells", "widest gap of a DEM that is interpolated", "maximum of `fill_gaps`")
+    beyond_deg: float = threshold(0.5, "degree", "margin of ground points around the footprints")
+    probe_px: int = threshold(2000, "px", "largest number of columns and rows read to find gaps of a DEM")
+    widest_gap: int = threshold(1000, "cells", "widest gap of a DEM for interpolation", "maximum of `fill_gaps`")
 
 
 def write_project(folder: str, path: str, overwrite: bool = False) -> list[str]:

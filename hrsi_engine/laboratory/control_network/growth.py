@@ -28,17 +28,17 @@ from .views import NetworkWindow, correlate_patches
 
 @thresholds
 class GROWTH:
-    """How the rounds of growth search and end, and which nodes matching, neighbours and geometry confirm."""
+    """Rounds of growth of a control network, and tests of its nodes by matching, neighbours and geometry."""
 
-    most_candidates: int = threshold(12, "points", "most candidates of a point")
-    most_rounds: int = threshold(200, "rounds", "most rounds of all stages")
-    closer: float = threshold(0.75, "", "ratio of distances from which a point is matched again under a nearer node")
+    most_candidates: int = threshold(12, "points", "largest number of a point")
+    most_rounds: int = threshold(200, "rounds", "largest number in all stages")
+    closer: float = threshold(0.75, "", "largest ratio of distances to a new and the former node for another match")
     least_correlation: float = threshold(0.75, "", "smallest correlation of matched windows", NETWORK_PAIRS)
-    largest_move_px: float = threshold(2.0, "px", "largest distance from the interest point", NETWORK_PAIRS)
+    largest_move_px: float = threshold(2.0, "px", "largest shift by matching", NETWORK_PAIRS)
     largest_sigma_px: float = threshold(0.3, "px", "largest standard deviation of a coordinate")
-    outlier_floor_px: float = threshold(0.75, "px", "smallest epipolar residual of an outlier", NETWORK_PAIRS)
-    outlier_sigmas: float = threshold(4.0, "sigma", "smallest epipolar residual of an outlier")
-    rejection_rounds: int = threshold(8, "rounds", "most rounds of rejection")
+    outlier_floor_px: float = threshold(0.75, "px", "smallest epipolar residual of an outlier …", NETWORK_PAIRS)
+    outlier_sigmas: float = threshold(4.0, "sigma", "… in standard deviations (both are exceeded)")
+    rejection_rounds: int = threshold(8, "rounds", "largest number of rejections")
 
 
 class GrowthStage(NamedTuple):

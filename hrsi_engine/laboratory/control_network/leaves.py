@@ -18,12 +18,14 @@ NETWORK_PAIRS = "real pairs, 2026-11-21 and 22 (docs/matching.md)"
 
 @thresholds
 class NETWORK:
-    """How exactly leaves lie where a network puts them, and which ancestors give its direction."""
+    """Limits for leaves (points around a root) at predicted positions, and for the direction of a network."""
 
-    radius_share: float = threshold(0.5, "", "base tolerance by a maximum's radius", "thesis 3.3.4: 2 px or less")
-    shortest_arm_px: float = threshold(20.0, "px", "nearer ancestors give no direction (0.5 px is a degree)")
-    ancestors: int = threshold(8, "generations", "how far back a direction is taken from")
-    smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before least-squares matching")
+    radius_share: float = threshold(0.5, "", "tolerance over the radius of a maximum", "thesis 3.3.4: 2 px or less")
+    shortest_arm_px: float = threshold(
+        20.0, "px", "smallest distance of an ancestor that gives a direction (0.5 px is 1°)"
+    )
+    ancestors: int = threshold(8, "generations", "largest number to an ancestor for a direction")
+    smoothing_px: float = threshold(0.7, "px", "sigma of the Gaussian before least-squares matching")
 
 
 def compute_effective_distances(

@@ -35,14 +35,14 @@ from .views import NetworkWindow, read_network_window
 
 @thresholds
 class CONTROL_NETWORK:
-    """How a network grows, and which windows are matched."""
+    """Stages of the growth of a network, and size of the windows."""
 
-    steep_deg: float = threshold(30.0, "°", "slope of the ground in the later stages of growth")
-    near_px: float = threshold(60.0, "px", "distance from the closest node in the first stages")
-    far_px: float = threshold(150.0, "px", "and in the last one, across gaps")
-    reduction_ratio: float = threshold(1.25, "", "ratio of pixel sizes from which the finer window is reduced")
+    steep_deg: float = threshold(30.0, "°", "slope of the ground in later stages")
+    near_px: float = threshold(60.0, "px", "largest distance from a node in the first stages")
+    far_px: float = threshold(150.0, "px", "… and in the last stage, across gaps")
+    reduction_ratio: float = threshold(1.25, "", "ratio of pixel sizes at which the finer window is reduced")
     equal_scales: tuple[float, float] = threshold((1.0, 1.0), "", "range of scales tried first")
-    largest_window_px: int = threshold(8192 * 8192, "px", "largest area of a window, for the memory")
+    largest_window_px: int = threshold(8192 * 8192, "px", "largest area of a window (memory)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,23 +278,21 @@ def _make_failure(
 
 @thresholds
 class SCALE:
-    """How features vote for the similarity of two windows."""
+    """Limits for the similarity transformation of two windows from features."""
 
-    features: int = threshold(6000, "features", "most features of a window")
+    features: int = threshold(6000, "features", "largest number of a window")
     ratio: float = threshold(
-        0.85, "", "largest ratio of the two nearest descriptors; the vote rejects what is wrong", "Lowe 2004: 0.8"
+        0.85, "", "largest ratio of the two nearest descriptors, as most votes reject wrong ones", "Lowe 2004: 0.8"
     )
-    vote_px: float = threshold(4.0, "px", "largest residual of a pair that votes, relief included")
-    samples: int = threshold(5000, "samples", "random samples of two pairs")
+    vote_px: float = threshold(4.0, "px", "largest residual of a pair with a vote, relief included")
+    samples: int = threshold(5000, "samples", "random samples of two pairs of features")
     shortest_base_px: float = threshold(20.0, "px", "smallest distance of the two points of a sample")
     fewest_votes: int = threshold(10, "pairs", "fewest votes that determine the scale", NETWORK_PAIRS)
-    clear_votes: int = threshold(15, "pairs", "votes from which a network may begin (chance: 4 at most)", NETWORK_PAIRS)
-    unknown_scales: tuple[float, float] = threshold(
-        (0.6, 1.7), "", "scales searched where features do not determine it"
-    )
-    margin: float = threshold(1.05, "", "factor to both sides of the scale found")
-    glance_px: int = threshold(500_000, "px", "area of a window that features are first found in")
-    look_px: int = threshold(16_000_000, "px", "and where that fails")
+    clear_votes: int = threshold(15, "pairs", "fewest votes for a network (by chance at most 4)", NETWORK_PAIRS)
+    unknown_scales: tuple[float, float] = threshold((0.6, 1.7), "", "range of scales if features do not determine it")
+    margin: float = threshold(1.05, "", "margin of the scale: factor to both sides")
+    glance_px: int = threshold(500_000, "px", "area of a window in the first search for features")
+    look_px: int = threshold(16_000_000, "px", "… and in the second")
 
 
 class FeatureVote(NamedTuple):

@@ -85,12 +85,14 @@ class Network:
 
 @thresholds
 class LOCAL_AFFINE:
-    """The robust affine map through the nodes around a point."""
+    """Limits for the robust affine transformation by the nodes around a point."""
 
-    neighbours: int = threshold(12, "nodes", "nodes of a map")
-    similarity_weight: float = threshold(0.5, "nodes", "weight of the whole network's similarity at the mean distance")
-    iterations: int = threshold(5, "steps", "reweighted solutions")
-    scale_px: float = threshold(1.0, "px", "smallest scale of the Cauchy weights: differences of right neighbours")
+    neighbours: int = threshold(12, "nodes", "number in a transformation")
+    similarity_weight: float = threshold(
+        0.5, "nodes", "weight of the network's similarity transformation, at the mean distance"
+    )
+    iterations: int = threshold(5, "steps", "iterations of the robust weights")
+    scale_px: float = threshold(1.0, "px", "smallest scale of the Cauchy weights: relief")
 
 
 class LocalAffine(NamedTuple):

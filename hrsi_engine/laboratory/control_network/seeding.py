@@ -40,16 +40,16 @@ class SEEDING:
     """Which super points a network begins with, and when its first nodes are accepted."""
 
     cell_px: float = threshold(100.0, "px", "side of a cell", "thesis section 3.3: 110 in 400 x 400 px")
-    points_per_cell: int = threshold(7, "points", "super points in a cell", "thesis section 3.3: 110 in 400 x 400 px")
+    points_per_cell: int = threshold(7, "points", "largest number in a cell", "thesis section 3.3: 110 in 400 x 400 px")
     part_px: float = threshold(400.0, "px", "side of a part of the first window", "thesis section 3.3: 400 x 400 px")
-    fewest_points: int = threshold(8, "points", "fewest super points of a part and of the second window")
-    fewest_nodes: int = threshold(8, "nodes", "fewest nodes of a first network that correlate", NETWORK_PAIRS)
-    smallest_node_share: float = threshold(0.3, "", "the same as a share of all nodes (chance: 0.05)", NETWORK_PAIRS)
-    consistency_px: float = threshold(4.0, "px", "largest difference of a first node from its neighbours, on relief")
-    grey_reaches: tuple[float, float] = threshold((1.0, 0.6), "", "reaches tried by grey values", NETWORK_PAIRS)
-    feature_reach_px: float = threshold(8.0, "px", "distance from where features put a point", NETWORK_PAIRS)
+    fewest_points: int = threshold(8, "points", "fewest super points of a part, and of the second window")
+    fewest_nodes: int = threshold(8, "nodes", "fewest correlated nodes of a first network", NETWORK_PAIRS)
+    smallest_node_share: float = threshold(0.3, "", "… and smallest share of all nodes (chance: 0.05)", NETWORK_PAIRS)
+    consistency_px: float = threshold(4.0, "px", "largest difference of a first node from its neighbours (relief)")
+    grey_reaches: tuple[float, float] = threshold((1.0, 0.6), "", "shares of the reach that are tried", NETWORK_PAIRS)
+    feature_reach_px: float = threshold(8.0, "px", "largest distance from the position by features", NETWORK_PAIRS)
     feature_spread_px: float = threshold(0.75, "px", "largest epipolar scatter of such a network", NETWORK_PAIRS)
-    likely_pairs: int = threshold(150, "pairs", "pairs of roots that are compared by grey values", NETWORK_PAIRS)
+    likely_pairs: int = threshold(150, "pairs", "most probable pairs of roots that are correlated", NETWORK_PAIRS)
 
 
 class Seed(NamedTuple):

@@ -40,19 +40,19 @@ from .leaves import Leaves, Tolerance, find_leaves, find_mutual_best, rotate_off
 
 @thresholds
 class SUPER_POINTS:
-    """How pairs of roots are bounded by votes, and when the best one is more than chance and has no rival."""
+    """Bounds for pairs of roots by votes, and tests of the best pair against chance and rivals."""
 
-    rival_share: float = threshold(0.75, "", "correspondences of a rival that makes a match ambiguous, by the winner's")
-    shared: float = threshold(0.3, "", "share of correspondences in common from which a hypothesis is the same match")
+    rival_share: float = threshold(0.75, "", "correspondences of another match over those of the best, if ambiguous")
+    shared: float = threshold(0.3, "", "share of common correspondences from which two hypotheses are one")
     log10_nfa: float = threshold(-3.0, "log10", "largest number of false alarms", "Desolneux, Moisan and Morel 2000")
-    cells_per_batch: int = threshold(2_000_000, "cells", "leaf pairs by starting points in memory at a time")
-    sectors: int = threshold(360, "sectors", "sectors of the rotation in which leaf pairs are counted")
-    rounding_rad: float = threshold(1e-9, "rad", "slack of bounds for correspondences at the edge of the tolerance")
-    rival_gradient: float = threshold(0.2, "", "displacement of the root by relief, by its distance, in one match")
-    rival_turn_rad: float = threshold(np.radians(15.0), "rad", "largest difference of the rotation in one match")
-    directions: int = threshold(256, "bins", "bins of direction of the histograms of votes")
-    ring_px: float = threshold(4.0, "px", "width of their bins of distance")
-    pairs_per_batch: int = threshold(40_000, "pairs", "pairs of roots in memory at a time, about 120 MB")
+    cells_per_batch: int = threshold(2_000_000, "cells", "most products of leaf pairs and starting points in memory")
+    sectors: int = threshold(360, "sectors", "sectors of the rotation for counting leaf pairs")
+    rounding_rad: float = threshold(1e-9, "rad", "tolerance for rounding at the edge of an interval")
+    rival_gradient: float = threshold(0.2, "", "displacement of a root over its distance, by relief, in one match")
+    rival_turn_rad: float = threshold(np.radians(15.0), "rad", "largest difference of rotations in one match")
+    directions: int = threshold(256, "bins", "bins of direction of vote histograms")
+    ring_px: float = threshold(4.0, "px", "width of the bins of distance")
+    pairs_per_batch: int = threshold(40_000, "pairs", "largest number in memory, about 120 MB")
 
 
 _SECTOR_RAD = 2.0 * np.pi / SUPER_POINTS.sectors

@@ -82,11 +82,11 @@ def read_network_window(
 
 @thresholds
 class PATCHES:
-    """Patches whose grey values are correlated."""
+    """Limits for correlated patches."""
 
-    half_px: int = threshold(8, "px", "half side: patches of 17 x 17 px")
-    least_usable: float = threshold(0.75, "", "smallest share of pixels usable in both windows")
-    batch: int = threshold(1800, "patches", "patches in memory at a time")
+    half_px: int = threshold(8, "px", "half side of a patch (17 x 17 px)")
+    least_usable: float = threshold(0.75, "", "smallest share of pixels that are valid in both")
+    batch: int = threshold(1800, "patches", "largest number in memory")
 
 
 def correlate_patches(

@@ -29,32 +29,36 @@ BLOB_PAIRS = "real pairs s2p 01-03 and Kahramanmaras before, 2026-11-22 (docs/in
 
 @thresholds
 class BLOBS:
-    """Where seeds of blobs are searched, how their outlines run, and which of them are blobs."""
+    """Search of seeds of blobs, their outlines, and tests of them."""
 
     seed_sigmas_px: tuple[float, ...] = threshold(
         tuple(1.6 * 2.0 ** (k / 2.0) for k in range(7)), "px", "scales, for discs of 5 to 36 px"
     )
-    largest_at_level_px: float = threshold(6.4, "px", "largest scale before the image is reduced by 2, 4")
+    largest_at_level_px: float = threshold(
+        6.4, "px", "largest scale at full resolution; beyond, the image is reduced by 2 or 4"
+    )
     seed_strength: float = threshold(0.45, "sigma", "smallest square root of the Hessian's determinant", BLOB_PAIRS)
-    radius_of_sigma: float = threshold(1.4, "", "radius of the disc that answers most, by the scale")
+    radius_of_sigma: float = threshold(1.4, "", "radius of a disc over the scale with the largest response")
     rays: int = threshold(32, "", "rays of an outline")
-    radii: int = threshold(24, "", "radii tried along each ray")
-    nearest_radius: float = threshold(0.45, "", "smallest radius tried, by the expected one")
-    farthest_radius: float = threshold(2.2, "", "largest radius tried, by the expected one")
-    slope_px: float = threshold(0.8, "px", "standard deviation of the Gaussian of the slopes")
-    turn_cost: float = threshold(0.3, "", "cost of a step by one radius from ray to ray, in usual slopes", BLOB_PAIRS)
-    fine_radius_px: float = threshold(8.0, "px", "from twice this radius on the reduced image is used")
-    batch: int = threshold(512, "blobs", "outlines at a time: they fit into the processor's cache")
-    largest_shift: float = threshold(0.5, "", "largest distance of seed and centre, by the radius", BLOB_PAIRS)
+    radii: int = threshold(24, "", "number of radii tried along each ray")
+    nearest_radius: float = threshold(0.45, "", "smallest radius tried, relative to the expected one")
+    farthest_radius: float = threshold(2.2, "", "largest radius tried, relative to the expected one")
+    slope_px: float = threshold(0.8, "px", "standard deviation of the Gaussian derivative")
+    turn_cost: float = threshold(
+        0.3, "", "cost of a change by one radius between rays, in median gradients", BLOB_PAIRS
+    )
+    fine_radius_px: float = threshold(8.0, "px", "half the radius from which the reduced image is used")
+    batch: int = threshold(512, "blobs", "outlines computed together (processor's cache)")
+    largest_shift: float = threshold(0.5, "", "largest distance of seed and centre over the radius", BLOB_PAIRS)
     largest_radius_px: float = threshold(18.0, "px", "largest radius of a blob")
     size_tolerance_px: float = threshold(0.4, "px", "uncertainty of the diameter of a small blob", BLOB_PAIRS)
     least_contrast: float = threshold(1.0, "sigma", "smallest contrast about the seed", BLOB_PAIRS)
     moved_contrast: float = threshold(0.25, "sigma", "smallest contrast about the grey-weighted centre", BLOB_PAIRS)
     surroundings_px: float = threshold(1.5, "px", "distance outside the outline at which the surroundings are sampled")
     centre_samples: int = threshold(10, "points", "samples along each ray for the grey-weighted centre")
-    centre_level: float = threshold(0.3, "", "share of the contrast below which a grey value has no weight", BLOB_PAIRS)
-    centre_rounds: int = threshold(3, "rounds", "times that the centre is moved to the grey-weighted one", BLOB_PAIRS)
-    same_blob: float = threshold(0.35, "", "distance of centres of one blob, as a share of the radius")
+    centre_level: float = threshold(0.3, "", "share of the contrast up to which a grey value has no weight", BLOB_PAIRS)
+    centre_rounds: int = threshold(3, "rounds", "iterations of the grey-weighted centre", BLOB_PAIRS)
+    same_blob: float = threshold(0.35, "", "largest distance of the centres of one blob over its radius")
     sigma_px: tuple[float, float] = threshold((0.15, 0.03), "px, share", "sigma of a coordinate", BLOB_PAIRS)
 
 

@@ -25,10 +25,10 @@ from .options import CornerOptions
 
 @thresholds
 class CORNER_PEAKS:
-    """Which maxima of a strength are corners, and how precise they are."""
+    """Limits for corners among the maxima of an interest operator, and their precision."""
 
-    support_px: int = threshold(12, "px", "distance over which pixels influence the strength")
-    roundness: float = threshold(0.5, "", "smallest q: 1 for gradients of all directions, 0 on an edge")
+    support_px: int = threshold(12, "px", "reach of the pixels that influence the strength")
+    roundness: float = threshold(0.5, "", "smallest roundness q: 1 for gradients of all directions, 0 on an edge")
     model_sigma_px: float = threshold(0.25, "px", "repeatability between views, without noise", SIMULATED_OBJECTS)
 
 

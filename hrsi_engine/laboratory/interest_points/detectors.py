@@ -47,13 +47,15 @@ BLOB = "blob"
 
 @thresholds
 class DETECTION:
-    """Which images are large enough to detect in, and which centres are one object."""
+    """Limits for the size of images, and for two centres of one object."""
 
-    shape_chance: float = threshold(2.0 / 3.0, "", "chance of the best shape to be found again", BLOB_PAIRS)
-    same_centre: float = threshold(0.15, "", "distance of blob and shape of one object, by its diameter")
+    shape_chance: float = threshold(
+        2.0 / 3.0, "", "factor of the quality of shapes: probability to be detected again", BLOB_PAIRS
+    )
+    same_centre: float = threshold(0.15, "", "largest distance of a blob and a shape of one object over its diameter")
     same_size: float = threshold(1.4, "", "largest ratio of their diameters")
     smallest_side_px: int = threshold(32, "px", "smallest side of an image or window")
-    small_image_px: int = threshold(2**22, "px", "area up to which strength thresholds are set from all of the image")
+    small_image_px: int = threshold(2**22, "px", "area up to which thresholds are set from the whole image")
 
 
 class Detector(Protocol):

@@ -24,17 +24,25 @@ SHADOW_IMAGES = "four real images, 2026-11-22 (docs/interest_points_accuracy.md)
 
 @thresholds
 class SHADOW:
-    """Which dark centres are shadows of objects; grey values around them are compared."""
+    """Limits for dark centres that are shadows, by the grey values around them."""
 
-    beyond_px: float = threshold(5.0, "px", "distance of the samples of the casting object", SHADOW_IMAGES)
+    beyond_px: float = threshold(
+        5.0, "px", "distance from the outline at which the object with this shadow is sampled", SHADOW_IMAGES
+    )
     inside: float = threshold(0.6, "", "share of the radius at which the two halves are compared", SHADOW_IMAGES)
     samples: int = threshold(32, "points", "samples around an outline")
-    side: float = threshold(0.7, "", "cosine to the sun from which a sample is on its side", SHADOW_IMAGES)
-    other_half: float = threshold(0.0, "", "and below which it is on the other sides", SHADOW_IMAGES)
-    object_darker: float = threshold(0.2, "", "smallest darkness of the object, by the contrast", SHADOW_IMAGES)
-    half_brighter: float = threshold(0.1, "", "smallest difference of the halves, by the contrast", SHADOW_IMAGES)
+    side: float = threshold(
+        0.7, "", "cosine of the angle to the sun above which a sample is on the sunny side", SHADOW_IMAGES
+    )
+    other_half: float = threshold(0.0, "", "… and below which it belongs to the surroundings", SHADOW_IMAGES)
+    object_darker: float = threshold(
+        0.2, "", "smallest difference of the object's grey value from the ground over the contrast", SHADOW_IMAGES
+    )
+    half_brighter: float = threshold(
+        0.1, "", "smallest difference of the halves' grey values over the contrast", SHADOW_IMAGES
+    )
     margin_px: int = threshold(8, "px", "margin of the pixels read")
-    step_m: float = threshold(100.0, "m", "length on the ground over which a direction is carried into the image")
+    step_m: float = threshold(100.0, "m", "distance for the numerical direction in the image")
 
 
 def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray) -> np.ndarray:

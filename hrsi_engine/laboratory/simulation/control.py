@@ -24,9 +24,9 @@ from .terrain import TerrainSurface
 
 @thresholds
 class CONTROL_PLACES:
-    """Where surveyed points are placed."""
+    """Limits for the positions of surveyed points."""
 
-    empty_border: float = threshold(0.03, "", "border of an image without points, by its size")
+    empty_border: float = threshold(0.03, "", "margin of an image without points, relative to its size")
     steepest: float = threshold(0.35, "", "largest slope at a surveyed point")
 
 

@@ -24,19 +24,19 @@ from .terrain import TerrainSurface, make_fractal_relief
 class CANOPY:
     """Heights of trees in a free DEM."""
 
-    roughness: float = threshold(0.2, "", "Hurst exponent of the field that decides where trees grow")
+    roughness: float = threshold(0.2, "", "Hurst exponent of the field that determines where trees grow")
     edge_cells: float = threshold(0.7, "cells", "standard deviation by which the edges of woods are smoothed")
 
 
 @thresholds
 class RADAR_NOISE:
-    """How the noise of a free DEM grows with the slope, and how that is correlated."""
+    """Dependence of a free DEM's noise on the slope, and its correlation."""
 
-    steep: float = threshold(0.4, "m/m", "slope from which on it grows no more")
+    steep: float = threshold(0.4, "m/m", "slope above which the noise does not increase")
     on_steep: float = threshold(
-        3.0, "", "times that on flat ground, there", "GLO-30: 1 m on flat ground, 3 m on slopes"
+        3.0, "", "noise on such slopes relative to flat ground", "GLO-30: 1 m on flat ground, 3 m on slopes"
     )
-    period_lengths: float = threshold(8.0, "correlation lengths", "by which the synthesis is wider than the DEM")
+    period_lengths: float = threshold(8.0, "correlation lengths", "margin of the synthesised noise around the DEM")
 
 
 class FreeDem(NamedTuple):

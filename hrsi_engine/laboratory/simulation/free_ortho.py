@@ -22,14 +22,16 @@ from .terrain import make_fractal_relief
 
 @thresholds
 class ORTHO_ERROR:
-    """How the errors of a free orthoimage are correlated."""
+    """Correlation of the errors of a free orthoimage."""
 
-    common_share: float = threshold(0.8, "", "share of the error that all of a scene has")
-    part_share: float = threshold(0.4, "", "share of the error that a part of the mosaic has")
+    common_share: float = threshold(0.8, "", "share of the error common to a scene")
+    part_share: float = threshold(0.4, "", "share of the error common to a part of the mosaic")
     parts: int = threshold(3, "parts", "parts of the mosaic along each side")
     nodes: int = threshold(32, "nodes", "nodes of the local error along each side")
     roughness: float = threshold(0.3, "", "Hurst exponent of the local error")
-    corner_from: float = threshold(0.5, "", "share of half the scene beyond which the north-eastern corner begins")
+    corner_from: float = threshold(
+        0.5, "", "distance from the centre, in half scenes, at which the north-eastern corner begins"
+    )
 
 
 OTHER_DATE = 1

@@ -45,7 +45,7 @@ class LASER:
         (np.log(24.0), 0.95), "", "photons of a segment: mean and sigma of the logarithm", ICESAT_2
     )
     stated_share: tuple[float, float] = threshold(
-        (1.0, 1.8), "", "stated standard deviation, by spread over root of photons", ICESAT_2
+        (1.0, 1.8), "", "stated standard deviation over spread per root of the photons", ICESAT_2
     )
     canopy_patch_m: float = threshold(200.0, "m", "side of a patch of one height of trees")
     canopy_height_m: tuple[float, float] = threshold(

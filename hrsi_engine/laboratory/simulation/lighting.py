@@ -25,11 +25,11 @@ from .tiles import TilePainter
 
 @thresholds
 class LIGHT:
-    """How buildings and slopes are lit."""
+    """Light and snow on buildings and slopes."""
 
-    wall_grey: float = threshold(0.6, "", "grey value of a wall, by that of its roof")
-    snow_on_roofs: float = threshold(0.7, "", "share of snow on a roof, by that on open land")
-    steepest_light: float = threshold(1.8, "", "largest light on a slope that faces the sun, by that on flat ground")
+    wall_grey: float = threshold(0.6, "", "grey value of a wall relative to its roof's")
+    snow_on_roofs: float = threshold(0.7, "", "snow on a roof relative to open land")
+    steepest_light: float = threshold(1.8, "", "largest light on a slope that faces the sun, relative to flat ground")
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,10 +32,10 @@ GRAVITATION = 3.986004418e14  # m3 / s2, WGS84
 
 @thresholds
 class ORBIT:
-    """When the iterations of the camera end."""
+    """Convergence of the camera's iterations."""
 
-    line_closure_px: float = threshold(1e-9, "px", "change of the line at which the projection ends")
-    most_iterations: int = threshold(40, "steps", "most iterations")
+    line_closure_px: float = threshold(1e-9, "px", "change of the line at convergence")
+    most_iterations: int = threshold(40, "iterations", "largest number of iterations")
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,12 +29,12 @@ from .tiles import TILES, TilePainter, compute_tile_shape, cut_window
 
 @thresholds
 class RENDERING:
-    """Where rays are exact, and the blur of orthophotos."""
+    """Grid of exact rays, and blur of orthophotos."""
 
-    node_samples: int = threshold(32, "px", "distance of exact rays along a line")
-    node_lines: int = threshold(16, "px", "distance of exact rays across lines")
+    node_samples: int = threshold(32, "px", "spacing of exact rays along a line")
+    node_lines: int = threshold(16, "px", "largest spacing of exact rays across lines")
     jitter_px: float = threshold(
-        5e-4, "px", "largest error of jitter that is linear between exact rays", "bound of interpolation"
+        5e-4, "px", "largest error of jitter by linear interpolation between exact rays", "bound of interpolation"
     )
     ortho_blur_px: float = threshold(0.5, "px", "standard deviation of the blur of an orthophoto")
 

@@ -23,12 +23,16 @@ from .views import SceneView
 class SCENE:
     """Size of a scene, and the places of objects."""
 
-    most_posts: int = threshold(4000, "posts", "most posts along a side of the terrain")
-    polar_share: float = threshold(0.2, "", "half a scene, by its distance from the pole, at most")
+    most_posts: int = threshold(4000, "posts", "largest number of posts along a side of the terrain")
+    polar_share: float = threshold(0.2, "", "half side of a scene over its distance from the pole, at most")
     unit_gsd_m: float = threshold(0.7, "m", "ground sampling distance for which the landscape is true to scale")
-    steepest_built: float = threshold(0.5, "", "largest slope along an object's diagonal")
-    town_post_px: float = threshold(4.0, "px", "posts of a city's terrain, which has walls; of others: 8 px")
-    storeys_m: tuple[float, float] = threshold((5.0, 11.0), "m", "lowest building of a city, mean of what is above it")
+    steepest_built: float = threshold(0.5, "", "largest slope along the diagonal of an object")
+    town_post_px: float = threshold(
+        4.0, "px", "spacing of the terrain's posts in a city, which has walls; 8 px elsewhere"
+    )
+    storeys_m: tuple[float, float] = threshold(
+        (5.0, 11.0), "m", "smallest height of a building in a city, and mean of the additional height"
+    )
     target_px: float = threshold(9.0, "px", "diameter of a target in the finest view")
     apron_px: float = threshold(20.0, "px", "diameter of the apron around it")
 

@@ -22,11 +22,11 @@ from .texture import PeriodicField, SensorTexture, Texture
 
 @thresholds
 class YEAR:
-    """What changes on the ground within a year."""
+    """Changes of the ground within a year."""
 
-    texture_days: float = threshold(60.0, "d", "time after which the texture of soil and plants is another one")
-    built_share: float = threshold(0.12, "", "share of the buildings that are built")
-    torn_share: float = threshold(0.08, "", "share that is torn down")
+    texture_days: float = threshold(60.0, "d", "time after which the texture of soil and plants has changed")
+    built_share: float = threshold(0.12, "", "share of the buildings that are built in the year")
+    torn_share: float = threshold(0.08, "", "share of the buildings that are demolished in the year")
     car_spacing_m: float = threshold(45.0, "m", "length of road and lane for each car")
     car_size_m: tuple[float, float] = threshold((4.6, 1.9), "m", "length and width of a car")
     ploughed_days: float = threshold(40.0, "d", "time that a field lies bare")

@@ -23,12 +23,12 @@ from .terrain import TerrainSurface
 
 @thresholds
 class INTERSECTION:
-    """How rays are met with the terrain."""
+    """Intersection of rays with the terrain."""
 
     occlusion_free: float = threshold(
         0.7, "", "slope times tangent of the view angle below which nothing is hidden", "contraction < 1"
     )
-    height_tolerance_m: float = threshold(5e-4, "m", "largest error of a height")
+    height_tolerance_m: float = threshold(5e-4, "m", "height error at convergence")
     bisections: int = threshold(14, "steps", "bisections of the last step")
 
 

@@ -25,7 +25,9 @@ class FRACTAL_RELIEF:
     """Shape of the fractal relief."""
 
     roughness: float = threshold(0.95, "", "Hurst exponent H of the hills")
-    cliff_roughness: float = threshold(1.6, "", "H of the relief whose zero line cliffs follow: few and long ones")
+    cliff_roughness: float = threshold(
+        1.6, "", "Hurst exponent of the relief whose zero line is a cliff: few and long cliffs"
+    )
 
 
 @dataclass(frozen=True)

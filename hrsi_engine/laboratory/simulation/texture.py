@@ -26,10 +26,10 @@ RAMP = np.float32(np.sqrt(2.0 * np.pi))
 
 @thresholds
 class SNOW:
-    """How snow looks."""
+    """Grey value and distribution of snow."""
 
     grey: float = threshold(1450.0, "DN", "grey value of snow")
-    on_roads: float = threshold(0.35, "", "share of snow on roads, by that on open land")
+    on_roads: float = threshold(0.35, "", "snow on roads relative to open land")
 
 
 @runtime_checkable

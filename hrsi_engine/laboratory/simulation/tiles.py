@@ -19,7 +19,7 @@ from .texture import SensorTexture, paint_objects
 
 @thresholds
 class TILES:
-    """How images are painted tile by tile."""
+    """Tiles of simulated images, and reach of blur."""
 
     tile_px: int = threshold(256, "px", "side of a tile")
     reach_sigmas: float = threshold(4.0, "sigma", "reach of an object's blur")

@@ -15,15 +15,15 @@ from .sensors import AccuracyStatement
 
 @thresholds
 class VENDOR:
-    """Grids that a vendor's RPC is fitted to and checked on."""
+    """Grids to which a vendor's RPC is fitted and on which it is tested."""
 
-    control_grid: tuple[int, int, int] = threshold((15, 15, 7), "nodes", "samples, lines and heights of the grid")
+    control_grid: tuple[int, int, int] = threshold((15, 15, 7), "nodes", "samples, lines and heights of the fit")
     check_grid: tuple[int, int, int] = threshold(
-        (22, 23, 10), "nodes", "of the check grid, which shares no node with it"
+        (22, 23, 10), "nodes", "samples, lines and heights of the test, without common nodes"
     )
-    height_margin_m: float = threshold(50.0, "m", "margin of the heights")
+    height_margin_m: float = threshold(50.0, "m", "margin below and above the range of heights")
     resolved_px: float = threshold(2e-8, "px", "smallest residual that the fit resolves")
-    border: float = threshold(0.02, "", "margin of the grid around the image, by its size")
+    border: float = threshold(0.02, "", "margin of the grid around the image, relative to its size")
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,12 @@ _DRIFTS = ("sample_s", "sample_l", "line_s", "line_l")
 
 @thresholds
 class DEFORMATION:
-    """Limits for drifts of images that are the effect of a deformed survey."""
+    """Limits for a deformation of the surveys, which appears as drifts of images."""
 
-    risk: float = threshold(1e-3, "", "probability that independent drifts look like one deformation", "F test")
+    risk: float = threshold(1e-3, "", "error probability of the test of a common deformation", "F test")
     harm: float = threshold(
-        2.0, "", "smallest effect at the edge of the block that is reported, in predicted 90 % errors",
-        "below, the prediction remains valid",
+        2.0, "", "smallest effect at the edge of the block that is reported, in predicted 90 % errors", "smaller ones "
+        "are within the prediction"
     )  # fmt: skip
 
 

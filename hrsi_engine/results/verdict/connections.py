@@ -19,15 +19,15 @@ class CONNECTION:
     """Limits for images that are not reliably connected to their block."""
 
     wrong_share: float = threshold(0.1, "", "share of wrong tie measurements that is reported", SOUND_BLOCKS)
-    most_wrong: float = threshold(0.4, "", "share of wrong tie measurements that makes a block unusable")
-    left_out_share: float = threshold(0.5, "", "share of an image's tie measurements left out that is reported")
+    most_wrong: float = threshold(0.4, "", "share of wrong tie measurements beyond which a block is unusable")
+    left_out_share: float = threshold(0.5, "", "share of an image's rejected tie measurements that is reported")
     fewest_ties: int = threshold(
-        4, "points", "that determine an image with control: two for its shift, and two that reveal an error"
+        4, "points", "fewest of an image without GCPs: two determine its shift, two more reveal an error"
     )
-    fewest_of_pair: int = threshold(8, "points", "common to two images, from which on their share left out is judged")
-    kept_share: float = threshold(0.5, "", "smaller shares of a pair's points that are kept are reported")
+    fewest_of_pair: int = threshold(8, "points", "fewest common points of two images that are tested")
+    kept_share: float = threshold(0.5, "", "share of a pair's accepted points below which it is reported")
     extrapolation_px: float = threshold(
-        5.0, "px", "excess of the sigma at image corners over that between the points", SOUND_BLOCKS
+        5.0, "px", "sigma at image corners beyond that between the points that is reported", SOUND_BLOCKS
     )
 
 

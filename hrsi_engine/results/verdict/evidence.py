@@ -18,9 +18,9 @@ from .significance import SOUND_BLOCKS
 
 @thresholds
 class CAMERA:
-    """Errors of cameras that are not part of any observation's standard deviation."""
+    """Errors of cameras that no model describes."""
 
-    unmodelled_px: float = threshold(0.5, "px", "of a camera's unmodelled errors in sample and line", SOUND_BLOCKS)
+    unmodelled_px: float = threshold(0.5, "px", "standard deviation of a camera's unmodelled errors", SOUND_BLOCKS)
 
 
 @dataclass(frozen=True, eq=False)

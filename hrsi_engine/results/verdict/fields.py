@@ -18,20 +18,20 @@ from .significance import SIGNIFICANCE, SOUND_BLOCKS
 
 @thresholds
 class FIELD:
-    """Limits for systematic fields in the residuals of images."""
+    """Limits for systematic patterns (fields) in the residuals of images."""
 
-    most_rows: int = threshold(1000, "points", "of an image that are tested: enough for every field that matters")
-    fewest_rows: int = threshold(12, "points", "fewer are not tested")
-    images_at_once: int = threshold(100, "images", "of up to a thousand points: 30 MB")
+    most_rows: int = threshold(1000, "points", "most points of an image that are tested")
+    fewest_rows: int = threshold(12, "points", "fewest that are tested")
+    images_at_once: int = threshold(100, "images", "tested together (30 MB)")
     rank_tolerance: float = threshold(
-        1e-9, "", "at smaller relative eigenvalues the rank is uncertain: images are tested one by one"
+        1e-9, "", "relative eigenvalue below which the rank is uncertain and each image is tested alone"
     )
-    risk_margin: float = threshold(1.001, "", "margin of the test of many images at once for its rounding")
+    risk_margin: float = threshold(1.001, "", "factor for rounding in the joint test of many images")
     equal_share: float = threshold(
-        0.8, "", "share of the largest model's explained squares from which a simpler one suffices"
+        0.8, "", "share of the squares explained by the largest model that a simpler model needs"
     )
-    noted_px: float = threshold(0.05, "px", "RMS from which on a field is a note")
-    large_px: float = threshold(4.0, "px", "RMS that deforms orthoimages visibly: a reason", SOUND_BLOCKS)
+    noted_px: float = threshold(0.05, "px", "smallest RMS of a field in the notes")
+    large_px: float = threshold(4.0, "px", "RMS of a field that visibly deforms orthoimages", SOUND_BLOCKS)
 
 
 NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many

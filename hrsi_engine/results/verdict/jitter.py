@@ -14,10 +14,10 @@ from .evidence import Evidence
 
 @thresholds
 class JITTER:
-    """Limit for jitter that is a reason."""
+    """Limit for jitter that is reported."""
 
     reported_px: float = threshold(
-        0.15, "px", "smallest amplitude that is reported", "purpose: y-parallax that a DSM's matching tolerates"
+        0.15, "px", "smallest amplitude that is reported", "purpose: y-parallax tolerated by DSM matching"
     )
 
 

@@ -16,26 +16,22 @@ from .significance import SOUND_BLOCKS, is_significant
 class SOLUTION:
     """Limits beyond which the solution of an adjustment is not reliable."""
 
-    settled_sigmas: float = threshold(1.0, "sigma", "change by one more iteration that is negligible")
-    doubtful_residuals: float = threshold(3.0, "", "reported residuals over noise and camera", SOUND_BLOCKS)
-    unusable_residuals: float = threshold(10.0, "", "the same that make a block unusable", SOUND_BLOCKS)
-    implausible_factor: float = threshold(
-        2.5, "", "residuals over stated sigmas of a group that is reported", SOUND_BLOCKS
-    )
-    implausible_sigma0: float = threshold(
-        2.0, "", "sigma0 that is left after all estimates and is reported", SOUND_BLOCKS
-    )
-    doubtful_sigmas: float = threshold(5.0, "sigma", "reported correction of an image, in prior sigmas", SOUND_BLOCKS)
-    unusable_sigmas: float = threshold(15.0, "sigma", "the same that makes a block unusable", SOUND_BLOCKS)
-    granted_shift_px: float = threshold(20.0, "px", "sigma of the shift that any RPC may have", SOUND_BLOCKS)
-    granted_drift: float = threshold(2e-4, "px/px", "sigma of the drift that any RPC may have", SOUND_BLOCKS)
-    showing_gcps: int = threshold(3, "GCPs", "from which on a part's GCPs show an affine deformation of its ground")
+    settled_sigmas: float = threshold(1.0, "sigma", "change by another iteration from which a block is unusable")
+    doubtful_residuals: float = threshold(3.0, "", "residuals over noise and camera errors, if reported", SOUND_BLOCKS)
+    unusable_residuals: float = threshold(10.0, "", "… beyond which a block is unusable", SOUND_BLOCKS)
+    implausible_factor: float = threshold(2.5, "", "residuals over stated sigmas of a group, if reported", SOUND_BLOCKS)
+    implausible_sigma0: float = threshold(2.0, "", "sigma0 after the estimation of sigmas, if reported", SOUND_BLOCKS)
+    doubtful_sigmas: float = threshold(5.0, "sigma", "correction in prior sigmas, if reported", SOUND_BLOCKS)
+    unusable_sigmas: float = threshold(15.0, "sigma", "… beyond which a block is unusable", SOUND_BLOCKS)
+    granted_shift_px: float = threshold(20.0, "px", "smallest prior sigma of a shift in this test", SOUND_BLOCKS)
+    granted_drift: float = threshold(2e-4, "px/px", "smallest prior sigma of a drift in this test", SOUND_BLOCKS)
+    showing_gcps: int = threshold(3, "GCPs", "fewest of a part that show an affine deformation of its ground")
     implausible_drift: float = threshold(
-        5.0, "sigma", "estimated drift of an image that no GCPs show, in a priori sigmas of its sensor", SOUND_BLOCKS
+        5.0, "sigma", "largest drift of an image that no GCPs confirm, in a priori sigmas of its sensor", SOUND_BLOCKS
     )
-    doubtful_fit_px: float = threshold(0.1, "px", "largest difference of a refined RPC from its model that is reported")
-    unusable_fit_px: float = threshold(1.0, "px", "the same that makes a block unusable")
-    least_prior_share: float = threshold(1e-12, "", "a prior with less share in a parameter is not derived from it")
+    doubtful_fit_px: float = threshold(0.1, "px", "difference of a refined RPC from its model that is reported")
+    unusable_fit_px: float = threshold(1.0, "px", "… beyond which a block is unusable")
+    least_prior_share: float = threshold(1e-12, "", "smallest share of a prior from which its sigma is computed")
 
 
 #: Smallest prior with which a correction is compared.

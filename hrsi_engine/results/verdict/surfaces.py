@@ -12,9 +12,9 @@ from .evidence import Evidence
 
 @thresholds
 class SURFACE_OFFSET:
-    """Limit for surfaces that displace a block by more than its RPCs explain."""
+    """Limit for the displacement of a block by a surface relative to its RPCs."""
 
-    sigmas: float = threshold(3.5, "sigma", "displacement in plan from the position by the RPCs that is reported")
+    sigmas: float = threshold(3.5, "sigma", "displacement in plan relative to the RPCs that is reported")
 
 
 def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
