@@ -35,8 +35,13 @@ from hrsi.hrsi_engine.measurement.interest_points.level_regions import (
     REGION,
     LevelRegions,
 )
-from hrsi.hrsi_engine.measurement.interest_points.outlines import OUTLINE_SAMPLING, GradientImage, measure_outlines
-from hrsi.hrsi_engine.measurement.interest_points.shapes import SHAPE, compute_size_tolerance
+from hrsi.hrsi_engine.measurement.interest_points.outlines import (
+    OUTLINE_SAMPLING,
+    GradientImage,
+    Outlines,
+    measure_outlines,
+)
+from hrsi.hrsi_engine.measurement.interest_points.shapes import SHAPE, compute_size_tolerance, fit_polygons
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
 
 EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)
@@ -369,6 +374,23 @@ def test_edge_points_of_a_disc_lie_on_its_circle(sign: int, scale: int):
     # the normal density of all that blurs: the optics, a pixel's area, the Gaussian of the slope
     width = np.sqrt(blur**2 + 1.0 / 12.0 + OUTLINE_SAMPLING.slope_px**2)
     assert np.median(found.slope[0, :count]) == pytest.approx(100.0 / np.sqrt(2.0 * np.pi) / width, rel=0.1)
+
+
+def test_a_polygon_of_points_on_a_circle_is_as_rough_as_its_chords():
+    """Each of 40 points lies R (1 - cos 9 deg) outside the middle of its neighbours; white errors have 1.5 squares."""
+    turn, radius = 2.0 * np.pi * np.arange(40) / 40.0, 12.0
+    normal = np.zeros((1, 48, 2))
+    normal[0, :40] = np.column_stack([np.cos(turn), np.sin(turn)])
+    found = (np.arange(48) < 40)[None]
+    outlines = Outlines([50.0, 60.0] + radius * normal, normal, np.ones((1, 48)), found, np.array([40]))
+    grey = GradientImage(np.zeros((9, 9), dtype=np.float32), np.ones((9, 9), dtype=bool), 1.0)
+    shape = fit_polygons(outlines, grey, np.array([1.0]))
+    assert shape.good[0] and shape.closed[0] == 1.0
+    np.testing.assert_allclose(shape.xy[0], [50.0, 60.0], atol=1e-9)
+    assert shape.rmse_px[0] == pytest.approx(radius * (1.0 - np.cos(np.pi / 20.0)) / np.sqrt(1.5), rel=1e-6)
+    # the second moment of a regular polygon's area is R² (2 + cos 9 deg) / 12 along any axis
+    diameter = 4.0 * radius * np.sqrt((2.0 + np.cos(np.pi / 20.0)) / 12.0)
+    np.testing.assert_allclose(shape.size_px[0], diameter, rtol=1e-6)
 
 
 @pytest.mark.rendered
