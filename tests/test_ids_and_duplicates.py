@@ -12,7 +12,7 @@ import pyproj
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from parsed_sources import parse_source
+from parsed_sources import walk_sources
 from simulated_blocks import images as simulated_images
 
 from hrsi.hrsi_engine.block.assembly import assemble, find_similar_ids, normalise_spellings
@@ -147,9 +147,7 @@ def test_json_is_written_in_one_place(repository: Path):
     """No other module makes JSON texts: so no NaN can get into any."""
     makers = [
         f"{path.relative_to(repository)}:{node.lineno}"
-        for part in ("hrsi_engine", "processing_algorithms", "plugin")
-        for path in (repository / part).rglob("*.py")
-        for node in ast.walk(parse_source(path))
+        for path, node in walk_sources(["dump", "JSONEncoder"])
         if isinstance(node, ast.Attribute)
         and node.attr in ("dump", "dumps", "JSONEncoder")
         and not (isinstance(node.value, ast.Name) and node.value.id == "pickle")

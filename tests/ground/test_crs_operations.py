@@ -15,7 +15,7 @@ import numpy as np
 import pyproj
 import pytest
 from osgeo import gdal
-from parsed_sources import parse_source
+from parsed_sources import walk_sources
 
 from hrsi.benchmarks import geodesy as benchmark
 from hrsi.hrsi_engine.adjustment import adjust
@@ -55,17 +55,15 @@ needs_cs2cs = pytest.mark.skipif(
 
 def test_nothing_else_converts_coordinates() -> None:
     found = []
-    for room in ("hrsi_engine", "processing_algorithms", "plugin"):
-        for path in (ROOT / room).rglob("*.py"):
-            if path.parent.name == "ground" and path.name in SERVICE:
-                continue
-            forbidden = FORBIDDEN
-            if path.relative_to(ROOT).as_posix() in MAP_WINDOW:
-                forbidden = FORBIDDEN - {"QgsCoordinateTransform"}
-            for node in ast.walk(parse_source(path)):
-                name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
-                names = [alias.name for alias in node.names] if isinstance(node, ast.ImportFrom) else [name]
-                found += [f"{path.relative_to(ROOT)}: {one}" for one in names if one in forbidden]
+    for path, node in walk_sources(FORBIDDEN):
+        if path.parent.name == "ground" and path.name in SERVICE:
+            continue
+        forbidden = FORBIDDEN
+        if path.relative_to(ROOT).as_posix() in MAP_WINDOW:
+            forbidden = FORBIDDEN - {"QgsCoordinateTransform"}
+        name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+        names = [alias.name for alias in node.names] if isinstance(node, ast.ImportFrom) else [name]
+        found += [f"{path.relative_to(ROOT)}: {one}" for one in names if one in forbidden]
     assert found == []
 
 

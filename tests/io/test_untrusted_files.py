@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from osgeo import gdal, ogr
-from parsed_sources import parse_source
+from parsed_sources import walk_sources
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import HrsiError, InputError
@@ -122,9 +122,7 @@ def test_xml_is_parsed_in_one_place(repository: Path):
     """So no reader can forget to refuse entities."""
     importers = {
         path.relative_to(repository).as_posix()
-        for part in ("hrsi_engine", "processing_algorithms", "plugin")
-        for path in (repository / part).rglob("*.py")
-        for node in ast.walk(parse_source(path))
+        for path, node in walk_sources(["xml"])
         if isinstance(node, (ast.Import, ast.ImportFrom))
         for name in [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
         if name.partition(".")[0] in ("xml", "lxml", "defusedxml")
