@@ -170,15 +170,17 @@ def label_gcp_fields() -> dict[str, str]:
     }  # fmt: skip
 
 
+def name_field_choosers(param: Param) -> dict[str, str]:
+    """Return the names of the parameters that choose fields in the layer of GCPs, by HRSI's names of the fields."""
+    is_gcps = (param.key, param.kind) == ("gcps", Kind.POINTS)
+    return {field: f"{qgis_name(param)}_{field.upper()}" for field in label_gcp_fields()} if is_gcps else {}
+
+
 def field_choosers(param: Param) -> dict[str, QgsProcessingParameterDefinition]:
     """Return the parameters that choose fields in the layer of GCPs, by HRSI's names."""
-    if (param.key, param.kind) != ("gcps", Kind.POINTS):
-        return {}
-    made = {}
-    for field, label in label_gcp_fields().items():
-        made[field] = QgsProcessingParameterField(
-            f"{qgis_name(param)}_{field.upper()}", label, parentLayerParameterName=qgis_name(param), optional=True
-        )
+    made, layer, labels = {}, qgis_name(param), label_gcp_fields()
+    for field, name in name_field_choosers(param).items():
+        made[field] = QgsProcessingParameterField(name, labels[field], parentLayerParameterName=layer, optional=True)
         made[field].setHelp(f"Field in the layer of GCPs, if its name is not {field}.")
         made[field].setFlags(made[field].flags() | ADVANCED)
     return made
@@ -248,8 +250,8 @@ def _read_points(param: Param, reading: Reading) -> str:
         return str(reading.raw(param))
     source = point_source(reading.raw(param), param.key, reading.context, reading.feedback)
     chosen = {
-        field: reading.algorithm.parameterAsString(dict(reading.parameters), chooser.name(), reading.context)
-        for field, chooser in field_choosers(param).items()
+        field: reading.algorithm.parameterAsString(dict(reading.parameters), name, reading.context)
+        for field, name in name_field_choosers(param).items()
     }
     return name_fields(source, chosen)
 

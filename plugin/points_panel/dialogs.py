@@ -4,6 +4,7 @@ from typing import Any
 
 from qgis.core import QgsMapLayer, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsRasterLayer
 from qgis.gui import QgsFileWidget, QgsProjectionSelectionWidget
+from qgis.PyQt.QtCore import QTimer
 from qgis.PyQt.QtWidgets import (
     QComboBox,
     QDialog,
@@ -27,6 +28,7 @@ from ..parameters import label_gcp_fields
 from ..translation import tr
 
 HEIGHT_DATUMS = ("layer", "ellipsoidal", "egm96", "egm2008")
+TYPING_MS = 300  # without a further letter, until what is typed is looked at
 
 
 class NewBlockDialog(QDialog):
@@ -52,7 +54,11 @@ class NewBlockDialog(QDialog):
         self.layers.setEnabled(bool(rasters))
         self.gcps, self.image_points = LayerOrFile(), LayerOrFile()
         self.fields = {field: QComboBox() for field in label_gcp_fields()}
-        self.gcps.box.editTextChanged.connect(lambda _text: self._list_fields())
+        self._pause = QTimer(self)  # of typing: listing the fields opens the layer
+        self._pause.setSingleShot(True)
+        self._pause.setInterval(TYPING_MS)
+        self._pause.timeout.connect(lambda: self._offer_fields(self.gcps.field_names()))
+        self.gcps.box.editTextChanged.connect(lambda _text: (self._offer_fields([]), self._pause.start()))
         self.crs = QgsProjectionSelectionWidget()
         self.crs.setOptionVisible(QgsProjectionSelectionWidget.CrsOption.CrsNotSet, True)
         self.datum = QComboBox()
@@ -85,9 +91,8 @@ class NewBlockDialog(QDialog):
         paths = dict.fromkeys([*named, *(raster_source(name, context) for name in ids)])  # each once, in order
         self.images.setFilePath(" ".join(f'"{path}"' for path in paths))
 
-    def _list_fields(self) -> None:
+    def _offer_fields(self, names: list[str]) -> None:
         """List the fields of the ground points for choosing."""
-        names = self.gcps.field_names()
         for box in self.fields.values():
             box.clear()
             box.addItems(["", *names])

@@ -209,7 +209,12 @@ def test_a_new_block_whose_fields_have_other_names(dock, sources: dict, tmp_path
     box = dialog.fields["id"]
     assert box.count() == 0
     dialog.images.setFilePath(" ".join(f'"{path}"' for path in sources["images"]))
-    dialog.gcps.box.setEditText(str(tmp_path / "survey.csv"))
+    opened, list_names = [], dialog.gcps.field_names
+    dialog.gcps.field_names = lambda: opened.append(dialog.gcps.value()) or list_names()
+    dialog.gcps.box.setEditText(str(tmp_path / "survey.cs"))
+    QTest.keyClicks(dialog.gcps.box.lineEdit(), "v ")
+    wait_for(lambda: box.count() > 1)
+    assert opened == [str(tmp_path / "survey.csv")], "the layer is opened at each letter"
     assert [box.itemText(k) for k in range(4)] == [
         "",
         *table.partition("\n")[0].replace("id,", "Punkt,", 1).split(",")[:3],
