@@ -130,7 +130,7 @@ def test_dry_run_of_every_algorithm_writes_nothing(name: str, block: Path, tmp_p
 
 
 @pytest.mark.parametrize(
-    "name", mark_beyond(6, "thorough", [name for name in REGISTRY if name not in MATCHING | {"evaluate", "simulate"}])
+    "name", mark_beyond(3, "thorough", [name for name in REGISTRY if name not in MATCHING | {"evaluate", "simulate"}])
 )
 def test_dry_run_names_the_files_that_the_run_writes(name: str, block: Path, tmp_path: Path, capsys) -> None:
     algorithm = REGISTRY[name]

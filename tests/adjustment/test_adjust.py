@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.results.verdict import judge
 
 
-@pytest.mark.parametrize("name", ["shift", "affine", "conformal"])
+@pytest.mark.parametrize("name", mark_beyond(1, "thorough", ["affine", "shift", "conformal"]))
 def test_equals_dense_least_squares(name):
     block, _, _ = blocks.block(gcps=6, checks=0, ties=15, noise_m=0.2)
     result = adjust(block, AdjustOptions(test_sigmas=False, model=name))
@@ -115,7 +115,7 @@ def test_robust_weights_are_95_percent_efficient(name):
     assert np.all(np.diff(weight[9000:]) <= 1e-12)
 
 
-@pytest.mark.parametrize("robust", [name for name in WEIGHTS if name != "none"])
+@pytest.mark.parametrize("robust", mark_beyond(1, "thorough", [name for name in WEIGHTS if name != "none"]))
 def test_robust_weights_hold_against_blunders(robust):
     block, _, errors = blocks.block(gcps=4, checks=0, ties=60, seed=5)
     true = np.array([error.ravel() for error in errors])

@@ -17,6 +17,7 @@ import pytest
 import simulated_blocks as blocks
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
@@ -220,7 +221,7 @@ def test_a_known_point_told_twice_is_an_error_that_names_it(
             read_points(str(path), height_datum="ellipsoidal")
 
 
-@pytest.mark.parametrize("threads", [2, 5])
+@pytest.mark.parametrize("threads", mark_beyond(1, "thorough", [2, 5]))
 def test_threads_change_no_bit(threads: int) -> None:
     block, _, _ = blocks.block(seed=5, ties=300)
     alone, together = (adjust(block, AdjustOptions(threads=count)) for count in (1, threads))

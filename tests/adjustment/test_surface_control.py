@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.assembly import assemble
@@ -47,7 +48,7 @@ def test_a_displacement_is_found_and_its_covariance_holds(seed):
     assert np.hypot(*error[:2]) < 1.0 and abs(error[2]) < 0.3
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", mark_beyond(1, "thorough", [1, 2]))
 def test_displaced_rpcs_come_back(seed):
     terrain, dem = make_terrain(40.0, seed)
     rng, truth = np.random.default_rng(seed), place_points(terrain, seed)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 from dense_adjustment import dense_solution
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.assembly import assemble
@@ -32,7 +33,7 @@ def with_covariances(block, covariance):
     return replace(block, points=replace(block.points, covariance_m2=every))
 
 
-CASES = [("shift", "0"), ("affine", "0"), ("affine", "1"), ("generic-shift", "0")]
+CASES = mark_beyond(2, "thorough", [("affine", "0"), ("affine", "1"), ("shift", "0"), ("generic-shift", "0")])
 
 
 @pytest.mark.parametrize(("name", "compiled"), CASES)

@@ -168,7 +168,7 @@ def test_unknown_names_are_refused():
         adjust(block, AdjustOptions(test_sigmas=False, variance_groups="colour"))
 
 
-@pytest.mark.parametrize("grouping", GROUPINGS)
+@pytest.mark.parametrize("grouping", mark_beyond(2, "thorough", GROUPINGS))
 def test_every_grouping_leaves_a_variance_factor_of_one(grouping):
     block = two_sensors(3, kinds=True)
     # every observation is counted, none may be left out

@@ -63,7 +63,7 @@ def test_window_outside_is_refused(hilly: BlockSimulation):
         make_renderer(hilly, "image_1").window(700, 0, 200, 10)
 
 
-@pytest.mark.parametrize("jitter", [OrientationError(), JITTER], ids=["steady", "jitter"])
+@pytest.mark.parametrize("jitter", mark_beyond(1, "thorough", [JITTER, OrientationError()]), ids=["jitter", "steady"])
 def test_interpolated_rays_are_true_ones(jitter: OrientationError):
     block = simulated(SceneSpec(relief_m=80.0), jitter=jitter)
     image = make_renderer(block, "image_2")

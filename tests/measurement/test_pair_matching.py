@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 from scipy import ndimage
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
@@ -238,7 +239,7 @@ def test_matches_that_agree_by_chance_are_none():
     assert told.good[60:].sum() < 20
 
 
-@pytest.mark.parametrize("what", ["nodata", "water", "other place"])
+@pytest.mark.parametrize("what", mark_beyond(1, "thorough", ["other place", "nodata", "water"]))
 def test_nothing_is_found_where_there_is_nothing(pair, what: str):
     """Nodata and flat water on the left of the second image, or quite another place: no wrong points."""
     first, second = pair

@@ -32,11 +32,13 @@ def is_quick(case: Case) -> bool:
     return case.kind in KINDS and not (case.kind == "/vsizip" and reads_pixels(case.algorithm))
 
 
-#: All inputs of `triangulate` are those of `adjust`, `tie-points` and `gcps-from-reference`.
-ALL_THREE = pytest.param("triangulate", marks=pytest.mark.wrong_inputs)
+#: All their inputs are those of `adjust`, `tie-points` and `gcps-from-reference`.
+AS_OTHERS = ("triangulate", "match")
 
 
-@pytest.mark.parametrize("name", [ALL_THREE if name == "triangulate" else name for name in REGISTRY])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.wrong_inputs) if name in AS_OTHERS else name for name in REGISTRY]
+)
 def test_inputs(scene: Path, tmp_path: Path, name: str) -> None:
     algorithm, wrong, count = REGISTRY[name], [], 0
     for key in inputs_of(algorithm):

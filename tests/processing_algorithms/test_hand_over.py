@@ -461,7 +461,7 @@ def test_gcps_for_gdal_and_qgis(block, tmp_path):
 
 
 @pytest.mark.parametrize("link", mark_beyond(1, "thorough", [False, True]))
-@pytest.mark.parametrize("target", NEXT_PROGRAMS)
+@pytest.mark.parametrize("target", mark_beyond(2, "thorough", NEXT_PROGRAMS))
 def test_a_dry_run_names_the_files_of_the_project(block, tmp_path, capsys, target, link):
     words = ["hand-over", str(block / "result"), "--to", target, "--output-dir", str(tmp_path / "out"), "--json"]
     words += ["--link"] * link

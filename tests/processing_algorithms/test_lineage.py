@@ -45,7 +45,7 @@ def scene(sound_inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    "name", mark_beyond(8, "thorough", [name for name in WITH_FOLDER if name not in SLOW and name != "write-rpc"])
+    "name", mark_beyond(4, "thorough", [name for name in WITH_FOLDER if name not in SLOW and name != "write-rpc"])
 )
 def test_report_tells_its_run(name: str, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything that it takes to follow a run, under the same names for every algorithm."""

@@ -53,8 +53,15 @@ def check(folder: Path, out: Path, **options: Any) -> dict[str, Any]:
     return run("ortho-check", **({"images": images, "output_dir": str(out), "most": 12} | options))
 
 
-def test_before_and_after_in_one_table(sets: Path, tmp_path: Path) -> None:
-    report = check(sets, tmp_path, before=str(sets / "before"))
+@pytest.fixture(scope="module")
+def both(sets: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """Report and folder of both states."""
+    folder = tmp_path_factory.mktemp("both")
+    return check(sets, folder, before=str(sets / "before")), folder
+
+
+def test_before_and_after_in_one_table(both: tuple[dict[str, Any], Path]) -> None:
+    report, folder = both
     (pair,) = report["pairs"]
     assert report["states"] == ["before", "after"] and (pair["first"], pair["second"]) == ("a", "b")
     assert pair["before"]["windows"] == pair["after"]["windows"] > 50
@@ -64,7 +71,7 @@ def test_before_and_after_in_one_table(sets: Path, tmp_path: Path) -> None:
         assert found["median_px"] == pytest.approx(np.hypot(*shift), abs=SHIFT_PX / 2)
         assert found["median_m"] == pytest.approx(0.5 * found["median_px"])
         assert found["outcomes"]["nodata"] > 0
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.count('<svg class="map"') == 2 and "before" in page
     assert page.count('<image id="picture-') == 2 == page.count('<use href="#picture-')  # arrows are on the imagery
     # The verdict by hand: 0.04 px in the median is within a pixel, and less than before
@@ -102,16 +109,15 @@ def test_shifts_larger_than_the_search_are_found(tmp_path: Path) -> None:
     assert same["pairs"] == report["pairs"]
 
 
-def test_columns_of_the_printed_table_stay_apart(sets: Path, tmp_path: Path) -> None:
-    report = check(sets, tmp_path, before=str(sets / "before"))
-    head, first, *_ = summarise(report).splitlines()
+def test_columns_of_the_printed_table_stay_apart(both: tuple[dict[str, Any], Path]) -> None:
+    head, first, *_ = summarise(both[0]).splitlines()
     assert " ".join(head.split()) == "pair windows before median px before 90 % px after median px after 90 % px"
     assert len(head) == len(first) and len(first.split()) == 8
 
 
-def test_arrows_as_a_layer(sets: Path, tmp_path: Path) -> None:
-    report = check(sets, tmp_path, before=str(sets / "before"))
-    dataset = ogr.Open(str(tmp_path / "misregistration.gpkg"))
+def test_arrows_as_a_layer(both: tuple[dict[str, Any], Path]) -> None:
+    report, folder = both
+    dataset = ogr.Open(str(folder / "misregistration.gpkg"))
     layer = dataset.GetLayerByName("misregistration_utm")
     assert layer.GetSpatialRef().GetAuthorityCode(None) == "32755"
     rows = [feature for feature in layer if feature["outcome"] == "matched" and feature["state"] == "before"]
@@ -120,7 +126,7 @@ def test_arrows_as_a_layer(sets: Path, tmp_path: Path) -> None:
     assert np.median([row["north_m"] for row in rows]) == pytest.approx(0.3, abs=0.02)  # above is north
     x = rows[0].GetGeometryRef().GetX()
     assert 500_000.0 < x < 500_200.0
-    with sqlite3.connect(tmp_path / "misregistration.gpkg") as database:
+    with sqlite3.connect(folder / "misregistration.gpkg") as database:
         styles = dict(database.execute("SELECT f_table_name, styleQML FROM layer_styles"))
     assert set(styles) == {"misregistration_utm", "misregistration_wgs84"} and "east_m" in styles["misregistration_utm"]
 

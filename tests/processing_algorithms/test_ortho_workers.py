@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import run
@@ -50,7 +51,7 @@ def ortho(scene: Path, out: Path, **options: Any) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(out.glob("*.tif"))}
 
 
-@pytest.mark.parametrize("format", ["cog", "gtiff"])
+@pytest.mark.parametrize("format", mark_beyond(1, "thorough", ["cog", "gtiff"]))
 def test_the_bytes_are_those_of_threads(
     scene: Path, cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
 ) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyproj
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
@@ -60,7 +61,7 @@ def warped(scene: Path, like: Path, source: str = "a.tif", **options: Any) -> np
     return np.asarray(result.ReadAsArray())
 
 
-@pytest.mark.parametrize("resampling", ["near", "bilinear", "cubic", "lanczos"])
+@pytest.mark.parametrize("resampling", mark_beyond(2, "thorough", ["cubic", "near", "bilinear", "lanczos"]))
 def test_pixels_are_gdalwarps(scene: Path, tmp_path: Path, resampling: str) -> None:
     """Exact positions give gdalwarp's grey values, but for its rounding of positions near the border."""
     ortho(scene, tmp_path, resampling=resampling, error_px=0.0, resolution=1.0)
@@ -161,7 +162,9 @@ def test_overviews_mix_values_only_where_resampling_does(
     assert (one_of_four.mean() > 0.7) != mixed  # of odd sides, the nearest one may lie just outside the four
 
 
-@pytest.mark.parametrize("gdal_type", [gdal.GDT_Byte, gdal.GDT_UInt16, gdal.GDT_Int16, gdal.GDT_Float32])
+@pytest.mark.parametrize(
+    "gdal_type", mark_beyond(2, "thorough", [gdal.GDT_UInt16, gdal.GDT_Float32, gdal.GDT_Byte, gdal.GDT_Int16])
+)
 def test_bands_and_data_type_are_kept(scene: Path, tmp_path: Path, gdal_type: int) -> None:
     rpc_image(tmp_path / "m.tif", bands=3, gdal_type=gdal_type)
     ortho(tmp_path, tmp_path / "out", images="m", dem=str(scene / "dem.tif"))

@@ -388,7 +388,9 @@ def test_without_known_points_the_ground_is_where_the_adjusted_ties_are(session:
     assert known.min() - 30.0 < alone.ground_heights_m().min() < alone.ground_heights_m().max() < known.max() + 30.0
 
 
-@pytest.mark.parametrize("roles", [("gcp",), ("check",), ("check", "gcp")])
+@pytest.mark.parametrize(
+    "roles", [("check", "gcp"), *(pytest.param((one,), marks=pytest.mark.thorough) for one in ("gcp", "check"))]
+)
 def test_first_measurement_takes_the_shift_over(session: PointSession, roles: tuple[str, ...]) -> None:
     """RPCs off by 80 px: from the first measurement of an image on, adjusted or not, its next points are found."""
     truth, session.measured = dict(session.measured), {}

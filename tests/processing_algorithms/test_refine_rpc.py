@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.optimize
+from long_tests import mark_beyond
 from osgeo import gdal
 from real_control import quickbird, rmse_2d
 
@@ -105,7 +106,9 @@ def test_a_blunder_is_named_and_left_out(orthority, tmp_path):
     assert report["sigma0"] < 1.0
 
 
-@pytest.mark.parametrize("model", ["generic-affine", "bils", "object-affine", "quadratic", "ground-linear"])
+@pytest.mark.parametrize(
+    "model", mark_beyond(2, "thorough", ["bils", "object-affine", "generic-affine", "quadratic", "ground-linear"])
+)
 def test_written_rpcs_reproduce_their_model(hobart, tmp_path, model):
     images = hobart["images"][:1]
     report = run("refine-rpc", **hobart | {"images": images, "image_points": only_first(hobart, tmp_path)}, model=model,

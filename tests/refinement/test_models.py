@@ -22,7 +22,16 @@ SEVERAL_PX = Priors(shift_px=100.0, drift=1e-3)  # a tenth of it: as large as ve
 SAME_PX = 1e-6
 
 
-@pytest.fixture(params=SINGLE_IMAGE_MODELS.values(), ids=SINGLE_IMAGE_MODELS.keys())
+#: `generic-full` has all of their parameters.
+PARTS_OF_FULL = ("generic-affine", "generic-12")
+
+
+@pytest.fixture(
+    params=[
+        pytest.param(model, id=name, marks=[pytest.mark.thorough] if name in PARTS_OF_FULL else [])
+        for name, model in SINGLE_IMAGE_MODELS.items()
+    ]
+)
 def model(request):
     return request.param
 
