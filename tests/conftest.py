@@ -23,6 +23,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # Timing on a busy machine says nothing of the code, so there are no deadlines; the same examples every time.
 settings.register_profile("default", deadline=None, derandomize=True, print_blob=True)
 settings.register_profile("fuzz", deadline=None, max_examples=20_000, suppress_health_check=list(HealthCheck))
+settings.register_profile("quick", settings.get_profile("default"), max_examples=40)  # for `make test`
 settings.load_profile("default")
 
 HEAVY_S = 3.0  # a test that takes more processor time is listed at the end
@@ -60,6 +61,8 @@ class ProcessorTimes:
 
 def pytest_configure(config: pytest.Config) -> None:
     gc.disable()  # until all tests are collected: a third of the processor time of that
+    if "not (" in config.option.markexpr and not config.getoption("hypothesis_profile", None):
+        settings.load_profile("quick")
     config.pluginmanager.register(ProcessorTimes())
 
 
