@@ -170,6 +170,9 @@ def renew(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> int:
             "cpu_s": f"{seconds:.0f}",
         }  # fmt: skip
         write_rows(MADE, made, MADE_COLUMNS)
+        checked = read_rows(CHECKED)
+        if checked.pop(figure.name, None):  # it was of the page before
+            write_rows(CHECKED, checked, CHECKED_COLUMNS)
     write_page(list(read_registry().values()), made)
     return failed
 

@@ -105,6 +105,22 @@ def test_a_figure_made_anew_is_compared_with_its_page(tmp_path: Path, monkeypatc
     assert (tmp_path / "docs" / "page.md").read_text() == PAGE
 
 
+def test_a_page_made_anew_has_not_been_checked(tmp_path: Path, monkeypatch):
+    """What a check said of the page before does not stand beside the new one; other entries keep theirs."""
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "page.md").write_text(PAGE)
+    (tmp_path / "make.py").write_text("")
+    for name, path in (("ROOT", tmp_path), ("MADE", tmp_path / "made.csv"), ("CHECKED", tmp_path / "checked.csv")):
+        monkeypatch.setattr(figures, name, path)
+    checked = {}
+    for name in ("page", "other"):
+        figures.note_check(checked, figures.Figure(name, "page.md", "make.py", (), 1.0, 0.005), "aaaa", 1.0, False)
+    figures.write_rows(figures.CHECKED, checked, figures.CHECKED_COLUMNS)
+    assert figures.renew([figures.Figure("page", "page.md", "make.py", (), 1.0, 0.005)], {}) == 0
+    assert set(figures.read_rows(figures.MADE)) == {"page"}
+    assert set(figures.read_rows(figures.CHECKED)) == {"other"}
+
+
 def test_pages_with_figures_of_hobart_say_that_its_rpcs_were_fitted():
     """The check points of Hobart are no independent ones: whoever reads an accuracy has to know it."""
     named = {}
