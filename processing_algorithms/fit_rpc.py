@@ -25,8 +25,8 @@ from .interface.declare import Context, Report
 class FIT_CHECK:
     """Limits for the check of a fitted RPC."""
 
-    check_every: int = threshold(5, "points", "one of so many is kept for the check")
-    fewest_points: int = threshold(15, "points", "fewest for a check")
+    check_every: int = threshold(5, "points", "one of so many points is kept for the check of a fit")
+    fewest_points: int = threshold(15, "points", "smallest number of points with which a fit is checked")
     bad_fit_px: float = threshold(
         1.0, "px", "residual from which a warning is given: some hundredths for a sensor that an RPC can represent"
     )

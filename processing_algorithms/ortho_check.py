@@ -310,7 +310,7 @@ class REGISTRATION:
         "change detection"
     )  # fmt: skip
     worse_px: float = threshold(0.1, "px", "increase of the median misregistration that is reported")
-    fewest_windows: int = threshold(10, "windows", "fewest of a pair without a warning")
+    fewest_windows: int = threshold(10, "windows", "smallest number of matched windows without a warning")
 
 
 def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:

@@ -43,8 +43,8 @@ class PARALLAX:
         80, "planes", "planes tried for each image pair: one of them has three correct parallaxes with 98 % "
         "probability if 36 % are correct", "probability: 1 - (1 - 0.36³)^80"
     )  # fmt: skip
-    least_for_plane: int = threshold(20, "parallaxes", "fewest for a plane; fewer give a constant only")
-    least_for_scale: int = threshold(12, "parallaxes", "fewest that are tested")
+    least_for_plane: int = threshold(20, "parallaxes", "fewest parallaxes for a plane; fewer give a constant only")
+    least_for_scale: int = threshold(12, "parallaxes", "fewest parallaxes of an image pair that are tested")
     agreeing: float = threshold(3.0, "sigma", "largest deviation of a correct parallax from its plane")
     levelling: float = threshold(1e-3, "", "relative weight that keeps slopes of poorly spread parallaxes at zero")
 

@@ -37,7 +37,7 @@ class DRIFT:
         "quarter at best"
     )  # fmt: skip
     settled_within: float = threshold(0.001, "", "relative change of a sigma that ends its iteration at one solution")
-    corrections: int = threshold(25, "corrections", "largest number of iterations at one solution")
+    corrections: int = threshold(25, "corrections", "largest number of iterations of the sigmas at one solution")
     most_change: float = threshold(5.0, "", "largest factor by which an iteration changes a sigma")
     of_sensor: float = threshold(1.0, "observations", "weight of the sensor's usual drift in the block's drift sigma")
     of_block: float = threshold(

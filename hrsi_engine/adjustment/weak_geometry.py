@@ -19,7 +19,7 @@ from .observations import Observations
 class RAY_GEOMETRY:
     """Limit for rays that determine a height."""
 
-    weak_angle_deg: float = threshold(3.0, "°", "convergence angle, small for a height", "1 / tan 3° = 19")
+    weak_angle_deg: float = threshold(3.0, "°", "smallest convergence angle for a reliable height", "1 / tan 3° = 19")
 
 
 def set_point_priors(

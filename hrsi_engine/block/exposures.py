@@ -51,7 +51,7 @@ class BANDS:
 
     least_pixel: float = threshold(1.5, "", "smallest pixel of a band relative to the finest band's")
     nodes: int = threshold(15, "nodes", "nodes along each side of the finer image that are projected into the other")
-    least_nodes: int = threshold(9, "nodes", "fewest nodes of a height in both images")
+    least_nodes: int = threshold(9, "nodes", "fewest nodes per height that must lie in both images")
     bent_px: float = threshold(0.5, "px", "largest deviation of a band from a shift and a scale, in its pixels")
     parallax: float = threshold(
         0.005, "m/m", "parallax of the lines of sight per height", "up to 0.4 s at 7.5 km/s, from 600 km"

@@ -130,9 +130,9 @@ class GEOMETRY:
     """Sampling of an image's terrain and RPC, and limits of a plausible RPC."""
 
     ray_reach_m: float = threshold(100.0, "m", "heights above and below the terrain, between which rays are computed")
-    terrain_grid: int = threshold(50, "points", "along each side of an image, for its terrain")
-    volume_grid: int = threshold(11, "points", "along each side of an image, for the check of its RPC")
-    volume_heights: int = threshold(7, "points", "heights of this check")
+    terrain_grid: int = threshold(50, "points", "nodes along each side of an image, for its terrain")
+    volume_grid: int = threshold(11, "points", "nodes along each side of an image, for the check of its RPC")
+    volume_heights: int = threshold(7, "points", "number of heights at which an RPC is checked")
     least_denominator: float = threshold(0.1, "", "smallest denominator of an RPC relative to its median")
     ground_reach: float = threshold(1.5, "", "largest normalised longitude and latitude without a message")
     lowest_height_m: float = threshold(-600.0, "m", "lowest height of land, rounded", "theory: Dead Sea shore, -430 m")

@@ -22,7 +22,7 @@ LASER_KIND = "laser"  # kind of the image points of tie points that are measured
 class LASER_HEIGHT:
     """Default standard deviation of laser heights."""
 
-    sigma_m: float = threshold(0.3, "m", "default of ICESat-2 heights of land", "Neuenschwander 2020")
+    sigma_m: float = threshold(0.3, "m", "default standard deviation of a laser height", "Neuenschwander 2020")
 
 
 @dataclass(frozen=True, eq=False)

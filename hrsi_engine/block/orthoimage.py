@@ -82,7 +82,7 @@ class AREA:
     """Division of an area into parts whose observations have a common error."""
 
     least_side_m: float = threshold(500.0, "m", "smallest side of a part")
-    parts_per_side: int = threshold(4, "parts", "most parts along a side of the area")
+    parts_per_side: int = threshold(4, "parts", "largest number of parts along a side of the area")
 
 
 class ErrorShares(NamedTuple):

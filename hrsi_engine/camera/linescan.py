@@ -32,7 +32,7 @@ class LINESCAN:
     scale_height_m: float = threshold(8000.0, "m", "scale height of the air's density", "standard atmosphere")
     rounds: int = threshold(4, "iterations", "iterations of the intersection of a ray with a height")
     nodes: int = threshold(21, "nodes", "nodes along samples and lines of the grid to which an RPC is fitted")
-    layers: int = threshold(7, "heights", "heights of this grid")
+    layers: int = threshold(7, "heights", "number of heights of the grid to which an RPC is fitted")
 
 
 class SampledCamera:

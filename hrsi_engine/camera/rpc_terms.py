@@ -32,8 +32,8 @@ class EVALUATION:
 
     chunk: int = threshold(12288, "points", "size of a buffer: fewer cost calls, more leave the cache", _SPEED)
     product_limit: int = threshold(2**18, "multiplications", "largest product on one thread of OpenBLAS", _SPEED)
-    threaded_chunks: int = threshold(20, "buffers", "number from which threads are faster", _SPEED)
-    most_threads: int = threshold(4, "threads", "largest number: more wait for memory", _SPEED)
+    threaded_chunks: int = threshold(20, "buffers", "number of buffers from which threads are faster", _SPEED)
+    most_threads: int = threshold(4, "threads", "largest number: more threads wait for memory", _SPEED)
     closure_px: float = threshold(1e-9, "px", "error of the image point at convergence", _ROUNDING)
     accepted_px: float = threshold(1e-8, "px", "largest error of an accepted image point", _ROUNDING)
     most_iterations: int = threshold(25, "iterations", "largest number of Newton steps")

@@ -36,7 +36,7 @@ class DESCENT:
     lowered: float = threshold(0.1, "", "smallest factor of the damping after an accepted step")
     unimportant_share: float = threshold(0.1, "", "share of the damping in a step's decrease below which it is reduced")
     look_ahead: int = threshold(2, "steps", "steps after a rise of the cost, before it is rejected")
-    great_leap: float = threshold(0.5, "", "largest ratio of costs in such a further step")
+    great_leap: float = threshold(0.5, "", "largest ratio of costs after and before such a step")
     done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum at convergence (sigma0 included)")
     near_sigma: float = threshold(1e-2, "sigma", "distance to the minimum accepted after the last step")
     rounding_share: float = threshold(1e-9, "", "relative change of the cost that is no rise", "rounding of sums")

@@ -33,8 +33,8 @@ class CLOUD:
 
     spacings: float = threshold(2.0, "spacings", "side of a cell: four points per cell")
     least_cell_m: float = threshold(0.25, "m", "smallest side of a cell")
-    most_cells: int = threshold(16_000_000, "cells", "largest number (memory)")
-    gap: int = threshold(3, "cells", "largest gap that is interpolated")
+    most_cells: int = threshold(16_000_000, "cells", "largest number of cells of a grid (memory)")
+    gap: int = threshold(3, "cells", "largest gap of a grid that is interpolated")
     batch: int = threshold(2_000_000, "points", "points of a cloud read together (memory)")
     sample: int = threshold(2_000, "points", "number of points from which the spacing is estimated")
 

@@ -39,8 +39,8 @@ class LASER_TIES:
     most_points: int = threshold(2000, "laser points", "largest number in use, of more an even choice")
     window_px: int = threshold(384, "px", "side of the window whose laser points are measured together")
     radius_m: float = threshold(15.0, "m", "largest distance of tie points", "footprints: ICESat-2 11 m, GEDI 25 m")
-    ties_per_point: int = threshold(6, "ties", "largest number at a laser point")
-    height_margin_m: float = threshold(8.0, "m", "largest height difference of the ground and its laser point")
+    ties_per_point: int = threshold(6, "ties", "largest number of tie points at a laser point")
+    height_margin_m: float = threshold(8.0, "m", "largest height difference of tie points and their laser point")
     margin_px: int = threshold(40, "px", "smallest distance of laser points from the image's edge")
 
 

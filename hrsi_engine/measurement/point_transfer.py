@@ -26,10 +26,10 @@ class TRANSFER:
     smoothing_px: float = threshold(0.7, "px", "sigma of the smoothing filter of both windows")
     half_px: int = threshold(15, "px", "half side of the correlation window")
     across_px: float = threshold(6.0, "px", "half width of the search across epipolar lines, beyond `margin_px`")
-    correlation: float = threshold(0.7, "", "smallest accepted correlation")
+    correlation: float = threshold(0.7, "", "smallest accepted correlation coefficient")
     rival: float = threshold(0.9, "", "largest ratio of the second and the highest correlation (ambiguity)")
-    closure_px: float = threshold(0.5, "px", "largest difference of the reverse measurement")
-    sigma_px: float = threshold(0.3, "px", "largest accepted standard deviation")
+    closure_px: float = threshold(0.5, "px", "largest difference of the reverse measurement from the point")
+    sigma_px: float = threshold(0.3, "px", "largest accepted standard deviation of a position")
     surroundings: float = threshold(
         0.1, "", "smallest correlation of gradient directions around the window", "3 sigma of 1000 independent pixels"
     )

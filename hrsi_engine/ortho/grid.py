@@ -32,9 +32,9 @@ class ORTHO:
 
     coarser: float = threshold(1.05, "", "largest rounded resolution over the image's ground sample distance")
     whole_px: float = threshold(1e-6, "px", "tolerance for an edge on a whole pixel")
-    outline_points: int = threshold(200, "points", "along each side of an image's outline")
-    margin_px: float = threshold(2.0, "px", "margin around the footprint")
-    grid_points: int = threshold(15, "points", "along each side of the grid over an image")
+    outline_points: int = threshold(200, "points", "points along each side of an image's outline")
+    margin_px: float = threshold(2.0, "px", "margin around the footprint of an image")
+    grid_points: int = threshold(15, "points", "points along each side of the grid over an image")
     lattice_px: int = threshold(32, "px", "spacing of positions with exact map projection; also the largest step")
     checked_pixels: int = threshold(400, "px", "random pixels of each chunk at which the error is tested")
     unknown_grid: int = threshold(65, "positions", "along each side of a chunk, for counting missing heights")

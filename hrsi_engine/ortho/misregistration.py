@@ -41,16 +41,16 @@ from .options import MisregistrationOptions
 class SHIFT:
     """Measurement of the shift between two orthoimages: by windows, and the common shift."""
 
-    most_iterations: int = threshold(20, "iterations", "largest number")
-    closure_px: float = threshold(1e-3, "px", "step at convergence")
-    reach_px: float = threshold(1.0, "px", "largest shift from the best pixel")
+    most_iterations: int = threshold(20, "iterations", "largest number of iterations of least squares")
+    closure_px: float = threshold(1e-3, "px", "step of the shift at which a window has converged")
+    reach_px: float = threshold(1.0, "px", "largest shift of a window from the best whole pixel")
     smoothing_px: float = threshold(0.8, "px", "sigma of both windows' smoothing")
     border_px: int = threshold(4, "px", "border of the search area for interpolation and smoothing")
     weight_sigma: float = threshold(0.5, "", "sigma of the weights over half the window")
-    farthest_px: int = threshold(256, "px", "largest common shift")
-    reduction: int = threshold(2, "", "reduction factor of images")
+    farthest_px: int = threshold(256, "px", "largest common shift of two orthoimages that is found")
+    reduction: int = threshold(2, "", "reduction factor of orthoimages for the common shift")
     probe_px: int = threshold(256, "px", "side of a probe (smaller in a small area)")
-    probes: int = threshold(4, "probes", "along each side of the area")
+    probes: int = threshold(4, "probes", "probes along each side of the common area")
     contrast: float = threshold(8.0, "sigma", "smallest height of a peak in robust sigmas", "by chance 5, 2026-11-21")
 
 

@@ -35,9 +35,9 @@ class ACCURACY:
     """A priori accuracy of RPCs, and errors that are too large for any RPC."""
 
     unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift if the product states none", OF_SENSORS)
-    unknown_sigma_m: float = threshold(15.0, "m", "… in metres; the larger one is used", OF_SENSORS)
+    unknown_sigma_m: float = threshold(15.0, "m", "… in metres; the larger of the two applies", OF_SENSORS)
     least_sigma_px: float = threshold(3.0, "px", "smallest sigma of a shift (ERR_BIAS) in use", SIMULATED)
-    least_sigma_m: float = threshold(2.0, "m", "… in metres", SIMULATED)
+    least_sigma_m: float = threshold(2.0, "m", "… in metres; the largest value applies", SIMULATED)
     large_shift_sigmas: float = threshold(10.0, "sigma", "shift without known CE90 that is reported", SIMULATED)
     biased_ce90: float = threshold(2.0, "CE90", "shift of an image that is reported as a bias of its RPC")
     most_biased_ce90: float = threshold(10.5, "CE90", "largest shift common to all points that is a bias of the RPC")
@@ -47,12 +47,12 @@ class ACCURACY:
     )  # fmt: skip
     large_drift_sigmas: float = threshold(10.0, "sigma", "largest drift relative to the user's sigma", SIMULATED)
     impossible_shift_sigmas: float = threshold(15.0, "sigma", "largest possible shift by an RPC, or …", SIMULATED)
-    impossible_shift_m: float = threshold(500.0, "m", "… in metres", SIMULATED)
+    impossible_shift_m: float = threshold(500.0, "m", "… in metres; the larger of the two applies", SIMULATED)
     misfit_px: float = threshold(
         15.0, "px", "largest difference between points of one image by measurement errors and drift", SIMULATED
     )
     usual_drift: float = threshold(3e-4, "px/px", "sigma of the drift of an RPC over its image", SIMULATED)
-    largest_drift: float = threshold(1e-3, "px/px", "largest drift", SIMULATED)
+    largest_drift: float = threshold(1e-3, "px/px", "largest drift of an RPC over its image", SIMULATED)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class CONTROL_FIT:
     agreeing_share: float = threshold(0.7, "", "smallest share of agreeing points of an image that fits", SIMULATED)
     usual_scatter: float = threshold(2.5, "", "largest robust scatter over the expected one", SIMULATED)
     most_freedom: int = threshold(5, "points", "largest redundancy of an image in the cost (drift)", SIMULATED)
-    agreeing_sigmas: float = threshold(8.0, "sigma", "largest error of an agreeing point", SIMULATED)
+    agreeing_sigmas: float = threshold(8.0, "sigma", "largest error of an agreeing point in sigmas", SIMULATED)
     linear_cost_sigmas: float = threshold(10.0, "sigma", "shift beyond which its cost is logarithmic", SIMULATED)
 
 
@@ -250,7 +250,7 @@ class GROUP:
     gap_ratio: float = threshold(8.0, "", "smallest gap of two clusters or points over their spread", SIMULATED)
     least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap in expected misfits", SIMULATED)
     least_gap_px: float = threshold(2.0, "px", "smallest gap in pixels on the ground", SIMULATED)
-    fewest_points: int = threshold(4, "points", "fewest that are tested")
+    fewest_points: int = threshold(4, "points", "fewest points that can be tested for clusters")
     directions: int = threshold(12, "directions", "directions in plan in which clusters are sought")
     least_lean: float = threshold(0.02, "m/m", "smallest difference of a ray's slope from the others' for a height")
 

@@ -31,7 +31,7 @@ from .mistakes import PIXEL_MISTAKES, RPC_MISTAKES, Mistake, estimate_common_lif
 class MISTAKE:
     """Limits for naming a typical input error (a mistake) as the cause of a misfit of the surveyed points."""
 
-    fewest_points: int = threshold(2, "points", "fewest for a proven input error")
+    fewest_points: int = threshold(2, "points", "fewest points that can prove an input error")
     most_listed: int = threshold(4, "", "candidate input errors that are listed where none is certain")
     certain_cost: float = threshold(
         50.0, "", "decrease of the cost from which an input error makes the input unusable", SIMULATED
@@ -43,7 +43,7 @@ class MISTAKE:
     suspicious_sigmas: float = threshold(
         3.5, "sigma", "shifts or common height beyond which input errors are tested", SIMULATED
     )
-    explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift after the correction", SIMULATED)
+    explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift after a correction", SIMULATED)
     explained_scatter: float = threshold(12.0, "", "largest scatter after it over the expected one", SIMULATED)
     explained_share: float = threshold(0.02, "", "or this share of shift or scatter before it", SIMULATED)
     wrong_share: float = threshold(0.25, "", "share of GCPs, or of all points, whose errors make surveys unusable")

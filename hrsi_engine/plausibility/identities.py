@@ -24,8 +24,8 @@ class IDENTITY:
     """Limits for permutations of the ids of points and images."""
 
     most_points: int = threshold(400, "points", "largest number whose permutations are tested (quadratic cost)")
-    most_images: int = threshold(12, "images", "largest number whose permutations are tested")
-    sampled_points: int = threshold(12, "points", "largest number of each image in this test")
+    most_images: int = threshold(12, "images", "largest number of images whose permutations are tested")
+    sampled_points: int = threshold(12, "points", "largest number of points of each image in this test")
     position_sigmas: float = threshold(5.0, "sigma", "largest distance of a measurement from a survey with similar id")
 
 

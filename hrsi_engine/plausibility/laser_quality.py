@@ -19,11 +19,11 @@ class LASER_QUALITY:
 
     sigma_m: float = threshold(1.0, "m", "largest stated standard deviation")
     misfit_m: float = threshold(1.0, "m", "largest spread of the photons about the fitted segment")
-    photons: float = threshold(10.0, "photons", "fewest photons of a segment")
+    photons: float = threshold(10.0, "photons", "smallest number of photons of a segment")
     slope: float = threshold(0.3, "m/m", "steepest ground along the track: errors in plan are metres")
     canopy_m: float = threshold(3.0, "m", "greatest height of vegetation; below it the ground is visible in images")
     neighbours: int = threshold(8, "points", "neighbours along the track in the test of a point")
-    neighbour_reach_m: float = threshold(150.0, "m", "largest distance of a neighbour")
+    neighbour_reach_m: float = threshold(150.0, "m", "largest distance of a neighbour along the track")
     neighbour_slope: float = threshold(0.3, "m/m", "allowed height difference per distance of neighbours")
     neighbour_sigmas: float = threshold(5.0, "sigma", "largest deviation from neighbours, in addition")
 

@@ -35,9 +35,9 @@ class PLACEMENT:
         "medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25"
     )  # fmt: skip
     straight_share: float = threshold(0.05, "", "… and share that must remain in the right order")
-    several_points: int = threshold(4, "points", "fewest that are tested")
+    several_points: int = threshold(4, "points", "fewest points or heights that are tested together")
     range_slack: float = threshold(0.1, "", "tolerance of the RPC's height range, relative to it")
-    range_slack_m: float = threshold(50.0, "m", "… in metres; the larger one is used")
+    range_slack_m: float = threshold(50.0, "m", "… in metres; the larger of the two applies")
     height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM covers without a message")
     coverage_grid: int = threshold(5, "points", "along each side of an image, at which the DEM is read")

@@ -24,7 +24,7 @@ class RELIEF:
     """Limits for a DEM that does not show the ground of the adjusted tie points."""
 
     fewest_points: int = threshold(30, "points", "fewest tie points with a height of the DEM that are tested")
-    most_points: int = threshold(20_000, "points", "largest number that is compared")
+    most_points: int = threshold(20_000, "points", "largest number of points that are compared")
     unlike_m: float = threshold(15.0, "m", "scatter of height differences that is reported", SIMULATED)
     unlike_share: float = threshold(0.5, "", "… over the scatter of heights (all three exceeded)", SIMULATED)
     unlike_sigmas: float = threshold(5.0, "sigma", "… in standard deviations of the points' heights", SIMULATED)
@@ -32,14 +32,14 @@ class RELIEF:
     far_off_points: int = threshold(
         5, "points", "smallest number of such differences: more than a few wrong tie points"
     )
-    far_off_share: float = threshold(0.01, "", "and smallest share of all")
+    far_off_share: float = threshold(0.01, "", "… and smallest share of all tie points")
     same_value_m: float = threshold(2.0, "m", "largest range of an undeclared nodata value (by undulations)")
     displacement_cells: float = threshold(2.0, "cells", "smallest displacement that is reported", SIMULATED)
     displacement_sigmas: float = threshold(5.0, "sigma", "… in standard deviations of the position", SIMULATED)
     left_of_scatter: float = threshold(0.5, "", "largest scatter after a displacement over that before", SIMULATED)
     left_of_relief: float = threshold(0.2, "", "… and over the scatter of heights", SIMULATED)
     beyond_share: float = threshold(0.3, "", "largest share of points outside the displaced DEM")
-    most_steps: int = threshold(12, "steps", "largest number of iterations")
+    most_steps: int = threshold(12, "steps", "largest number of iterations for the displacement")
 
 
 def find_relief_reasons(

@@ -29,9 +29,9 @@ from .mistakes import PIXEL_MISTAKES, Mistake
 class TIE_CHECK:
     """Limits for tie points whose rays do not intersect, by pairs of images."""
 
-    sample_per_pair: int = threshold(60, "points", "largest number of a pair that is tested")
-    most_sampled: int = threshold(20_000, "points", "largest number of the block that is tested")
-    fewest_of_pair: int = threshold(8, "points", "fewest of a pair that is tested")
+    sample_per_pair: int = threshold(60, "points", "largest number of points of a pair that are tested")
+    most_sampled: int = threshold(20_000, "points", "largest number of points of the block in this test")
+    fewest_of_pair: int = threshold(8, "points", "smallest number of points of a pair that is tested")
     least_slope: float = threshold(
         0.005, "m/m", "smallest difference in slope of rays with a height: 500 m of relief separate such rays by 2.5 "
         "m; with 0.02 every twentieth pair of correct blocks failed", "blocks of adjust_speed of 60 to 90 images, "
@@ -40,7 +40,7 @@ class TIE_CHECK:
     miss_px: float = threshold(4.0, "px", "largest distance of the rays of a correct point, or …", SIMULATED)
     miss_sigmas: float = threshold(6.0, "sigma", "… in standard deviations of the measurement, or …", SIMULATED)
     miss_drift: float = threshold(3e-4, "px/px", "… by drift over half an image (the largest of these)", SIMULATED)
-    largest_drift: float = threshold(4e-3, "px/px", "largest drift of two RPCs against each other", SIMULATED)
+    largest_drift: float = threshold(4e-3, "px/px", "largest relative drift of two RPCs", SIMULATED)
     off_share: float = threshold(0.05, "", "share of failing points from which a drift is estimated", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
     bulk_share: float = threshold(0.15, "", "share of a pair's points in the shortest interval around its mode")
@@ -54,7 +54,7 @@ class TIE_CHECK:
         3.0, "", "smallest ratio of wrong points before and after the correction of an input error", SIMULATED
     )
     fewest_cured: int = threshold(12, "points", "smallest number that is corrected by a named input error", SIMULATED)
-    most_suspects: int = threshold(6, "images", "most of which single input errors are tested")
+    most_suspects: int = threshold(6, "images", "images of which single input errors are tested")
 
 
 #: Input errors that tie points of one strip cannot distinguish (an image and its mirror image); the likelier first.

@@ -34,7 +34,7 @@ TUNED_ON = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/conve
 class ESTIMATION:
     """Limits of the iterations that estimate the parameters of one image."""
 
-    most_steps: int = threshold(30, "steps", "largest number, with rejected ones")
+    most_steps: int = threshold(30, "steps", "largest number of steps of an estimation, with rejected ones")
     scaled_steps: int = threshold(4, "steps", "most with reduced weights, while residuals are large", TUNED_ON)
     large_residual: float = threshold(100.0, "sigma", "RMS residual above which weights are reduced", TUNED_ON)
     gauss_newton_steps: int = threshold(8, "steps", "Gauss-Newton steps before second derivatives are used", TUNED_ON)

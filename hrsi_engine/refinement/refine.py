@@ -34,7 +34,7 @@ class CONTROL:
     same_place_m: float = threshold(0.05, "m", "distance below which two GCPs count as one")
     least_width: float = threshold(0.03, "", "smallest spread of the GCPs in one direction over the other")
     warned_px: float = threshold(10.0, "px", "standard deviation at the image corners above which a warning is given")
-    undetermined_px: float = threshold(1e3, "px", "… above which parameters are not determined")
+    undetermined_px: float = threshold(1e3, "px", "… and above which the parameters are not determined")
 
 
 class HasRpc(Protocol):

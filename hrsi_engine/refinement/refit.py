@@ -12,7 +12,7 @@ from .model import RefinementModel, RefitRPC
 class REFIT:
     """Limits of the iteration for the image area of a refit."""
 
-    passes: int = threshold(6, "iterations", "largest number of iterations")
+    passes: int = threshold(6, "iterations", "largest number of iterations for the image area")
     settled_px: float = threshold(0.1, "px", "shift of the area at convergence")
 
 

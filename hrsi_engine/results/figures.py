@@ -24,7 +24,7 @@ from .surface_figures import describe_surface
 class WARNING:
     """Limits for outliers that are named in warnings."""
 
-    most_named: int = threshold(6, "measurements", "largest number in one warning")
+    most_named: int = threshold(6, "measurements", "largest number of measurements in one warning")
     gross_sigmas: float = threshold(10.0, "sigma", "residual of a measurement that is named in a warning")
 
 

@@ -31,8 +31,8 @@ from .tables import choose_positions
 class ACCURACY_GRID:
     """Sampling of the accuracy of refined images, and ids in their metadata."""
 
-    nodes: int = threshold(5, "nodes", "along each axis of an image")
-    grids_at_once: int = threshold(1000, "images", "largest number in memory")
+    nodes: int = threshold(5, "nodes", "nodes along each axis of an image")
+    grids_at_once: int = threshold(1000, "images", "number of images whose grids are in memory together")
     most_ids: int = threshold(20, "points", "most ids of control points in a file")
 
 

@@ -22,7 +22,7 @@ class OUTLIER:
     """Limit for residuals of outliers, and length of their list."""
 
     sigmas: float = threshold(4.0, "sigma", "smallest residual of an outlier", "theory: 1 of 3000 normal errors in 2D")
-    most_listed: int = threshold(200, "outliers", "largest number in the report")
+    most_listed: int = threshold(200, "outliers", "largest number of outliers in the report")
 
 
 def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from .tables import Table, choose_positions
 class SURFACE_PICTURE:
     """Sizes of the pictures of the match with a surface."""
 
-    cells: int = threshold(48, "cells", "along the longer side of the ground")
+    cells: int = threshold(48, "cells", "cells along the longer side of the ground")
     pixel: int = threshold(5, "px", "side of a cell or displacement in the picture")
     limit: float = threshold(3.0, "", "range of the grey values in scatters about the surface")
 

@@ -78,7 +78,7 @@ def cell_size_m(surface: HeightSurface, ground: np.ndarray) -> float:
 class RAY_TRACING:
     """Steps and accuracy of the intersection of rays with a surface."""
 
-    batch: int = threshold(16384, "rays", "computed together (memory)")
+    batch: int = threshold(16384, "rays", "number of rays computed together (memory)")
     step: float = threshold(0.5, "cells", "step of a ray in plan between two heights of the surface")
     accuracy_m: float = threshold(1e-3, "m", "height error of the intersection at convergence")
     margin_m: float = threshold(1.0, "m", "margin of a ray above the highest and below the lowest cell")

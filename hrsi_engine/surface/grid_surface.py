@@ -18,8 +18,8 @@ from ..ground.operation_uses import OperationUse
 class SURFACE:
     """Tiles of a surface in memory."""
 
-    tile: int = threshold(256, "cells", "side of a tile in memory")
-    tiles: int = threshold(128, "tiles", "largest number in memory: 68 MB")
+    tile: int = threshold(256, "cells", "side of a tile that is kept in memory")
+    tiles: int = threshold(128, "tiles", "largest number of tiles in memory: 68 MB")
 
 
 @dataclass(frozen=True)

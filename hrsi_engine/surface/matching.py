@@ -37,8 +37,8 @@ class SURFACE_MATCHING:
     """Search, refinement and covariance of the match of points with a surface."""
 
     fewest_points: int = threshold(30, "points", "fewest with a height of the surface for a match")
-    coarse_points: int = threshold(700, "points", "largest number in the search of displacements")
-    most_points: int = threshold(8000, "points", "largest number in the refinement")
+    coarse_points: int = threshold(700, "points", "largest number of points in the search")
+    most_points: int = threshold(8000, "points", "largest number of points in the refinement")
     coarse_steps: int = threshold(20, "steps", "steps from the middle to the end of the search, at least 1/4 cell")
     minima: int = threshold(8, "minima", "lowest minima of the score that are refined")
     most_pairs: int = threshold(4_000_000, "pairs", "largest number of pairs of neighbouring points (memory)")
@@ -48,7 +48,7 @@ class SURFACE_MATCHING:
     )
     fewest_near: int = threshold(9, "points", "fewest points for such a mean height")
     most_iterations: int = threshold(50, "iterations", "largest number in the refinement, of two cells each at most")
-    settled_cells: float = threshold(0.01, "cells", "step in plan at convergence")
+    settled_cells: float = threshold(0.01, "cells", "step in plan at which the match has converged")
     redescending: float = threshold(4.0, "sigma", "misclosure of weight zero", "biweight (Beaton, Tukey 1974)")
     one_sided: float = threshold(2.0, "", "factor of misclosures by objects above a terrain model")
     steepest: float = threshold(1.5, "m/m", "slope above which cells are not used: walls, distorted by interpolation")

@@ -21,8 +21,8 @@ MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "m
 class PANEL:
     """Limits of the panel, and a priori errors in the search of a point in other images."""
 
-    longest_history: int = threshold(1000, "edits", "largest number that can be undone")
-    stretch_percent: tuple[float, float] = threshold((2.0, 98.0), "%", "percentiles shown black and white")
+    longest_history: int = threshold(1000, "edits", "largest number of edits that can be undone")
+    stretch_percent: tuple[float, float] = threshold((2.0, 98.0), "%", "percentiles of black and white")
     hills_m: float = threshold(30.0, "m", "margin of heights beyond those of the points: relief, buildings")
     unknown_heights_m: float = threshold(300.0, "m", "half range of heights if no point has a height")
     vendor_px: float = threshold(150.0, "px", "error of given RPCs: 75 m at 0.5 m pixels")

@@ -46,7 +46,7 @@ class GCP_TESTS:
     all_subsets: int = threshold(1000, "subsets", "number of subsets up to which all of them are tested")
     starts: int = threshold(12, "starts", "random starts of the search for groups", "Rousseeuw and Van Driessen 1999")
     group_steps: int = threshold(8, "steps", "concentration steps after each start", "Rousseeuw and Van Driessen 1999")
-    unexplained: float = threshold(15.0, "variance factors", "chi² by which an equally good explanation may be worse")
+    unexplained: float = threshold(15.0, "variance factors", "largest deficit in chi² of an equally good explanation")
     like: float = threshold(0.02, "", "the same, relative to the best explanation: the equations are not linear")
     simplicity: float = threshold(9.0, "variance factors", "decrease of chi² that justifies another unknown (3 sigma)")
     undecided: float = threshold(6.0, "variance factors", "least lead in chi² of the explanation of a GCP's error")

@@ -61,7 +61,7 @@ class RAYS:
 class TREND:
     """Limits for image residuals that neighbours share: they are attributed to the cameras, not to blunders."""
 
-    least: int = threshold(60, "measurements", "fewest of an image for a trend: ten per coefficient")
+    least: int = threshold(60, "measurements", "fewest measurements of an image for a trend: ten per coefficient")
     sample: int = threshold(600, "measurements", "largest number of an image for its trend: coefficients to 0.1 sigma")
     steps: int = threshold(4, "steps", "iterations of the robust fit")
     levelling: float = threshold(1e-3, "", "relative weight that keeps coefficients of poorly spread points at zero")

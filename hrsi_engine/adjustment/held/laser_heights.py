@@ -48,7 +48,7 @@ class LASER_FIT:
     overall_sigma_m: float = threshold(0.05, "m", "sigma of the error common to all laser points: tides, datum")
     uneven_m: float = threshold(2.0, "m", "largest scatter of tie points about the plane of a laser point in use")
     moved_m: float = threshold(1.0, "m", "shift of the block in plan after which the planes are fitted again")
-    cut: float = threshold(2.5, "sigma", "deviation from the plane that reduces a weight")
+    cut: float = threshold(2.5, "sigma", "deviation from the plane beyond which a weight is reduced")
 
 
 PLANE_ROUNDS = 5

@@ -39,7 +39,7 @@ class SOURCE_FIT:
     fitting: float = threshold(
         2.5, "sigma", "residual up to which an observation keeps its full weight", "redescending weights (Hampel 1974)"
     )
-    wrong: float = threshold(4.0, "sigma", "residual of weight zero", "redescending weights (Hampel 1974)")
+    wrong: float = threshold(4.0, "sigma", "residual from which the weight is 0", "redescending weights (Hampel 1974)")
     left_out: float = threshold(1e-3, "", "weight factor below which an observation counts as left out")
     core: float = threshold(2.5, "robust sigma", "largest deviation from the median in its estimate")
     group_wrong: float = threshold(3.5, "sigma", "residual from which a group contradicts the others")

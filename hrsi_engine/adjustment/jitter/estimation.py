@@ -61,7 +61,7 @@ class JITTER_CURVES:
         0.5, "", "posterior variance of an axis's curve relative to the prior one, above which it has no cubic part"
     )
     outlier: float = threshold(3.0, "sigma", "scale of the robust Cauchy weights of points")
-    most_points: int = threshold(100_000, "points", "largest number in the estimate; of more, an even choice")
+    most_points: int = threshold(100_000, "points", "largest number in use; of more points, an even choice")
     samples: int = threshold(24, "samples", "samples of the posterior distribution for the precision of curves")
     settled_px: float = threshold(0.03, "px", "RMS change of the curves at convergence", "smaller than an image error")
     most_parts: int = threshold(2, "parts", "successive corrections; the second removes remaining waves")

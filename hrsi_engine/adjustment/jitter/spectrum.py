@@ -62,7 +62,7 @@ class WAVES:
     outlier: float = threshold(5.0, "sigma", "robust deviation beyond which a residual is left out")
     risk: float = threshold(1e-4, "", "false alarm probability of a block", "as in the tests of the verdict")
     strip_risk: float = threshold(0.01, "", "error probability of the F test of the agreement of strips")
-    most_waves: int = threshold(8, "waves", "largest number for an image and axis")
+    most_waves: int = threshold(8, "waves", "largest number of waves of an image along an axis")
 
 
 _CELL_LINES = WAVES.shortest_lines / WAVES.cells_in_period  # lines of a cell

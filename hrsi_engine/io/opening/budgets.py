@@ -99,7 +99,7 @@ class RASTER_BUDGETS:
     side_px: int = threshold(4_000_000, "px", "longest side of a raster", "a mosaic of the world at 10 m")
     pixels: int = threshold(4 * 10**11, "px", "most pixels of a raster", "the world at 60 m; a scene has about 1e10")
     pixels_per_byte: int = threshold(
-        10_000, "px/byte", "most pixels per byte of the file", "only empty rasters are compressed more"
+        10_000, "px/byte", "largest number of pixels per byte of the file", "only empty rasters are compressed more"
     )
     empty_pixels: int = threshold(2 * 10**8, "px", "size above which pixels per byte are tested")
     block_bytes: int = threshold(1024 * MIB, "byte", "largest block of pixels that is read as a whole")
@@ -135,7 +135,7 @@ class RPC_BUDGETS:
         1e3, "", "largest coefficient of a denominator relative to its constant term", "the constant term is 1 in the "
         "files of all vendors; with larger coefficients the denominator becomes zero"
     )  # fmt: skip
-    coefficient: float = threshold(1e9, "", "largest coefficient", "about 1e3 in crops with a scene's scales")
+    coefficient: float = threshold(1e9, "", "largest coefficient in size", "about 1e3 in crops with a scene's scales")
 
 
 #: For each number of an RPC: largest magnitude of an offset, or smallest and largest value of a scale.

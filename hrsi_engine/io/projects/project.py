@@ -38,11 +38,11 @@ class PROJECTS:
     )
     node_pixels: float = threshold(4.0, "px", "smallest spacing of the initial DEM in image pixels")
     margin: float = threshold(0.25, "", "margin of the initial DEM relative to the area's extent")
-    margin_deg: float = threshold(0.02, "deg", "further margin of the initial DEM")
+    margin_deg: float = threshold(0.02, "deg", "margin of the initial DEM in addition to that")
     dsm_pixels: float = threshold(4.0, "px", "cell of a surface model in image pixels", "advice of ASP's handbook")
     outline_nodes: int = threshold(21, "nodes", "points along each side of an area that are projected")
     held_out_of: int = threshold(8, "views", "one of so many views is held out for a test", "custom of LLFF")
-    stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles shown black and white")
+    stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles of black and white")
     volume_layers: int = threshold(5, "layers", "layers of points from the lowest to the greatest height")
     perspective_px: float = threshold(
         0.5, "px", "largest difference of a perspective camera from its RPC without a message", "as COLMAP filters"

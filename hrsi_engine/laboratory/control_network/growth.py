@@ -30,15 +30,15 @@ from .views import NetworkWindow, correlate_patches
 class GROWTH:
     """Rounds of growth of a control network, and tests of its nodes by matching, neighbours and geometry."""
 
-    most_candidates: int = threshold(12, "points", "largest number of a point")
-    most_rounds: int = threshold(200, "rounds", "largest number in all stages")
+    most_candidates: int = threshold(12, "points", "largest number of candidates of a point")
+    most_rounds: int = threshold(200, "rounds", "largest number of rounds in all stages")
     closer: float = threshold(0.75, "", "largest ratio of distances to a new and the former node for another match")
     least_correlation: float = threshold(0.75, "", "smallest correlation of matched windows", NETWORK_PAIRS)
-    largest_move_px: float = threshold(2.0, "px", "largest shift by matching", NETWORK_PAIRS)
+    largest_move_px: float = threshold(2.0, "px", "largest shift of a point by matching", NETWORK_PAIRS)
     largest_sigma_px: float = threshold(0.3, "px", "largest standard deviation of a coordinate")
     outlier_floor_px: float = threshold(0.75, "px", "smallest epipolar residual of an outlier …", NETWORK_PAIRS)
     outlier_sigmas: float = threshold(4.0, "sigma", "… in standard deviations (both are exceeded)")
-    rejection_rounds: int = threshold(8, "rounds", "largest number of rejections")
+    rejection_rounds: int = threshold(8, "rounds", "largest number of rounds of rejection")
 
 
 class GrowthStage(NamedTuple):

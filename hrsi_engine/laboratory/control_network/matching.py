@@ -280,7 +280,7 @@ def _make_failure(
 class SCALE:
     """Limits for the similarity transformation of two windows from features."""
 
-    features: int = threshold(6000, "features", "largest number of a window")
+    features: int = threshold(6000, "features", "largest number of features of a window")
     ratio: float = threshold(
         0.85, "", "largest ratio of the two nearest descriptors, as most votes reject wrong ones", "Lowe 2004: 0.8"
     )

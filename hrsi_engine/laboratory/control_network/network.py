@@ -87,11 +87,11 @@ class Network:
 class LOCAL_AFFINE:
     """Limits for the robust affine transformation by the nodes around a point."""
 
-    neighbours: int = threshold(12, "nodes", "number in a transformation")
+    neighbours: int = threshold(12, "nodes", "number of nodes in a local transformation")
     similarity_weight: float = threshold(
         0.5, "nodes", "weight of the network's similarity transformation, at the mean distance"
     )
-    iterations: int = threshold(5, "steps", "iterations of the robust weights")
+    iterations: int = threshold(5, "steps", "iterations with robust weights")
     scale_px: float = threshold(1.0, "px", "smallest scale of the Cauchy weights: relief")
 
 

@@ -40,7 +40,7 @@ class SEEDING:
     """Which super points a network begins with, and when its first nodes are accepted."""
 
     cell_px: float = threshold(100.0, "px", "side of a cell", "thesis section 3.3: 110 in 400 x 400 px")
-    points_per_cell: int = threshold(7, "points", "largest number in a cell", "thesis section 3.3: 110 in 400 x 400 px")
+    points_per_cell: int = threshold(7, "points", "super points in a cell", "thesis section 3.3: 110 in 400 x 400 px")
     part_px: float = threshold(400.0, "px", "side of a part of the first window", "thesis section 3.3: 400 x 400 px")
     fewest_points: int = threshold(8, "points", "fewest super points of a part, and of the second window")
     fewest_nodes: int = threshold(8, "nodes", "fewest correlated nodes of a first network", NETWORK_PAIRS)

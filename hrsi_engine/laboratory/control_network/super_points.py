@@ -50,9 +50,9 @@ class SUPER_POINTS:
     rounding_rad: float = threshold(1e-9, "rad", "tolerance for rounding at the edge of an interval")
     rival_gradient: float = threshold(0.2, "", "displacement of a root over its distance, by relief, in one match")
     rival_turn_rad: float = threshold(np.radians(15.0), "rad", "largest difference of rotations in one match")
-    directions: int = threshold(256, "bins", "bins of direction of vote histograms")
-    ring_px: float = threshold(4.0, "px", "width of the bins of distance")
-    pairs_per_batch: int = threshold(40_000, "pairs", "largest number in memory, about 120 MB")
+    directions: int = threshold(256, "bins", "number of bins of direction of vote histograms")
+    ring_px: float = threshold(4.0, "px", "width of the bins of distance of vote histograms")
+    pairs_per_batch: int = threshold(40_000, "pairs", "number of pairs of roots in memory, about 120 MB")
 
 
 _SECTOR_RAD = 2.0 * np.pi / SUPER_POINTS.sectors

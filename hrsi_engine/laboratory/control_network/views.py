@@ -86,7 +86,7 @@ class PATCHES:
 
     half_px: int = threshold(8, "px", "half side of a patch (17 x 17 px)")
     least_usable: float = threshold(0.75, "", "smallest share of pixels that are valid in both")
-    batch: int = threshold(1800, "patches", "largest number in memory")
+    batch: int = threshold(1800, "patches", "number of patches in memory together")
 
 
 def correlate_patches(

@@ -53,7 +53,7 @@ class DETECTION:
         2.0 / 3.0, "", "factor of the quality of shapes: probability to be detected again", BLOB_PAIRS
     )
     same_centre: float = threshold(0.15, "", "largest distance of a blob and a shape of one object over its diameter")
-    same_size: float = threshold(1.4, "", "largest ratio of their diameters")
+    same_size: float = threshold(1.4, "", "largest ratio of the diameters of a blob and a shape of one object")
     smallest_side_px: int = threshold(32, "px", "smallest side of an image or window")
     small_image_px: int = threshold(2**22, "px", "area up to which thresholds are set from the whole image")
 

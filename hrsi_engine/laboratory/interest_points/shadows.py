@@ -30,7 +30,7 @@ class SHADOW:
         5.0, "px", "distance from the outline at which the object with this shadow is sampled", SHADOW_IMAGES
     )
     inside: float = threshold(0.6, "", "share of the radius at which the two halves are compared", SHADOW_IMAGES)
-    samples: int = threshold(32, "points", "samples around an outline")
+    samples: int = threshold(32, "points", "number of samples around an outline")
     side: float = threshold(
         0.7, "", "cosine of the angle to the sun above which a sample is on the sunny side", SHADOW_IMAGES
     )

@@ -21,7 +21,7 @@ class DATES:
     """Time of day, snow and air of the dates of a year."""
 
     overpass_hour: float = threshold(10.5, "h", "mean local solar time of the overpass", "sun-synchronous orbits")
-    overpass_spread_h: float = threshold(0.3, "h", "standard deviation of that time")
+    overpass_spread_h: float = threshold(0.3, "h", "standard deviation of the time of overpass")
     winter_days: float = threshold(75.0, "d", "days before and after the turn of the year on which snow may lie")
     snow_chance: float = threshold(0.4, "", "chance of snow on a winter date")
     most_haze: float = threshold(0.35, "", "largest share of haze in the light")

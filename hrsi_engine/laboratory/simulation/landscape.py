@@ -31,7 +31,7 @@ class LAND_LATTICE:
     main_road_half_m: float = threshold(7.0, "m", "half width of a main road")
     road_half_m: float = threshold(3.0, "m", "half width of a road")
     roundabout_m: float = threshold(40.0, "m", "diameter of a roundabout")
-    island_m: float = threshold(22.0, "m", "diameter of its island")
+    island_m: float = threshold(22.0, "m", "diameter of the island of a roundabout")
 
 
 PER_BLOCK = int(LAND_LATTICE.block_m / LAND_LATTICE.parcel_m)

@@ -34,7 +34,7 @@ class SCENE:
         (5.0, 11.0), "m", "smallest height of a building in a city, and mean of the additional height"
     )
     target_px: float = threshold(9.0, "px", "diameter of a target in the finest view")
-    apron_px: float = threshold(20.0, "px", "diameter of the apron around it")
+    apron_px: float = threshold(20.0, "px", "diameter of the apron around a target")
 
 
 TARGET_GREY = np.array([1350.0, 1300.0, 1350.0, 1350.0, 1300.0])

@@ -32,7 +32,7 @@ class YEAR:
     ploughed_days: float = threshold(40.0, "d", "time that a field lies bare")
     winter_crop_day: float = threshold(285.0, "d", "day of the year on which winter crops are sown")
     summer_crop_day: float = threshold(95.0, "d", "day on which summer crops are sown")
-    ploughing_spread_d: float = threshold(18.0, "d", "standard deviation of these days")
+    ploughing_spread_d: float = threshold(18.0, "d", "standard deviation of the sowing days")
 
 
 #: Visible and near infrared brightness of a field by the days since it was ploughed, relative to its usual one.

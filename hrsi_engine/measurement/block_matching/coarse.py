@@ -36,19 +36,19 @@ _CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
 class COARSE:
     """Conditions for matches of two overviews, and accuracy of the offsets and heights derived from them."""
 
-    enough: int = threshold(60, "matches", "number with which no other contrast is tried", _CONTRASTS)
+    enough: int = threshold(60, "matches", "number at which only one contrast is tried", _CONTRASTS)
     enough_share: float = threshold(0.1, "", "… and share of the features; a negative gives 0.03 by chance", _CONTRASTS)
     contrast_gain: float = threshold(1.5, "", "factor by which another contrast must have more matches", _CONTRASTS)
-    fewest: int = threshold(10, "matches", "fewest matches of a connected pair")
+    fewest: int = threshold(10, "matches", "smallest number of consistent matches of a pair")
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")
     nodes: int = threshold(24, "nodes", "along an image's longer side in the grid of heights")
-    neighbours: int = threshold(7, "matches", "number for the median height of a node")
+    neighbours: int = threshold(7, "matches", "number of matches for the median height of a node")
     floor_px: float = threshold(1.0, "px of the overview", "smallest standard deviation of a match")
-    safety: float = threshold(3.0, "sigma", "half width of the full-resolution search")
-    finer: int = threshold(4, "", "factor of resolution of the second search")
-    windows: int = threshold(3, "windows", "windows along each side of an image in this search")
-    window_px: int = threshold(512, "px", "side of these windows")
-    features: int = threshold(1000, "features", "largest number of these windows")
+    safety: float = threshold(3.0, "sigma", "half width of the full-resolution search in sigmas")
+    finer: int = threshold(4, "", "factor of resolution of a second search, in windows")
+    windows: int = threshold(3, "windows", "windows along each side of an image in the second search")
+    window_px: int = threshold(512, "px", "side of the windows in the second search")
+    features: int = threshold(1000, "features", "largest number of features of such a window")
     same_view_px: float = threshold(2.0, "px", "smallest parallax from which heights are estimated")
 
 

@@ -39,7 +39,7 @@ _YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
 class CHOICE:
     """Selection of the pairs to be compared and matched in large blocks."""
 
-    features: int = threshold(600, "features", "number of an image in a comparison", _YEAR)
+    features: int = threshold(600, "features", "largest number of features of an image", _YEAR)
     agreeing_px: float = threshold(4.0, "px of the overview", "range of the offsets across epipolar lines that agree")
     cells: int = threshold(3, "cells", "cells along each side of an image, for the area that a pair covers")
     partners: int = threshold(40, "images", "most images with which an image is compared")
@@ -47,7 +47,7 @@ class CHOICE:
     angle_scale_deg: float = threshold(20.0, "°", "difference of viewing angles at which similarity is 1/e")
     chance: int = threshold(5, "features", "number that agree by chance; a comparison with no more is not used", _YEAR)
     narrow_deg: float = threshold(1.5, "°", "smallest angle between the views of a pair for heights")
-    narrow_worth: float = threshold(0.6, "", "weight of narrower pairs in the selection")
+    narrow_worth: float = threshold(0.6, "", "weight of pairs with a smaller angle in the selection")
     wanted_angle_deg: float = threshold(5.0, "°", "smallest angle of one of each image's pairs")
     last_tries: int = threshold(3, "pairs", "tried for an image whose comparisons are not significant")
     rounds: int = threshold(6, "rounds", "largest number of selections after failed pairs")

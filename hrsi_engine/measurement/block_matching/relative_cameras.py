@@ -38,7 +38,7 @@ class CAMERAS:
     rounds: int = threshold(3, "rounds", "iterations of the robust weights")
     influence_px: float = threshold(2.0, "px", "residual above which the weight is reduced (Huber)")
     margin_px: float = threshold(2.0, "px", "smallest half width of a search", "Pléiades, Kahramanmaras, 2026-11-22")
-    safety: float = threshold(3.0, "sigma", "factor of the standard deviations added to it")
+    safety: float = threshold(3.0, "sigma", "factor of the standard deviations in the half width")
     widest_px: float = threshold(24.0, "px", "largest half width for an image without matches")
     neighbours: int = threshold(5, "points", "number whose median is the height of the ground")
     sampled: int = threshold(16, "points", "of a pair, from which mean derivatives are computed")

@@ -27,17 +27,17 @@ class CENTRE:
 
     largest_gap: float = threshold(0.12, "", "largest share of the outline in one gap", SIMULATED_OBJECTS)
     centroid_agreement: tuple[float, float] = threshold(
-        (0.4, 0.05), "px, share", "largest distance of the grey-weighted centroid and the centre", SIMULATED_OBJECTS
+        (0.4, 0.05), "px, share", "largest distance of centroid and centre: constant and per size", SIMULATED_OBJECTS
     )
     centroid_samples: int = threshold(13, "points", "side of the sample grid of the grey-weighted centroid")
     box_margin_px: float = threshold(1.5, "px", "margin of that grid around the shape, for its blurred edge")
     surroundings_px: float = threshold(2.5, "px", "distance from the edge at which the grey value outside is taken")
-    same_outline_px: float = threshold(0.75, "px", "tolerance of the centres of equal outlines")
-    same_log_radius: float = threshold(0.06, "", "tolerance of the log of their mean radii")
+    same_outline_px: float = threshold(0.75, "px", "largest distance of the centres of equal outlines")
+    same_log_radius: float = threshold(0.06, "", "largest difference of the log of their mean radii")
     same_centre: float = threshold(0.1, "", "largest distance of the centres of one object over its diameter")
     object_margin_px: int = threshold(24, "px", "margin of a window beyond half of the largest object")
     full_support: int = threshold(4, "regions", "regions with one outline at which support scores 1", SIMULATED_OBJECTS)
-    full_contrast: float = threshold(8.0, "sigma", "contrast at which it scores 1", SIMULATED_OBJECTS)
+    full_contrast: float = threshold(8.0, "sigma", "contrast at which it is scored 1", SIMULATED_OBJECTS)
     zero_sigma_px: float = threshold(0.25, "px", "sigma of the centre for a score of 0", SIMULATED_OBJECTS)
     zero_closed: float = threshold(0.65, "", "share of closed outline at which it scores 0", SIMULATED_OBJECTS)
     strong_quality: float = threshold(0.75, "", "quality of an object that is certain", SIMULATED_OBJECTS)

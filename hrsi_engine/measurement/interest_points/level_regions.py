@@ -30,10 +30,10 @@ BRIGHT, DARK, HOMOGENEOUS = 1, -1, 0
 class REGION:
     """Limits for stable and compact regions of grey levels and gradients (MSER), candidates of objects."""
 
-    scales: tuple[int, int] = threshold((1, 4), "", "reduction factors of the image")
+    scales: tuple[int, int] = threshold((1, 4), "", "reduction factors of the image for the search")
     smoothing_px: float = threshold(0.7, "px", "standard deviation of the smoothing filter")
     level_step: float = threshold(0.05, "sigma", "difference of the 256 grey levels, in local standard deviations")
-    stable_steps: int = threshold(4, "levels", "difference of the compared levels", SIMULATED_OBJECTS)
+    stable_steps: int = threshold(4, "levels", "difference of the levels compared", SIMULATED_OBJECTS)
     largest_change: float = threshold(0.7, "", "largest relative change of the area over it", SIMULATED_OBJECTS)
     even_stable_steps: int = threshold(
         16, "levels", "difference of the compared gradient levels (even regions)", SIMULATED_OBJECTS

@@ -31,19 +31,22 @@ class SHAPE:
     """Conditions for an ellipse, rectangle or polygon to fit an outline."""
 
     closed_share: float = threshold(0.85, "", "smallest share of clear edge points on the shape", SIMULATED_OBJECTS)
-    sides_share: float = threshold(0.72, "", "the same for a rectangle", SIMULATED_OBJECTS)
-    side_share: float = threshold(0.6, "", "the same for each of its sides", SIMULATED_OBJECTS)
+    sides_share: float = threshold(0.72, "", "smallest share of edge points on a rectangle", SIMULATED_OBJECTS)
+    side_share: float = threshold(0.6, "", "smallest share of edge points on each side", SIMULATED_OBJECTS)
     sigma_floor_px: float = threshold(0.02, "px", "added to the standard deviation of a centre (in squares)")
     correlation_length_px: float = threshold(4.0, "px", "correlation length of the edge", SIMULATED_OBJECTS)
     ellipse_tolerance: tuple[float, float] = threshold(
-        (0.20, 0.012), "px, share", "largest RMS of the edge points", SIMULATED_OBJECTS
-    )
+        (0.20, 0.012), "px, share", "largest RMS of edge points about an ellipse: constant and per size",
+        SIMULATED_OBJECTS
+    )  # fmt: skip
     rectangle_tolerance: tuple[float, float] = threshold(
-        (0.2, 0.004), "px, share", "the same for a rectangle", SIMULATED_OBJECTS
-    )
+        (0.2, 0.004), "px, share", "largest RMS of edge points about a rectangle: constant and per size",
+        SIMULATED_OBJECTS
+    )  # fmt: skip
     polygon_tolerance: tuple[float, float] = threshold(
-        (0.5, 0.04), "px, share", "the same for a polygon, about its smoothed outline", SIMULATED_OBJECTS
-    )
+        (0.5, 0.04), "px, share", "largest RMS of edge points about an outline: constant and per size",
+        SIMULATED_OBJECTS
+    )  # fmt: skip
     independent_parts: int = threshold(8, "parts", "number of independent errors along a polygon's outline")
     fourfold: float = threshold(0.25, "", "smallest fourfold moment of a rectangle's normals", SIMULATED_OBJECTS)
     smallest_angle_deg: float = threshold(55.0, "°", "smallest angle at a corner of a rectangle (oblique view)")
@@ -55,9 +58,9 @@ class SHAPE:
     final_steps: int = threshold(3, "steps", "final Gauss-Newton steps (the last below 1e-3 px)", SIMULATED_OBJECTS)
     ellipse_points: int = threshold(48, "points", "edge points measured around an ellipse")
     side_points: int = threshold(20, "points", "edge points measured along a side")
-    fine_reach_px: float = threshold(1.25, "px", "half length of the normals at the shape")
+    fine_reach_px: float = threshold(1.25, "px", "half length of the normals of a fitted shape")
     corner_share: float = threshold(0.12, "", "share of a side that is not used at each end (rounded corner)")
-    corner_px: float = threshold(1.5, "px", "… but at least this length")
+    corner_px: float = threshold(1.5, "px", "smallest length that is not used at each end of a side")
 
 
 class Shapes(NamedTuple):

@@ -54,9 +54,9 @@ class REFERENCE_MATCHES:
     smoothing: float = threshold(0.7, "working px", "sigma of the smoothing filter of both windows")
     border: int = threshold(4, "working px", "border of a template for smoothing and gradients")
     rounds: int = threshold(20, "rounds", "iterations of the robust affine bias of an image")
-    fewest_offsets: int = threshold(6, "offsets", "fewest agreeing offsets of a bias")
+    fewest_offsets: int = threshold(6, "offsets", "smallest number of offsets that agree on a bias")
     least_spread: float = threshold(0.05, "", "smallest standard deviation of offsets over their tolerance")
-    affine_from: int = threshold(12, "offsets", "fewest for an affine bias; fewer give a shift")
+    affine_from: int = threshold(12, "offsets", "fewest offsets for an affine bias, else a shift")
 
 
 @dataclass(frozen=True, eq=False)

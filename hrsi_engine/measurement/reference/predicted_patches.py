@@ -39,7 +39,7 @@ class PATCH:
     cell_px: int = threshold(192, "working px", "side of the part of a cell in which a place is selected")
     flat: float = threshold(0.02, "", "smallest texture of a place over the median")
     rays: int = threshold(40, "rays", "rays along each side of an image, for its footprint")
-    most_cells: int = threshold(20_000, "cells", "largest number in all images")
+    most_cells: int = threshold(20_000, "cells", "largest number of cells in all images together")
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,9 +180,9 @@ class BIAS:
     growth: float = threshold(4.0, "", "factor from one search to the next, and between resolution levels")
     reach: int = threshold(32, "working px", "half width of the search at the coarsest level")
     least_side: int = threshold(128, "working px", "smallest shorter side of an image at the coarsest level")
-    fine_reach: int = threshold(8, "working px", "half width at finer levels")
+    fine_reach: int = threshold(8, "working px", "half width of the search at finer levels")
     site: int = threshold(160, "working px", "side of a correlated part of the image")
-    sites: int = threshold(4, "parts", "most along each side of an image")
+    sites: int = threshold(4, "parts", "largest number of parts along each side of an image")
     contrast: float = threshold(9.0, "sigma", "smallest height of a peak above the others, in robust sigmas")
     rival: float = threshold(0.75, "", "largest ratio of the second and the highest peak (ambiguity)")
     node: float = threshold(8.0, "working px", "spacing of the nodes of a predicted part")

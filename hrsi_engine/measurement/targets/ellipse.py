@@ -23,7 +23,7 @@ class ELLIPSES:
 
     fewest_points: int = threshold(6, "points", "fewest edge points: five unknowns, redundancy 1", "theory")
     iterations: int = threshold(20, "steps", "largest number of Gauss-Newton steps")
-    step_px: float = threshold(1e-5, "px", "shift of the centre at convergence")
+    step_px: float = threshold(1e-5, "px", "shift of the centre at which the fit has converged")
 
 
 @dataclass(frozen=True, eq=False)

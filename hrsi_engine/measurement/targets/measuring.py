@@ -38,7 +38,7 @@ class TARGETS:
     smallest_quality: float = threshold(0.4, "", "smallest quality of an object", "simulated targets, 2026-11-21")
     largest_rmse_px: float = threshold(0.5, "px", "largest RMS of edge points about the two edges of a corner")
     smallest_angle_deg: float = threshold(30.0, "°", "smallest angle of a corner's edges")
-    shortest_edge_px: float = threshold(3.0, "px", "shortest usable edge")
+    shortest_edge_px: float = threshold(3.0, "px", "smallest length of an edge in use")
     largest_turn_deg: float = threshold(20.0, "°", "largest change of the gradient's direction along an edge")
     far_px: float = threshold(20.0, "px", "largest distance of edge points from the corner")
     near_px: float = threshold(1.5, "px", "smallest distance: nearer, the corner is rounded by blur")

@@ -27,11 +27,11 @@ class EPIPOLAR:
     height_step_m: float = threshold(50.0, "m", "half the height difference from which a line's direction is computed")
     least_stretch: float = threshold(1e-3, "px/m", "smallest parallax per height from which heights are computed")
     ratio: float = threshold(0.8, "", "largest ratio of the distances to the two nearest descriptors", "Lowe 2004")
-    batch: int = threshold(2048, "descriptors", "compared together (memory)")
+    batch: int = threshold(2048, "descriptors", "number of descriptors compared together (memory)")
     mode_px: float = threshold(3.0, "px", "range of the offsets of correct matches across epipolar lines")
     neighbours: int = threshold(12, "matches", "number from which the median parallax is taken")
-    fewest: int = threshold(6, "matches", "fewest for a constant offset")
-    fewest_for_plane: int = threshold(30, "matches", "fewest for an offset linear in position")
+    fewest: int = threshold(6, "matches", "fewest matches for a constant offset of two RPCs")
+    fewest_for_plane: int = threshold(30, "matches", "fewest matches for an offset linear in position")
     jump_px: float = threshold(8.0, "px", "largest deviation from that median: buildings, trees")
 
 

@@ -28,16 +28,16 @@ class SIFT:
     first_sigma_px: float = threshold(1.6, "px", "Gaussian of the first scale", _LOWE)
     image_sigma_px: float = threshold(0.5, "px", "assumed blur of the image (Gaussian)", _LOWE)
     edge_ratio: float = threshold(10.0, "", "largest ratio of principal curvatures (a larger one is an edge)", _LOWE)
-    border_px: int = threshold(5, "px", "border without features", "OpenCV")
+    border_px: int = threshold(5, "px", "border of an octave without features", "OpenCV")
     moves: int = threshold(5, "moves", "largest number of moves to the extremum", "OpenCV")
     bins: int = threshold(36, "bins", "bins of the histogram of directions", _LOWE)
     second_peak: float = threshold(0.8, "", "share of the largest peak from which a direction is a new feature", _LOWE)
     reach: float = threshold(4.5, "scales", "half side of the square of gradients in the histogram", _LOWE)
-    weight_sigma: float = threshold(1.5, "scales", "Gaussian weights of these", _LOWE)
+    weight_sigma: float = threshold(1.5, "scales", "sigma of the Gaussian weights of gradients", _LOWE)
     part_scales: float = threshold(3.0, "scales", "side of a cell of the descriptor", "OpenCV")
     places: int = threshold(4, "places", "samples along a cell's side", "as good as OpenCV's, 2026-11-22")
     largest_share: float = threshold(0.2, "", "largest component of a descriptor over its length", _LOWE)
-    batch: int = threshold(256, "features", "described together (memory)")
+    batch: int = threshold(256, "features", "number of features described together (memory)")
 
 
 DESCRIPTOR_PARTS, TURNS = 4, 8  # parts along each side of a descriptor, and directions in each part

@@ -21,8 +21,8 @@ class FIELD:
     """Limits for systematic patterns (fields) in the residuals of images."""
 
     most_rows: int = threshold(1000, "points", "most points of an image that are tested")
-    fewest_rows: int = threshold(12, "points", "fewest that are tested")
-    images_at_once: int = threshold(100, "images", "tested together (30 MB)")
+    fewest_rows: int = threshold(12, "points", "fewest points of an image that is tested")
+    images_at_once: int = threshold(100, "images", "number of images tested together (30 MB)")
     rank_tolerance: float = threshold(
         1e-9, "", "relative eigenvalue below which the rank is uncertain and each image is tested alone"
     )

@@ -29,14 +29,14 @@ class GroundTruthThresholds:
     """Limits for GCPs, check points and heights that contradict the block."""
 
     doubtful_misfit: float = threshold(3.5, "", "RMS misfit over the expected one that is reported", SOUND_BLOCKS)
-    unusable_misfit: float = threshold(7.0, "", "… beyond which a block is unusable", SOUND_BLOCKS)
+    unusable_misfit: float = threshold(7.0, "", "RMS misfit at which a block is unusable", SOUND_BLOCKS)
     unusable_error: float = threshold(10.0, "", "RMS error of check points over prediction, if unusable", SOUND_BLOCKS)
     few_laser: int = threshold(
         10, "points", "number below which laser points that alone determine the height are reported", SOUND_BLOCKS
     )
     few_laser_share: float = threshold(0.1, "", "… if also less than this share of their file", SOUND_BLOCKS)
     height_scatter: float = threshold(2.0, "", "scatter of heights over the stated one, if reported", SOUND_BLOCKS)
-    height_scatter_m: float = threshold(5.0, "m", "… and in metres", SOUND_BLOCKS)
+    height_scatter_m: float = threshold(5.0, "m", "… and if their RMSE in metres exceeds this", SOUND_BLOCKS)
     outvoted_share: float = threshold(0.5, "", "share of GCPs that contradict other heights, if unusable")
     doubtful_parts: float = threshold(0.1, "", "share of a source in parts that contradict the others, if reported")
     unusable_parts: float = threshold(0.25, "", "… beyond which, without GCPs, the others may be wrong")

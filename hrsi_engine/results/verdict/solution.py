@@ -18,7 +18,7 @@ class SOLUTION:
 
     settled_sigmas: float = threshold(1.0, "sigma", "change by another iteration from which a block is unusable")
     doubtful_residuals: float = threshold(3.0, "", "residuals over noise and camera errors, if reported", SOUND_BLOCKS)
-    unusable_residuals: float = threshold(10.0, "", "… beyond which a block is unusable", SOUND_BLOCKS)
+    unusable_residuals: float = threshold(10.0, "", "… at which a block is unusable", SOUND_BLOCKS)
     implausible_factor: float = threshold(2.5, "", "residuals over stated sigmas of a group, if reported", SOUND_BLOCKS)
     implausible_sigma0: float = threshold(2.0, "", "sigma0 after the estimation of sigmas, if reported", SOUND_BLOCKS)
     doubtful_sigmas: float = threshold(5.0, "sigma", "correction in prior sigmas, if reported", SOUND_BLOCKS)
