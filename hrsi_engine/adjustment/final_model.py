@@ -24,7 +24,7 @@ from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_par
 from ..refinement.selection import DRIFTING, NESTED_MODELS
 from .blunders.discrepancies import Discrepancies, compute_derivatives
 from .delivery import compute_gain, sum_squares
-from .equations import NormalEquations, choose_camera_system
+from .equations import CameraSystem, NormalEquations
 from .gauss_newton import GaussNewton, Solution
 from .problem import Problem
 from .statistics.precision import Precision
@@ -124,12 +124,12 @@ def express_as_model(
         common=tuple(one.reorder(order) for one in problem.common),
     )  # fmt: skip
     again = copy(loop)
-    again.equations, again.system = now.equations, choose_camera_system(now.pattern)
+    again.equations, again.system = now.equations, CameraSystem(now.pattern)
     again.set_prior_weight(loop.prior_weight[:, order], [one.reorder(order) for one in loop.common])
     blocks, right = solution.normals.blocks[:, order[:, None], order], solution.normals.right[:, order]
     normals = replace(solution.normals, blocks=blocks, right=right)
     state = solution.state._replace(values=solution.state.values[:, order])
-    cameras = None if precise.cameras is None else precise.cameras[:, order[:, None], order]
+    cameras = precise.cameras[:, order[:, None], order]
     return (
         now, again, replace(solution, state=state, normals=normals),
         replace(precise, parameters=precise.parameters[:, order], cameras=cameras),

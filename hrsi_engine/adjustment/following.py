@@ -24,7 +24,7 @@ from ..foundation.large_arrays import finite_rows
 from ..foundation.progress import Progress, silent
 from ..ground.geodesy import move_ground
 from .delivery import absorb_drift, compute_drift_gain, compute_drift_squares
-from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, choose_camera_system
+from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State
 from .gauss_newton import Weighting
 from .intersection import estimate_start_positions, form_point_equations
 from .observations import Observations, select_observations
@@ -75,7 +75,7 @@ class BlockUpdater:
         self._kept = delivered - absorb_drift(self._last.state.values, self._gain)  # `rpc_position`
         self._ids = block.points.ids[self._problem.observations.points]
         self._pattern, self._blocks = self._loop.pattern, self._last.normals.blocks
-        self._system: CameraSystem = choose_camera_system(self._pattern)
+        self._system = CameraSystem(self._pattern)
         self._taken_out: tuple[np.ndarray, Pattern, Normals | None] | None = None
         self._watched = self._prepare_reintersection(watched)
 
@@ -94,7 +94,7 @@ class BlockUpdater:
         if pattern.blocks != self._pattern.blocks:
             wider = np.zeros((pattern.blocks, *self._blocks.shape[1:]))
             wider[pattern.find_blocks(self._pattern.rows, self._pattern.columns)] = self._blocks
-            self._pattern, self._blocks, self._system = pattern, wider, choose_camera_system(pattern)
+            self._pattern, self._blocks, self._system = pattern, wider, CameraSystem(pattern)
         prior, values = self._loop.prior_weight, self._last.state.values
         blocks, right = self._blocks, self._last.normals.right - np.where(np.isinf(prior), 0.0, prior) * values
         # Contributions of the edited points in the adjustment

@@ -16,7 +16,7 @@ from ..foundation.progress import Progress, advance
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
 from .common_drift import CommonDrift
-from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, choose_camera_system
+from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State
 from .joint_prior import JointPrior
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
@@ -92,7 +92,7 @@ class GaussNewton:
     solves: int = 0
 
     def __post_init__(self) -> None:
-        self.system: CameraSystem = choose_camera_system(self.pattern)
+        self.system = CameraSystem(self.pattern)
         self.set_prior_weight(self.prior_weight, self.common)
 
     @property
@@ -125,8 +125,8 @@ class GaussNewton:
 
         return self._descend(begin, robust, tolerance, progress)
 
-    def compute_camera_cofactors(self, solution: Solution) -> np.ndarray | None:
-        """Return the cofactors of the cameras on the pattern, or None if the system cannot compute them."""
+    def compute_camera_cofactors(self, solution: Solution) -> np.ndarray:
+        """Return the cofactors of the cameras on the pattern."""
         self.system.factorise(solution.normals.blocks, self.prior_weight)
         return self.system.compute_cofactors()
 

@@ -100,41 +100,26 @@ def assemble_adjustment(
         *_warn_of_heights(heights), *_warn_of_plan(plan), *_warn_of_parallel_rays(parts),
     )  # fmt: skip
     return Adjustment(
-        block=block,
-        model=problem.model,
-        values=cameras.values[camera],
+        block=block, model=problem.model, values=cameras.values[camera],
         values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own]),
         cameras=CameraEstimates(
             problem.camera, solution.state.values[camera], factor[:, None, None] * precise.own_cameras(loop)[camera]
         ),
         ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
-        ground_sigma_m=sigma_m,
-        ground_covariance_m2=covariance,
+        ground_sigma_m=sigma_m, ground_covariance_m2=covariance,
         **_describe_measurements(problem, found, solution, precise, cameras.residual, placed[observations.point]),
-        prior_share=prior_share[camera],
-        **sums,
-        converged=solution.converged,
-        status=solution.status,
-        history=tuple(loop.history),
-        solves=loop.solves,
-        findings=tuple(found.findings),
-        variance_components=found.components,
-        parts=parts,
-        cross_validation=found.cross_validation,
-        warnings=warnings,
-        heights=heights,
-        plan=plan,
+        prior_share=prior_share[camera], **sums, converged=solution.converged, status=solution.status,
+        history=tuple(loop.history), solves=loop.solves, findings=tuple(found.findings),
+        variance_components=found.components, parts=parts, cross_validation=found.cross_validation,
+        warnings=warnings, heights=heights, plan=plan,
         surfaces=tuple(one.summarise(observations.points) for one in problem.held_surfaces),
         rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
-        rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None,
-        laser=laser,
-        tests=found.tests,
-        survey_factors=(horizontal, height, correlated),
-        choice=problem.choice,
+        rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None, laser=laser, tests=found.tests,
+        survey_factors=(horizontal, height, correlated), choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares, points_per_error),
         shared_shifts_m=None if shared is None else _expand_rows(len(block.points), points, shared[0]),
         jitter=problem.options.jitter_estimate,
-    )
+    )  # fmt: skip
 
 
 def _scale_covariances(
@@ -266,8 +251,7 @@ def _describe_measurements(
     judged = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[problem.observations.point])
     redundancy_numbers = np.full((len(rows), 2), np.nan, dtype=np.float32)
     statistic = np.full(len(rows), np.nan, dtype=np.float32)
-    parts = np.array_split(judged, 1 + len(judged) // ROWS_AT_ONCE) if precise.cameras is not None else ()
-    for part in parts:
+    for part in np.array_split(judged, 1 + len(judged) // ROWS_AT_ONCE):
         weight, cofactors = solution.weight[part], precise.residuals[part]
         redundancy_numbers[part] = np.clip(weight[:, None] * cofactors[:, [0, 1], [0, 1]], 0.0, 1.0)
         tests = compute_deletion_tests(solution.normals.residual[part], cofactors, weight)
@@ -315,16 +299,15 @@ def _count_observations(problem: Problem, solution: Solution) -> tuple[int, int]
 
 
 def compute_redundancy(
-    problem: Problem, loop: GaussNewton, solution: Solution, variances: np.ndarray, cofactors: np.ndarray | None
+    problem: Problem, loop: GaussNewton, solution: Solution, variances: np.ndarray, cofactors: np.ndarray
 ) -> float:
     """Return the redundancy of a solution; parameters are counted by the share that does not follow from priors.
 
-    ``variances (cameras, p)`` are the parameters' cofactors, ``cofactors`` those on the pattern, if they are known.
+    ``variances (cameras, p)`` are the parameters' cofactors, ``cofactors`` those on the pattern.
     """
     observed, positions = _count_observations(problem, solution)
-    unknown = float(np.sum(1.0 - np.nan_to_num(_compute_prior_share(loop, variances))))
-    if cofactors is not None:
-        unknown -= sum(joint.count_parameters(cofactors, loop.pattern) for joint in loop.joint)
+    unknown = float(np.sum(1.0 - _compute_prior_share(loop, variances)))
+    unknown -= sum(joint.count_parameters(cofactors, loop.pattern) for joint in loop.joint)
     return observed - positions - unknown
 
 

@@ -48,7 +48,7 @@ def keep_rpc_position(
     """Return solution and precision with the parts that only RPCs determine moved to the RPCs' mean position."""
     shape, found = (*solution.state.values.shape, 3), []
     right = np.zeros(shape)  # for all parts at once: they have no common unknowns
-    for part in problem.parts if precise.cameras is not None else ():
+    for part in problem.parts:
         translation = _describe_translation(problem, loop, part)
         if translation is not None:
             found.append(translation)

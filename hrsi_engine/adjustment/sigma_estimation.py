@@ -33,7 +33,6 @@ from ..refinement.model import estimate_priors
 from ..refinement.selection import can_estimate_drift
 from .blunders.discrepancies import IMAGE, Discrepancies
 from .drift_prior import DriftPrior
-from .equations.camera_system import DirectSystem
 from .gauss_newton import GaussNewton, Solution
 from .outcome import RoundFindings, compute_redundancy
 from .problem import Problem
@@ -90,7 +89,7 @@ class SigmaEstimation:
     def start_estimation(self, loop: GaussNewton, solution: Solution) -> bool:
         """Return True if sigmas are to be estimated at a solution: drifts, or those that fail `test_sigmas`."""
         options, observations = self.problem.options, self.problem.observations
-        if not (options.test_sigmas or options.variance_components) or not isinstance(loop.system, DirectSystem):
+        if not (options.test_sigmas or options.variance_components):
             return False
         asked = options.variance_components or can_estimate_drift(observations.count, len(observations.images))
         self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and asked)
@@ -173,13 +172,11 @@ class SigmaEstimation:
                 self.sigmas.factor, self.sigmas.of_image = before, of_image
         else:
             cofactors = loop.compute_camera_cofactors(solution)
-            if cofactors is None:  # nothing is estimated without cofactors
-                return 0.0
             variances = cofactors[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
             freedom = max(compute_redundancy(self.problem, loop, solution, variances, cofactors), 0.0)
             stated = SIGMA.of_stated_sigmas
             unit_variance = max((stated + loop.sum_of_squares(solution)) / (stated + freedom), 1.0)
-        if self.drifts and cofactors is not None:
+        if self.drifts:
             change = max(change, self.drift.correct_sigmas(loop, solution, cofactors, unit_variance))
         if change >= SIGMA.settled:  # another solution follows
             self._last = None

@@ -150,7 +150,7 @@ class Adjuster(Snooping):
         """
         problem, choice = self.problem, self.problem.choice
         gcps = find_judging_gcps(problem, self.solution, self.survey_weight)
-        if choice is None or precise.cameras is None or len(gcps) < DELIVERY.fewest_gcps:
+        if choice is None or len(gcps) < DELIVERY.fewest_gcps:
             return precise
         control = self.compute_control(self.solution, gcps)
         self.loop.system.factorise(self.solution.normals.blocks, self.loop.prior_weight)

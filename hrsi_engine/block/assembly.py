@@ -17,7 +17,7 @@ from ..foundation.large_arrays import any_of_rows, finite_rows
 from .block import Block, Image, find_image_indices
 from .columns import find_unique_ids, isin, join_names
 from .default_sigmas import DefaultSigmas
-from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, are_apart, join_covariances, join_operations
+from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, are_apart, stack_ground_points
 
 UNSURVEYED = (Role.TIE, Role.HELD_OUT)
 
@@ -126,11 +126,7 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
     """Concatenate tables; an id that occurs twice must have the same position."""
     if not tables:
         return GroundPoints.create([], np.empty((0, 3)))
-    merged = GroundPoints(
-        np.concatenate([t.ids for t in tables]), np.concatenate([t.ground for t in tables]),
-        np.concatenate([t.role for t in tables]), np.concatenate([t.sigma_m for t in tables]), tables[0].source,
-        join_covariances(tables), *join_operations(tables),
-    )  # fmt: skip
+    merged = stack_ground_points(tables)
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
     apart = are_apart(merged.ground, merged.ground[first[inverse]])
     if apart.any():

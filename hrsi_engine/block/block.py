@@ -17,7 +17,7 @@ from ..camera.rpc_stack import RPCStack
 from ..foundation.errors import InputError, list_ids
 from ..ground.operation_uses import OperationUse
 from .columns import find_unique_ids
-from .points import GroundPoints, ImagePoints, Measurements, Role, join_covariances, join_operations
+from .points import GroundPoints, ImagePoints, Measurements, Role, stack_ground_points
 
 
 class Raster(Protocol):
@@ -307,13 +307,7 @@ class Block:
             "sigma_px": ties.sigma_px, "kind": ties.kind, "quality": ties.quality,
         }  # fmt: skip
         rows = {name: np.concatenate([getattr(self.measurements, name), new[order]]) for name, new in columns.items()}
-        own = self.points
-        points = GroundPoints(
-            np.concatenate([own.ids, added.ids]), np.concatenate([own.ground, added.ground]),
-            np.concatenate([own.role, added.role]), np.concatenate([own.sigma_m, added.sigma_m]), own.source,
-            join_covariances([own, added]), *join_operations([own, added]),
-        )  # fmt: skip
-        return replace(self, points=points, measurements=Measurements(**rows))
+        return replace(self, points=stack_ground_points([self.points, added]), measurements=Measurements(**rows))
 
     def with_measurements(self, keep: np.ndarray) -> Block:
         """Return the block with only the selected measurements; all points are kept.

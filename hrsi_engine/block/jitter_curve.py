@@ -16,14 +16,8 @@ INVERSE_STEPS = 6  # fixed-point iterations: with a slope of 0.1 px per line the
 class JitterCurve:
     """Displacements of the lines ``first_line``, ``first_line + 1`` … of an image; constant beyond its ends.
 
-    Parameters
-    ----------
-    first_line : int
-        Line of the first displacement.
-    shift_px : (n, 2) ndarray
-        Displacements in sample and line.
-    sigma_px : (n, 2) ndarray
-        Standard deviations; those of the prior where the observations cannot separate the jitter from the ground.
+    shift_px : (n, 2) displacements in sample and line
+    sigma_px : (n, 2) standard deviations; the prior's where observations cannot separate the jitter from the ground
     """
 
     first_line: int
@@ -31,36 +25,14 @@ class JitterCurve:
     sigma_px: np.ndarray
 
     def evaluate(self, line: np.ndarray) -> np.ndarray:
-        """Return the displacements at computed lines.
-
-        Parameters
-        ----------
-        line : (n,) ndarray
-            Lines computed by the RPC; NaN if unknown.
-
-        Returns
-        -------
-        (n, 2) ndarray
-            Displacements in sample and line, px.
-        """
+        """Return the displacements ``(n, 2)`` in px at lines ``(n,)`` computed by the RPC; NaN if unknown."""
         place = np.clip(np.asarray(line) - self.first_line, 0.0, len(self.shift_px) - 1.0)
         at = np.clip(np.nan_to_num(place).astype(np.int64), 0, max(len(self.shift_px) - 2, 0))
         part, near = (place - at)[:, None], self.shift_px[at]
         return np.asarray(near + part * (self.shift_px[np.minimum(at + 1, len(self.shift_px) - 1)] - near))
 
     def remove_from(self, xy: np.ndarray) -> np.ndarray:
-        """Return the positions without jitter, as the RPC computes them, of measured image points.
-
-        Parameters
-        ----------
-        xy : (n, 2) ndarray
-            Measured sample and line.
-
-        Returns
-        -------
-        (n, 2) ndarray
-            Sample and line without jitter.
-        """
+        """Return the positions without jitter, as the RPC computes them, of measured image points ``(n, 2)``."""
         without = np.array(xy, dtype=np.float64)
         for _ in range(INVERSE_STEPS):
             without = xy - self.evaluate(without[:, 1])
@@ -71,14 +43,9 @@ class JitterCurve:
 class JitterEstimate:
     """Jitter curves of the images of a block, with samples of their errors.
 
-    Parameters
-    ----------
-    curves : dict of JitterCurve
-        By image id; images without a curve have no jitter.
-    samples : tuple of dict of JitterCurve
-        Errors of the curves, sampled from their posterior distribution.
-    prior : tuple of float
-        Angular frequency (1/lines), damping and standard deviation (px) of the prior.
+    curves : by image id; images without a curve have no jitter
+    samples : errors of the curves, sampled from their posterior distribution
+    prior : angular frequency (1/lines), damping and standard deviation (px) of the prior
     """
 
     curves: Mapping[str, JitterCurve]
@@ -86,39 +53,15 @@ class JitterEstimate:
     prior: tuple[float, float, float]
 
     def add(self, other: "JitterEstimate") -> "JitterEstimate":
-        """Return the sum of two estimates, the second one made after the first was removed.
-
-        Parameters
-        ----------
-        other : JitterEstimate
-            The second estimate, whose prior the sum takes.
-
-        Returns
-        -------
-        JitterEstimate
-            The sums of the curves and of their errors.
-        """
+        """Return the sum of two estimates, the second one, whose prior it takes, made without the first."""
         samples = tuple(_add_curves(*both) for both in zip(self.samples, other.samples, strict=True))
         return JitterEstimate(_add_curves(self.curves, other.curves), samples, other.prior)
 
     def displace(self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, remove: bool = False) -> np.ndarray:
-        """Return measurements with the jitter added, or removed.
+        """Return measurements ``xy (n, 2)`` with the jitter added, or removed.
 
-        Parameters
-        ----------
-        ids : sequence of str
-            The ids of the block's images.
-        image : (n,) ndarray of int
-            Index of each measurement's image.
-        xy : (n, 2) ndarray
-            Sample and line.
-        remove : bool
-            Whether to remove the jitter instead of adding it.
-
-        Returns
-        -------
-        (n, 2) ndarray
-            Sample and line.
+        ids : of the block's images; image : (n,) index of each measurement's image
+        remove : whether to remove the jitter instead of adding it
         """
         moved = xy.copy()
         for number, name in enumerate(ids):

@@ -77,34 +77,22 @@ PUBLISHED = tuple(
         ("QuickBird", 17.5, f"{_SMILEY}: 14 to 21 m", r"quickbird|qb_?0?2(?!\d)"),
         ("WorldView-1", 4.7, f"{_SMILEY}: 4.0 to 5.3 m", r"worldview[-_ ]?0?1|wv_?0?1(?!\d)"),
         ("WorldView-2", 5.0, _AGUILAR, r"worldview[-_ ]?0?2|wv_?0?2(?!\d)"),
-        (
-            "WorldView-3", 3.5, "ISPRS Archives XLI-B1, 429 (2016): predicted below 3.5 m CE90",
-            r"worldview[-_ ]?0?3|wv_?0?3(?!\d)",
-        ),
+        ("WorldView-3", 3.5, "ISPRS Archives XLI-B1, 429 (2016): predicted below 3.5 m CE90",
+         r"worldview[-_ ]?0?3|wv_?0?3(?!\d)"),
         ("WorldView-4", 5.0, _AGUILAR, r"worldview[-_ ]?0?4|wv_?0?4(?!\d)"),
         ("GeoEye-1", 5.0, _AGUILAR, r"geoeye|ge_?0?1(?!\d)"),
-        (
-            "Pleiades Neo", 12.0, "none found: as Pleiades, its predecessor", r"pneo|pleiades[-_ ]?neo",
-        ),
-        (
-            "Pleiades", 12.0, "ISPRS Archives XXXVI Part 1 (2006), CNES: specified 12 m for 90 % of the images",
-            r"phr_?1[ab]|phr_sensor|phr(?![a-z0-9])|pleiades",
-        ),
-        (
-            "SPOT 6/7", 60.0, "none found: as SPOT 5, their predecessor", r"spot[-_ ]?[67]|s[67]_sensor",
-        ),
-        (
-            "SPOT 5", 60.0, "SPOT5 HRG and HRS first in-flight geometric quality results, CNES 2003: 60 m",
-            r"spot[-_ ]?5",
-        ),
+        ("Pleiades Neo", 12.0, "none found: as Pleiades, its predecessor", r"pneo|pleiades[-_ ]?neo"),
+        ("Pleiades", 12.0, "ISPRS Archives XXXVI Part 1 (2006), CNES: specified 12 m for 90 % of the images",
+         r"phr_?1[ab]|phr_sensor|phr(?![a-z0-9])|pleiades"),
+        ("SPOT 6/7", 60.0, "none found: as SPOT 5, their predecessor", r"spot[-_ ]?[67]|s[67]_sensor"),
+        ("SPOT 5", 60.0, "SPOT5 HRG and HRS first in-flight geometric quality results, CNES 2003: 60 m",
+         r"spot[-_ ]?5"),
         ("ZY-3", 15.0, "D. Li, Acta Geodaetica et Cartographica Sinica 41 (2012) 317: better than 15 m", r"zy[-_]?3"),
         ("KOMPSAT-2", 50.9, _KOMPSAT, r"kompsat[-_ ]?2|k2_\d{8}"),
         ("KOMPSAT-3", 48.5, _KOMPSAT, r"kompsat[-_ ]?3|k3a?_\d{8}"),
         ("SkySat", 15.0, "Planet, SkySat mapping and geometric accuracy: 10 to 15 m CE90", r"skysat|ssc?\d+d\d"),
-        (
-            "OrbView-3", 20.0, "K. Jacobsen, Geo-information based on very high resolution: 9.3 m a coordinate",
-            r"orbview|ov_?3(?!\d)",
-        ),
+        ("OrbView-3", 20.0, "K. Jacobsen, Geo-information based on very high resolution: 9.3 m a coordinate",
+         r"orbview|ov_?3(?!\d)"),
     )
 )  # fmt: skip
 _TOLD_BY_ANY = re.compile("|".join(entry.name_pattern for entry in PUBLISHED))

@@ -190,12 +190,19 @@ class GroundPoints(Columns):
         return made(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
 
 
-def join_covariances(tables: Sequence[GroundPoints]) -> np.ndarray | None:
-    """Return the covariances of several tables ``(m, 3, 3)``, NaN for tables without; None if no table has any."""
-    if all(table.covariance_m2 is None for table in tables):
-        return None
-    nothing = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
-    return np.concatenate(nothing)
+def stack_ground_points(tables: Sequence[GroundPoints]) -> GroundPoints:
+    """Return tables of ground points under each other, with the source of the first."""
+    covariance, operation, operations = None, list[np.ndarray](), tuple[OperationUse, ...]()
+    if any(table.covariance_m2 is not None for table in tables):  # NaN where a table has none
+        given = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
+        covariance = np.concatenate(given)
+    for table in tables:
+        operation.append(np.where(table.operation >= 0, table.operation + len(operations), -1))
+        operations += table.operations
+    ids, ground, role, sigma_m = (
+        np.concatenate([getattr(t, name) for t in tables]) for name in ("ids", "ground", "role", "sigma_m")
+    )
+    return GroundPoints(ids, ground, role, sigma_m, tables[0].source, covariance, np.concatenate(operation), operations)
 
 
 def describe_operations(points: GroundPoints) -> str:
@@ -221,16 +228,6 @@ def with_operations(points: GroundPoints, described: str) -> GroundPoints:
             f"{points.source}: its list of coordinate operations is damaged ({error!r}): obtain the file again"
         ) from None
     return replace(points, operation=operation, operations=tuple(uses))
-
-
-def join_operations(tables: Sequence[GroundPoints]) -> tuple[np.ndarray, tuple[OperationUse, ...]]:
-    """Return the index of the operation that converted each point of several tables to WGS84, and all operations."""
-    operations: tuple[OperationUse, ...] = ()
-    number = []
-    for table in tables:
-        number.append(np.where(table.operation >= 0, table.operation + len(operations), -1))
-        operations += table.operations
-    return np.concatenate(number), operations
 
 
 @dataclass(frozen=True, eq=False, repr=False)

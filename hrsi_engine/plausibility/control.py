@@ -24,7 +24,7 @@ import numpy as np
 from ..block.block import Block, Image, stack_rpcs
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
+from ..ground.geodesy import ground_difference_m
 from .accuracy import SIMULATED, ImageAccuracy
 
 
@@ -57,12 +57,9 @@ class StraightRays:
 
     def distance_m(self, surveyed: np.ndarray) -> np.ndarray:
         """Return metres east and north ``(n, 2)`` from surveyed points to their rays at the surveyed height."""
-        difference = self.ground[:, :2] - surveyed[:, :2]
-        difference[:, 0] = wrap_degrees(difference[:, 0])
-        across = difference * metres_per_degree(self.ground)[:, :2]
-        across += self.slope * (surveyed[:, 2] - self.ground[:, 2])[:, None]
-        lost = ~finite_rows(across)
-        across[lost] = NOWHERE_M
+        away_m = ground_difference_m(surveyed, self.ground)
+        across = self.slope * away_m[:, 2:] - away_m[:, :2]
+        across[~finite_rows(across)] = NOWHERE_M
         return across
 
     def select(self, rows: np.ndarray) -> StraightRays:
@@ -188,13 +185,15 @@ class ControlFit:
         return np.asarray(self.shift_length_m / self.control.get_figures("sigma_m"))
 
     @cached_property
+    def agreeing_m(self) -> np.ndarray:
+        """Largest misfit of a measurement that agrees with the shift of its image, the largest drift included."""
+        drifting_m = self.control.get_figures("misfit_m")[self.control.image]
+        return np.maximum(drifting_m, CONTROL_FIT.agreeing_sigmas * self.control.expected_m)
+
+    @cached_property
     def belongs(self) -> np.ndarray:
         """True for measurements that agree with the shift of their image up to the largest drift, ``(n,)`` bool."""
-        limit = np.maximum(
-            self.control.get_figures("misfit_m")[self.control.image],
-            CONTROL_FIT.agreeing_sigmas * self.control.expected_m,
-        )
-        return np.asarray(np.hypot(*self.misfit_m.T) <= limit)
+        return np.asarray(np.hypot(*self.misfit_m.T) <= self.agreeing_m)
 
     @cached_property
     def fitting(self) -> np.ndarray:

@@ -256,12 +256,7 @@ def _find_mistake_of_points(
     rows = np.isin(control.point, apart.points)
     rest = control.select(~rows)
     shift = fit_control(rest).shift_m
-    limit = (
-        np.maximum(control.get_figures("misfit_m")[control.image], CONTROL_FIT.agreeing_sigmas * control.expected_m)[
-            rows
-        ]
-        / MISTAKE.few_points_gain
-    )
+    limit = given.agreeing_m[rows] / MISTAKE.few_points_gain
     before = np.hypot(*(given.distance_m - shift[control.image])[rows].T)
     if np.median(before / limit) < MISTAKE.few_points_gain:
         return None

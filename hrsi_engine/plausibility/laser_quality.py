@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from ..block.laser import LaserPoints
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import metres_per_degree, wrap_degrees
+from ..ground.geodesy import ground_difference_m
 
 
 @thresholds
@@ -52,9 +52,7 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
         if len(rows) <= 3:
             continue
         ground, height = good.ground[rows], good.ground[rows, 2]
-        away = ground[:, :2] - ground[0, :2]
-        away[:, 0] = wrap_degrees(away[:, 0])
-        metres = away * metres_per_degree(ground[:1])[:, :2]
+        metres = ground_difference_m(ground, ground[:1])[:, :2]
         count = min(LASER_QUALITY.neighbours, len(rows) - 1)
         distance, near = cKDTree(metres).query(
             metres, k=count + 1, distance_upper_bound=LASER_QUALITY.neighbour_reach_m

@@ -75,55 +75,28 @@ SCALES = (
 
 #: Input errors of image coordinates; each with the function that corrects them for ``xy (n, 2)`` of an image.
 PIXEL_MISTAKES: tuple[tuple[Mistake, UndoPixels], ...] = (
-    (
-        Mistake("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
-        lambda xy, image: xy[:, ::-1],
-    ),
-    (
-        Mistake("lines-from-below", "lines are counted from below", "subtract the lines from the image's last line"),
-        lambda xy, image: _mirror_axis(xy, image, 1),
-    ),
-    (
-        Mistake("lines-from-below", "lines are negative, counted upwards", "change the sign of the lines"),
-        lambda xy, image: xy * [1.0, -1.0],
-    ),
-    (
-        Mistake(
-            "samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"
-        ),
-        lambda xy, image: _mirror_axis(xy, image, 0),
-    ),
-    *(
-        (
-            Mistake(
-                "image-turned", f"image coordinates belong to a copy rotated by {90 * quarters} degrees",
-                "measure on the image with the orientation of its RPC, or rotate the coordinates back",
-            ),
-            partial(_turn_image, quarters=quarters),
-        )
-        for quarters in (1, 2, 3)
-    ),
-    *(
-        (
-            Mistake(
-                "image-scale", f"image coordinates belong to an image with pixels {text}",
-                "measure on the image itself, or multiply the coordinates", length=factor,
-            ),
-            partial(lambda xy, image, factor: (xy + 0.5) * factor - 0.5, factor=factor),  # the corners of both coincide
-        )
-        for factor, text in SCALES
-    ),
+    (Mistake("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
+     lambda xy, image: xy[:, ::-1]),
+    (Mistake("lines-from-below", "lines are counted from below", "subtract the lines from the image's last line"),
+     lambda xy, image: _mirror_axis(xy, image, 1)),
+    (Mistake("lines-from-below", "lines are negative, counted upwards", "change the sign of the lines"),
+     lambda xy, image: xy * [1.0, -1.0]),
+    (Mistake("samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"),
+     lambda xy, image: _mirror_axis(xy, image, 0)),
+    *((Mistake("image-turned", f"image coordinates belong to a copy rotated by {90 * quarters} degrees",
+               "measure on the image with the orientation of its RPC, or rotate the coordinates back"),
+       partial(_turn_image, quarters=quarters)) for quarters in (1, 2, 3)),
+    *((Mistake("image-scale", f"image coordinates belong to an image with pixels {text}",
+               "measure on the image itself, or multiply the coordinates", length=factor),
+       partial(lambda xy, image, factor: (xy + 0.5) * factor - 0.5, factor=factor))  # the corners of both coincide
+      for factor, text in SCALES),
 )  # fmt: skip
-
-
 #: Input errors of RPC fields; each with the function that corrects them.
 RPC_MISTAKES: tuple[tuple[Mistake, Callable[[RPC], RPC]], ...] = tuple(
-    (
-        Mistake("rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
-        partial(_exchange_fields, names=names),
-    )
+    (Mistake("rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
+     partial(_exchange_fields, names=names))
     for names in (("line_scale", "samp_scale"), ("lat_scale", "long_scale"))
-)
+)  # fmt: skip
 
 
 # ---- ground coordinates --------------------------------------------------------------------------------------------

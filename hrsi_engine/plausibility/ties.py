@@ -151,12 +151,9 @@ class PairConsistency:
 
 
 def check_pairs(
-    pairs: PairSample,
-    image: np.ndarray | None = None,
-    xy: np.ndarray | None = None,
-    stretch: float = 1.0,
+    pairs: PairSample, image: np.ndarray | None = None, xy: np.ndarray | None = None, stretch: float = 1.0,
     shifted: bool = False,
-) -> PairConsistency:
+) -> PairConsistency:  # fmt: skip
     """Test the intersection of the rays of each pair, with the given or other images and coordinates.
 
     ``stretch`` is the scale of corrected coordinates: below 1 it reduces the tolerance. With ``shifted``, images may be
@@ -173,6 +170,7 @@ def check_pairs(
     apart = at_height.distance_m(other_ends)[::2]
     slope = flat.slope[::2] - flat.slope[1::2]
     length = np.hypot(*slope.T)
+    steep = np.maximum(length, TIE_CHECK.least_slope)
     starts = pairs.starts
     sizes = np.diff(np.r_[starts, len(pairs.pair)])
     # decided for all points of a pair together, so that their distances have one direction
@@ -181,32 +179,24 @@ def check_pairs(
         if len(starts)
         else length > TIE_CHECK.least_slope
     )
-    unit = np.where(weak[:, None], [0.0, 1.0], slope / np.maximum(length, TIE_CHECK.least_slope)[:, None])
+    unit = np.where(weak[:, None], [0.0, 1.0], slope / steep[:, None])
     across = unit[:, 0] * apart[:, 1] - unit[:, 1] * apart[:, 0]
-    height = pairs.height_m - np.where(
-        weak, 0.0, np.sum(apart * unit, axis=1) / np.maximum(length, TIE_CHECK.least_slope)
-    )
+    height = pairs.height_m - np.where(weak, 0.0, np.sum(apart * unit, axis=1) / steep)
     figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
     gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
     reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
-    tolerance = (
-        min(stretch, 1.0)
-        * gsd
-        * np.maximum(
-            TIE_CHECK.miss_px, np.maximum(TIE_CHECK.miss_sigmas * pairs.sigma_px, TIE_CHECK.miss_drift * reach)
-        )
-    )
+    miss_px = np.maximum(TIE_CHECK.miss_sigmas * pairs.sigma_px, TIE_CHECK.miss_drift * reach)
+    tolerance = min(stretch, 1.0) * gsd * np.maximum(TIE_CHECK.miss_px, miss_px)
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
-    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, TIE_CHECK.least_slope)
+    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / steep
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
     wrong = ~np.isfinite(across) if shifted else ~possible | ~np.isfinite(across)
     bulk = _compute_modes(across, starts, sizes)
     away = across - np.repeat(bulk, sizes)
     off = np.add.reduceat(np.abs(away) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
-    for start, size in zip(
-        *(column[off / sizes > TIE_CHECK.off_share].tolist() for column in (starts, sizes)), strict=True
-    ):
-        rows = slice(start, start + size)
+    for number in np.flatnonzero(off / sizes > TIE_CHECK.off_share).tolist():
+        start = starts[number]
+        rows = slice(start, start + sizes[number])
         away[rows] = _remove_drift(away[rows], xy[rows, 0], tolerance[rows], TIE_CHECK.largest_drift * gsd[start])
     wrong |= np.abs(away) > tolerance
     if not shifted:
@@ -333,9 +323,8 @@ def _find_best_mistake(
     """
     best: dict[str, tuple[float, Mistake, np.ndarray]] = {}
     for mistake, images, share in _iterate_hypotheses(pairs, given, suspects):
-        cured = (given.share - share) * len(
-            pairs.pair
-        ) >= TIE_CHECK.fewest_cured and share * TIE_CHECK.cured_ratio < given.share
+        cured = (given.share - share) * len(pairs.pair) >= TIE_CHECK.fewest_cured
+        cured = cured and share * TIE_CHECK.cured_ratio < given.share
         if share < TIE_CHECK.cured_share and cured and (mistake.code not in best or share < best[mistake.code][0]):
             best[mistake.code] = share, mistake, images
     if not best:

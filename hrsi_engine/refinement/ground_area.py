@@ -7,7 +7,7 @@ import numpy as np
 
 from ..block.block import Image, stack_rpcs
 from ..foundation.errors import SolveError
-from ..ground.geodesy import metres_per_degree, wrap_degrees
+from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +41,8 @@ def compute_ground_area(image: Image) -> GroundArea:
     ground = image.rpc.localize(corners, image.rpc.height_off).ground
     if not np.isfinite(ground).all():
         raise SolveError(f"{image.id}: the RPC has no ground positions for the image: check that both belong together")
-    difference = ground[1:] - ground[0]
-    difference[:, 0] = wrap_degrees(difference[:, 0])
     metres = metres_per_degree(ground[:1])[0]
-    half = np.sqrt(np.mean(np.sum((difference[:, :2] * metres[:2]) ** 2, axis=1)) / 2.0)
+    half = np.sqrt(np.mean(np.sum(ground_difference_m(ground[1:], ground[:1])[:, :2] ** 2, axis=1)) / 2.0)
     return GroundArea(ground[0], np.array([half / metres[0], half / metres[1], abs(image.rpc.height_scale)]))
 
 

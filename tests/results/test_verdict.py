@@ -11,6 +11,7 @@ import simulated_blocks
 from hypothesis import given
 from hypothesis import strategies as st
 from long_tests import mark_beyond
+from scipy import stats
 
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.adjustment.result import Adjustment
@@ -27,7 +28,8 @@ from hrsi.hrsi_engine.results.verdict import (
     find_reasons,
     summarise_accuracy,
 )
-from hrsi.hrsi_engine.results.verdict.fields import _find_field, _test_fields
+from hrsi.hrsi_engine.results.verdict.fields import _find_field
+from hrsi.hrsi_engine.results.verdict.significance import SIGNIFICANCE
 from hrsi.hrsi_engine.results.verdict.verdict import format_figure
 
 SNOOPING = AdjustOptions(model="shift", reject_sigma=4.0)
@@ -391,18 +393,21 @@ def test_brief_figures_are_right_to_a_twentieth(value: float):
     assert float(format_figure(value)) == pytest.approx(value, rel=0.051, abs=0.0051)
 
 
-def test_no_field_is_passed_over():
-    """Drifts around the size at which they begin to count, also where the points lie on a line: none is missed."""
+def test_fields_are_those_of_the_f_test():
+    """Drifts around the size at which they begin to count, also where the points lie on a line, against the design."""
     rng = np.random.default_rng(12)
-    lengths = rng.integers(12, 200, 400)
-    begin = np.cumsum(lengths) - lengths
-    position = rng.uniform(-1.0, 1.0, (int(lengths.sum()), 2))
-    image = np.repeat(np.arange(400), lengths)
-    position[image % 10 == 0, 1] = 0.3  # all on a line: fewer terms than rows
-    residual = rng.normal(size=position.shape)
-    residual[:, 0] += (rng.uniform(0.0, 2.0, 400) * (np.arange(400) % 2))[image] * position[:, 0]
-    looked_at = _test_fields(position, residual, begin, lengths)
-    there = [_find_field("A", position[image == k], residual[image == k]) is not None for k in range(400)]
-    assert not (there & ~looked_at).any()
-    assert 50 < sum(there) < 250
-    assert np.flatnonzero(looked_at & ~np.array(there)).size < 50  # and few for nothing
+    found, expected = [], []
+    for number in range(400):
+        position = rng.uniform(-1.0, 1.0, (rng.integers(12, 200), 2))
+        position[:, 1] = 0.3 if number % 10 == 0 else position[:, 1]  # all on a line: fewer terms than rows
+        residual = rng.normal(size=position.shape)
+        residual[:, 0] += rng.uniform(0.0, 2.0) * (number % 2) * position[:, 0]
+        found.append(_find_field("A", position, residual) is not None)
+        u, v = position.T
+        design = np.column_stack([np.ones_like(u), u, v, u * v, u * u, v * v])
+        solved, _, rank, _ = np.linalg.lstsq(design, residual, rcond=None)
+        rest, freedom = np.sum((residual - design @ solved) ** 2), 2 * (len(u) - rank)
+        ratio = (np.sum(residual**2) - rest) / (2 * rank) / (rest / freedom)
+        expected.append(stats.f.sf(ratio, 2 * rank, freedom) <= SIGNIFICANCE.risk)
+    assert found == expected
+    assert 50 < sum(found) < 250

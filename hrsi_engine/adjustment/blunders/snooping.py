@@ -19,7 +19,6 @@ from ...foundation.progress import Progress, silent, stage
 from ...foundation.thresholds import threshold, thresholds
 from ..consensus import find_agreeing_measurements
 from ..equations import PointPriors, State
-from ..equations.camera_system import DirectSystem
 from ..gauss_newton import CONVERGENCE, GaussNewton, Solution, Weighting
 from ..outcome import RoundFindings
 from ..problem import Problem, find_determinable_points
@@ -162,8 +161,6 @@ class Snooping:
 
     def leave_out_wrong_control(self, solution: Solution, progress: Progress) -> Solution:
         """Return the solution without the GCPs, or parts of them, that disagree with the rest of the block."""
-        if not isinstance(self.loop.system, DirectSystem):  # no cofactors: the block is too large
-            return solution
         if self._undecided:  # sigmas estimated with contradicting GCPs permit no decision
             return solution
         problem = self.problem
@@ -205,7 +202,7 @@ class Snooping:
         Each is predicted by all observations except its own survey, without another solution.
         """
         gcps = self._find_testable_gcps(solution)
-        if len(gcps) < 2 or not isinstance(self.loop.system, DirectSystem):
+        if len(gcps) < 2:
             return 0.0, 0.0
         control = self.compute_control(solution, gcps)
         surveys = [np.flatnonzero((control.point == gcp) & (control.kind != IMAGE)) for gcp in range(len(gcps))]

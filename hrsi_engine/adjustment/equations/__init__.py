@@ -12,12 +12,12 @@
 | camera_system       | solution of the reduced system, direct or iterative                  |
 """
 
-from .camera_system import CameraSystem, choose_camera_system
+from .camera_system import CameraSystem
 from .normal_equations import NormalEquations
 from .pattern import Pattern, find_pattern, make_diagonal_pattern
 from .states import FREE_POINT_SIGMA_M, Cofactors, Normals, PointPriors, State
 
 __all__ = [
     "FREE_POINT_SIGMA_M", "CameraSystem", "Cofactors", "NormalEquations", "Normals", "Pattern", "PointPriors",
-    "State", "choose_camera_system", "find_pattern", "make_diagonal_pattern",
+    "State", "find_pattern", "make_diagonal_pattern",
 ]  # fmt: skip

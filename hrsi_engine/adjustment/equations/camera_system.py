@@ -1,15 +1,7 @@
-"""Solution of the reduced camera system: symmetric, positive definite, scaled to a unit diagonal.
-
-`DirectSystem` has the Cholesky factors (`nested_dissection`), which also give the precision. Above
-`SYSTEM.most_factored` cameras the factors would not fit in memory; `IterativeSystem` then uses conjugate gradients,
-preconditioned by the Cholesky factors of neighbourhoods of cameras, and has no precision.
-"""
-
-from inspect import signature
+"""Solution of the reduced camera system by its Cholesky factors (`nested_dissection`), which give the precision too."""
 
 import numpy as np
-from scipy import linalg, sparse
-from scipy.sparse.linalg import LinearOperator, cg
+from scipy import sparse
 
 from ...foundation.errors import SolveError
 from ...foundation.thresholds import threshold, thresholds
@@ -19,32 +11,26 @@ from .pattern import Pattern
 
 @thresholds
 class SYSTEM:
-    """Limits for the choice of the solution method of the camera system."""
+    """Limits for the use of the last camera system's factors for the next one."""
 
-    most_factored: int = threshold(
-        300_000, "cameras", "largest block solved by Cholesky factors (12 GB for affine models); larger ones by "
-        "conjugate gradients"
-    )  # fmt: skip
     nearby: float = threshold(1e-7, "", "relative error of a solution by an earlier matrix's factors")
     nearby_unknowns: int = threshold(500, "unknowns", "number of unknowns from which earlier factors are used again")
     nearby_iterations: int = threshold(10, "iterations", "largest number with earlier factors; each costs 1/20 of new")
 
 
-CG_TOLERANCE = 1e-11  # relative to the right-hand side; further Gauss-Newton steps correct the rest
-CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol
-CG_ITERATIONS = 20_000
-
-
-class _UnitDiagonal:
+class CameraSystem:
     """``S + diag(prior weight)`` and damping times its diagonal, scaled to a unit diagonal.
 
-    Fixed unknowns have a scale of zero, and therefore a solution of zero.
+    It is symmetric, positive definite. Fixed unknowns have a scale of zero, and therefore a solution of zero.
     """
 
     def __init__(self, pattern: Pattern) -> None:
         self.pattern = pattern
         self.scale = np.ones((pattern.cameras, pattern.parameters))
         self.damping = 0.0
+        self._factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, pattern.parameters, pattern.position)
+        self._factorised: tuple[np.ndarray, np.ndarray, float] | None = None
+        self._cofactors: np.ndarray | None = None  # of the matrix that is factorised
 
     def compute_damping_cost(self, step: np.ndarray) -> float:
         """Return the contribution of a step ``(cameras, p)`` to the cost by damping alone."""
@@ -63,16 +49,6 @@ class _UnitDiagonal:
         result *= self.scale[pattern.columns][:, None, :]
         result[pattern.diagonal[:, None], own, own] = 1.0 + damping
         return np.asarray(result)
-
-
-class DirectSystem(_UnitDiagonal):
-    """Direct solution by sparse Cholesky factors."""
-
-    def __init__(self, pattern: Pattern) -> None:
-        super().__init__(pattern)
-        self._factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, pattern.parameters, pattern.position)
-        self._factorised: tuple[np.ndarray, np.ndarray, float] | None = None
-        self._cofactors: np.ndarray | None = None  # of the matrix that is factorised
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
         """Factorise the upper ``blocks (blocks, p, p)`` with ``prior_weight (cameras, p)``, infinite where fixed.
@@ -155,66 +131,3 @@ class DirectSystem(_UnitDiagonal):
             inverse *= self.scale[self.pattern.columns][:, None, :]
             self._cofactors = inverse
         return self._cofactors
-
-
-class IterativeSystem(_UnitDiagonal):
-    """Solution by preconditioned conjugate gradients; the methods are those of `DirectSystem`."""
-
-    def __init__(self, pattern: Pattern) -> None:
-        super().__init__(pattern)
-        size = max(1, 64 // max(pattern.parameters, 1))  # the preconditioner eliminates 64 unknowns together
-        self._groups = [np.arange(k, min(k + size, pattern.cameras)) for k in range(0, pattern.cameras, size)]
-
-    def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
-        pattern, p = self.pattern, self.pattern.parameters
-        scaled = self.scale_blocks(blocks, prior_weight, damping)
-        place, shape = (pattern.columns, pattern.start), (pattern.cameras * p,) * 2
-        above = scaled.copy()
-        above[pattern.diagonal] = 0.0  # diagonal blocks are complete
-        lower = sparse.bsr_matrix((above, *place), shape=shape).T
-        self._matrix = sparse.csr_matrix(sparse.bsr_matrix((scaled, *place), shape=shape) + lower)
-        self._parts = []
-        for group in self._groups:
-            chosen = slice(group[0] * p, (group[-1] + 1) * p)
-            self._parts.append((chosen, linalg.cho_factor(self._matrix[chosen, chosen].toarray(), lower=True)))
-
-    def solve_nearby(
-        self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
-    ) -> np.ndarray:
-        self.factorise(blocks, prior_weight, damping)
-        return self.solve(right)
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """Return the solution, as `DirectSystem.solve`; raise `SolveError` if the iteration does not converge."""
-        if right.ndim == 3:
-            return np.stack([self.solve(right[:, :, k]) for k in range(right.shape[2])], axis=2)
-
-        def precondition(residual: np.ndarray) -> np.ndarray:
-            result = np.empty_like(residual)
-            for chosen, factor in self._parts:
-                result[chosen] = linalg.cho_solve(factor, residual[chosen], check_finite=False)
-            return result
-
-        b = (self.scale * right).ravel()
-        preconditioner = LinearOperator(self._matrix.shape, matvec=precondition)
-        x, failed = cg(self._matrix, b, maxiter=CG_ITERATIONS, M=preconditioner, **{CG_RELATIVE: CG_TOLERANCE})
-        if failed:
-            raise SolveError(
-                f"the camera system did not converge in {CG_ITERATIONS} iterations: add GCPs or tie points"
-            )
-        return self.scale * x.reshape(right.shape)
-
-    def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
-        right = rows.toarray().T.reshape(*self.scale.shape, rows.shape[0])
-        return np.asarray(rows @ self.solve(right).reshape(self.scale.size, -1))
-
-    def compute_cofactors(self) -> None:
-        """Return None: an iterative solution has no inverse."""
-
-
-CameraSystem = DirectSystem | IterativeSystem
-
-
-def choose_camera_system(pattern: Pattern) -> CameraSystem:
-    """Return the solver for the pattern's number of cameras."""
-    return DirectSystem(pattern) if pattern.cameras <= SYSTEM.most_factored else IterativeSystem(pattern)

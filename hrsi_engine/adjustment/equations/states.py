@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.large_arrays import any_of_rows
-from ...ground.geodesy import metres_per_degree, wrap_degrees
+from ...ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
 from ..observations import COORDINATE_PAIRS, Observations
 
 FREE_POINT_SIGMA_M = 1e4  # prior of a point without survey at its start (C_G): only keeps V regular
@@ -82,9 +82,7 @@ class PointPriors:
 
     def compute_misclosures_m(self, ground: np.ndarray, points: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Return target - ground in metres east, north, up of some points, for their ``ground (k, 3)``."""
-        difference = self.target[points] - ground
-        difference[:, 0] = wrap_degrees(difference[:, 0])
-        return difference * metres_per_degree(ground)
+        return ground_difference_m(self.target[points], ground)
 
     def sum_of_squares(self, ground: np.ndarray, counting: np.ndarray) -> float:
         """Return the weighted sum of squares of the observed coordinates of points in the mask ``counting (m,)``."""

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.orthoimage import ORTHOIMAGE_ERRORS, ReferencePlaces, divide_area
-from ...ground.geodesy import metres_per_degree, wrap_degrees
+from ...ground.geodesy import ground_difference_m
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import PlanAgreement, PlanGroup
 from .held_heights import HEIGHTS
@@ -134,15 +134,10 @@ class PlanObservations:
             ORTHOIMAGE_ERRORS.independent * self.places.sigma_m * east.sigma_factor
         )  # scatter of single places; the other parts are shared
         return PlanAgreement(
-            source=self.name,
-            observations=len(self.points),
-            left_out=int((~used).sum()),
-            determines=determines,
+            source=self.name, observations=len(self.points), left_out=int((~used).sum()), determines=determines,
             rmse_m=float(np.sqrt(np.mean(left**2))) if left.size else float("nan"),
-            sigma_m=float(np.linalg.norm([self.overall_m, self.common_m, own_m])),
-            sigma_factor=east.sigma_factor,
-            share=weight / (weight + rpcs_m**-2) if rpcs_m > 0.0 else 0.0,
-            alone_m=(east.offset_m, north.offset_m),
+            sigma_m=float(np.linalg.norm([self.overall_m, self.common_m, own_m])), sigma_factor=east.sigma_factor,
+            share=weight / (weight + rpcs_m**-2) if rpcs_m > 0.0 else 0.0, alone_m=(east.offset_m, north.offset_m),
             groups=tuple(
                 PlanGroup(
                     one.name, one.observations, one.offset_m, other.offset_m, max(one.sigma_m, other.sigma_m),
@@ -154,6 +149,4 @@ class PlanObservations:
 
     def _away_m(self, ground: np.ndarray) -> np.ndarray:
         """Return place - point, metres east and north ``(k, 2)``."""
-        away = self.places.ground[:, :2] - ground[self.points, :2]
-        away[:, 0] = wrap_degrees(away[:, 0])
-        return np.asarray(away * metres_per_degree(ground[self.points])[:, :2])
+        return ground_difference_m(self.places.ground, ground[self.points])[:, :2]

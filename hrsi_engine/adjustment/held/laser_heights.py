@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from ...block.laser import LASER_HEIGHT, LaserPoints
 from ...foundation.large_arrays import finite_rows
 from ...foundation.thresholds import threshold, thresholds
-from ...ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
+from ...ground.geodesy import LocalFrame, ground_difference_m, metres_per_degree
 from ..result import LaserOutcome
 from .held_heights import HeightRows
 from .shared_errors import SourceFit
@@ -132,10 +132,9 @@ class LaserHeights:
         if plan is None or plan.shift_m(ground) > LASER_FIT.moved_m:
             plan = self._planned = self._find_ties(ground)
             self.chosen, self.uneven = plan.laser, plan.uneven
-        away = ground[plan.point, :2] - self.laser.ground[plan.laser[plan.of], :2]
-        away[:, 0] = wrap_degrees(away[:, 0])
-        metres = away * metres_per_degree(ground[plan.point])[:, :2]
-        height = self.laser.ground[plan.laser[plan.of], 2] + np.einsum("rc,rc->r", plan.slope[plan.of], metres)
+        lasers = self.laser.ground[plan.laser[plan.of]]
+        away_m = ground_difference_m(lasers, ground[plan.point])[:, :2]
+        height = lasers[:, 2] - np.einsum("rc,rc->r", plan.slope[plan.of], away_m)
         return HeightRows(plan.point, plan.of, plan.share, height, plan.sigma_m, self._track[plan.laser])
 
     def report_points(self, judged: SourceFit[HeightRows], ground: np.ndarray) -> LaserOutcome:

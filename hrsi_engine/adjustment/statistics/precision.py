@@ -43,7 +43,7 @@ CIRCLE_90, LINE_90 = 1.5175, 1.6449
 
 @dataclass(frozen=True, eq=False)
 class Precision:
-    """Cofactors at a solution; all NaN if those of the cameras are not known.
+    """Cofactors at a solution.
 
     parameters : (cameras, p) variances
     points : (m, 3, 3) cofactors in m²
@@ -54,22 +54,16 @@ class Precision:
     parameters: np.ndarray
     points: np.ndarray
     residuals: np.ndarray
-    cameras: np.ndarray | None
+    cameras: np.ndarray
 
     def own_cameras(self, loop: GaussNewton) -> np.ndarray:
         """Return the cofactors of each camera's own parameters ``(cameras, p, p)``."""
-        if self.cameras is None:
-            return np.full((*self.parameters.shape, self.parameters.shape[1]), np.nan)
         return self.cameras[loop.pattern.diagonal]
 
 
 def compute_precision(loop: GaussNewton, solution: Solution) -> Precision:
     """Return all cofactors at a solution."""
     cameras = loop.compute_camera_cofactors(solution)
-    n, m = len(solution.factor), len(solution.normals.inverse)
-    if cameras is None:
-        own = np.full(loop.prior_weight.shape, np.nan)
-        return Precision(own, np.full((m, 3, 3), np.nan), np.full((n, 2, 2), np.nan), None)
     spread = loop.equations.compute_cofactors(solution.state, solution.weight, solution.normals, cameras)
     own = cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
     residuals = np.negative(spread.computed, out=spread.computed)

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
 
 from ...foundation.pixel_filters import blur, reduce_by_area, reduce_mask, should_use_opencv, slopes
 from ...foundation.thresholds import threshold, thresholds
@@ -218,7 +220,9 @@ def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]
         to = np.empty(len(beside), np.int64)
         to[is_new], to[~is_new] = place[beside[is_new]], of_old
         ends = np.concatenate([place[first[pairs]], of_old]), np.concatenate([to, len(new) + slot[old]])
-        made, region = _group_pairs(len(new) + len(old), *ends)
+        size = len(new) + len(old)
+        joined = sparse.coo_matrix((np.ones(len(ends[0]), dtype=bool), ends), (size, size))
+        made, region = csgraph.connected_components(joined, directed=False)
         is_once = slot[old] == np.arange(len(old))
         old = old[is_once]
         own, into = region[: len(new)], region[len(new) :][is_once] + count
@@ -253,21 +257,6 @@ class _ComponentTree(NamedTuple):
     parent: np.ndarray
     main: np.ndarray
     entered: np.ndarray
-
-
-def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
-    """Return the number of connected components of ``count`` nodes and given pairs, and the component of each node."""
-    nodes = np.arange(count)
-    head = nodes.copy()  # for each node, a node of its component with an equal or smaller index
-    while len(first):
-        one, other = head[first], head[second]
-        apart = one != other
-        first, second, one, other = first[apart], second[apart], one[apart], other[apart]
-        head[np.maximum(one, other)[::-1]] = np.minimum(one, other)[::-1]  # of several, the first is kept
-        while not ((further := head[head]) == head).all():
-            head = further
-    is_head = head == nodes
-    return int(is_head.sum()), (np.cumsum(is_head) - 1)[head]
 
 
 def _find_roots(ancestor: np.ndarray, region: np.ndarray) -> np.ndarray:

@@ -273,13 +273,8 @@ def _choose_band(
     if len(trial) < TILE_MATCH.fewest_trial:
         return task.options.bands[0], False
     chosen = rows[trial]
-    points, near, jacobian, lsm = (
-        task.points[chosen],
-        start[trial],
-        task.jacobian[chosen],
-        _make_lsm_options(task, window),
-    )
-    found = {name: match_patches(*task.images(name), points, near, jacobian, lsm) for name in task.options.bands}
+    tried, lsm = (task.points[chosen], start[trial], task.jacobian[chosen]), _make_lsm_options(task, window)
+    found = {name: match_patches(*task.images(name), *tried, lsm) for name in task.options.bands}
     everywhere = np.all([patches.status == DONE for patches in found.values()], axis=0)
     if everywhere.sum() < TILE_MATCH.fewest_trial:
         return task.options.bands[0], False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import floor, log10
 from typing import Any
 
@@ -91,14 +91,8 @@ class Verdict:
             "level": self.level.label,
             "sentence": self.sentence,
             "reasons": [
-                {
-                    "code": reason.code,
-                    "level": reason.level.label,
-                    "message": reason.message,
-                    "advice": reason.advice,
-                    "images": list(reason.images),
-                    "points": list(reason.points),
-                }
+                asdict(reason)
+                | {"level": reason.level.label, "images": list(reason.images), "points": list(reason.points)}
                 for reason in self.reasons
             ],
         }
