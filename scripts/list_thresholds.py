@@ -29,8 +29,9 @@ HEAD = f"""# Thresholds
 Every number that HRSI compares with, by topic: the limits of tests, the sizes of windows and buffers, the ends of
 iterations. Each is a field of its topic, `NAME.field` in the module below the heading. The origin is a theory, a
 publication, the data and date of the tuning, or *judgement* where an engineer chose it and no data decided. Where
-*half* and *double* stand beside it, `benchmarks/threshold_sensitivity.py` has tried these values on measured blocks:
-they change nothing, move a point by so many of its standard deviations at the most, or change the verdict.
+*half* and *double* follow it, `benchmarks/threshold_sensitivity.py` has tested these values on measured blocks: they
+change nothing, move a point by at most so many of its standard deviations, or change the verdict. The unit of
+a number names what is counted; a meaning that begins with an ellipsis continues that of the row above.
 """
 #: What `benchmarks/threshold_sensitivity.py` found, by the module, topic and field of each threshold.
 SENSITIVITY = ROOT / "docs" / "threshold_sensitivity.csv"

@@ -45,7 +45,7 @@ class RESULT_WARNINGS:
     many_places_left_out: float = threshold(0.1, "", "largest share of left out places without a warning")
     parallel: float = threshold(0.01, "", "share of points on nearly parallel rays with a warning")
     of_prediction: float = threshold(4.0, "observations", "weight of predicted errors relative to leave-one-out errors")
-    from_prior: float = threshold(0.5, "", "share of the prior in a parameter that is not determined")
+    from_prior: float = threshold(0.5, "", "smallest share of the prior in a parameter that is not determined")
 
 
 WHAT_STANDS_OUT = {

@@ -54,7 +54,7 @@ class BANDS:
     least_nodes: int = threshold(9, "nodes", "fewest nodes per height that must lie in both images")
     bent_px: float = threshold(0.5, "px", "largest deviation of a band from a shift and a scale, in its pixels")
     parallax: float = threshold(
-        0.005, "m/m", "parallax of the lines of sight per height", "up to 0.4 s at 7.5 km/s, from 600 km"
+        0.005, "m/m", "largest parallax of the lines of sight per height", "up to 0.4 s at 7.5 km/s, from 600 km"
     )
     apart_s: float = threshold(60.0, "s", "largest time between images of one exposure, from file names")
 

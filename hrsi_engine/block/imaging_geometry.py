@@ -135,10 +135,8 @@ class GEOMETRY:
     volume_heights: int = threshold(7, "points", "number of heights at which an RPC is checked")
     least_denominator: float = threshold(0.1, "", "smallest denominator of an RPC relative to its median")
     ground_reach: float = threshold(1.5, "", "largest normalised longitude and latitude without a message")
-    lowest_height_m: float = threshold(-600.0, "m", "lowest height of land, rounded", "theory: Dead Sea shore, -430 m")
-    highest_height_m: float = threshold(
-        9500.0, "m", "greatest height of land, rounded", "theory: Mount Everest, 8849 m"
-    )
+    lowest_height_m: float = threshold(-600.0, "m", "lowest land, with a margin", "theory: Dead Sea shore, -430 m")
+    highest_height_m: float = threshold(9500.0, "m", "highest land, with a margin", "theory: Mount Everest, 8849 m")
     crop_share: float = threshold(0.5, "", "image over the extent of its RPC, below which it is a crop")
     crop_origin: float = threshold(0.02, "", "distance of the RPC's origin from the image's in half extents, at most")
 

@@ -28,7 +28,7 @@ SPEED_OF_LIGHT = 299_792_458.0
 class LINESCAN:
     """Atmospheric refraction, intersection of rays with a height, and grid for the fit of an RPC."""
 
-    refractivity: float = threshold(2.77e-4, "", "refractive index at sea level minus 1", "standard atmosphere, 0.6 um")
+    refractivity: float = threshold(2.77e-4, "", "refractivity of air at sea level", "standard atmosphere, 0.6 um")
     scale_height_m: float = threshold(8000.0, "m", "scale height of the air's density", "standard atmosphere")
     rounds: int = threshold(4, "iterations", "iterations of the intersection of a ray with a height")
     nodes: int = threshold(21, "nodes", "nodes along samples and lines of the grid to which an RPC is fitted")

@@ -23,8 +23,8 @@ class PERSPECTIVE:
     """Limits for the distance of a perspective camera in orbit."""
 
     distance_m: tuple[float, ...] = threshold(
-        (2e5, 2e7), "m", "distance of the projection centre; pushbroom images have none along the track", "lowest "
-        "orbit; affine"
+        (2e5, 2e7), "m", "smallest and largest distance of the projection centre, which pushbroom images lack along "
+        "the track", "lowest orbit; affine"
     )  # fmt: skip
 
 

@@ -31,7 +31,7 @@ class FIT:
     """Damping, iterations and grids of the fit of an RPC to correspondences."""
 
     ridges: tuple[float, ...] = threshold(
-        (1e-16, 1e-12, 1e-9, 1e-6, 1e-3), "", "damping factors; the first has no effect"
+        (1e-16, 1e-12, 1e-9, 1e-6, 1e-3), "", "damping factors, tried in turn; the first has no effect"
     )
     good_px: float = threshold(1e-3, "px", "largest difference at check points that ends the search")
     alike: float = threshold(1.05, "", "RMS over the smallest one, to which more damping is taken")
@@ -39,7 +39,7 @@ class FIT:
     settled_px: float = threshold(1e-9, "px", "change of the RMS residual at convergence")
     batch: int = threshold(20_000, "equations", "largest number of equations in memory")
     grid: tuple[int, int, int] = threshold(
-        (15, 15, 6), "nodes", "samples, lines, heights", "pushbroom: exact to 1e-6 px"
+        (15, 15, 6), "nodes", "samples, lines, heights of the grid of a fit", "pushbroom: exact to 1e-6 px"
     )
     check_grid: tuple[int, int, int] = threshold((16, 16, 7), "nodes", "check points, common only at the corners")
     flat_m: float = threshold(1.0, "m", "range of heights below which the RPC has no height terms")

@@ -23,7 +23,7 @@ from ..foundation.workers.threads import thread_count
 from ..ground.ellipsoid import Number
 
 _SPEED = "measured for speed, 2026-11-21"
-_ROUNDING = "last place of a longitude: 3e-9 px"
+_ROUNDING = "rounding of a longitude: 3e-9 px"
 
 
 @thresholds
@@ -37,7 +37,7 @@ class EVALUATION:
     closure_px: float = threshold(1e-9, "px", "error of the image point at convergence", _ROUNDING)
     accepted_px: float = threshold(1e-8, "px", "largest error of an accepted image point", _ROUNDING)
     most_iterations: int = threshold(25, "iterations", "largest number of Newton steps")
-    chord_evaluations: int = threshold(4, "evaluations", "steps with the derivatives of the fitted inverse")
+    chord_evaluations: int = threshold(4, "evaluations", "largest number with the derivatives of the fitted inverse")
     few_open: float = threshold(0.05, "", "share of open points at which only they continue", _SPEED)
     nodes: int = threshold(7, "nodes", "along each axis, for the fit of the inverse polynomial")
     domain_margin: float = threshold(1.5, "half extents", "normalised coordinate up to which the cubic inverse is used")

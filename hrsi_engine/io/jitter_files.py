@@ -23,7 +23,7 @@ JITTER_COLUMNS = ("image", "line", "d_sample", "d_line", "sigma_sample", "sigma_
 class JITTER_FILES:
     """Limit for the agreement of a jitter file with an RPC."""
 
-    same_px: float = threshold(0.02, "px", "largest difference of a position by the same RPC", "decimals")
+    same_px: float = threshold(0.02, "px", "largest difference of a position by the same RPC", "decimals of the file")
 
 
 def write_jitter(path: str, curves: Mapping[str, JitterCurve], rpcs: Mapping[str, RPC]) -> None:

@@ -31,7 +31,7 @@ from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import refine_points
 from .tile_matching.types import TilePairGeometry
 
-_LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 px; 2026-11-22"
+_LEARNED = "errors of learned matchers are 1 or 2 px, of half-precision files 4 px; 2026-11-22"
 
 
 @thresholds

@@ -25,17 +25,20 @@ from ..surface.grid_surface import GridSurface
 class POINT_SURFACE:
     """Interpolation of a surface from scattered points, and rejection of outliers."""
 
-    neighbours: int = threshold(12, "points", "number of neighbours with whose median it is compared")
+    neighbours: int = threshold(12, "points", "number of neighbours with whose median height a point is compared")
     blunder: float = threshold(6.0, "sigma", "largest deviation from that median, in robust sigmas")
     companions: int = threshold(3, "points", "neighbours of equal height with which it is kept (a roof)")
     cells_per_spacing: float = threshold(5.0, "cells", "cells of the surface per mean spacing of points")
     most_cells: int = threshold(9_000_000, "cells", "largest number of cells of a surface (memory)")
     margin: float = threshold(200.0, "spacings", "largest extrapolation of the surface around the points")
     fitted: int = threshold(20, "points", "number of points in the fit of a plane")
-    nearest: int = threshold(5, "points", "the farthest of so many determines the weights' width")
-    width: float = threshold(0.33, "", "sigma of the Gaussian weights over that distance")
+    nearest: int = threshold(5, "points", "number of nearest points that determine the weights' width")
+    width: float = threshold(0.33, "", "sigma of the Gaussian weights over the distance of the farthest")
     slope_sigma: float = threshold(0.3, "m/m", "a priori standard deviation of the ground's slope")
-    scatters: tuple[float, ...] = threshold((16.0, 8.0, 4.0, 2.0, 1.0, 1.0), "", "robust scales in turn", "Blake 1987")
+    scatters: tuple[float, ...] = threshold(
+        (16.0, 8.0, 4.0, 2.0, 1.0, 1.0), "", "scales of the robust weights in turn, relative to the scatter",
+        "Blake 1987"
+    )  # fmt: skip
     batch: int = threshold(16384, "nodes", "number of nodes computed together (memory)")
     least_scatter_m: float = threshold(0.1, "m", "smallest robust standard deviation of heights about planes")
 

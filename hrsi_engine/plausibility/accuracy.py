@@ -27,7 +27,7 @@ from ..foundation.thresholds import threshold, thresholds
 
 #: Source of most thresholds of this room.
 SIMULATED = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/wrong_inputs.md)"
-OF_SENSORS = "describes the published accuracies of the module's table"
+OF_SENSORS = "published accuracies of sensors (table of the module)"
 
 
 @thresholds

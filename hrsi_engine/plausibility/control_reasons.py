@@ -44,8 +44,8 @@ class MISTAKE:
         3.5, "sigma", "shifts or common height beyond which input errors are tested", SIMULATED
     )
     explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift after a correction", SIMULATED)
-    explained_scatter: float = threshold(12.0, "", "largest scatter after it over the expected one", SIMULATED)
-    explained_share: float = threshold(0.02, "", "or this share of shift or scatter before it", SIMULATED)
+    explained_scatter: float = threshold(12.0, "", "largest scatter after a correction, over the expected", SIMULATED)
+    explained_share: float = threshold(0.02, "", "… or this share of shift or scatter before", SIMULATED)
     wrong_share: float = threshold(0.25, "", "share of GCPs, or of all points, whose errors make surveys unusable")
     height_sigmas: float = threshold(6.0, "sigma", "common height offset of surveys that is reported", SIMULATED)
     few_points_gain: float = threshold(

@@ -34,15 +34,15 @@ class PLACEMENT:
         0.01, "px", "curvature of rays beyond which the order of RPC00A is tested", "60 vendor RPCs of 12 sensors: "
         "medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25"
     )  # fmt: skip
-    straight_share: float = threshold(0.05, "", "… and share that must remain in the right order")
+    straight_share: float = threshold(0.05, "", "largest remaining share of it in the right order")
     several_points: int = threshold(4, "points", "fewest points or heights that are tested together")
     range_slack: float = threshold(0.1, "", "tolerance of the RPC's height range, relative to it")
     range_slack_m: float = threshold(50.0, "m", "… in metres; the larger of the two applies")
     height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM covers without a message")
-    coverage_grid: int = threshold(5, "points", "along each side of an image, at which the DEM is read")
+    coverage_grid: int = threshold(5, "points", "points along each side of an image, at which the DEM is read")
     copied_height_m: float = threshold(1e-3, "m", "smallest difference of surveyed heights not read from the DEM")
-    dem_difference_m: float = threshold(20.0, "m", "median height difference from the DEM without a message")
+    dem_difference_m: float = threshold(20.0, "m", "largest median height difference from the DEM without a message")
 
 
 #: Position in the order of RPC00A of each term of RPC00B.

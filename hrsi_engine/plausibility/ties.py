@@ -44,9 +44,9 @@ class TIE_CHECK:
     off_share: float = threshold(0.05, "", "share of failing points from which a drift is estimated", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
     bulk_share: float = threshold(0.15, "", "share of a pair's points in the shortest interval around its mode")
-    bulk_sigmas: float = threshold(8.0, "sigma", "largest mode by the errors of the RPCs", SIMULATED)
+    bulk_sigmas: float = threshold(8.0, "sigma", "largest mode of ray distances by errors of the RPCs", SIMULATED)
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
-    unusable_share: float = threshold(0.37, "", "share of wrong measurements that is unusable", SIMULATED)
+    unusable_share: float = threshold(0.37, "", "share of wrong measurements of unusable tie points", SIMULATED)
     agreeing_share: float = threshold(0.5, "", "smallest share of agreeing points of a correct pair", SIMULATED)
     broken_share: float = threshold(0.25, "", "share of these below which the tie points are unusable", SIMULATED)
     cured_share: float = threshold(0.15, "", "largest share of wrong points that a correction leaves", SIMULATED)
@@ -54,7 +54,7 @@ class TIE_CHECK:
         3.0, "", "smallest ratio of wrong points before and after the correction of an input error", SIMULATED
     )
     fewest_cured: int = threshold(12, "points", "smallest number that is corrected by a named input error", SIMULATED)
-    most_suspects: int = threshold(6, "images", "images of which single input errors are tested")
+    most_suspects: int = threshold(6, "images", "largest number of images tested for input errors of their own")
 
 
 #: Input errors that tie points of one strip cannot distinguish (an image and its mirror image); the likelier first.

@@ -25,7 +25,7 @@ class WARNING:
     """Limits for outliers that are named in warnings."""
 
     most_named: int = threshold(6, "measurements", "largest number of measurements in one warning")
-    gross_sigmas: float = threshold(10.0, "sigma", "residual of a measurement that is named in a warning")
+    gross_sigmas: float = threshold(10.0, "sigma", "smallest residual of a measurement named in a warning")
 
 
 NO_ROWS = np.zeros(0, dtype=np.int64)

@@ -20,7 +20,7 @@ class STATISTIC:
     """Limits for residuals that are normalised, and for the lists in the report."""
 
     least_redundancy: float = threshold(0.02, "", "smallest redundancy number of a normalised residual")
-    coverage_cells: int = threshold(5, "cells", "for the coverage by tie points, along each side of an image")
+    coverage_cells: int = threshold(5, "cells", "cells for the coverage by tie points, along each side of an image")
     most_points: int = threshold(200, "points", "largest number of known points in the report")
 
 

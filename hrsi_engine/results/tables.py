@@ -28,7 +28,7 @@ from .residuals import Residuals
 class TABLE:
     """Limit for the length of result layers."""
 
-    most_image_residuals: int = threshold(1_000_000, "rows", "most of a layer (a row takes 200 bytes)")
+    most_image_residuals: int = threshold(1_000_000, "rows", "largest number of rows of a layer (each takes 200 bytes)")
 
 
 @dataclass(frozen=True, eq=False)

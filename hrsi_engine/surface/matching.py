@@ -36,7 +36,7 @@ _STEP_M = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
 class SURFACE_MATCHING:
     """Search, refinement and covariance of the match of points with a surface."""
 
-    fewest_points: int = threshold(30, "points", "fewest with a height of the surface for a match")
+    fewest_points: int = threshold(30, "points", "fewest points with a height of the surface for a match")
     coarse_points: int = threshold(700, "points", "largest number of points in the search")
     most_points: int = threshold(8000, "points", "largest number of points in the refinement")
     coarse_steps: int = threshold(20, "steps", "steps from the middle to the end of the search, at least 1/4 cell")
@@ -56,7 +56,7 @@ class SURFACE_MATCHING:
     even_sigmas: float = threshold(3.0, "sigma", "… added to the slope, in standard deviations")
     part_cells: float = threshold(12.0, "cells", "smallest side of the parts of the ground with independent errors …")
     part_points: float = threshold(8.0, "points", "… and smallest mean number of points in them")
-    noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less at 3", "GLO-30: exp(-d / 300 m)")
+    noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less that at 3", "GLO-30: exp(-d / 300 m)")
     least_relief: float = threshold(0.03, "", "smallest share of the slopes' squares that is not noise")
     known_share: float = threshold(0.6, "", "smallest share of points with heights at a displacement")
     fewest_cells: int = threshold(12, "cells", "fewest groups of points for a covariance")

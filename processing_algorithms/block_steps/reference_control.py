@@ -27,7 +27,7 @@ from .inputs import read_block as read_files
 class REFERENCE_SIGMA:
     """Default standard deviation of a reference orthoimage."""
 
-    pixels: float = threshold(2.0, "px", "standard deviation in its pixels, at most that of satellites")
+    pixels: float = threshold(2.0, "px", "standard deviation in its pixels, at most that of satellite images")
     satellite_m: float = threshold(
         5.0, "m", "standard deviation of free satellite orthoimages (minimum)", "Sentinel-2: 12.5 m for 95 %; Landsat: "
         "12 m CE90"

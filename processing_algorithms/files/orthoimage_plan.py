@@ -48,7 +48,7 @@ class ORTHO_GRID:
     largest_ratio: float = threshold(
         200.0, "", "largest ratio of the pixel sizes of orthoimages and images, or inverse (else wrong unit)"
     )
-    nodes: int = threshold(21, "nodes", "along each side of an extent that is transformed")
+    nodes: int = threshold(21, "nodes", "nodes along each side of an extent that is transformed")
     notable_height_m: float = threshold(10.0, "m", "height difference whose displacement a warning states")
 
 

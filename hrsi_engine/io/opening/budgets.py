@@ -110,8 +110,8 @@ class RASTER_BUDGETS:
 class GROUND_HEIGHTS:
     """Range of the heights of the ground; heights outside it are refused."""
 
-    lowest_m: float = threshold(-12_000.0, "m", "lowest height", "deepest trench, and a datum's error")
-    highest_m: float = threshold(9_000.0, "m", "greatest height", "highest mountain, and a datum's error")
+    lowest_m: float = threshold(-12_000.0, "m", "lowest height of the ground", "deepest trench, and a datum's error")
+    highest_m: float = threshold(9_000.0, "m", "greatest height of the ground", "highest mountain, and a datum's error")
     no_data_m: float = threshold(
         -9999.0, "m", "height that means nodata in files that do not declare it", "images show no ground as deep as "
         "this"

@@ -41,7 +41,7 @@ class COARSE:
     contrast_gain: float = threshold(1.5, "", "factor by which another contrast must have more matches", _CONTRASTS)
     fewest: int = threshold(10, "matches", "smallest number of consistent matches of a pair")
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")
-    nodes: int = threshold(24, "nodes", "along an image's longer side in the grid of heights")
+    nodes: int = threshold(24, "nodes", "nodes along an image's longer side in the grid of heights")
     neighbours: int = threshold(7, "matches", "number of matches for the median height of a node")
     floor_px: float = threshold(1.0, "px of the overview", "smallest standard deviation of a match")
     safety: float = threshold(3.0, "sigma", "half width of the full-resolution search in sigmas")

@@ -37,7 +37,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import EPIPOLAR, EpipolarDeviation, compute_epipolar_deviation
 
-_RELIEF = "simulated pairs on relief, off along their lines, 2026-11-22 (docs/tie_sigmas.md)"
+_RELIEF = "simulated pairs on relief, errors along epipolar lines, 2026-11-22 (docs/tie_sigmas.md)"
 _KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22"
 _CLIFFS = "simulated cliffs, clouds, water, bands: nearly all false, 1 of 200 good; 2026-11-22"
 

@@ -35,7 +35,7 @@ class LINKS:
     """Conditions for a reliable link (pair of matched images)."""
 
     near_px: float = threshold(40.0, "px", "largest distance of a predicted point from the third link's matches")
-    neighbours: int = threshold(5, "matches", "of the third link, for the prediction of a point")
+    neighbours: int = threshold(5, "matches", "matches of the third link, for the prediction of a point")
     closure_px: float = threshold(3.0, "px", "largest median closure of a triangle of images, with relief", _YEAR)
     fewest_closures: int = threshold(8, "points", "fewest common points of a triangle that is tested")
     weak_matches: int = threshold(16, "matches", "matches of a link below which other links are preferred", _YEAR)

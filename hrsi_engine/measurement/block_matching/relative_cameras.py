@@ -40,8 +40,8 @@ class CAMERAS:
     margin_px: float = threshold(2.0, "px", "smallest half width of a search", "Pléiades, Kahramanmaras, 2026-11-22")
     safety: float = threshold(3.0, "sigma", "factor of the standard deviations in the half width")
     widest_px: float = threshold(24.0, "px", "largest half width for an image without matches")
-    neighbours: int = threshold(5, "points", "number whose median is the height of the ground")
-    sampled: int = threshold(16, "points", "of a pair, from which mean derivatives are computed")
+    neighbours: int = threshold(5, "points", "number of points whose median is the ground's height")
+    sampled: int = threshold(16, "points", "points of a pair, from which mean derivatives are computed")
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from ..tile_matching.types import ImageTile, TilePairGeometry
 class TIE_WINDOWS:
     """Sizes of the windows of an image and its partners, and limits for matching them."""
 
-    height_safety: float = threshold(3.0, "sigma", "half range of the heights in a search")
+    height_safety: float = threshold(3.0, "sigma", "half range of the heights in a search, in sigmas")
     strip_lines: int = threshold(1024, "lines", "lines read together from an image without overviews")
     full_px: int = threshold(2048, "px", "longer side up to which an image is matched everywhere")
     full_window_px: int = threshold(512, "px", "side of the windows of images matched everywhere")
@@ -29,7 +29,7 @@ class TIE_WINDOWS:
     side_px: int = threshold(64, "px", "smallest side of a window's part in a partner image")
     fewest_common: int = threshold(3, "points", "fewest for the difference in apparent height between two partners")
     miss_px: float = threshold(1e-3, "px", "largest error of a cubic that replaces the RPCs")
-    height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "margin of its heights: a step of the line")
+    height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "margin of the cubic's heights: line's step")
 
 
 class ImageWindow(NamedTuple):

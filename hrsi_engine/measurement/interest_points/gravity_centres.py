@@ -33,13 +33,13 @@ class CENTRE:
     box_margin_px: float = threshold(1.5, "px", "margin of that grid around the shape, for its blurred edge")
     surroundings_px: float = threshold(2.5, "px", "distance from the edge at which the grey value outside is taken")
     same_outline_px: float = threshold(0.75, "px", "largest distance of the centres of equal outlines")
-    same_log_radius: float = threshold(0.06, "", "largest difference of the log of their mean radii")
+    same_log_radius: float = threshold(0.06, "", "largest difference of the logs of the mean radii of equal outlines")
     same_centre: float = threshold(0.1, "", "largest distance of the centres of one object over its diameter")
     object_margin_px: int = threshold(24, "px", "margin of a window beyond half of the largest object")
-    full_support: int = threshold(4, "regions", "regions with one outline at which support scores 1", SIMULATED_OBJECTS)
-    full_contrast: float = threshold(8.0, "sigma", "contrast at which it is scored 1", SIMULATED_OBJECTS)
+    full_support: int = threshold(4, "regions", "number of regions with one outline for score 1", SIMULATED_OBJECTS)
+    full_contrast: float = threshold(8.0, "sigma", "contrast for a score of 1", SIMULATED_OBJECTS)
     zero_sigma_px: float = threshold(0.25, "px", "sigma of the centre for a score of 0", SIMULATED_OBJECTS)
-    zero_closed: float = threshold(0.65, "", "share of closed outline at which it scores 0", SIMULATED_OBJECTS)
+    zero_closed: float = threshold(0.65, "", "share of closed outline for a score of 0", SIMULATED_OBJECTS)
     strong_quality: float = threshold(0.75, "", "quality of an object that is certain", SIMULATED_OBJECTS)
 
 

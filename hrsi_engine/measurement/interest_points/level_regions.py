@@ -36,16 +36,16 @@ class REGION:
     smoothing_px: float = threshold(0.7, "px", "standard deviation of the smoothing filter")
     level_step: float = threshold(0.05, "sigma", "difference of the 256 grey levels, in local standard deviations")
     stable_steps: int = threshold(4, "levels", "difference of the levels compared", SIMULATED_OBJECTS)
-    largest_change: float = threshold(0.7, "", "largest relative change of the area over it", SIMULATED_OBJECTS)
+    largest_change: float = threshold(0.7, "", "largest relative change of area between them", SIMULATED_OBJECTS)
     even_stable_steps: int = threshold(
         16, "levels", "difference of the compared gradient levels (even regions)", SIMULATED_OBJECTS
     )
-    even_largest_change: float = threshold(1.0, "", "largest relative change of the area over it", SIMULATED_OBJECTS)
+    even_largest_change: float = threshold(1.0, "", "largest relative change of area between them", SIMULATED_OBJECTS)
     half_slope: float = threshold(0.5, "sigma/px", "gradient at half of the gradient levels")
     even_inset_px: float = threshold(1.5, "px", "distance of an even region's border from its edge")
-    smallest_at_scale_px: int = threshold(12, "px", "smallest side in reduced pixels")
+    smallest_at_scale_px: int = threshold(12, "px", "smallest side of a region in reduced pixels")
     fewest_pixels: int = threshold(12, "px", "smallest area of a region")
-    compactness: float = threshold(0.86, "", "area over that of its inertial ellipse", SIMULATED_OBJECTS)
+    compactness: float = threshold(0.86, "", "smallest area over that of the inertial ellipse", SIMULATED_OBJECTS)
     largest_elongation: float = threshold(4.0, "", "largest ratio of the axes; longer regions are roads and shadows")
 
 

@@ -28,7 +28,7 @@ class REFERENCE_CHECKS:
     """Limits for the differences of a reference from RPCs and surveyed GCPs, and within itself."""
 
     limit: float = threshold(3.5, "sigma", "largest offset without a warning", "normal, in the plane: 0.2 %")
-    far: float = threshold(1.3, "", "… and times that limit with certainty", "normal, in the plane: 1 of 25 000")
+    far: float = threshold(1.3, "", "factor of this limit for a certain offset", "normal, in the plane: 1 of 25 000")
     unknown_bias_m: float = threshold(15.0, "m", "a priori error of a coordinate by an RPC without ERR_BIAS")
     parts: int = threshold(3, "parts", "parts of the area along each side")
     fewest_places: int = threshold(4, "places", "fewest places of an image in a part that is tested")

@@ -29,7 +29,7 @@ class LINES:
     slope_to_noise: float = threshold(5.0, "sigma", "smallest gradient of an edge point over its noise")
     weakest_share: float = threshold(0.15, "", "… and over the largest gradient of the window")
     line_distance_px: float = threshold(0.8, "px", "largest distance of an edge point from its line")
-    direction_deg: float = threshold(20.0, "°", "largest difference of its gradient's direction")
+    direction_deg: float = threshold(20.0, "°", "largest angle of its gradient to the normal of the line")
     largest_gap_px: float = threshold(2.5, "px", "largest gap between the points of a straight edge")
 
 

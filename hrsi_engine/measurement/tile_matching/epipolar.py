@@ -29,7 +29,7 @@ class EPIPOLAR:
     ratio: float = threshold(0.8, "", "largest ratio of the distances to the two nearest descriptors", "Lowe 2004")
     batch: int = threshold(2048, "descriptors", "number of descriptors compared together (memory)")
     mode_px: float = threshold(3.0, "px", "range of the offsets of correct matches across epipolar lines")
-    neighbours: int = threshold(12, "matches", "number from which the median parallax is taken")
+    neighbours: int = threshold(12, "matches", "number of matches from which the median parallax is taken")
     fewest: int = threshold(6, "matches", "fewest matches for a constant offset of two RPCs")
     fewest_for_plane: int = threshold(30, "matches", "fewest matches for an offset linear in position")
     jump_px: float = threshold(8.0, "px", "largest deviation from that median: buildings, trees")

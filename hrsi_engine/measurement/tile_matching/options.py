@@ -9,7 +9,7 @@ from ...foundation.thresholds import threshold, thresholds
 class TILE_MATCH:
     """Selection of the interest points of a window, their search, and acceptance of matches."""
 
-    expected_sigma_px: float = threshold(0.1, "px", "largest expected sigma of a match of a point")
+    expected_sigma_px: float = threshold(0.1, "px", "largest expected sigma of the match of a selected point")
     weakest_corner: float = threshold(0.02, "", "smallest strength of a corner over the median one")
     edge_px: int = threshold(4, "px", "smallest distance of points from the edge of the tile (filters)")
     cells: int = threshold(16, "cells", "cells along each side, with equal numbers of points")
@@ -23,7 +23,7 @@ class TILE_MATCH:
     fewest_trial: int = threshold(20, "matches", "smallest number of matches for the choice of a band")
     inner: float = threshold(2.0 / 3.0, "", "smaller window of the second matching, relative to the first")
     change_weight: float = threshold(
-        0.35, "", "weight of the shift between both", "errors of simulated pairs, 2026-11-21"
+        0.35, "", "weight of the shift between both in the sigma of a match", "errors of simulated pairs, 2026-11-21"
     )
     half_quality_px: float = threshold(0.1, "px", "standard deviation at which quality is one half")
     normalised: float = threshold(4.0, "sigma", "largest error of a match across its epipolar line")

@@ -25,7 +25,7 @@ class SIFT:
     """Parameters of SIFT (Lowe 2004), with the values of OpenCV."""
 
     layers: int = threshold(3, "scales", "scales of an octave", _LOWE)
-    first_sigma_px: float = threshold(1.6, "px", "Gaussian of the first scale", _LOWE)
+    first_sigma_px: float = threshold(1.6, "px", "sigma of the Gaussian of the first scale", _LOWE)
     image_sigma_px: float = threshold(0.5, "px", "assumed blur of the image (Gaussian)", _LOWE)
     edge_ratio: float = threshold(10.0, "", "largest ratio of principal curvatures (a larger one is an edge)", _LOWE)
     border_px: int = threshold(5, "px", "border of an octave without features", "OpenCV")

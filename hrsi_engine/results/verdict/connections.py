@@ -22,7 +22,7 @@ class CONNECTION:
     most_wrong: float = threshold(0.4, "", "share of wrong tie measurements beyond which a block is unusable")
     left_out_share: float = threshold(0.5, "", "share of an image's rejected tie measurements that is reported")
     fewest_ties: int = threshold(
-        4, "points", "fewest of an image without GCPs: two determine its shift, two more reveal an error"
+        4, "points", "fewest tie points of an image without GCPs: two determine its shift, two reveal an error"
     )
     fewest_of_pair: int = threshold(8, "points", "fewest common points of two images that are tested")
     kept_share: float = threshold(0.5, "", "share of a pair's accepted points below which it is reported")

@@ -28,29 +28,29 @@ from .significance import SIGNIFICANCE, SOUND_BLOCKS, compute_chi_square_limit, 
 class GroundTruthThresholds:
     """Limits for GCPs, check points and heights that contradict the block."""
 
-    doubtful_misfit: float = threshold(3.5, "", "RMS misfit over the expected one that is reported", SOUND_BLOCKS)
+    doubtful_misfit: float = threshold(3.5, "", "smallest reported RMS misfit over the expected one", SOUND_BLOCKS)
     unusable_misfit: float = threshold(7.0, "", "RMS misfit at which a block is unusable", SOUND_BLOCKS)
     unusable_error: float = threshold(10.0, "", "RMS error of check points over prediction, if unusable", SOUND_BLOCKS)
     few_laser: int = threshold(
         10, "points", "number below which laser points that alone determine the height are reported", SOUND_BLOCKS
     )
     few_laser_share: float = threshold(0.1, "", "… if also less than this share of their file", SOUND_BLOCKS)
-    height_scatter: float = threshold(2.0, "", "scatter of heights over the stated one, if reported", SOUND_BLOCKS)
+    height_scatter: float = threshold(2.0, "", "smallest reported scatter of heights over the stated", SOUND_BLOCKS)
     height_scatter_m: float = threshold(5.0, "m", "… and if their RMSE in metres exceeds this", SOUND_BLOCKS)
-    outvoted_share: float = threshold(0.5, "", "share of GCPs that contradict other heights, if unusable")
-    doubtful_parts: float = threshold(0.1, "", "share of a source in parts that contradict the others, if reported")
+    outvoted_share: float = threshold(0.5, "", "share of GCPs that contradict other heights: block unusable")
+    doubtful_parts: float = threshold(0.1, "", "smallest reported share of a source in contradicting parts")
     unusable_parts: float = threshold(0.25, "", "… beyond which, without GCPs, the others may be wrong")
     canopy_m: float = threshold(3.0, "m", "height difference of laser points on the ground from canopy", SOUND_BLOCKS)
     fewest_lower: int = threshold(10, "points", "fewest lower laser points that are reported", SOUND_BLOCKS)
     lower_share: float = threshold(0.1, "", "… and smallest share of them (the larger applies)", SOUND_BLOCKS)
     largest_condition: float = threshold(1e12, "", "largest condition number of normals of intersecting rays")
     outlier_ratio: float = threshold(4.0, "", "misfit of a wrong GCP over the RMS of the largest field", SOUND_BLOCKS)
-    single_error: float = threshold(3.0, "", "error of one check point over the others', if reported", SOUND_BLOCKS)
+    single_error: float = threshold(3.0, "", "reported error of one check point over the others'", SOUND_BLOCKS)
     wrong_share: float = threshold(0.3, "", "share of rejected GCPs beyond which the others may be wrong")
     fewest_agreeing: int = threshold(3, "points", "fewest check points whose agreement is tested")
     agreeing_error: float = threshold(2.0, "", "RMS error over prediction of check points that agree")
     large_scatter: float = threshold(2.7, "", "reported robust scatter along an axis over the predicted", SOUND_BLOCKS)
-    most_independent: int = threshold(5, "points", "most with independent unmodelled camera errors", SOUND_BLOCKS)
+    most_independent: int = threshold(5, "points", "largest number of independent camera errors", SOUND_BLOCKS)
     fewest_rest: int = threshold(3, "points", "fewest accepted GCPs besides rejected ones (a plane)")
     ambiguous_sigmas: float = threshold(10.0, "sigma", "contradiction that makes a block unusable", SOUND_BLOCKS)
 

@@ -17,15 +17,15 @@ class SOLUTION:
     """Limits beyond which the solution of an adjustment is not reliable."""
 
     settled_sigmas: float = threshold(1.0, "sigma", "change by another iteration from which a block is unusable")
-    doubtful_residuals: float = threshold(3.0, "", "residuals over noise and camera errors, if reported", SOUND_BLOCKS)
+    doubtful_residuals: float = threshold(3.0, "", "smallest reported residuals over noise and camera", SOUND_BLOCKS)
     unusable_residuals: float = threshold(10.0, "", "… at which a block is unusable", SOUND_BLOCKS)
-    implausible_factor: float = threshold(2.5, "", "residuals over stated sigmas of a group, if reported", SOUND_BLOCKS)
-    implausible_sigma0: float = threshold(2.0, "", "sigma0 after the estimation of sigmas, if reported", SOUND_BLOCKS)
-    doubtful_sigmas: float = threshold(5.0, "sigma", "correction in prior sigmas, if reported", SOUND_BLOCKS)
+    implausible_factor: float = threshold(2.5, "", "smallest reported residuals over a group's sigmas", SOUND_BLOCKS)
+    implausible_sigma0: float = threshold(2.0, "", "smallest reported sigma0 after the estimates", SOUND_BLOCKS)
+    doubtful_sigmas: float = threshold(5.0, "sigma", "smallest reported correction, in prior sigmas", SOUND_BLOCKS)
     unusable_sigmas: float = threshold(15.0, "sigma", "… beyond which a block is unusable", SOUND_BLOCKS)
     granted_shift_px: float = threshold(20.0, "px", "smallest prior sigma of a shift in this test", SOUND_BLOCKS)
     granted_drift: float = threshold(2e-4, "px/px", "smallest prior sigma of a drift in this test", SOUND_BLOCKS)
-    showing_gcps: int = threshold(3, "GCPs", "fewest of a part that show an affine deformation of its ground")
+    showing_gcps: int = threshold(3, "GCPs", "fewest GCPs of a part that show an affine deformation of its ground")
     implausible_drift: float = threshold(
         5.0, "sigma", "largest drift of an image that no GCPs confirm, in a priori sigmas of its sensor", SOUND_BLOCKS
     )
