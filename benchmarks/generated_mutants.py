@@ -1,12 +1,13 @@
 """Do the tests notice a slip anywhere in the product? Faults are made by `mutant_operators` and drawn by a seed.
 
     python benchmarks/generated_mutants.py collect [TEST ...]      which quick tests run which line (needs coverage)
-    python benchmarks/generated_mutants.py run [--count 300] [--seed 1] [--minutes 60] [--docs]
+    python benchmarks/generated_mutants.py run [--count 300] [--seed 2] [--minutes 60] [--docs]
     python benchmarks/generated_mutants.py since [WORD ...]        survivors that a named test is said to notice by now
 
-`collect` writes ``build/mutants/lines.json``; `run` tries each mutant with the tests that run its line, those first
-that take least time, and stops at the first that fails; its results go to ``build/mutants/results.json``. A later run
-tries what is new, and with ``--again`` the survivors, with the tests as they are now.
+`collect` writes ``build/mutants/lines.json``; `run` tries each mutant with the tests that run its line, those of the
+oracle first, then those that take least time. It stops at the first that fails, or where all numbers of all outputs of
+the oracle are those without the mutant; its results go to ``build/mutants/results.json``. A later run tries what is
+new, and with ``--again`` the survivors, with the tests as they are now.
 A mutant is never written to a file: it is put in place of its module as that is imported, in a process of its own.
 ``benchmarks/mutants_sorted_out.toml`` names survivors that change no output (``mutants``), each with the reason, and
 says of others (``survivors``) why no test notices them; these count as survivors. Of survivors of a past state it names
@@ -17,6 +18,8 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
+import importlib
 import importlib.machinery
 import json
 import os
@@ -28,7 +31,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import CodeType
 
@@ -44,8 +47,8 @@ from independent_formulas import leaves
 FOLDER = ROOT / "build" / "mutants"
 LINES, RESULTS, OUTPUTS = FOLDER / "lines.json", FOLDER / "results.json", FOLDER / "outputs.json"
 SORTED_OUT = Path(__file__).with_name("mutants_sorted_out.toml")
-#: Markers of tests that are left to `make test-all`.
-LONG = next(iter(re.findall(r"^LONG := (.+)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)))
+#: Markers of tests that are left to `make test-all`; those of the oracle are run with the others here.
+LONG = set(re.search(r"^LONG := (.+)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)[1].split(" or "))
 PYTEST = ["-p", "no:pytest_qgis", "-p", "no:cacheprovider", "-q", "--no-header", "--tb=no", "--rootdir", str(ROOT)]
 #: What makes no number of an output: how work is shared out, pictures, pages, locks, what a command line looks like.
 WITHOUT_NUMBERS = (
@@ -59,7 +62,7 @@ OF_RUN = re.compile(r"versions\.|options\.|settings\.|seconds\.|inputs|.*(second
 ORACLE = "tests/oracle/"
 #: Seconds of other tests that one mutant may take, as they took without it; and of the processor, after which tests
 #: that take less than half of it are taken as hanging.
-MOST_SECONDS, MOST_CPU = 12.0, 90
+MOST_SECONDS, MOST_CPU = 40.0, 120
 
 
 # ---- which tests run which line --------------------------------------------------------------------------------------
@@ -70,6 +73,12 @@ class Recorder:
 
     def __init__(self, coverage) -> None:
         self.coverage, self.tests = coverage, {}
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = [
+            item for item in items
+            if item.nodeid.startswith(ORACLE) or LONG.isdisjoint(mark.name for mark in item.iter_markers())
+        ]  # fmt: skip
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self.tests[nodeid] = {"setup": 0.0, "call": 0.0, "teardown": 0.0, "passed": True}
@@ -85,7 +94,7 @@ class Recorder:
 
 
 def collect(tests: list[str]) -> int:
-    """Run the quick tests once and write which lines of the product each of them runs."""
+    """Run the quick tests and all of the oracle once and write which lines of the product each of them runs."""
     import coverage
 
     found = coverage.Coverage(
@@ -95,7 +104,7 @@ def collect(tests: list[str]) -> int:
     recorder = Recorder(found)
     where = tests or [str(ROOT / "tests")]
     ignored = [f"--ignore={ROOT / 'tests' / name}" for name in ("qgis", "desktop", "qt6", "test_structure.py")]
-    pytest.main([*PYTEST, "-m", f"not ({LONG})", *ignored, *where], plugins=[recorder])
+    pytest.main([*PYTEST, *ignored, *where], plugins=[recorder])
     found.stop()
     data, lines = found.get_data(), {}
     for file in sorted(data.measured_files()):
@@ -121,32 +130,27 @@ def collect(tests: list[str]) -> int:
 
 
 def tests_of(known: dict, file: str, line: int) -> list[str]:
-    """Return the tests that run a line: cheap files first, until `MOST_SECONDS` are spent."""
-    by_file = collections.defaultdict(set)
+    """Return the tests that run a line: those of the oracle, then the others, cheap ones first."""
     tests, contexts = known["tests"], known["lines"].get(file, {}).get(str(line), [])
-    shared = collections.defaultdict(float)
     of_file = collections.defaultdict(list)
     for name, entry in tests.items():
-        where = name.split("::")[0]
-        shared[where] = max(shared[where], entry["setup"])
         if entry["passed"]:
-            of_file[where].append(name)
+            of_file[name.split("::")[0]].append(name)
+    found = set()
     for context in contexts:
         name, phase = context.rsplit("|", 1)
-        where = name.split("::")[0]
         if phase == "setup" and tests[name]["setup"] > 0.2:  # made once for all tests of the file
-            by_file[where].update(of_file[where])
+            found.update(of_file[name.split("::")[0]])
         elif tests[name]["passed"]:
-            by_file[where].add(name)
-    costs = {where: shared[where] + sum(tests[name]["call"] for name in names) for where, names in by_file.items()}
-    chosen, spent = [], 0.0
-    for where in sorted(costs, key=lambda where: (where.startswith(ORACLE), costs[where], where)):
-        spent += shared[where]
-        for name in sorted(by_file[where], key=lambda name: (tests[name]["call"], name)):
-            spent += tests[name]["call"]
-            if spent <= MOST_SECONDS or where.startswith(ORACLE):
-                chosen.append(name)
-    return chosen
+            found.add(name)
+    oracle, others, spent = [], [], 0.0
+    for name in sorted(found, key=lambda name: (tests[name]["setup"] + tests[name]["call"], name)):
+        if name.startswith(ORACLE):
+            oracle.append(name)
+        elif spent <= MOST_SECONDS:
+            others.append(name)
+            spent += tests[name]["setup"] + tests[name]["call"]
+    return [*oracle, *others]
 
 
 #: Name, file, fault (None: the product as it is) and tests.
@@ -169,8 +173,12 @@ def module_of(file: str) -> str:
     return parts[1] if parts[0] == "hrsi_engine" else parts[0]
 
 
-def drawn(known: dict, seed: int, count: int) -> list[tuple[str, Fault]]:
-    """Return mutants by a seed: each part of the product by the root of its faults, so that none is left out."""
+def drawn(known: dict, seed: int, count: int, before: set[str]) -> list[tuple[str, Fault]]:
+    """Return mutants by a seed: each part of the product by the root of its faults, so that none is left out.
+
+    before : names of mutants of other seeds, which are not drawn again; their lines may have been others
+    """
+    tried = {without_place(name) for name in before}
     faults = collections.defaultdict(list)
     for file in product_files():
         run_by = {
@@ -179,7 +187,10 @@ def drawn(known: dict, seed: int, count: int) -> list[tuple[str, Fault]]:
         }  # fmt: skip
         if run_by:
             found = list_faults((ROOT / file).read_text(encoding="utf-8"))
-            faults[module_of(file)] += [(file, fault) for fault in found if fault.line in run_by]
+            faults[module_of(file)] += [
+                (file, fault) for fault in found
+                if fault.line in run_by and without_place(name_of(file, fault)) not in tried
+            ]  # fmt: skip
     weights = {part: len(found) ** 0.5 for part, found in faults.items()}
     chosen = []
     for part in sorted(faults):
@@ -191,6 +202,11 @@ def drawn(known: dict, seed: int, count: int) -> list[tuple[str, Fault]]:
 
 def name_of(file: str, fault: Fault) -> str:
     return f"{file}:{fault.line}:{fault.column} {fault.kind}: {fault.before} -> {fault.after}"
+
+
+def without_place(name: str) -> str:
+    """Return the name of a mutant without line and column, which other changes of its file move."""
+    return re.sub(r":\d+:\d+ ", " ", name, count=1)
 
 
 def numbers_of(folder: Path, of: set[str] | None = None) -> dict[str, list[float]]:
@@ -239,10 +255,19 @@ def are_the_same(found: dict[str, list[float]], right: dict[str, list[float]]) -
 
 
 class FirstFailure:
-    """A plugin of pytest that keeps which test failed first."""
+    """A plugin of pytest that keeps which test failed first, and ends where the oracle's outputs are all the same.
 
-    def __init__(self) -> None:
-        self.name = ""
+    tests : in the order in which they run
+    is_same : tells whether all numbers in the outputs that are there are those without the mutant
+    """
+
+    def __init__(self, tests: list[str], is_same: Callable[[], bool]) -> None:
+        self.order, self.is_same = {name: place for place, name in enumerate(tests)}, is_same
+        self.name, self.same, self.left = "", None, sum(name.startswith(ORACLE) for name in tests)
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items.sort(key=lambda item: self.order.get(item.nodeid, len(self.order)))
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed and not self.name:
@@ -251,6 +276,16 @@ class FirstFailure:
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         if report.failed and not self.name:
             self.name = report.nodeid
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        done = yield
+        self.left -= item.nodeid.startswith(ORACLE)
+        if item.nodeid.startswith(ORACLE) and not self.left and not self.name:
+            self.same = self.is_same()
+            if self.same:
+                item.session.shouldstop = SAME
+        return done
 
 
 def put_in_place(file: str, code: CodeType) -> None:
@@ -274,15 +309,19 @@ def try_in_child(file: str, fault: Fault | None, tests: list[str], answer: int) 
     if fault is not None:
         source = (ROOT / file).read_text(encoding="utf-8")
         put_in_place(file, compile(with_fault(source, fault), str(ROOT / file), "exec"))
-    failure = FirstFailure()
-    code = pytest.main([*PYTEST, "-x", "--basetemp", f"/tmp/mutant-{os.getpid()}", *tests], plugins=[failure])
-    told = failure.name or ("" if code == 0 else f"pytest ends with {int(code)}")
     outputs = Path(f"/tmp/mutant-{os.getpid()}")
+
+    def is_same() -> bool:
+        if fault is None or not OUTPUTS.exists():
+            return False
+        right = json.loads(OUTPUTS.read_text())
+        return are_the_same(numbers_of(outputs, {name.split("/")[0] for name in right}), right)
+
+    failure = FirstFailure(tests, is_same)
+    code = pytest.main([*PYTEST, "-x", "--basetemp", str(outputs), *tests], plugins=[failure])
+    told = failure.name or (SAME if failure.same else "" if code == 0 else f"pytest ends with {int(code)}")
     if fault is None and not OUTPUTS.exists():
         OUTPUTS.write_text(json.dumps(numbers_of(outputs)))
-    elif fault is not None and not told and OUTPUTS.exists():
-        right = json.loads(OUTPUTS.read_text())
-        told = SAME if are_the_same(numbers_of(outputs, {name.split("/")[0] for name in right}), right) else ""
     os.write(answer, told.encode())
 
 
@@ -329,18 +368,23 @@ def run_all(jobs: list[Job], processes: int, done: Callable[[str, str, float], N
 
 
 def load_heavy() -> None:
-    """Import what all tests need, once, so that the processes of the mutants share it; nothing of the product."""
-    import cv2  # noqa: F401
-    import hypothesis  # noqa: F401
-    import pyproj  # noqa: F401
-    import scipy.interpolate
-    import scipy.ndimage
-    import scipy.optimize
-    import scipy.sparse.linalg
-    import scipy.spatial
-    import scipy.stats  # noqa: F401
-    import shapely  # noqa: F401
-    from osgeo import gdal, ogr, osr  # noqa: F401
+    """Import what tests and product import, once, so that the processes of the mutants share it; nothing of HRSI."""
+    import hypothesis.strategies  # noqa: F401
+
+    modules = [
+        ".".join(["hrsi", *Path(file).with_suffix("").parts]).removesuffix(".__init__") for file in product_files()
+    ]
+    words = f"""
+import contextlib, importlib, sys
+for name in {modules}:
+    with contextlib.suppress(ImportError):
+        importlib.import_module(name)
+print(*(name for name in sys.modules if name.split(".")[0] not in ("hrsi", "__main__")))
+"""
+    found = subprocess.run([sys.executable, "-c", words], cwd=ROOT, capture_output=True, text=True, check=True)
+    for name in found.stdout.splitlines()[-1].split():
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -349,7 +393,9 @@ def run(options: argparse.Namespace) -> int:
     results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
     judged = tomllib.loads(SORTED_OUT.read_text()) if SORTED_OUT.exists() else {}
     reasons = judged.get("mutants", {})
-    mutants = {name_of(file, fault): (file, fault) for file, fault in drawn(known, options.seed, options.count)}
+    before = set(json.loads(options.without.read_text())) if options.without else set()
+    chosen = drawn(known, options.seed, options.count, before)
+    mutants = {name_of(file, fault): (file, fault) for file, fault in chosen}
     jobs = []
     for name, (file, fault) in mutants.items():
         if name in results and (results[name]["by"] or not options.again or name in reasons):
@@ -385,7 +431,10 @@ def run(options: argparse.Namespace) -> int:
     text, share = table(mutants, results, judged)
     print(text)
     if options.docs:
-        put_between(DOCS / "mutants.md", "mutants", text)
+        put_between(DOCS / "mutants.md", f"mutants of seed {options.seed}", text)
+        put_between(
+            DOCS / "mutants.md", "mutants of all seeds", sum_of((DOCS / "mutants.md").read_text(encoding="utf-8"))
+        )
     return 0 if share >= 0.95 else 1
 
 
@@ -438,6 +487,19 @@ def drop_false_alarms(results: dict[str, dict]) -> None:
             del results[name]
 
 
+def sum_of(page: str) -> str:
+    """Return the sum of all tables of a page."""
+    found = re.findall(r"^\| all \| ((?:\d+ \| )+)", page, re.MULTILINE)
+    tables = [dict(zip(KINDS, map(int, row.split("|")[:-1]), strict=True)) for row in found]
+    total = {key: sum(row[key] for row in tables) for key in KINDS}
+    counted = total["dies"] + total["since"] + total["survives"]
+    return (
+        f"Of {total['drawn']} mutants of {len(tables)} seeds {counted} change an output. Tests of the commit they were "
+        f"drawn on notice {total['dies']} ({100 * total['dies'] / counted:.1f} %); tests of today notice "
+        f"{total['dies'] + total['since']} ({100 - 100 * total['survives'] / counted:.1f} %)."
+    )
+
+
 KINDS = ("drawn", "same", "sorted out", "dies", "since", "survives")
 
 
@@ -481,7 +543,11 @@ def table(mutants: dict, results: dict, judged: dict) -> tuple[str, float]:
         "",
         "Noticed since, by:",
         "",
-        *(f"* `{name}`: `{since[name]['test']}`" for name in sorted(since) if not results.get(name, {"by": "-"})["by"]),
+        *(
+            f"* `{name}`: `{since[name]['test']}`"
+            for name in sorted(since)
+            if name in mutants and not results.get(name, {"by": "-"})["by"]
+        ),
     ]
     lines += [
         "",
@@ -503,7 +569,8 @@ def main(words: list[str]) -> int:
     steps.add_parser("collect").add_argument("tests", nargs="*")
     own = steps.add_parser("run")
     own.add_argument("--count", type=int, default=320)
-    own.add_argument("--seed", type=int, default=1)
+    own.add_argument("--seed", type=int, default=2)
+    own.add_argument("--without", type=Path, help="results of another seed; its mutants are not drawn again")
     own.add_argument("--processes", type=int, default=2)
     own.add_argument("--nice", type=int, default=10)
     own.add_argument("--minutes", type=float, default=float("inf"), help="then the table has what was tried")
