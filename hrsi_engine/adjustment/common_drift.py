@@ -38,7 +38,7 @@ class COMMON_DRIFT:
     """Limits for parts of a block with common drifts, and for image points with correlated errors."""
 
     most_cameras: int = threshold(
-        50, "cameras", "largest part whose common drift is estimated; the mean drift of more cameras needs no estimate"
+        50, "cameras", "largest part whose common drift is estimated; the mean drift of a larger one is known well"
     )
     patch_px: float = threshold(
         300.0, "px", "side of the cells within which image points have correlated matching errors", "Kahramanmaras, "

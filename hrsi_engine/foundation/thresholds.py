@@ -5,8 +5,8 @@ Each topic is declared once, in the module that uses it, as a constant (``LINKS.
     @thresholds
     class LINKS:
         ...  # docstring: conditions for links between images to be used
-        closure_px: float = threshold(3.0, "px", "largest median closure of a correct triangle", MANY_DATES)
-        fewest_closures: int = threshold(8, "points", "that a triangle needs, to be judged", JUDGEMENT)
+        closure_px: float = threshold(3.0, "px", "largest median closure of a triangle of images", MANY_DATES)
+        fewest_closures: int = threshold(8, "points", "fewest common points of a triangle that is tested", JUDGEMENT)
 
 ``docs/thresholds.md`` lists all of them (`scripts/list_thresholds.py`). Numbers of mathematical origin (a quantile, the
 coefficients of a formula) are not thresholds and are written where they are used.
@@ -26,7 +26,7 @@ def threshold(value: Value, unit: str, meaning: str, origin: str = JUDGEMENT) ->
     """Declare a threshold as a field of a class made by `thresholds`.
 
     unit : ``"px"``, ``"m"``, ``"sigma"``, ``"matches"``; empty for a ratio
-    meaning : what is compared with it, and what follows
+    meaning : the quantity in standard terms, as a noun phrase, and what happens beyond the value
     origin : a theory or publication, or the data and date by which it was tuned, or `JUDGEMENT`
     """
     return field(default=value, metadata={"unit": unit, "meaning": meaning, "origin": origin})
