@@ -10,7 +10,6 @@ used as ellipsoidal; about -N if the GCPs' are (or if the other source was conve
 """
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -109,7 +108,8 @@ def find_geoid(datum: str) -> Geoid:
 
 def find_substitute(datum: str) -> Geoid | None:
     """Return the finest installed geoid model as the substitute for a height datum; None if there is none."""
-    return next((Geoid(name, file, datum) for name, file in _find_installed_models()), None)
+    grids = ((name, file) for name, files in GEOID_GRIDS.items() for file in files)  # finest first
+    return next((Geoid(name, file, datum) for name, file in grids if _open_grid(file) is not None), None)
 
 
 def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
@@ -133,14 +133,6 @@ def how_to_get_grids(files: str = "us_nga_egm08_25.tif", is_geoid: bool = True) 
         f"run {commands} (into {pyproj.datadir.get_user_data_dir()}), set PROJ_NETWORK=ON, or copy the grid from "
         f"Debian's proj-data or QGIS's share/proj to {folder}{other}"
     )
-
-
-def _find_installed_models() -> Iterator[tuple[str, str]]:
-    """Yield name and file of each installed model, finest first."""
-    for name, files in GEOID_GRIDS.items():
-        for file in files:
-            if _open_grid(file) is not None:
-                yield name, file
 
 
 def _open_grid(file: str) -> pyproj.Transformer | None:

@@ -351,14 +351,8 @@ class ImageView(QWidget):
         if layer is None or extent.isEmpty():  # a new canvas has no extent, which is infinite in QGIS 3.40
             return
         step = max(extent.width(), 1.0) / 4.0  # after smaller moves the content is nearly equal
-        wanted = (
-            layer.id(),
-            band,
-            self.gamma.value(),
-            round(step),
-            round(extent.xMinimum() / step),
-            round(extent.yMinimum() / step),
-        )
+        place = round(step), round(extent.xMinimum() / step), round(extent.yMinimum() / step)
+        wanted = layer.id(), band, self.gamma.value(), *place
         if wanted == self._stretched:
             return
         self._stretched = wanted
