@@ -82,7 +82,7 @@ def test_orthoengine_gcps(tmp_path):
     with pytest.raises(InputError, match=r"gcps\.txt, line 1 .*'Q'"):
         read_points(f"{path}|columns=ID,P,L,X,Y,Z,S", image_ids=["img"], ground_crs="EPSG:4326")
     path.write_text("G1 1 2 8.5 47.4 400\nG2 1 2 8.5 47.4\n")
-    with pytest.raises(InputError, match=r"gcps\.txt, line 2: has not the 6 columns"):
+    with pytest.raises(InputError, match=r"gcps\.txt, line 2: has 5 columns, but 6 columns are named"):
         read_points(f"{path}|columns=ID,P,L,X,Y,Z", image_ids=["img"], ground_crs="EPSG:4326")
 
 
