@@ -2,7 +2,8 @@
 
 Most of the displacement of Sentinel-2 and similar images is the same for all of a scene; some changes from part to
 part, where a mosaic has its seams or the orbit was adjusted by itself, and the rest, by the heights of rectification,
-from place to place. The shares of the variance are 64, 16 and 20 %."""
+from place to place. The shares of the variance are 64, 16 and 20 %.
+"""
 
 from __future__ import annotations
 

@@ -4,7 +4,8 @@ A line of sight that reaches the ground at (E, N) passes (E, N) + h l at the hei
 metres per metre. So what reaches up to a height h is painted at the positions (E, N) + h l: its roof moves away from
 its foot as the view is oblique, and between them lie the walls. A shadow is the outline of what casts it, moved away
 from the sun by h cot(elevation); it takes away the direct light and leaves that of the sky. The terrain's own shadows
-are found by walking from the ground towards the sun."""
+are found by walking from the ground towards the sun.
+"""
 
 from __future__ import annotations
 
