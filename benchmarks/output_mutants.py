@@ -77,7 +77,7 @@ MUTANTS = (
     ),
     Mutant(
         "sigma0 dropped from the points' covariances", "adjustment/outcome.py",
-        "of_point * cofactors + by_drift", "cofactors + by_drift", TRUTH,
+        "of_point * precise.points + beside", "precise.points + beside", TRUTH,
     ),
     Mutant(
         "sigma0 dropped from the parameters of single images", "refinement/estimate.py",
@@ -106,7 +106,7 @@ MUTANTS = (
         "(weight > 0.0).sum(axis=1)", "tests/measurement/test_ellipse.py",
     ),
     Mutant(
-        "rivals from half of the misfit", "adjustment/blunders/control.py", "LIKE * best)", "0.5 * best)",
+        "rivals from half of the misfit", "adjustment/blunders/control.py", "GCP_TESTS.like * best)", "0.5 * best)",
         "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(
@@ -119,7 +119,8 @@ MUTANTS = (
     ),
     Mutant(
         "check points judged by the measurement and survey alone", "results/residuals.py",
-        "np.where(check[points, None, None], predicted, 0.0)", "0.0 * predicted", OUTLIERS,
+        "np.where(check[points, None, None], predicted, 0.0)", "0.0 * predicted",
+        "tests/oracle/test_adjustment.py -k positions_sigmas_and_residuals",
     ),
     Mutant(
         "drift that is not followed left out of the sigmas", "results/residuals.py",
@@ -149,7 +150,7 @@ MUTANTS = (
         "1.02 * float(np.hypot(*std))", PAGE + "chapter2",
     ),
     Mutant(
-        "2 %: prior of the direct methods", "laboratory/direct_methods.py", "threshold(20.0,", "threshold(20.4,",
+        "2 %: prior of the direct methods", "laboratory/direct_methods.py", '20.0, "px", "sys', '20.4, "px", "sys',
         PAGE + "thesis",
     ),
 )  # fmt: skip
