@@ -65,7 +65,7 @@ install_hrsi() {
     logged "$PYTHON" -m venv --clear --system-site-packages .venv
   fi
   say "installing HRSI and its Python packages into .venv ($LOG)"
-  logged .venv/bin/python -m pip install --disable-pip-version-check -c constraints.txt -e ".${EXTRA[$PURPOSE]}"
+  logged .venv/bin/python -m pip install --no-compile --disable-pip-version-check -c constraints.txt -e ".${EXTRA[$PURPOSE]}"
   fingerprint | tee ".venv/.hrsi-$PURPOSE" >.venv/.hrsi-run  # what serves the tests serves the command line too
 }
 

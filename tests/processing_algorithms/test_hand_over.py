@@ -61,6 +61,7 @@ def gdal_rpc(path: Path) -> dict[str, str]:
     return gdal.Open(str(path)).GetMetadata("RPC")
 
 
+@pytest.mark.thorough
 def test_images_without_jitter_are_handed_over_where_they_were_written(block):
     """Images that were copied have their jitter still: a warning says so."""
     made, result, folder = block / "made", block / "without_jitter", block / "s2p_without_jitter"

@@ -254,6 +254,7 @@ def test_memory_is_no_output_directory(folder: Path, capsys: pytest.CaptureFixtu
     assert "nothing would remain" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_jitter_of_images_in_place_lies_beside_them_and_goes_with_them(folder: Path, tmp_path: Path) -> None:
     names = [f"image_{number}" for number in (1, 2, 3)]
     before = digests(folder)
