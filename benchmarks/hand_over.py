@@ -22,6 +22,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -249,12 +251,19 @@ def main() -> None:
     parser.add_argument("--work", type=Path, help="folder of projects and results that are kept")
     parser.add_argument("--docs", action="store_true", help="put the table into docs/how-to/hand-over.md")
     options = parser.parse_args()
-    if options.work:
-        options.work.mkdir(parents=True, exist_ok=True)
-        compare(options.work.resolve(), options)
+    with open_work_folder(options.work) as work:
+        compare(work, options)
+
+
+@contextmanager
+def open_work_folder(kept: Path | None) -> Iterator[Path]:
+    """Give the folder of projects and results: one that is kept, else a temporary one."""
+    if kept:
+        kept.mkdir(parents=True, exist_ok=True)
+        yield kept.resolve()
         return
     with tempfile.TemporaryDirectory() as work:
-        compare(Path(work), options)
+        yield Path(work)
 
 
 def compare(work: Path, options: argparse.Namespace) -> None:

@@ -15,14 +15,13 @@ from __future__ import annotations
 import argparse
 import json
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from osgeo import gdal
 
-from hrsi.benchmarks.hand_over import WILD_M, heights_of, installed, nmad, read_end, typed
+from hrsi.benchmarks.hand_over import WILD_M, heights_of, installed, nmad, open_work_folder, read_end, typed
 from hrsi.benchmarks.jitter_found import PAGE, SIZE
 from hrsi.benchmarks.jitter_removed import fit_wave
 from hrsi.benchmarks.pages import put_between
@@ -81,12 +80,8 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--work", type=Path, help="folder of projects and results that are kept")
     parser.add_argument("--docs", action="store_true", help=f"write into {PAGE.name}")
     options = parser.parse_args(words)
-    if options.work:
-        options.work.mkdir(parents=True, exist_ok=True)
-        compare(options.work.resolve(), options)
-        return
-    with tempfile.TemporaryDirectory() as work:
-        compare(Path(work), options)
+    with open_work_folder(options.work) as work:
+        compare(work, options)
 
 
 def compare(work: Path, options: argparse.Namespace) -> None:

@@ -134,6 +134,8 @@ def split_sentences(text: Text) -> list[str]:
 
 def find_faults(text: Text, words: dict[str, str], pattern: re.Pattern[str]) -> Iterator[str]:
     """Yield the faults of a text, with the place."""
+    if text.is_note and not pattern.search(text.text):  # most are without fault
+        return
     flat = plain(text.text)
     for found in pattern.finditer(flat):
         if found[0].lower() in SPELLINGS and not found[0].islower():  # a name: Cloud Optimized GeoTIFF, a class

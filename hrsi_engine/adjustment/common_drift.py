@@ -20,7 +20,7 @@ times their cofactors.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -183,6 +183,14 @@ def find_common_drift(
         patches += len(np.unique(np.floor(xy / COMMON_DRIFT.patch_px), axis=0))
     points_per_error = max(points / max(patches, 1), 1.0)
     return CommonDrift(camera, own, sigma[own], basis, points_per_error, np.zeros((basis.shape[1], basis.shape[1])))
+
+
+def count_points_per_error(cameras: int, common: Sequence[CommonDrift]) -> np.ndarray:
+    """Return the factors of the cameras' priors for image points that share errors, ``(cameras,)``; 1 without."""
+    points_per_error = np.ones(cameras)
+    for one in common:
+        points_per_error[one.camera] = one.points_per_error
+    return points_per_error
 
 
 def _derive_fields(

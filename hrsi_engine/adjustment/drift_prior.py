@@ -22,7 +22,7 @@ import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
-from .common_drift import CommonDrift
+from .common_drift import CommonDrift, count_points_per_error
 from .gauss_newton import GaussNewton, Solution
 from .result import VarianceComponent
 
@@ -68,9 +68,7 @@ class DriftPrior:
     def __post_init__(self) -> None:
         # A drift without its own prior has that of an earlier adjustment
         self.free = self.model.drifts & np.isfinite(self.given) & (self.given > 0.0) & np.isfinite(self.prior_sigma)
-        self.points_per_error = np.ones((len(self.given), 1))
-        for one in self.common:
-            self.points_per_error[one.camera] = one.points_per_error
+        self.points_per_error = count_points_per_error(len(self.given), self.common)[:, None]
         self.factor = 1.0 / (np.sqrt(np.where(self.free, self.given, 1.0)) * np.where(self.free, self.prior_sigma, 1.0))
 
     def set_initial_drift_prior(self, loop: GaussNewton) -> None:

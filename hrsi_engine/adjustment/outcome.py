@@ -12,6 +12,7 @@ from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from .area_accuracy import describe_parts, predict_without_surveys
+from .common_drift import count_points_per_error
 from .delivery import FinalCameras, compute_final_cameras
 from .gauss_newton import GaussNewton, Solution
 from .joint_prior import JointCameras
@@ -86,7 +87,7 @@ def assemble_adjustment(
     points, camera = observations.points, observations.camera_of_image
     # check points have positions, too; a point whose measurements were all rejected has none
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
-    points_per_error = _count_points_per_error(problem, loop)
+    points_per_error = count_points_per_error(observations.cameras, loop.common)[observations.camera_of_image]
     shared = _propagate_shared_errors(problem, loop, solution)
     covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
         problem, found, solution, precise, cameras, sums["sigma0"], points_per_error, placed, shared
@@ -167,14 +168,6 @@ def _scale_covariances(
         sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2) + of_shifts)
     expanded, sigma = (_expand_rows(len(problem.block.points), observations.points, one) for one in (covariance, sigma))
     return expanded, sigma, others, factor * points_per_error, float(widened)
-
-
-def _count_points_per_error(problem: Problem, loop: GaussNewton) -> np.ndarray:
-    """Return the factors of the cameras' priors for image points that share errors, ``(images,)``."""
-    points_per_error = np.ones(problem.observations.cameras)
-    for one in loop.common:
-        points_per_error[one.camera] = one.points_per_error
-    return points_per_error[problem.observations.camera_of_image]
 
 
 def _propagate_shared_errors(

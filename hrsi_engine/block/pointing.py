@@ -95,7 +95,7 @@ PUBLISHED = tuple(
          r"orbview|ov_?3(?!\d)"),
     )
 )  # fmt: skip
-_TOLD_BY_ANY = re.compile("|".join(entry.name_pattern for entry in PUBLISHED))
+_ANY_NAME = re.compile("|".join(entry.name_pattern for entry in PUBLISHED))
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Pointing:
 def find_sensor(*names: str) -> SensorAccuracy | None:
     """Return the published accuracy of the sensor identified by the first of some names; None if unknown."""
     for name in names:
-        if name and _TOLD_BY_ANY.search(name.lower()):
+        if name and _ANY_NAME.search(name.lower()):
             return next(entry for entry in PUBLISHED if re.search(entry.name_pattern, name.lower()))
     return None
 

@@ -36,8 +36,8 @@ def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     redundancy = np.where(np.isfinite(result.redundancy_numbers), result.redundancy_numbers, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = result.tested_residual_px / (result.sigma_px[:, None] * np.sqrt(redundancy))
-    has_residual = ~np.isin(result.block.points.role[result.block.measurements.point], [Role.CHECK, Role.HELD_OUT])
-    usable = np.isfinite(normalised) & (redundancy > STATISTIC.least_redundancy) & has_residual[:, None]
+    is_adjusted = ~np.isin(result.block.points.role[result.block.measurements.point], [Role.CHECK, Role.HELD_OUT])
+    usable = np.isfinite(normalised) & (redundancy > STATISTIC.least_redundancy) & is_adjusted[:, None]
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(IMAGE_AXES)}
 
 

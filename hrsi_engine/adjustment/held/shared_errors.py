@@ -252,7 +252,7 @@ def compare_groups(
     ``memory`` is the history of earlier passes; ``beside`` are offsets by other observations. Returned are masks of
     those of the latter that contradict the others.
     """
-    group_offsets = [opinion for number, one in enumerate(judged) for opinion in _collect_offsets(one, number)]
+    group_offsets = [one_group for number, one in enumerate(judged) for one_group in _collect_offsets(one, number)]
     sources = [CommonError(one.source.overall_m, one.source.can_be_biased_as_a_whole) for one in judged]
     said = len(group_offsets)
     if group_offsets:
@@ -264,18 +264,18 @@ def compare_groups(
     of_others = np.split(off[said:], np.cumsum([len(other.offset_m) for other in beside])[:-1]) if group_offsets else []
     group_offsets = group_offsets[:said]
     left_out = [
-        memory.decide_exclusion((judged[opinion.source].source.name, opinion.group), sure)
-        for opinion, sure in zip(group_offsets, decided[:said].tolist(), strict=True)
+        memory.decide_exclusion((judged[one_group.source].source.name, one_group.group), sure)
+        for one_group, sure in zip(group_offsets, decided[:said].tolist(), strict=True)
     ]
-    for opinion, wrong, sure in zip(group_offsets, off[:said].tolist(), left_out, strict=True):
-        one = judged[opinion.source]
+    for one_group, wrong, sure in zip(group_offsets, off[:said].tolist(), left_out, strict=True):
+        one = judged[one_group.source]
         one.groups.append(SourceGroup(
-            one.source.groups[opinion.group], opinion.observations, opinion.offset_m - middle,
-            float(np.hypot(np.sqrt(opinion.variance), one.source.overall_m)), wrong or sure, sure,
+            one.source.groups[one_group.group], one_group.observations, one_group.offset_m - middle,
+            float(np.hypot(np.sqrt(one_group.variance), one.source.overall_m)), wrong or sure, sure,
         ))  # fmt: skip
     for number, one in enumerate(judged):
-        wrong_groups = [opinion.group for opinion, sure in zip(group_offsets, left_out, strict=True)
-                        if sure and opinion.source == number]  # fmt: skip
+        wrong_groups = [one_group.group for one_group, sure in zip(group_offsets, left_out, strict=True)
+                        if sure and one_group.source == number]  # fmt: skip
         if wrong_groups:  # if all large groups are wrong, small ones are too
             all_wrong = one.source.can_be_biased_as_a_whole and len(wrong_groups) == len(one.groups)
             one.weigh_by_fit(~np.isin(one.rows.group, wrong_groups) & (not all_wrong))

@@ -159,7 +159,7 @@ def read_virtual(path: str, most: int | None = None) -> bytes | None:
 def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
     """Return the first bytes of a file; raise `InputError` if it cannot be read."""
     require_plain(path)
-    if path.startswith("/vsi"):
+    if path.startswith(VIRTUAL):
         content = read_virtual(path, count)
         if content is None:
             raise InputError(f"{path}: cannot be read: {check_advice(path)}")
