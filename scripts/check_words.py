@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tokenize
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -191,17 +192,23 @@ NO_PROSE = re.compile(
 )  # fmt: skip
 
 
+@lru_cache(maxsize=1)
+def list_nodes(source: str) -> list[ast.AST]:
+    """Return all nodes of a module; both readers of its texts go through them."""
+    return list(ast.walk(ast.parse(source)))
+
+
 def texts_of_code(place: str, source: str) -> Iterator[Text]:
     """Yield the strings of a module that are prose; docstrings are not among them."""
-    tree = ast.parse(source)
+    nodes = list_nodes(source)
     skipped: set[int] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         body = getattr(node, "body", None)
         if isinstance(body, list) and body and isinstance(body[0], ast.Expr):
             skipped.add(id(body[0].value))
         if isinstance(node, ast.JoinedStr):
             skipped |= {id(part) for part in ast.walk(node) if part is not node}
-    for node in ast.walk(tree):
+    for node in nodes:
         if id(node) in skipped or not isinstance(node, ast.Constant | ast.JoinedStr):
             continue
         text = ""
@@ -215,7 +222,7 @@ def texts_of_code(place: str, source: str) -> Iterator[Text]:
 
 def notes_of_code(place: str, source: str) -> Iterator[Text]:
     """Yield the docstrings and comments of a module; comments for tools (noqa, fmt) are not among them."""
-    for node in ast.walk(ast.parse(source)):
+    for node in list_nodes(source):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (text := ast.get_docstring(node)):
             text = re.sub(r"(?m)(^\s*|; )[\w*, ]+ : |\bhold(s|ing)?\s+out\b", r"\1", text)  # parameters, and a term
             yield Text(f"{place}:{node.body[0].lineno}", text, False, False, is_note=True)
