@@ -10,7 +10,7 @@ from .hrsi_engine.foundation.interruption import quit_on_signals
 def main() -> int:
     """Run the command line and return its exit code."""
     quit_on_signals()
-    from .processing_algorithms.interface import cli  # loads all declarations
+    from .processing_algorithms.command_line import cli  # loads all declarations
 
     return cli.run_process()
 

@@ -113,7 +113,7 @@ def run_command(folder: Path, output: Path) -> dict[str, Any]:
     """Run `hrsi adjust` on a folder; return its report with ``clock_s``, ``cpu_s`` and ``peak_mb``."""
     images = sorted(path.name for path in (folder / "rpcs").iterdir())  # short names: a command line has its limits
     command = [
-        sys.executable, "-m", "hrsi.processing_algorithms.interface.cli", "adjust", *images,
+        sys.executable, "-m", "hrsi.processing_algorithms.command_line.cli", "adjust", *images,
         "--gcps", "../ground_points.csv", "--image-points", "../image_points.csv",
         "--height-datum", "ellipsoidal", "--sigma-image", "0.3", "--output-dir", str(output.resolve()), "--quiet",
     ]  # fmt: skip

@@ -27,7 +27,7 @@ from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
 from hrsi.benchmarks.real_blocks import DATA, ZY3_CONTROL
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
-from hrsi.processing_algorithms.interface import cli
+from hrsi.processing_algorithms.command_line import cli
 
 PAGE = DOCS / "evidence.md"
 THESIS, REAL = DATA / "thesis", DATA / "real"

@@ -87,7 +87,7 @@ def commands(image: str, dem: str, folder: Path, job: Job, grid: MapGrid) -> dic
         "-multi", "-wo", f"NUM_THREADS={threads}", *_creation(job), image,
     ]  # fmt: skip
     ours = [
-        sys.executable, "-m", "hrsi.processing_algorithms.interface.cli", "orthorectify", image, "--dem", dem,
+        sys.executable, "-m", "hrsi.processing_algorithms.command_line.cli", "orthorectify", image, "--dem", dem,
         "--height-datum",
         "ellipsoidal", "--crs", "EPSG:32631", "--resolution", str(RESOLUTION), "--extent",
         f"{west},{south},{east},{north}", "--format", form, "--compression", compression,

@@ -43,7 +43,7 @@ from hrsi.hrsi_engine.laboratory.simulation import SENSORS
 from hrsi.hrsi_engine.laboratory.simulation.free_dem import simulate_free_dem
 from hrsi.hrsi_engine.laboratory.simulation.options import LANDFORMS, FreeDemSpec
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
-from hrsi.processing_algorithms.interface.cli import main as command
+from hrsi.processing_algorithms.command_line.cli import main as command
 from hrsi.tests.laser_scenes import placed_scene
 
 PAGE = DOCS / "surface.md"

@@ -40,7 +40,7 @@ from osgeo import gdal
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.interface.declare import Algorithm
 
 # ---- faults ----------------------------------------------------------------------------------------------------------

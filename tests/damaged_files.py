@@ -44,7 +44,7 @@ from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.hrsi_engine.measurement.block_matching.overview import choose_overview_step
 from hrsi.hrsi_engine.surface.dem import intersect_surface, surface_heights
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main as command_line
+from hrsi.processing_algorithms.command_line.cli import main as command_line
 from hrsi.processing_algorithms.point_session.files import open_block
 
 MOST_SECONDS, MOST_BYTES = 10.0, 2**30  # what one reading may take: processor time, and memory with the interpreter

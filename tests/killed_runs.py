@@ -30,7 +30,7 @@ from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 #: Exit code of a run that was ended, as `os.waitpid` tells it: minus the signal, or the command line's own.

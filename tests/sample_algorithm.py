@@ -88,6 +88,6 @@ SAMPLE = Algorithm(
 )
 
 if __name__ == "__main__":
-    from hrsi.processing_algorithms.interface.cli import main
+    from hrsi.processing_algorithms.command_line.cli import main
 
     sys.exit(main(registry={SAMPLE.name: SAMPLE}))

@@ -18,9 +18,9 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface import cli
-from hrsi.processing_algorithms.interface.cli import main
-from hrsi.processing_algorithms.interface.command_parser import algorithm_parser
+from hrsi.processing_algorithms.command_line import cli
+from hrsi.processing_algorithms.command_line.cli import main
+from hrsi.processing_algorithms.command_line.command_parser import algorithm_parser
 from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS
 from hrsi.tests.sample_algorithm import SAMPLE
 
@@ -250,7 +250,7 @@ def test_a_signal_leaves_one_line_and_no_file(tmp_path, number, code, word):
         "killed",
         [
             ("hrsi", signal.SIGINT, 130, "interrupted"),
-            ("hrsi.processing_algorithms.interface.cli", signal.SIGINT, 130, "interrupted"),
+            ("hrsi.processing_algorithms.command_line.cli", signal.SIGINT, 130, "interrupted"),
             ("hrsi", signal.SIGTERM, 143, "terminated"),
         ],
     ),
@@ -350,7 +350,7 @@ def test_console_command_and_broken_pipe():
 def test_starts_quickly_without_heavy_libraries():
     """Help and errors come at once: nothing but the algorithms' own runs loads NumPy, OpenCV or GDAL."""
     code = (
-        "import sys; import hrsi.processing_algorithms.interface.cli; "
+        "import sys; import hrsi.processing_algorithms.command_line.cli; "
         "print([m for m in ('numpy', 'scipy', 'cv2', 'osgeo', 'qgis', 'shapely') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

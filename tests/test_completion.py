@@ -15,8 +15,8 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.cli import main
-from hrsi.processing_algorithms.interface.completion import SHELLS, completion_script
+from hrsi.processing_algorithms.command_line.cli import main
+from hrsi.processing_algorithms.command_line.completion import SHELLS, completion_script
 from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS
 
 CASES = [
@@ -136,7 +136,7 @@ def test_zsh_completes_at_the_prompt(folder: Path, typed: str, shown: str) -> No
 
 def test_scripts_are_made_at_once_and_without_heavy_libraries() -> None:
     code = (
-        "import sys; from hrsi.processing_algorithms.interface.cli import main; main(['completion', 'bash']); "
+        "import sys; from hrsi.processing_algorithms.command_line.cli import main; main(['completion', 'bash']); "
         "print([m for m in ('numpy', 'osgeo', 'cv2') if m in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

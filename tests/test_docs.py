@@ -13,8 +13,8 @@ from types import ModuleType
 import pytest
 
 from hrsi.processing_algorithms import REGISTRY, run
-from hrsi.processing_algorithms.interface.command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, value_facts
-from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS, Algorithm, spell_arguments
+from hrsi.processing_algorithms.command_line.command_parser import COMMANDS, LINE_PARAMS, algorithm_parser
+from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS, Algorithm, spell_arguments, value_facts
 from hrsi.processing_algorithms.interface.options import check_options
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -22,7 +22,7 @@ from long_tests import mark_beyond
 
 from examples import COMMANDS
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface import cli
+from hrsi.processing_algorithms.command_line import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [

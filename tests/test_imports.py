@@ -74,7 +74,7 @@ def rule_of(module: str) -> str:
 
 
 def test_the_rules_see_the_package(all_imports: list[Import], modules: set[str]):
-    assert {"hrsi_engine.camera.rpc", "processing_algorithms.interface.cli", "plugin.provider"} <= modules
+    assert {"hrsi_engine.camera.rpc", "processing_algorithms.command_line.cli", "plugin.provider"} <= modules
     assert Import("hrsi_engine.foundation.progress", 5, "hrsi_engine.foundation.errors", True) in all_imports
 
 

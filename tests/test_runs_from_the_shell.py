@@ -19,7 +19,7 @@ from every_algorithm import sound_options, words_of
 from long_tests import mark_beyond
 
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 BLOCK = [
     "--gcps",

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.command_line.command_parser import sections, value_name
 from hrsi.processing_algorithms.facade.calls import function_name
-from hrsi.processing_algorithms.interface.command_parser import sections, value_facts, value_name
 from hrsi.processing_algorithms.interface.declare import (
     POSITIONAL_KINDS,
     Algorithm,
@@ -17,6 +17,7 @@ from hrsi.processing_algorithms.interface.declare import (
     Param,
     option_label,
     spell_arguments,
+    value_facts,
 )
 
 sys.path.insert(0, str(Path(__file__).parent))

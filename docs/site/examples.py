@@ -63,7 +63,7 @@ TICKS = re.compile(r"[0-9.]+( - done\.)?")  #: of progress
 
 def run_examples() -> Iterator[tuple[str, int, str]]:
     """Run the commands in the current folder; yield each algorithm, its exit code and what it printed."""
-    from hrsi.processing_algorithms.interface import cli
+    from hrsi.processing_algorithms.command_line import cli
 
     for name, words in COMMANDS.items():
         out = io.StringIO()

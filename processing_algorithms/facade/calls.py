@@ -28,8 +28,7 @@ from ...hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
 from .. import REGISTRY
 from ..files.opening import open_terrain
-from ..interface.command_parser import value_facts
-from ..interface.declare import Algorithm, Context, Kind, Param, fill_options, params_of, spell_arguments
+from ..interface.declare import Algorithm, Context, Kind, Param, fill_options, params_of, spell_arguments, value_facts
 from ..interface.option_groups import TerrainOptions
 from ..interface.options import KINDS, OptionSpelling, check_options, suggestion
 from .result import Result

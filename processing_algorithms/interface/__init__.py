@@ -1,1 +1,1 @@
-"""The declaration of algorithms, and how the command line reads it."""
+"""The declaration of algorithms and their options, and the check of options."""

@@ -201,6 +201,23 @@ def format_default(param: Param) -> str | None:
     return _join_items(dict.fromkeys(plain)) or None
 
 
+def value_facts(param: Param) -> list[str]:
+    """Return the facts on an option's value for its help: choices, unit, range, and default or ``required``."""
+    default = param.default
+    if isinstance(default, bool):
+        default = "yes" if default else "no"
+    elif default is not None:
+        default = f"{default:g}" if param.kind is Kind.NUMBER else format_default(param)
+    facts = [
+        f"one of {', '.join(param.choices)}" if param.choices else "",
+        f"unit {param.unit}" if param.unit else "",
+        f"at least {param.minimum:g}" if param.minimum is not None else "",
+        f"at most {param.maximum:g}" if param.maximum is not None else "",
+        "required" if param.required else f"default {default}" if default else "",
+    ]
+    return [fact for fact in facts if fact]
+
+
 def _join_items(items: Iterable[Any]) -> str:
     return ",".join(f"{item:g}" if isinstance(item, float) else str(item) for item in items)
 

@@ -5,6 +5,7 @@ Comments in the file state how columns, CRS and ids were interpreted.
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from ...hrsi_engine.io.pages.report import write_text
 from ...hrsi_engine.io.point_files import PointTables, read_points
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.io.rpc_files import rpc_reader_of
-from ..interface.command_parser import read_template
 
 POINT_ENDINGS = (".csv", ".tsv", ".txt", ".tab", ".gpkg", ".geojson", ".shp", ".points")
 NO_GAPS = "# fill_gaps = 8   # interpolates gaps of the DEM of up to 8 cells"
@@ -64,7 +64,7 @@ def write_project(folder: str, path: str, overwrite: bool = False) -> list[str]:
     points = {file: _read_point_file(file, corners, [image.id for image in images]) for file in texts}
     unread = [f"# {os.path.basename(file)}: no points were read" for file, one in points.items() if not one]
     dem, gaps = _describe_dem([file for file in files if file.lower().endswith(IMAGE_ENDINGS)], here)
-    text = read_template("project_file.txt").format(
+    text = Path(__file__).with_name("project_file.txt").read_text(encoding="utf-8").format(
         title=json_text(os.path.basename(folder)), number=len(images), dem=dem, gaps=gaps,
         images="\n".join(f"  {json_text(os.path.relpath(image.path, here))}," for image in images),
         points="\n".join([*_describe_points([one for one in points.values() if one], here), *unread]),

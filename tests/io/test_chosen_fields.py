@@ -14,7 +14,7 @@ import hrsi
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.laser_files import read_laser
 from hrsi.hrsi_engine.io.point_files import ogr_layer, read_image_points, read_points
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.tests.io.test_point_files import write_layer
 
 HOBART = Path(__file__).resolve().parents[2] / "examples" / "hobart"

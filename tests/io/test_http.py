@@ -117,7 +117,7 @@ def test_a_server_that_stops_in_the_middle(tmp_path, patience: None) -> None:
 
 def test_the_command_line(silent: Server) -> None:
     """With the environment's patience; the exit code is that of wrong input, and one line names the address."""
-    words = [sys.executable, "-m", "hrsi.processing_algorithms.interface.cli", "rpc-info", f"{silent.address}/a.tif"]
+    words = [sys.executable, "-m", "hrsi.processing_algorithms.command_line.cli", "rpc-info", f"{silent.address}/a.tif"]
     done = subprocess.run(
         words, capture_output=True, text=True, check=False, timeout=120,
         env=os.environ | {"GDAL_HTTP_LOW_SPEED_TIME": str(WAIT_S)},

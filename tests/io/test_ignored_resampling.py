@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.io.rasters.images import open_image, resampling_doubt
 from hrsi.hrsi_engine.io.rpc_files import write_rpb
 from hrsi.hrsi_engine.io.rpc_files.xml_formats import isd_text
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 SIZE = (400, 300)
 #: OFF and SCALE as vendors have them: Airbus and `simulate`, then SPOT 6 and WorldView-1.

@@ -22,7 +22,7 @@ from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.model_table import DIRECT_MODEL_NAMES
 from hrsi.hrsi_engine.refinement.selection import RULES
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 GCPS = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
 

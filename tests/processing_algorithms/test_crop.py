@@ -284,7 +284,7 @@ def test_the_input_is_never_replaced(image: Path, tmp_path: Path) -> None:
 
 
 def test_dry_run_writes_nothing(image: Path, tmp_path: Path) -> None:
-    from hrsi.processing_algorithms.interface.cli import main
+    from hrsi.processing_algorithms.command_line.cli import main
 
     assert main(["crop", str(image), "--factor", "0.5", "--output-dir", str(tmp_path / "out"), "--dry-run"]) == 0
     assert not (tmp_path / "out").exists()

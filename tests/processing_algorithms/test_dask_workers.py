@@ -10,7 +10,7 @@ import pytest
 
 from hrsi.hrsi_engine.io.rasters import images as rasters
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface import cli
+from hrsi.processing_algorithms.command_line import cli
 
 dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
 

@@ -16,7 +16,7 @@ from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface import cli
+from hrsi.processing_algorithms.command_line import cli
 
 SIZE = (400, 360)
 TILE = (240, 200)

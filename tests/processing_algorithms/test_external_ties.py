@@ -12,7 +12,7 @@ import pytest
 
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 NOISE_PX = 0.2
 

@@ -15,7 +15,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geoids import height_difference
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.measurement import given_matches
 from hrsi.hrsi_engine.measurement.block_matching.windows import ImageWindow, read_tile
 from hrsi.hrsi_engine.measurement.given_matches import ExternalMatchJob, ExternalPair, measure_external_matches
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 POINTS, WRONG = 500, 100
 ROUGH_PX = 1.5  # error of each given coordinate, either way: more than a learned matcher's

@@ -30,8 +30,8 @@ from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.declarations.rpcs import NEXT_PROGRAMS
-from hrsi.processing_algorithms.interface.cli import main
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,7 @@ from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import numbers_of
 from hrsi.hrsi_engine.results.lineage import state_accuracy
 from hrsi.processing_algorithms import REGISTRY, run
-from hrsi.processing_algorithms.interface.command_parser import algorithm_parser
+from hrsi.processing_algorithms.command_line.command_parser import algorithm_parser
 from hrsi.processing_algorithms.interface.options import check_options
 
 EPOCH, DATE = "1767225600", "2026-01-01T00:00:00Z"

@@ -17,7 +17,7 @@ from long_tests import mark_beyond
 from osgeo import gdal, ogr, osr
 
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.processing_algorithms.interface import cli
+from hrsi.processing_algorithms.command_line import cli
 
 SIZE = 320
 NOISE_PX = 0.02

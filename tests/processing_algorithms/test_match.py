@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.laboratory.interest_points import DETECTORS
 from hrsi.hrsi_engine.laboratory.interest_points.options import DETECTOR_SETS
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.laboratory.match import summarise
 
 

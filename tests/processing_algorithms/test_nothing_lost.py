@@ -22,7 +22,7 @@ from hrsi.hrsi_engine.io.jitter_files import JitterFile
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,7 @@ def test_ids_are_no_paths(tmp_path: Path, name: str) -> None:
 
 WRITER = """
 import sys
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -14,7 +14,7 @@ from parsed_sources import walk_sources
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.command_parser import algorithm_parser, value_facts
+from hrsi.processing_algorithms.command_line.command_parser import algorithm_parser
 from hrsi.processing_algorithms.interface.declare import (
     POSITIONAL_KINDS,
     Algorithm,
@@ -22,6 +22,7 @@ from hrsi.processing_algorithms.interface.declare import (
     fill_options,
     settings_of,
     spell_arguments,
+    value_facts,
 )
 from hrsi.processing_algorithms.interface.options import check_options
 from hrsi.processing_algorithms.point_session import MODEL
@@ -119,8 +120,8 @@ def test_texts_name_options_that_are_there(algorithm: Algorithm):
 
 @pytest.mark.parametrize("part", ["hrsi_engine", "processing_algorithms", "plugin"])
 def test_texts_name_arguments_and_no_options(part: str):
-    """Only the command line, `interface`, writes ``--options``; `projects` and `dependencies` those of others."""
-    spared = {"interface", "projects", "dependencies.py"}
+    """Only the command line writes ``--options``; `projects` and `dependencies` those of others."""
+    spared = {"command_line", "interface", "projects", "dependencies.py"}
     examples = re.compile(r"(echo .* \| )?hrsi ")  # command lines, for who reads the command line's help
     options = [
         (path.relative_to(ROOT), node.lineno)

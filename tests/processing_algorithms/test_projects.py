@@ -23,7 +23,7 @@ from osgeo import gdal
 import hrsi
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.projects.project_file import FOLDERS, read_project
 
 PROJECT = """\

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from hrsi.processing_algorithms.interface.terminal import (
+from hrsi.processing_algorithms.command_line.terminal import (
     LiveTerminal,
     SilentTerminal,
     TerminalProgress,

@@ -38,7 +38,7 @@ from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.measurement.block_matching import search, star
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 FILES = ["block.gpkg", "report.json", "tie_points.csv", "tie_points.npz"]
 

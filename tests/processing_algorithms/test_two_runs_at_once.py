@@ -42,7 +42,7 @@ def test_two_command_lines_at_once(scene: Path, tmp_path: Path) -> None:
     """Started together: one result, whole; whoever came second was refused or found it there."""
     output = tmp_path / "a" / "out"
     words = words_of(REGISTRY["adjust"], sound_options(REGISTRY["adjust"], scene) | {"output_dir": str(output)})
-    command = [sys.executable, "-m", "hrsi.processing_algorithms.interface.cli", *words]
+    command = [sys.executable, "-m", "hrsi.processing_algorithms.command_line.cli", *words]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     said = [process.communicate(timeout=120)[1] for process in both]
     assert sorted(process.returncode for process in both) == [0, 2]

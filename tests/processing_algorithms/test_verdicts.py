@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.results import block_results
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 
 SIZE, GSD_M = 301, 10.0
 WRITTEN = {"copy": ".tif", "vrt": ".vrt", "sidecar": "_RPC.TXT"}

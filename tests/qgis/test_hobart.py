@@ -45,7 +45,7 @@ def command_line(tmp_path_factory: pytest.TempPathFactory) -> Path:
     program = [
         sys.executable,
         "-c",
-        "import sys; from hrsi.processing_algorithms.interface.cli import main; sys.exit(main())",
+        "import sys; from hrsi.processing_algorithms.command_line.cli import main; sys.exit(main())",
     ]
     options = [word for name, value in OPTIONS.items() for word in (f"--{name}", value)]
     arguments = ["triangulate", *IMAGES, *options, "--output-dir", str(folder)]

@@ -8,9 +8,9 @@ from typing import Any
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.catalogue.lineage import HIDDEN, file_entry, versions
 from ...hrsi_engine.io.opening.files import read_json
+from ..interface.declare import READ_KINDS, Algorithm, Kind, Param, option_label
+from ..interface.options import OptionSource, find_algorithm
 from .command_parser import algorithm_parser
-from .declare import READ_KINDS, Algorithm, Kind, Param, option_label
-from .options import OptionSource, find_algorithm
 
 _REPORT = "report.json"
 #: Options that are not repeated: their permission was for one run.

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
-from .declare import POSITIONAL_KINDS, Algorithm, Kind, Param, format_default, params_of, spell_arguments
-from .option_groups import Common, LineOptions, ResultFolder
-from .options import KINDS, suggestion
+from ..interface.declare import POSITIONAL_KINDS, Algorithm, Kind, Param, params_of, spell_arguments, value_facts
+from ..interface.option_groups import Common, LineOptions, ResultFolder
+from ..interface.options import KINDS, suggestion
 
 _NEGATIVE_VALUE = re.compile(r"-[.\d]")
 OUTPUT_PARAMS, COMMON_PARAMS = params_of(ResultFolder), params_of(Common)
@@ -160,23 +160,6 @@ def option_help(param: Param, params: Sequence[Param]) -> str:
     """Return the help of an option, one of ``params``, with its choices, unit, range and default."""
     stated = "; ".join(value_facts(param))
     return (spell_arguments(param.help, params) + (f" [{stated}]" if stated else "")).replace("%", "%%")
-
-
-def value_facts(param: Param) -> list[str]:
-    """Return the facts on an option's value for its help: choices, unit, range, and default or ``required``."""
-    default = param.default
-    if isinstance(default, bool):
-        default = "yes" if default else "no"
-    elif default is not None:
-        default = f"{default:g}" if param.kind is Kind.NUMBER else format_default(param)
-    facts = [
-        f"one of {', '.join(param.choices)}" if param.choices else "",
-        f"unit {param.unit}" if param.unit else "",
-        f"at least {param.minimum:g}" if param.minimum is not None else "",
-        f"at most {param.maximum:g}" if param.maximum is not None else "",
-        "required" if param.required else f"default {default}" if default else "",
-    ]
-    return [fact for fact in facts if fact]
 
 
 def registry_help(registry: Mapping[str, Algorithm]) -> str:

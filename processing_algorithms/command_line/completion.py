@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from ...hrsi_engine.foundation.errors import InputError
+from ..interface.declare import POSITIONAL_KINDS, READ_KINDS, Algorithm, Kind, Param
+from ..interface.options import suggestion
 from .command_parser import COMMANDS, LINE_PARAMS, OUTPUT_PARAMS, option_help, read_template, value_name
-from .declare import POSITIONAL_KINDS, READ_KINDS, Algorithm, Kind, Param
-from .options import suggestion
 
 _FOLDER_KINDS = (Kind.OUTPUT_DIR, Kind.FOLDERS)
 _DESCRIPTION = 72  # characters of a help text that are shown with a word

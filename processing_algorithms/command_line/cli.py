@@ -17,6 +17,9 @@ from ...hrsi_engine.foundation.interruption import ending, quit_on_signals, sign
 from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
+from ..interface.declare import Algorithm, Context, Report, fill_options, is_unusable, spell_arguments, unusable_text
+from ..interface.option_groups import LineOptions
+from ..interface.options import TYPED, OptionSource, check_options, find_algorithm
 from .command_parser import (
     COMMANDS,
     LINE_PARAMS,
@@ -28,9 +31,6 @@ from .command_parser import (
     registry_help,
     split_log,
 )
-from .declare import Algorithm, Context, Report, fill_options, is_unusable, spell_arguments, unusable_text
-from .option_groups import LineOptions
-from .options import TYPED, OptionSource, check_options, find_algorithm
 from .terminal import RunLog, TerminalProgress, require_own_file, terminal_of
 
 UNUSABLE = 3  #: exit code of a result that is written but unusable

@@ -1,0 +1,1 @@
+"""The command line: from words to options of an algorithm and back, help pages, completion, the terminal."""
