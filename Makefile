@@ -132,11 +132,11 @@ figures-check: set-up-test  ## a tenth of the figures' commands, another every d
 	@$(BIN)/python benchmarks/figures.py check $(if $(ALL),,--turn)
 
 .PHONY: structure
-structure:  ## how the code is laid out, now and before: rooms, arrows, lines; written into docs/structure.md
+structure:  ## how the code is laid out, now and before: rooms, arrows, lines; written into docs/developing/structure.md
 	@/usr/bin/python3 scripts/measure_structure.py --write
 
 .PHONY: thresholds
-thresholds: set-up-test  ## all thresholds by topic, with unit, meaning and origin; written into docs/thresholds.md
+thresholds: set-up-test  ## all thresholds by topic, with unit, meaning and origin; written into docs/developing/thresholds.md
 	@$(BIN)/python scripts/list_thresholds.py
 
 .PHONY: clean

@@ -2,7 +2,7 @@
 
 Every algorithm x every input that it declares x every kind of fault (`tests/bad_inputs.py`), and bad output folders.
 Printed are the numbers of cases by algorithm and by kind, and every case that is wrong. ``--docs`` writes the tables
-into docs/robustness.md.
+into docs/protocols/robustness.md.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.results.verdict import Verdict
 
-PAGE = DOCS / "biased_rpcs.md"
+PAGE = DOCS / "protocols/biased_rpcs.md"
 #: Sensor, and its CE90 without ground control (`block.pointing`); of the wide-field camera, of its simulated errors.
 FIGURES_M = {
     "ikonos": 15.0,
@@ -95,7 +95,7 @@ def main(words: Sequence[str] = ()) -> None:
 
 INTRODUCTION = """# RPCs biased beyond their sensor's figure
 
-Made by `python benchmarks/biased_rpcs.py {words}`. What each reason means: [verdict](verdict.md).
+Made by `python benchmarks/biased_rpcs.py {words}`. What each reason means: [verdict](../verdict.md).
 
 For each simulated sensor there are two images, eight GCPs and thirty check points. Both RPCs have the same error of the
 orbit, 5 to 10 times the CE90 of the sensor without ground control, in eight directions. Nothing else is wrong, and the

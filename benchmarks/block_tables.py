@@ -1,7 +1,7 @@
 """Accuracy of the block adjustment on real, published and simulated blocks: `accuracy.py blocks [NAME …] [--docs]`.
 
 Ours stands beside the figures of the thesis (tables 5.2 to 5.5, figures 5.5 and 5.6) and of other programs. ``--docs``
-writes docs/accuracy_blocks.md and its figures. The data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
+writes docs/protocols/accuracy_blocks.md and its figures. The data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     simulate_block,
 )
 
-PAGE = DOCS / "accuracy_blocks.md"
+PAGE = DOCS / "protocols/accuracy_blocks.md"
 Three = tuple[float, float, float]
 Section = tuple[str, str, Sequence[str], list[list[str]]]
 #: RMSE of check points X Y Z in m with 1 to 10 (unnamed) GCPs, shift and affine: tables 5.4 (Hobart), 5.5 (Melbourne).
@@ -167,7 +167,7 @@ def table_5_4() -> Section:
         "The table has the RMSE X, Y, Z of all check points in m, including corners. The GCPs of the thesis are not "
         "named; here the first ones of the ten are used. The measurements of the check points are used as tie points, "
         "because not every GCP is on image 2.\n\n"
-        "![Figure 5.5](figure_5_5.svg)"
+        "![Figure 5.5](../figure_5_5.svg)"
     )
     head = (
         "GCPs", "shift, printed", "shift", "generic-shift", "affine, printed", "affine", "affine, drift estimated",
@@ -210,7 +210,7 @@ def table_5_5(name: str, printed: list[tuple[Three, Three]]) -> Section:
         ours = [_simulated_cell(some, replace(PLAIN, model="affine", variance_components=yes)) for yes in (False, True)]
         rows.append([str(count), metres(shift), _simulated_cell(some, PLAIN), metres(affine), *ours])
     sensor, images, checks = SIMULATED[name]
-    picture = "\n\n![Figure 5.6](figure_5_6.svg)" if name.startswith("QuickBird") else ""
+    picture = "\n\n![Figure 5.6](../figure_5_6.svg)" if name.startswith("QuickBird") else ""
     text = (
         f"The table has the RMSE X, Y, Z of {checks} check points in m. The simulation has {images} images of 12 000 x "
         f"12 000 px ({sensor}) and 200 tie points, with noise of {NOISE.image_px} px, and GCPs with {NOISE.gcp_xy_m} m "
@@ -365,7 +365,7 @@ SUBJECTS: dict[str, tuple[Callable[[], Section], ...]] = {
 }
 INTRODUCTION = f"""# Accuracy: blocks
 
-Made by `python benchmarks/accuracy.py blocks --docs`. How the adjustment works: [adjustment](adjustment.md).
+Made by `python benchmarks/accuracy.py blocks --docs`. How the adjustment works: [adjustment](../adjustment.md).
 
 {HOBART_NOTE}"""
 

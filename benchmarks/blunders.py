@@ -3,7 +3,8 @@
 Parts: ``ties`` (5 to 40 % wrong tie measurements), ``control`` (wrong GCPs), ``sigmas`` (wrong GCPs whose sigmas are
 unequal, or serve for height or plan only), ``clean`` (nothing wrong). Simulated blocks with known truth, the command
 line's defaults (`--reject 4`). Seeds from 2000 on were never looked at while
-thresholds were chosen; ``--seeds 0 20`` takes others. ``--docs`` writes the tables into docs/accuracy_blunders.md.
+thresholds were chosen; ``--seeds 0 20`` takes others. ``--docs`` writes
+docs/protocols/accuracy_blunders.md.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     simulate_block,
 )
 
-PAGE = DOCS / "accuracy_blunders.md"
+PAGE = DOCS / "protocols/accuracy_blunders.md"
 TESTED = AdjustOptions(reject_sigma=4.0)  # as the command line does
 SHOWN = 10.0  # sigmas in its own residual from which a blunder must be found
 Section = tuple[str, str, Sequence[str], list[list[str]]]
@@ -382,7 +383,7 @@ FIRST_SEED = 2000
 TITLES = ("Wrong tie measurements", "Wrong GCPs", "Wrong GCPs of unequal sigmas", "Error-free blocks")
 INTRODUCTION = """# Accuracy: blunders
 
-Made by `python benchmarks/blunders.py --docs`. How blunders are found: [adjustment](adjustment.md).
+Made by `python benchmarks/blunders.py --docs`. How blunders are found: [adjustment](../adjustment.md).
 """
 
 

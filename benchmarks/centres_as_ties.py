@@ -6,7 +6,7 @@ Ties of `tie-points` are corners. Centres are those of `match --detector centres
 pairs share a centre; they are added to the corners. The blocks are adjusted with either and with both, all else equal,
 and `evaluate` judges the RPCs on tracks of OpenCV's SIFT. Then the same with few ties drawn at random, equally many of
 each set, where what a single tie is worth shows: means over draws with a fixed seed. ``--docs`` writes the tables
-into docs/interest_points_accuracy.md; NAME chooses blocks whose name begins so.
+into docs/protocols/interest_points_accuracy.md; NAME chooses blocks whose name begins so.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from hrsi.hrsi_engine.measurement.block_matching.joining import build_tracks
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.processing_algorithms import run
 
-PAGE = DOCS / "interest_points_accuracy.md"
+PAGE = DOCS / "protocols/interest_points_accuracy.md"
 BLOCKS = {
     "s2p triplet": ("s2p_triplet_phr", ("img_01.tif", "img_02.tif", "img_03.tif")),
     "Kahramanmaras before": ("kahramanmaras_phr4", ("pre_event_img1.tif", "pre_event_img2.tif")),
@@ -50,7 +50,7 @@ WRONG_PX = 6.0  # tracks of SIFT that no RPC fits
 def main() -> None:
     """Print both tables; write them into the page where asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--docs", action="store_true", help="write the tables into docs/interest_points_accuracy.md")
+    parser.add_argument("--docs", action="store_true", help=f"write the tables into {PAGE.name}")
     parser.add_argument("names", nargs="*", default=[""], help="only blocks whose name begins so")
     given = parser.parse_args()
     if given.docs and given.names != [""]:

@@ -1,6 +1,6 @@
 """Chapter 2 of the thesis, figure by figure: corners against gravity centres.
 
-    python benchmarks/chapter2.py [--data DIR] [--trials 400] [--page docs/chapter2.md]
+    python benchmarks/chapter2.py [--data DIR] [--trials 400] [--page docs/protocols/chapter2.md]
 
 Tables 2.1 to 2.3 by enumeration, with the entries in which the thesis differs; the same by Monte Carlo over positions,
 orientations, sizes, blur and noise; ellipse centres from hand-measured edge points; registration of the QuickBird MS

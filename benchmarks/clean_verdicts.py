@@ -31,7 +31,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.results.verdict import Verdict
 
-PAGE = DOCS / "sound_blocks.md"
+PAGE = DOCS / "protocols/sound_blocks.md"
 MODELS_JUDGED = ("shift", "affine")
 SIDES = (4000, 8000, 12000)
 
@@ -136,7 +136,7 @@ def main(words: Sequence[str] | None = None) -> None:
     real, made = real_table(options.models), simulated_table(first, count, options.models)
     text = f"""# Verdicts of simulated and real blocks without input errors
 
-Made by `python -m hrsi.benchmarks.clean_verdicts --docs`. The page [verdict](verdict.md) explains the verdict.
+Made by `python -m hrsi.benchmarks.clean_verdicts --docs`. The page [verdict](../verdict.md) explains the verdict.
 
 ## Real blocks
 

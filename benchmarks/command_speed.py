@@ -5,7 +5,7 @@
                                                   thirty images: as they are, and with 5 % of the GCPs and 1 % of the
                                                   tie measurements wrong
 
-    command_speed.py --docs --ceres build/ba FOLDER… --images …     the same into docs/large_blocks.md, with the growth
+    command_speed.py --docs --ceres build/ba FOLDER… --images …     into docs/protocols/large_blocks.md, with the growth
 
 With ``--ceres`` that program adjusts each folder of its generator right after the command, parsing included.
 The defaults of the command line (plausibility checks, data snooping, sigmas, verdict, layers, report), but for the
@@ -57,7 +57,7 @@ HEAD = (
     "Ceres CPU s",
     "Ceres MB",
 )
-PAGE = DOCS / "large_blocks.md"
+PAGE = DOCS / "protocols/large_blocks.md"
 #: Modules are compiled once, as where HRSI is installed, whatever the environment says of bytecode.
 INSTALLED = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 MANY = 1_000_000  # images of the estimate

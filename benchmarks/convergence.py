@@ -38,7 +38,7 @@ from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, ESTIMATION, Control, estimate
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
-PAGE = DOCS / "convergence.md"
+PAGE = DOCS / "protocols/convergence.md"
 TIGHT = {"xtol": 1e-13, "ftol": 1e-13, "gtol": 1e-13, "x_scale": "jac", "max_nfev": 80}  # of the reference
 PLAIN = AdjustOptions(reject_sigma=0.0, test_sigmas=False)  # one descent with the sigmas as given
 AT_THE_MINIMUM = 0.1  # standard deviations of one unknown: nothing that one would see in a coordinate

@@ -149,7 +149,7 @@ def render_tables(
     )
 
 
-PAGE = DOCS / "damaged_files.md"
+PAGE = DOCS / "protocols/damaged_files.md"
 TEXT = """# Damaged files
 
 Printed by `benchmarks/damaged_files.py --docs`: {number} files are damaged on purpose. They are made of {seeds}

@@ -1,6 +1,6 @@
 """How well RPCs fit real blocks before and after HRSI, by tracks that took no part: `evaluate_rpcs.py [--docs]`.
 
-The tracks are those of OpenCV's SIFT, found without any RPC. ``--docs`` writes the table into docs/evaluation.md. The
+The tracks are those of OpenCV's SIFT, found without any RPC. ``--docs`` writes docs/protocols/evaluation.md. The
 data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
 """
 
@@ -19,7 +19,7 @@ from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.processing_algorithms import run
 
-PAGE = DOCS / "evaluation.md"
+PAGE = DOCS / "protocols/evaluation.md"
 BEGIN, END = "<!-- table of evaluate_rpcs.py -->", "<!-- end of the table -->"
 MODELS = ("shift", "affine")
 HEAD = (

@@ -29,7 +29,7 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.processing_algorithms.command_line import cli
 
-PAGE = DOCS / "evidence.md"
+PAGE = DOCS / "protocols/evidence.md"
 THESIS, REAL = DATA / "thesis", DATA / "real"
 HOBART = sorted(str(path) for path in THESIS.glob("hobart_ikonos_*_RPC.TXT"))
 HOBART_POINTS = [
@@ -310,7 +310,7 @@ Made by `python benchmarks/evidence.py --docs`.
 
 In these cases the verdict relied on residuals, a drift or tie points of the block itself. They were found with the
 command line on real and simulated data. The column *before* was printed when they were found, the column *now* is
-printed now. The page [verdict](verdict.md) explains the reasons. The coverage is that of check points. If the sigmas of
+printed now. [Verdict](../verdict.md) explains the reasons. The coverage is that of check points. If the sigmas of
 the GCPs are stated too small, so are those of the check points.
 
 {HOBART_NOTE}"""

@@ -20,7 +20,7 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Block, Role
 
-PAGE = DOCS / "few_gcps.md"
+PAGE = DOCS / "protocols/few_gcps.md"
 MODELS = ("shift", "generic-shift", "affine", "generic-12", "generic-affine", "generic-full")
 BLOCKS: dict[str, tuple[Callable[[Sequence[str]], Block], tuple[str, ...]]] = {
     "Hobart, IKONOS triplet": (hobart, TEN),

@@ -7,7 +7,7 @@
     python benchmarks/figures.py check --samples      everything: short figures whole, long studies by their samples
     python benchmarks/figures.py check 'blocks 2'     one sample of an entry
     python benchmarks/figures.py check --note …       write down which were as documented, and on which commit
-    python benchmarks/figures.py page                 write docs/figures.md
+    python benchmarks/figures.py page                 write docs/developing/figures.md
 
 Studies of hours have samples in the registry: commands that make some rows of the page again. Each of these rows has to
 be on the page.
@@ -15,7 +15,7 @@ be on the page.
 A figure is stale where the data that it was made from, or the command, are others than those noted in
 benchmarks/made.csv. A check tells more: it runs the command, as the sources are now, with its page going into a
 temporary folder (HRSI_DOCS), and names every number that lies beyond its tolerance, with the page and line. What it
-notes goes to benchmarks/checked.csv, and from there to docs/figures.md.
+notes goes to benchmarks/checked.csv, and from there to docs/developing/figures.md.
 """
 
 from __future__ import annotations
@@ -344,19 +344,19 @@ def is_stale(figure: Figure, made: dict[str, dict[str, str]]) -> bool:
 
 
 def write_page(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> None:
-    """Write docs/figures.md."""
+    """Write docs/developing/figures.md."""
     rows, checked = [], read_rows(CHECKED)
     longest = max(sum(one.cpu_s for one in take_turn(figures, day)) for day in range(TURNS))
     for figure in sorted(figures, key=lambda one: one.page):
         last = made.get(figure.name, dict.fromkeys(("commit", "date", "machine", "cpu_s"), ""))
         found = checked.get(figure.name)
         seen = f"{found['date']}, {found['commit']}, {found['what']}" if found else ""
-        where = f"[{figure.page}]({figure.page})" + (f", *{figure.part}*" if figure.part else "")
+        where = f"[{figure.page}](../{figure.page})" + (f", *{figure.part}*" if figure.part else "")
         rows.append(
             f"| {where} | `{figure.command.format(docs='docs')}` | {last['date']} | {last['commit']} "
             f"| {last['machine']} | {last['cpu_s']} | {100.0 * figure.tolerance:g} % | {seen} |"
         )
-    (ROOT / "docs" / "figures.md").write_text(
+    (ROOT / "docs" / "developing/figures.md").write_text(
         "\n".join([PAGE_HEAD.format(longest=longest), *rows, ""]), encoding="utf-8"
     )
 

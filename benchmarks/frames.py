@@ -5,7 +5,7 @@
     frames.py FOLDER|COUNT …      the whole command on real RPCs (*.rpc) and tie points (image_points.csv.gz) of a
                                   folder, or on so many simulated frames of 2560 x 1080 px with 300 ties each
 
-With ``--docs`` a table goes to docs/large_blocks.md as it grows.
+With ``--docs`` a table goes to docs/protocols/large_blocks.md as it grows.
 
 A strip is seen by two looks of one orbit; neighbours overlap by 40 %, their rays are parallel to a few thousandths of a
 degree. *Relative* is the RMS distance of exact image points from those of the refined cameras after intersection;
@@ -52,7 +52,7 @@ from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, si
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 from hrsi.hrsi_engine.laboratory.simulation.views import make_strip_views
 
-PAGE = DOCS / "large_blocks.md"
+PAGE = DOCS / "protocols/large_blocks.md"
 POINTING_PX = (5.0, 15.0, 50.0, 100.0)
 FRAME_PX, OVERLAP, LOOKS = (800, 600), 0.4, 2
 

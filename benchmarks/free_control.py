@@ -50,7 +50,7 @@ from hrsi.tests.reference_scenes import place_on_degrees
 
 DATA = pages.DATA / "real" / "s2p_triplet_phr"
 DSM = DATA / "s2p_reference_dsm.tif"
-PAGE = DOCS / "free_control.md"
+PAGE = DOCS / "protocols/free_control.md"
 START_OFF_M = 20.0
 EXTENT_M, EDGE_DEG = 7000.0, 0.003
 EVEN_M, STEEPEST_EVEN = 3.0, 0.4  # at trees and walls ties stand on edges that a DSM of 0.5 m rounds off

@@ -431,10 +431,9 @@ def run(options: argparse.Namespace) -> int:
     text, share = table(mutants, results, judged)
     print(text)
     if options.docs:
-        put_between(DOCS / "mutants.md", f"mutants of seed {options.seed}", text)
-        put_between(
-            DOCS / "mutants.md", "mutants of all seeds", sum_of((DOCS / "mutants.md").read_text(encoding="utf-8"))
-        )
+        page = DOCS / "developing/mutants.md"
+        put_between(page, f"mutants of seed {options.seed}", text)
+        put_between(page, "mutants of all seeds", sum_of(page.read_text(encoding="utf-8")))
     return 0 if share >= 0.95 else 1
 
 

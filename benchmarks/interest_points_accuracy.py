@@ -1,6 +1,6 @@
 """Accuracy of automatic interest points on simulated pairs against their truth.
 
-    python benchmarks/interest_points_accuracy.py [--size 1000] [--quick] [--page docs/interest_points_accuracy.md]
+    python benchmarks/interest_points_accuracy.py [--size 1000] [--quick] [--page PAGE]
 
 Prints, over several scenes: errors of centres by kind and diameter, and of roof corners measured by their edges; roofs
 measured near a rough position as `measure-targets` does; repeatability between two views 24 degrees apart (tolerance

@@ -10,7 +10,7 @@ would be found anywhere: the same count with the other image's centres moved by 
 chance fitted on the first pair of Kahramanmaras and on s2p 01-03 (*); the other pairs judge.
 
 Then how reliable the quality is: the share found again of centres of each quality, on the pairs that judge. --docs
-writes the tables into docs/interest_points_accuracy.md.
+writes the tables into docs/protocols/interest_points_accuracy.md.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
 from hrsi.hrsi_engine.measurement.tile_matching.features import FEATURES, compute_root_sift, stretch_to_byte
 from hrsi.tests.conftest import TEST_DATA
 
-PAGE = DOCS / "interest_points_accuracy.md"
+PAGE = DOCS / "protocols/interest_points_accuracy.md"
 ONE_DATE = ("s2p", "Kahramanmaras", "Ventoux")
 FITTED = ("s2p 01-03", "Kahramanmaras before")
 ACROSS_PX, PARALLAX_ROOM_PX, NEIGHBOURS = 1.0, 1.5, 12
@@ -97,7 +97,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pairs", default="", help="only pairs whose name begins so")
     parser.add_argument("--data", type=Path, default=TEST_DATA / "real")
-    parser.add_argument("--docs", action="store_true", help="write the tables into docs/interest_points_accuracy.md")
+    parser.add_argument("--docs", action="store_true", help=f"write the tables into {PAGE.name}")
     given = parser.parse_args()
     if given.docs and given.pairs:
         parser.error("--docs writes all tables: leave --pairs out")

@@ -1,6 +1,6 @@
 """Seconds per megapixel and peak memory of the interest point detectors, next to OpenCV's on the same images.
 
-    python benchmarks/interest_points_speed.py [--data DIR] [--large 8192] [--page docs/interest_points_speed.md]
+    python benchmarks/interest_points_speed.py [--data DIR] [--large 8192] [--page PAGE]
 
 Every detector runs in a process of its own on the same pixels, one thread; peak memory is the process's maximum
 resident set beyond what it was before. OpenCV's functions get the whole image at once (8 bit, 1-99 % stretch).

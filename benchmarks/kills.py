@@ -2,7 +2,7 @@
 
 Everything that writes (`tests/killed_runs.py`: every algorithm and every choice of ``write``) is ended by KILL, TERM
 and INT in turn, the moments drawn with a seed, most of them in the writing; then everything is looked at, the next run
-is started, and everything is looked at once more. ``--docs`` writes the table into docs/robustness.md.
+is started, and everything is looked at once more. ``--docs`` writes the table into docs/protocols/robustness.md.
 """
 
 from __future__ import annotations

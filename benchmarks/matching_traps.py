@@ -5,7 +5,8 @@
 Every pair shows the same kind of scene, and something that leads matching astray: what repeats itself, what moves, what
 looks different in one image, what is hidden. A match is false where it lies more than 3 px from where the ground that
 the first image shows there is in the second, by the cameras that took the images and the surface itself; positions on
-what moves (water, cloud, its shadow) are false wherever they are. --write puts the table into docs/matching_traps.md.
+what moves (water, cloud, its shadow) are false wherever they are. --write puts the
+table into docs/protocols/matching_traps.md.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 
 FALSE_PX = 3.0
 SIZE = (1000, 1000)
-PAGE = DOCS / "matching_traps.md"
+PAGE = DOCS / "protocols/matching_traps.md"
 
 Pixels = tuple[np.ndarray, np.ndarray]  # both images, float32
 Change = Callable[["Pair", np.ndarray, int], np.ndarray]  # pixels of an image and its number -> pixels

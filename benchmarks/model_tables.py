@@ -30,7 +30,7 @@ from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.refinement.selection import RULES
 from hrsi.hrsi_engine.results.residuals import compute_residuals
 
-PAGE = DOCS / "accuracy_models.md"
+PAGE = DOCS / "protocols/accuracy_models.md"
 MODELS_COMPARED = ("shift", "affine", "auto")
 DRAWS = 6
 SIGNIFICANCE = 0.01  # one-sided, of a difference to the shift that is called worse
@@ -224,7 +224,7 @@ def _against_shift(model: str, draws: Sequence[dict[str, Outcome]]) -> str:
 
 INTRODUCTION = f"""# Accuracy: choice of the model
 
-Made by `python benchmarks/accuracy.py models --docs`. The page on the [adjustment](adjustment.md) describes `auto`.
+Made by `python benchmarks/accuracy.py models --docs`. The page on the [adjustment](../adjustment.md) describes `auto`.
 
 The values are root mean squares over draws of GCPs, or over seeds of simulated blocks. RMSE is that of all points that
 are not GCPs, in east, north and height. For blocks without surveyed points it is the RMSE of held-out tie points (half

@@ -198,7 +198,7 @@ def left_out(block: Block, name: str) -> Block:
 
 # ---- held-out ties ---------------------------------------------------------------------------------------------------
 
-PAGE = DOCS / "held_out.md"
+PAGE = DOCS / "protocols/held_out.md"
 HELD_OUT_HEAD = [
     "block", "images", "tie points", "held out", "wrong", "RMSE px: held out", "used", "epipolar px: held out", "used",
     "verdict",

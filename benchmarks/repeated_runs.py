@@ -3,7 +3,7 @@
 Every declared algorithm runs on small sound inputs (`tests/every_algorithm.py`), each in a process of its own, as a
 script or QGIS calls it. Its resident memory is looked at after each run: that of the first fifth, in which modules,
 compiled loops and caches come, is the warm-up; printed are the medians of the next and of the last tenth of the runs.
-``--docs`` writes the table into docs/robustness.md.
+``--docs`` writes the table into docs/protocols/robustness.md.
 """
 
 from __future__ import annotations

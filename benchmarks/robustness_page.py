@@ -1,10 +1,10 @@
-"""The page docs/robustness.md, of which each benchmark writes its own section."""
+"""The page docs/protocols/robustness.md, of which each benchmark writes its own section."""
 
 from __future__ import annotations
 
 from hrsi.benchmarks.pages import DOCS
 
-PAGE = DOCS / "robustness.md"
+PAGE = DOCS / "protocols/robustness.md"
 HEAD = """# Robustness
 
 This page describes the files and the memory when inputs are bad, and when runs are ended, started twice or repeated.

@@ -13,7 +13,7 @@ The real dates have like suns. So a simulated year tells whether centres are fou
 the true cameras and the DEM a dark centre must be within `NEAR_PX` of where it was; what stands up is beside it in all
 cases alike. --year names a folder that `many_dates.py` made;
 --real leaves the year out. --docs writes all tables into
-docs/interest_points_accuracy.md.
+docs/protocols/interest_points_accuracy.md.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALI
 from hrsi.hrsi_engine.surface.dem import intersect_surface
 from hrsi.tests.conftest import TEST_DATA
 
-PAGE = DOCS / "interest_points_accuracy.md"
+PAGE = DOCS / "protocols/interest_points_accuracy.md"
 #: Times of acquisition, by the folder and beginning of the file's name.
 TIMES = {
     ("ventoux_phr_pair", ""): datetime(2013, 8, 5, 10, 42, 19, tzinfo=UTC),  # of RPC_PHR1B_P_201308051042194_…
@@ -63,7 +63,7 @@ def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=TEST_DATA / "real")
-    parser.add_argument("--docs", action="store_true", help="write the tables into docs/interest_points_accuracy.md")
+    parser.add_argument("--docs", action="store_true", help=f"write the tables into {PAGE.name}")
     parser.add_argument("--year", type=Path, help="a simulated year of 40 dates; by default it is made")
     parser.add_argument("--real", action="store_true", help="only the real images, no simulated year")
     given = parser.parse_args()

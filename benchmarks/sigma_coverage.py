@@ -38,7 +38,7 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim_camera, fit_camera
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 
-PAGE = DOCS / "coverage.md"
+PAGE = DOCS / "protocols/coverage.md"
 JUDGED = 1000  # the first seed of those that judge
 CHECKS, TIES = 60, 200
 NOISE_PX = 0.3

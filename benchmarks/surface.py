@@ -46,7 +46,7 @@ from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 from hrsi.processing_algorithms.command_line.cli import main as command
 from hrsi.tests.laser_scenes import placed_scene
 
-PAGE = DOCS / "surface.md"
+PAGE = DOCS / "protocols/surface.md"
 #: Side of a scene; pixels of 16 m see a wider one, with twice the relief.
 SIDE_M, WIDE_M, WIDE_RELIEF = 5000.0, 16000.0, 2.0
 #: Share of the DEM's cells with trees: images see crowns, radar looks into them, which differs by 5 m or so. More of

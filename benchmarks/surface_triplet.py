@@ -31,7 +31,7 @@ from hrsi.hrsi_engine.io.rasters.dems import open_dem
 FOLDER = DATA / "real" / "s2p_triplet_phr"
 DSM = FOLDER / "s2p_reference_dsm.tif"
 CELL_M = 30.0
-PAGE = DOCS / "surface.md"
+PAGE = DOCS / "protocols/surface.md"
 
 
 def displace_rpc(image: Image, offset_m: np.ndarray) -> Image:

@@ -1,6 +1,6 @@
 """Every number that tables of the thesis print and that can be computed, beside ours: `thesis_numbers.py [--docs]`.
 
-``--docs`` writes docs/thesis_numbers.md. A number is
+``--docs`` writes docs/protocols/thesis_numbers.md. A number is
 
 * *equal*, where ours differs by one unit of its last digit at most;
 * *within chance*, where it differs by less than the standard error of an RMSE of as many points, 1 / sqrt(2 n);
@@ -27,7 +27,7 @@ from hrsi.benchmarks.spot5 import CASES, read_printed_checks, read_spot5
 from hrsi.benchmarks.thesis_formulas import residuals_of_checks
 from hrsi.hrsi_engine import adjust
 
-PAGE = DOCS / "thesis_numbers.md"
+PAGE = DOCS / "protocols/thesis_numbers.md"
 EQUAL, CHANCE, EXPLAINED_AS, OPEN = "equal", "within chance", "explained", "open"
 #: Table and the beginning of a row -> why ours differs.
 EXPLAINED = {

@@ -1,6 +1,6 @@
 """Tables 4.6 to 4.11 and figures 4.2 to 4.5 of the thesis, printed and computed: `accuracy.py thesis`.
 
-Printed figures stand left, computed ones right. ``--docs`` also writes docs/accuracy_thesis.md and the plots. The
+Printed figures stand left, computed ones right. ``--docs`` writes docs/protocols/accuracy_thesis.md and the plots. The
 thesis data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
 """
 
@@ -25,7 +25,7 @@ from hrsi.hrsi_engine.refinement.estimate import Control, estimate
 from hrsi.hrsi_engine.refinement.selection import choose_by_number
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
-PAGE = DOCS / "accuracy_thesis.md"
+PAGE = DOCS / "protocols/accuracy_thesis.md"
 #: RMSE in px from which a direct method has failed: no image of the sets has residuals of that size with a result.
 FAILED_PX = 1000.0
 Pair = tuple[float, float]
@@ -297,7 +297,7 @@ def figures_text() -> str:
     second = np.radians(1.0 / 3600.0)
     ikonos_m = float(edge_difference(680e3, np.array(0.0), np.array(2.0 * second), np.radians(0.93 / 2.0)))
     names = ("attitude error to 0.1 rad", "attitude error to 1 mrad", "field of view", "off-nadir angle")
-    pictures = "\n".join(f"![Figure 4.{k}: {name}](figure_4_{k}.svg)" for k, name in enumerate(names, 2))
+    pictures = "\n".join(f"![Figure 4.{k}: {name}](../figure_4_{k}.svg)" for k, name in enumerate(names, 2))
     return (
         "## Figures 4.2 to 4.5: limits of bias compensation\n\nThe figures have the error that a shift leaves at the "
         "edge of the image (equations 4.6 to 4.8), from an orbit of 680 km. "
@@ -309,7 +309,7 @@ def main(words: Sequence[str] = (), write: Callable[[str], object] = print) -> N
     """Print the tables; ``--docs`` writes the page."""
     parser = argparse.ArgumentParser(prog="accuracy.py thesis", description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "thesis", help="folder with the thesis's tables")
-    parser.add_argument("--docs", action="store_true", help="write docs/accuracy_thesis.md and its figures")
+    parser.add_argument("--docs", action="store_true", help="write docs/protocols/accuracy_thesis.md and its figures")
     options = parser.parse_args(list(words))
     tables = sections(options.data)
     for title, table in tables:

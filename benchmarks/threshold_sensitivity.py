@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.foundation.thresholds import JUDGEMENT
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLE = ROOT / "docs" / "threshold_sensitivity.csv"
+TABLE = ROOT / "docs" / "developing/threshold_sensitivity.csv"
 UNCHANGED = 1e-3  # standard deviations of a point that no map shows
 
 

@@ -2,7 +2,7 @@
 
 `python benchmarks/tie_hand_over.py [--rows N] [--docs]`: the same N random measurements of points on three of a hundred
 images in all three forms, each read through to the table of image points and compared with what was written; then put
-together as a block. With --docs the table goes into docs/large_blocks.md.
+together as a block. With --docs the table goes into docs/protocols/large_blocks.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from hrsi.hrsi_engine.io.point_files import read_image_points, read_points
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
 
-PAGE = DOCS / "large_blocks.md"
+PAGE = DOCS / "protocols/large_blocks.md"
 IMAGES, VIEWS, MILLION = 100, 3, 1e6
 
 
@@ -67,7 +67,7 @@ def timed(work: Callable[[], Any]) -> tuple[Any, float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", type=int, default=3_000_000)
-    parser.add_argument("--docs", action="store_true", help="put the table into docs/large_blocks.md")
+    parser.add_argument("--docs", action="store_true", help="put the table into docs/protocols/large_blocks.md")
     options = parser.parse_args()
     points, track = made_points(options.rows)
     rows = []

@@ -35,7 +35,7 @@ from hrsi.processing_algorithms.interface.declare import fill_options
 from hrsi.processing_algorithms.interface.options import check_options
 from hrsi.processing_algorithms.laboratory.simulation_steps.inputs import make_views
 
-PAGE = DOCS / "tie_sigmas.md"
+PAGE = DOCS / "protocols/tie_sigmas.md"
 REAL = {
     "s2p triplet": ("s2p_triplet_phr", ("img_01.tif", "img_02.tif", "img_03.tif")),
     "Kahramanmaras": (

@@ -20,7 +20,7 @@ from hrsi.benchmarks.wrong_kinds import TRUE_KINDS, TrueKind
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 
 HALF_RAY_M = 100.0
-PAGE = DOCS / "harmful_inputs.md"
+PAGE = DOCS / "protocols/harmful_inputs.md"
 
 
 class Harm(NamedTuple):

@@ -50,7 +50,7 @@ from hrsi.hrsi_engine.plausibility.accuracy import estimate_accuracies
 from hrsi.hrsi_engine.plausibility.control import collect_control, fit_control
 from hrsi.hrsi_engine.plausibility.mistakes import estimate_common_lift, find_datum_shifts
 
-PAGE = DOCS / "wrong_inputs.md"
+PAGE = DOCS / "protocols/wrong_inputs.md"
 PLACES = ((5.45, 43.53), (147.3, -42.85), (-71.6, -33.4), (-105.0, 39.7), (36.9, 37.6), (113.2, 34.6), (18.4, -33.9))
 FOOT_M = 0.3048
 
@@ -905,7 +905,7 @@ def clean_blocks(seeds: Sequence[int], sensors: Sequence[str], runner: Runner) -
 HEAD = ["wrong input", "gross: named", "not written", "subtle: named", "below: noticed", "crashed", "else"]
 INTRODUCTION = """# Wrong inputs: detection and prevention of wrong results
 
-Made by `python benchmarks/wrong_inputs.py --docs {words}`. The page [verdict](verdict.md) explains the reasons.
+Made by `python benchmarks/wrong_inputs.py --docs {words}`. The page [verdict](../verdict.md) explains the reasons.
 
 Each kind of wrong input is made from correct simulated blocks of {sensors}.
 A block has 3000 to 9000 px a side, three images, eight GCPs, six check points and 200 tie points. The places are on

@@ -1,4 +1,4 @@
-"""Write `docs/thresholds.md`: every threshold of the product by topic, with value, unit, meaning and origin.
+"""Write `docs/developing/thresholds.md`: every threshold of the product by topic, with value, unit, meaning and origin.
 
 ``python scripts/list_thresholds.py`` imports each module that declares a topic (`hrsi_engine.foundation.thresholds`)
 and writes the page; ``--check`` only tells whether the page is current. The plugin is left out: it needs QGIS.
@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "thresholds.md"
+PAGE = ROOT / "docs" / "developing/thresholds.md"
 COMMAND = ".venv/bin/python scripts/list_thresholds.py"
 PARTS = ("hrsi_engine", "processing_algorithms")
 #: A module that declares a topic has this line; the others are not imported.
@@ -34,7 +34,7 @@ change nothing, move a point by at most so many of its standard deviations, or c
 a number names what is counted; a meaning that begins with an ellipsis continues that of the row above.
 """
 #: What `benchmarks/threshold_sensitivity.py` found, by the module, topic and field of each threshold.
-SENSITIVITY = ROOT / "docs" / "threshold_sensitivity.csv"
+SENSITIVITY = ROOT / "docs" / "developing/threshold_sensitivity.csv"
 
 
 class Topic(NamedTuple):

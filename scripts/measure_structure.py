@@ -1,4 +1,4 @@
-"""Measure how the shipped code is laid out, and write the figures into ``docs/structure.md``.
+"""Measure how the shipped code is laid out, and write the figures into ``docs/developing/structure.md``.
 
 ``python scripts/measure_structure.py [--write] [--names] [REVISION …]`` reads the sources, here and at revisions of the
 repository, and prints one column each; nothing of them is imported. ``--write`` puts the table and the rooms between
@@ -50,7 +50,7 @@ from check_names import MOST_LISTED, fault_of, names_in
 from measure_trips import TRIPS, Calls
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "structure.md"
+PAGE = ROOT / "docs" / "developing/structure.md"
 PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
 #: The states which the page compares with: before there were rooms, and before the rooms were put in order by topic.
 BEFORE = ("54ff169", "7ae5dd3")
@@ -501,7 +501,7 @@ def main(words: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("revisions", nargs="*", default=BEFORE, help="revisions to compare with")
     parser.add_argument("--now", action="store_true", help="only the sources as they are")
-    parser.add_argument("--write", action="store_true", help="write the tables into docs/structure.md")
+    parser.add_argument("--write", action="store_true", help="write the tables into docs/developing/structure.md")
     parser.add_argument("--names", action="store_true", help="list what the figures count")
     arguments = parser.parse_args(words)
     now = Product(ROOT)

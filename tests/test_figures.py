@@ -36,10 +36,10 @@ def test_every_page_that_a_benchmark_makes_is_registered():
     """Pages say so themselves: "Made by `python benchmarks/…`" in their first lines; others are named with a reason."""
     registered = {entry.page for entry in REGISTRY.values()}
     made = set()
-    for path in (ROOT / "docs").glob("*.md"):
+    for path in (ROOT / "docs").rglob("*.md"):
         head = "\n".join(path.read_text(encoding="utf-8").splitlines()[:8])
         if re.search(r"(?:Made|Printed) by `(?:python )?(?:-m )?(?:hrsi\.)?benchmarks", head):
-            made.add(path.name)
+            made.add(str(path.relative_to(ROOT / "docs")))
     missing = made - registered - set(NOT_REGISTERED)
     assert not missing, f"add to benchmarks/registry.toml: {sorted(missing)}"
     assert not set(NOT_REGISTERED) & registered, "registered now: take it out of NOT_REGISTERED"
@@ -47,10 +47,10 @@ def test_every_page_that_a_benchmark_makes_is_registered():
 
 #: Pages whose figures are the machine's, or pooled over several runs; the command stands on the page.
 NOT_REGISTERED = {
-    "damaged_files.md": "10 000 hostile files with their times and memory",
-    "interest_points_speed.md": "times only",
-    "large_blocks.md": "times and memory only, beside another program",
-    "robustness.md": "pooled over runs of kills",
+    "protocols/damaged_files.md": "10 000 hostile files with their times and memory",
+    "protocols/interest_points_speed.md": "times only",
+    "protocols/large_blocks.md": "times and memory only, beside another program",
+    "protocols/robustness.md": "pooled over runs of kills",
 }
 
 
@@ -91,7 +91,7 @@ def test_changes_are_found(old, new, differs):
 
 def test_a_figure_made_anew_is_compared_with_its_page(tmp_path: Path, monkeypatch, capsys):
     """`check` runs the command with its page aside: a script that writes another number is caught, the docs stay."""
-    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "developing").mkdir(parents=True)
     (tmp_path / "docs" / "page.md").write_text(PAGE)
     script = "import os, pathlib; p = pathlib.Path(os.environ['HRSI_DOCS'], 'page.md'); "
     (tmp_path / "make.py").write_text(script + "p.write_text(p.read_text().replace('1.13', '1.16'))")
@@ -107,7 +107,7 @@ def test_a_figure_made_anew_is_compared_with_its_page(tmp_path: Path, monkeypatc
 
 def test_a_page_made_anew_has_not_been_checked(tmp_path: Path, monkeypatch):
     """What a check said of the page before does not stand beside the new one; other entries keep theirs."""
-    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "developing").mkdir(parents=True)
     (tmp_path / "docs" / "page.md").write_text(PAGE)
     (tmp_path / "make.py").write_text("")
     for name, path in (("ROOT", tmp_path), ("MADE", tmp_path / "made.csv"), ("CHECKED", tmp_path / "checked.csv")):
@@ -132,7 +132,7 @@ def test_pages_with_figures_of_hobart_say_that_its_rpcs_were_fitted():
         if accuracies or re.search(r"^#+ .*Hobart", text, re.MULTILINE):
             named[str(path.relative_to(ROOT / "docs"))] = bool(re.search(r"RPCs?\b[^.]{0,80}\bfitted", text))
     print(f"pages with figures of Hobart: {', '.join(named)}")
-    assert {"accuracy_blocks.md", "few_gcps.md", "tutorial/hobart.md"} <= set(named)
+    assert {"protocols/accuracy_blocks.md", "protocols/few_gcps.md", "tutorial/hobart.md"} <= set(named)
     assert not [page for page, said in named.items() if not said]
 
 

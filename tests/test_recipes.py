@@ -1,4 +1,4 @@
-"""The recipes of docs/heirs.md work: their edits are made in a copy of the repository, their checks run there."""
+"""The recipes of docs/developing/heirs.md work: edits are made in a copy of the repository, their checks run there."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from long_tests import mark_beyond
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "heirs.md"
+PAGE = ROOT / "docs" / "developing/heirs.md"
 LEFT_OUT = shutil.ignore_patterns(
     ".git", ".venv", "build", "dist", "pictures", "plugin", "benchmarks", ".*_cache", ".hypothesis", ".qgis-settings",
     "data", "*.svg",

@@ -1,4 +1,4 @@
-"""The figures of the layout keep their limits, and ``docs/structure.md`` says what the sources are."""
+"""The figures of the layout keep their limits, and ``docs/developing/structure.md`` says what the sources are."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_page_is_not_stale(product: Product, figures: dict[str, float]):
         for name, figure in figures.items()
         if name not in page or abs(page[name] - figure) > STALE * abs(figure)
     }
-    assert stale == {}, "docs/structure.md is stale (page, sources): run `make structure`"
+    assert stale == {}, "docs/developing/structure.md is stale (page, sources): run `make structure`"
     assert set(page) == set(figures)
     rooms, now = cells_of("rooms"), split_rows(rooms_of(product))
     for row, fresh in zip(rooms[2:], now[2:], strict=True):

@@ -52,5 +52,5 @@ def test_the_page_shows_name_value_unit_meaning_and_origin():
 
 def test_the_page_is_current():
     assert list_thresholds.PAGE.read_text(encoding="utf-8") == list_thresholds.write_page(), (
-        f"docs/thresholds.md is not current: run {list_thresholds.COMMAND} (or `make thresholds`)"
+        f"docs/developing/thresholds.md is not current: run {list_thresholds.COMMAND} (or `make thresholds`)"
     )

@@ -8,8 +8,8 @@ Each topic is declared once, in the module that uses it, as a constant (``LINKS.
         closure_px: float = threshold(3.0, "px", "largest median closure of a triangle of images", MANY_DATES)
         fewest_closures: int = threshold(8, "points", "fewest common points of a triangle that is tested", JUDGEMENT)
 
-``docs/thresholds.md`` lists all of them (`scripts/list_thresholds.py`). Numbers of mathematical origin (a quantile, the
-coefficients of a formula) are not thresholds and are written where they are used.
+``docs/developing/thresholds.md`` lists all of them (`scripts/list_thresholds.py`). Numbers of mathematical origin
+(a quantile, the coefficients of a formula) are not thresholds and are written where they are used.
 """
 
 from dataclasses import dataclass, field

@@ -26,7 +26,7 @@ from ..block.pointing import SIGMAS_OF_CE90, compute_gsds_m, find_image_sensor
 from ..foundation.thresholds import threshold, thresholds
 
 #: Source of most thresholds of this room.
-SIMULATED = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/wrong_inputs.md)"
+SIMULATED = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/protocols/wrong_inputs.md)"
 OF_SENSORS = "published accuracies of sensors (table of the module)"
 
 
@@ -43,7 +43,7 @@ class ACCURACY:
     most_biased_ce90: float = threshold(10.5, "CE90", "largest shift common to all points that is a bias of the RPC")
     unwritten_sigmas: float = threshold(
         30.0, "sigma", "shift beyond which, and beyond `most_biased_ce90`, no refined RPC is written", "ten times the "
-        "published CE90 of Pleiades, 26 sigma of its simulated RPCs (docs/biased_rpcs.md)"
+        "published CE90 of Pleiades, 26 sigma of its simulated RPCs (docs/protocols/biased_rpcs.md)"
     )  # fmt: skip
     large_drift_sigmas: float = threshold(10.0, "sigma", "largest drift relative to the user's sigma", SIMULATED)
     impossible_shift_sigmas: float = threshold(15.0, "sigma", "largest possible shift by an RPC, or …", SIMULATED)

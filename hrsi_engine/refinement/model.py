@@ -138,7 +138,7 @@ class Priors:
 
 
 #: Loose for constant errors of any satellite, tight for the drift across an image: suitable for errors from 0 to 1 km
-#: and 0.1 rad (docs/accuracy_thesis.md).
+#: and 0.1 rad (docs/protocols/accuracy_thesis.md).
 LOOSE_ORIENTATION = Orientation(2000.0, 0.2, 2.0, 2e-4)
 #: With GCPs the priors only keep the equations regular: far above any vendor's error. The positions of the sensors get
 #: the worst accuracy of orbits, because attitude has the same effect except for its change across the image, which tie

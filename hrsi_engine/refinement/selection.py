@@ -52,7 +52,7 @@ class SELECTION:
     blunder_risk: float = threshold(1e-3, "", "error probability of the test of the worst GCP", "Rosner 1983")
     least_redundancy: float = threshold(4.0, "", "smallest redundancy without a tested GCP")
     least_deviation: float = threshold(4.0, "sigma", "smallest deviation of a rejected GCP from its prediction")
-    expected_error: float = threshold(2.0, "sigma", "RMS prediction error of a good model", "docs/accuracy_blunders.md")
+    expected_error: float = threshold(2.0, "sigma", "RMS prediction error of a good model", "accuracy_blunders.md")
     large_error: float = threshold(5.0, "sigma", "largest RMS prediction error of a model that explains the GCPs")
     drift_measurements: int = threshold(
         25_000, "measurements", "most per image for an estimate of the drift: with more, treated as independent, small "

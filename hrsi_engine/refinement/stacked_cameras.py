@@ -2,7 +2,7 @@
 
 The formulas of polynomials take one image's index or an array of them (`correct_in_image`), the RPCs are those of
 `camera.rpc_stack`. Models of other families are evaluated image by image. Both ways agree to rounding errors;
-docs/decisions.md has the reason for both.
+docs/developing/decisions.md has the reason for both.
 
 Arguments that the functions share
     images : those of a block; which (n,) : index of each point's image

@@ -7,7 +7,7 @@ import pytest
 from hrsi.benchmarks.sigma_coverage import CONFIGURATIONS, run
 
 SEEDS = range(100, 108)
-#: Shares of single blocks scatter by up to 0.08 about 0.9 (docs/coverage.md), the mean of eight by 0.03.
+#: Shares of single blocks scatter by up to 0.08 about 0.9 (docs/protocols/coverage.md), the mean of eight by 0.03.
 LEAST, MOST = 0.81, 0.99
 
 

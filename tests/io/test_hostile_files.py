@@ -27,7 +27,7 @@ from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text, w
 from hrsi.processing_algorithms.files.coordinate_lines import parse_lines
 
 ENTRIES = 60_000
-MOST_CPU_S = 10.0  # the promise of docs/robustness.md
+MOST_CPU_S = 10.0  # the promise of docs/protocols/robustness.md
 
 
 def _cpu_seconds() -> float:

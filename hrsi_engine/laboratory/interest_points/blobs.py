@@ -24,7 +24,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ...measurement.interest_points.options import CentreOptions
 from ...measurement.interest_points.outlines import interpolate_bilinear
 
-BLOB_PAIRS = "real pairs s2p 01-03 and Kahramanmaras before, 2026-11-22 (docs/interest_points_accuracy.md)"
+BLOB_PAIRS = "real pairs s2p 01-03 and Kahramanmaras before, 2026-11-22 (docs/protocols/interest_points_accuracy.md)"
 
 
 @thresholds

@@ -17,7 +17,7 @@ have noise. Each end has the share 1 / sqrt(2), and the random camera errors (vi
 
 c is constant in a block, such that the median of the squared deviations over their variances is that of chi squared
 (`estimate_camera_sigma`). For real images s / sqrt(2) agrees with the residuals, from the best to the worst matches
-(docs/tie_sigmas.md).
+(docs/protocols/tie_sigmas.md).
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import EPIPOLAR, EpipolarDeviation, compute_epipolar_deviation
 
-_RELIEF = "simulated pairs on relief, errors along epipolar lines, 2026-11-22 (docs/tie_sigmas.md)"
+_RELIEF = "simulated pairs on relief, errors along epipolar lines, 2026-11-22 (docs/protocols/tie_sigmas.md)"
 _KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22"
 _CLIFFS = "simulated cliffs, clouds, water, bands: nearly all false, 1 of 200 good; 2026-11-22"
 

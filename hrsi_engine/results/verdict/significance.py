@@ -5,7 +5,7 @@ from scipy import special
 from ...foundation.thresholds import threshold, thresholds
 
 #: Source of most thresholds of the verdict.
-SOUND_BLOCKS = "correct simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/sound_blocks.md)"
+SOUND_BLOCKS = "correct simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/protocols/sound_blocks.md)"
 
 
 @thresholds
