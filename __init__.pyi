@@ -1258,8 +1258,8 @@ def write_rpc(
     itself and keeps its original RPC in it, so that ``restore`` restores it exactly; vrt writes a
     virtual image; sidecar, rpb, xml, geom and json write a _RPC.TXT, .RPB, ISD XML (ASP), .geom (Orfeo
     ToolBox) or rpcm JSON file. Such a file is written into the folder of the image, or into the output
-    directory. docs/bridges.md lists the formats that other programs read. Everything is read again and
-    compared; an existing file is replaced in one step.
+    directory. docs/how-to/bridges.md lists the formats that other programs read. Everything is read
+    again and compared; an existing file is replaced in one step.
 
     Parameters
     ----------
