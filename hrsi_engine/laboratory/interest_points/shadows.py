@@ -4,7 +4,7 @@ An object above the ground has its lit side towards the sun and its shadow behin
 shadow is brighter in its half towards the sun. Beyond its outline lies the object itself on the sun's side, darker than
 the open, lit ground on all other sides. Pits, ponds and dark plots have neither, or the opposite.
 
-The rule was found on real images, where only the sun's side differs (`benchmarks/shadow_flags.py`: with
+The rule was found on real images, where only the side of the sun differs (with
 the sun turned by 180 degrees a fifth as many are found, in open country a twelfth). A bright object on the sun's
 side, as the simulator's roofs are, is no criterion: on real ground it is as frequent on any other side.
 """
