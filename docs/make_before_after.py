@@ -1,6 +1,6 @@
 """Draw docs/pictures/before_after.png: two orthoimages over each other, with the original and the refined RPCs.
 
-``python docs/make_before_after.py`` after ``make demo-images``. Fields of a chessboard alternate between the orthoimages
+``python docs/make_before_after.py`` after ``make demo-images``. Fields of a chessboard alternate between orthoimages
 of two images; both halves show the same ground at one scale, so that streets and walls break at the edges of the fields
 where the RPCs are wrong.
 """
