@@ -23,6 +23,25 @@ class InputError(HrsiError):
     exit_code = 2
 
 
+class MissingPackageError(InputError):
+    """A Python package that this work needs cannot be imported.
+
+    The class and its attribute are stable: the QGIS plugin offers to install ``package``. The message has the command for
+    other programs.
+
+    Parameters
+    ----------
+    message : str
+        One line: what needs the package, and the command that installs it.
+    package : str
+        pip's name of the package, ``opencv-python-headless``.
+    """
+
+    def __init__(self, message: str, package: str = "") -> None:
+        super().__init__(message)
+        self.package = package
+
+
 class SolveError(HrsiError):
     """The input was read, but the problem has no (unique) solution."""
 

@@ -1,40 +1,26 @@
-"""Filters and resampling of images: computed by OpenCV if it can be imported, otherwise by NumPy and SciPy.
+"""Filters and resampling of images by OpenCV, which is imported when the first image is filtered.
 
-No other module uses OpenCV's filters, since QGIS on Windows has no OpenCV. The results are equal except for rounding
-and for `interpolate`, where OpenCV has steps of 1/32 pixel. ``HRSI_OPENCV=0`` turns OpenCV off. Images are float32
-``(lines, samples)``, masks bool; borders have SciPy's names: ``mirror`` reflects about the centre of the last pixel,
-``reflect`` about its outer edge, and ``constant`` is 0 outside.
+Images are float32 ``(lines, samples)``, masks bool; borders are ``mirror`` (about the centre of the last pixel),
+``reflect`` (about its outer edge) and ``constant`` (0 outside). Without OpenCV they raise `MissingPackageError`.
 """
 
-import os
 from collections.abc import Sequence
-from functools import cache
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from .packages import require_package
+
 #: Smoothing and derivative kernel of an isotropic gradient (Scharr 2000); it is 32 times the gradient.
 SCHARR = np.array([3.0, 10.0, 3.0]), np.array([-1.0, 0.0, 1.0])
+_BORDERS = {"reflect": "BORDER_REFLECT", "mirror": "BORDER_REFLECT_101", "constant": "BORDER_CONSTANT"}
+_ORDERS = {0: "INTER_NEAREST", 1: "INTER_LINEAR", 3: "INTER_CUBIC"}
+LONGEST_MAP = 1 << 14  # longest side of the coordinate maps of cv2.remap, which must be below 32768
 
 
-def should_use_opencv() -> bool:
-    """Return True if OpenCV can be imported and HRSI_OPENCV is not 0."""
-    if os.environ.get("HRSI_OPENCV") == "0":
-        return False
-    try:
-        import_module("cv2")
-    except ImportError:
-        return False
-    return True
-
-
-@cache
-def _choose_filters() -> Any:
-    """Return the class that implements the filters; OpenCV is imported when the first image is filtered."""
-    if should_use_opencv():
-        return import_module(".opencv_filters", __package__).OpenCVFilters
-    return import_module(".array_filters", __package__).ArrayFilters
+def load_opencv() -> Any:
+    """Return the module cv2."""
+    return require_package("cv2")
 
 
 def filter_separable(
@@ -45,13 +31,15 @@ def filter_separable(
 
     The type, float32 or float64, is that of the image; the kernel is centred at the pixel.
     """
+    cv2 = load_opencv()
     kernels = (np.asarray(kernel, image.dtype) for kernel in (along_row, along_column))
-    return np.asarray(_choose_filters().filter_separable(image, *kernels, border))
+    return np.asarray(cv2.sepFilter2D(image, -1, *kernels, borderType=getattr(cv2, _BORDERS[border])))
 
 
 def blur(image: np.ndarray, sigma_px: float, border: str = "mirror") -> np.ndarray:
     """Return the image smoothed by a Gaussian that is truncated at four standard deviations."""
-    return np.asarray(_choose_filters().blur(image, float(sigma_px), border))
+    cv2 = load_opencv()
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), float(sigma_px), borderType=getattr(cv2, _BORDERS[border])))
 
 
 def slopes(image: np.ndarray, smooth: np.ndarray, slope: np.ndarray, border: str = "mirror") -> tuple[np.ndarray, ...]:
@@ -61,7 +49,7 @@ def slopes(image: np.ndarray, smooth: np.ndarray, slope: np.ndarray, border: str
 
 def box_mean(image: np.ndarray, side: int) -> np.ndarray:
     """Return the mean of a square window of odd ``side`` around each pixel, mirrored at the border; float32 or 64."""
-    return np.asarray(_choose_filters().box_mean(image, side))
+    return np.asarray(load_opencv().boxFilter(image, -1, (side, side)))
 
 
 def compute_smaller_eigenvalue(xx: np.ndarray, yy: np.ndarray, xy: np.ndarray) -> np.ndarray:
@@ -71,7 +59,9 @@ def compute_smaller_eigenvalue(xx: np.ndarray, yy: np.ndarray, xy: np.ndarray) -
 
 def erode(mask: np.ndarray, side: int, outside: bool = True) -> np.ndarray:
     """Return the morphological erosion of a mask by a square of odd side; ``outside`` is the value beyond the image."""
-    return np.asarray(_choose_filters().erode(mask, side, outside))
+    cv2 = load_opencv()
+    square, border = np.ones((side, side), np.uint8), {"borderType": cv2.BORDER_CONSTANT, "borderValue": int(outside)}
+    return np.asarray(cv2.erode(mask.view(np.uint8), square, **border)).view(bool)
 
 
 def dilate(mask: np.ndarray, side: int) -> np.ndarray:
@@ -86,22 +76,27 @@ def apply_opening(mask: np.ndarray, side: int) -> np.ndarray:
 
 def compute_local_maximum(image: np.ndarray, radius_px: float) -> np.ndarray:
     """Return the maximum within a circle of this radius around each pixel."""
-    return np.asarray(_choose_filters().compute_local_maximum(image, radius_px))
+    reach = int(radius_px)
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    return np.asarray(load_opencv().dilate(image, (np.hypot(x, y) <= radius_px).astype(np.uint8)))
 
 
 def reduce_by_area(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return an image reduced to ``size`` (samples, lines): means of the old pixels, weighted by overlapping area."""
-    return np.asarray(_choose_filters().reduce_by_area(image, size))
+    cv2 = load_opencv()
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 def reduce_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return a mask reduced to ``size`` (samples, lines): the old pixels at the upper left corners of the new ones."""
-    return np.asarray(_choose_filters().reduce_mask(mask, size))
+    cv2 = load_opencv()
+    return np.asarray(cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)).view(bool)
 
 
 def enlarge(image: np.ndarray, factor: int) -> np.ndarray:
     """Return an image with ``factor`` times as many pixels along each axis, interpolated linearly."""
-    return np.asarray(_choose_filters().enlarge(image, factor))
+    cv2 = load_opencv()
+    return np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR))
 
 
 def interpolate(
@@ -109,6 +104,14 @@ def interpolate(
 ) -> np.ndarray:
     """Return the grey values of an image at columns ``x`` and rows ``y`` (float32, equal shape), which may be outside.
 
-    order : 0 nearest, 1 linear, 3 cubic convolution; outside : value outside the image, None for the nearest pixel
+    order : 0 nearest, 1 linear, 3 cubic convolution, all in steps of 1/32 px
+    outside : value outside the image, None for the nearest pixel
     """
-    return np.asarray(_choose_filters().interpolate(image, x, y, order, outside))
+    cv2 = load_opencv()
+    kind = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
+    how = {"interpolation": getattr(cv2, _ORDERS[order]), "borderMode": kind, "borderValue": outside or 0}
+    if max(x.shape) < LONGEST_MAP:
+        return np.asarray(cv2.remap(image, x, y, **how))
+    parts = [slice(start, start + LONGEST_MAP) for start in range(0, x.size, LONGEST_MAP)]
+    lines = [cv2.remap(image, x.ravel()[part][None], y.ravel()[part][None], **how)[0] for part in parts]
+    return np.concatenate(lines).reshape(x.shape)

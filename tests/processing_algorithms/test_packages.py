@@ -1,4 +1,4 @@
-"""The plugin runs on what a stock QGIS brings: other packages make it faster, or serve one option."""
+"""The plugin runs on what a stock QGIS brings: other packages serve matching or one option, or make it faster."""
 
 from __future__ import annotations
 
@@ -9,12 +9,8 @@ from measure_structure import Product
 
 #: What QGIS's installers and packages bring.
 STOCK = {"numpy", "scipy", "osgeo", "pyproj", "shapely", "jinja2", "markupsafe", "qgis", "processing"}
-#: Modules that are loaded only where their package is there: each has a plain counterpart, or one option needs it.
+#: Modules that are loaded only where their package is there; cv2 is imported by name (`foundation.packages`).
 WITH_PACKAGE = {
-    "cv2": {
-        "foundation.opencv_filters", "measurement.tile_matching.features",
-        "measurement.interest_points.level_regions",
-    },
     "numba": {
         "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
         "foundation.compiled_code",

@@ -57,7 +57,7 @@ def test_zip_triangulates_in_a_clean_profile(profile: Path, tmp_path: Path):
 
 @pytest.mark.programs
 def test_a_stock_qgis_needs_no_packages(profile: Path, tmp_path: Path):
-    """Adjustment and matching in pixels run without OpenCV, numba and Dask; the help offers two of them for speed."""
+    """Adjustment and simulation run without OpenCV, numba and Dask; matching names what it lacks."""
     (tmp_path / "sitecustomize.py").write_text(HIDE_PACKAGES)
     without = {"PYTHONPATH": str(tmp_path)}
     listed = qgis_process(profile, "--json", "list", **without)
@@ -65,8 +65,6 @@ def test_a_stock_qgis_needs_no_packages(profile: Path, tmp_path: Path):
     assert len(json.loads(listed.stdout)["providers"]["hrsi"]["algorithms"]) == len(REGISTRY) + 1  # a model
     done = triangulate(profile, tmp_path / "adjusted", "--TIE_POINTS=none", "--GCP_IDS=H003,H022,H058,H105", **without)
     assert done.returncode == 0, done.stderr
-    told = qgis_process(profile, "help", "hrsi:tiepoints", **without).stdout
-    assert "three times as fast with numba and opencv-python-headless" in told and "cannot be loaded" not in told
     made = qgis_process(
         profile, "--json", "run", "hrsi:simulate", "--IMAGES=2", "--SIZE=300", "--GCPS=4", "--CHECKS=4",
         "--TIES=0", f"--OUTPUT_DIR={tmp_path / 'block'}", **without,
@@ -79,7 +77,5 @@ def test_a_stock_qgis_needs_no_packages(profile: Path, tmp_path: Path):
         f"--IMAGE_POINTS={block / 'image_points.csv'}", f"--DEM={block / 'dem.tif'}", "--HEIGHT_DATUM=ellipsoidal",
         f"--OUTPUT_DIR={tmp_path / 'tied'}", **without,
     )  # fmt: skip
-    assert tied.returncode == 0, tied.stderr + tied.stdout
-    report = json.loads((tmp_path / "tied" / "report.json").read_text(encoding="utf-8"))
-    assert report["ties"]["points"] > 100
-    assert report["ties"]["rmse_px"] < 0.15
+    assert tied.returncode != 0
+    assert "opencv-python-headless" in tied.stderr + tied.stdout

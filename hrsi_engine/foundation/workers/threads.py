@@ -11,8 +11,6 @@ from importlib.util import find_spec
 from threading import Lock
 from typing import Any
 
-from ..pixel_filters import should_use_opencv
-
 _of_run = ContextVar("_of_run", default=0)
 
 
@@ -77,9 +75,10 @@ def _find_libraries(modules: int) -> Any:
 
 
 def _limit_opencv(limits: ExitStack) -> bool:
-    if not should_use_opencv():
+    try:
+        opencv = import_module("cv2")
+    except ImportError:
         return False
-    opencv = import_module("cv2")
     limits.callback(opencv.setNumThreads, opencv.getNumThreads())
     opencv.setNumThreads(1)
     return True

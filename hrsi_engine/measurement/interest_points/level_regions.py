@@ -4,24 +4,15 @@ Bright and dark regions are maximally stable extremal regions (Matas et al. 2002
 deviations; large ones are also searched in the image reduced by 4. Homogeneous ("even") regions are those of the
 gradient magnitude, with any surroundings: a grey roof between bright crowns and dark shadows has no closed grey level
 but a closed edge. Only compact regions are kept: their second moments agree with the area of an ellipse or rectangle.
-
-Stable regions are found by OpenCV, or without it from the component tree. A region is a connected component of the
-pixels that are at least as bright as a level. As the level falls, regions grow and merge, which forms a tree: a node is
-a region at the level of its darkest pixels, its parent the region that it grows into, its main part the largest of
-those that it grew from. Its change is ``(outer - inner) / area``, with the areas ``delta`` levels further down the tree
-and up its main parts. It is stable if it changes no more than its parent and than any region it grew from.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import csgraph
 
-from ...foundation.pixel_filters import blur, reduce_by_area, reduce_mask, should_use_opencv, slopes
+from ...foundation.pixel_filters import blur, load_opencv, reduce_by_area, reduce_mask, slopes
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 
@@ -112,14 +103,12 @@ def _find_stable_regions(
     steps: np.ndarray, stable_steps: int, largest_change: float, reach: float
 ) -> tuple[list, np.ndarray]:
     """Return pixels and bounding boxes of the maximally stable regions that are brighter than their surroundings."""
-    limits = MserLimits(stable_steps, REGION.fewest_pixels, int(reach**2), largest_change)
-    find = find_mser_by_opencv if should_use_opencv() else find_mser_by_tree
-    pixels = find(steps, limits)
-    if not pixels:
-        return pixels, np.empty((0, 4), dtype=np.int64)
-    every, begin = np.concatenate(pixels), np.cumsum([0, *map(len, pixels[:-1])])
-    low = np.minimum.reduceat(every, begin)
-    return pixels, np.column_stack([low, np.maximum.reduceat(every, begin) - low + 1]).astype(np.int64)
+    finder = load_opencv().MSER_create(
+        delta=stable_steps, min_area=REGION.fewest_pixels, max_area=int(reach**2), max_variation=largest_change
+    )
+    finder.setPass2Only(True)
+    pixels, boxes = finder.detectRegions(steps)
+    return list(pixels), np.asarray(boxes, dtype=np.int64).reshape(-1, 4)
 
 
 def _select_compact(
@@ -162,141 +151,3 @@ def _select_compact(
         free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]
         good &= np.logical_and.reduceat(free, regions.bounds[:-1])
     return regions.select(good)
-
-
-class MserLimits(NamedTuple):
-    """Number of levels over which a region must change little; its area limits in pixels; the largest change."""
-
-    delta: int
-    fewest: int
-    most: int
-    largest_change: float
-
-
-def find_mser_by_opencv(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
-    """Return column and row ``(k, 2)`` of the pixels of each stable region that is brighter than its surroundings.
-
-    Pixels at the edges of the image belong to no region.
-    """
-    import cv2
-
-    finder = cv2.MSER_create(
-        delta=limits.delta, min_area=limits.fewest, max_area=limits.most, max_variation=limits.largest_change
-    )
-    finder.setPass2Only(True)
-    return list(finder.detectRegions(image)[0])
-
-
-def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
-    """As `find_mser_by_opencv`, except for some regions with equal changes."""
-    inside = np.ascontiguousarray(image[1:-1, 1:-1])
-    if not inside.size:
-        return []
-    # Level by level, pixels are joined to the adjacent regions
-    depth = (inside.max() - inside).ravel()
-    pixel = np.arange(inside.size).reshape(inside.shape)  # pairs of adjacent pixels
-    first = np.concatenate([pixel[:, :-1].ravel(), pixel[:-1].ravel()])
-    second = np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
-    later = depth[first] < depth[second]  # two neighbours are joined when the darker one is added
-    first, second = np.where(later, second, first), np.where(later, first, second)
-    order = np.argsort(depth[first], kind="stable")
-    first, second = first[order], second[order]
-    pixels = np.argsort(depth, kind="stable")
-    levels = range(int(depth.max()) + 1)
-    new_at = np.searchsorted(depth[pixels], np.arange(len(levels) + 1))
-    pairs_at = np.searchsorted(depth[first], np.arange(len(levels) + 1))
-
-    count, entered, place, slot = 0, np.full(depth.size, -1), *np.empty((2, depth.size), np.int64)
-    regions = np.empty((5, depth.size), np.int64)  # upper limit; unused memory is not allocated
-    level_of, area, parent, main, ancestor = regions  # ancestor: towards the largest region so far
-    for level in levels:
-        new, pairs = pixels[new_at[level] : new_at[level + 1]], slice(pairs_at[level], pairs_at[level + 1])
-        place[new] = np.arange(len(new))
-        beside = second[pairs]
-        is_new = entered[beside] < 0
-        old = _find_roots(ancestor, entered[beside[~is_new]])  # contains repetitions, which are joined with themselves
-        slot[old] = np.arange(len(old))
-        of_old = len(new) + np.arange(len(old))
-        to = np.empty(len(beside), np.int64)
-        to[is_new], to[~is_new] = place[beside[is_new]], of_old
-        ends = np.concatenate([place[first[pairs]], of_old]), np.concatenate([to, len(new) + slot[old]])
-        size = len(new) + len(old)
-        joined = sparse.coo_matrix((np.ones(len(ends[0]), dtype=bool), ends), (size, size))
-        made, region = csgraph.connected_components(joined, directed=False)
-        is_once = slot[old] == np.arange(len(old))
-        old = old[is_once]
-        own, into = region[: len(new)], region[len(new) :][is_once] + count
-        nodes = np.arange(count, count + made)
-        entered[new] = count + own
-        level_of[nodes], area[nodes] = level, np.bincount(own, minlength=made)
-        np.add.at(area, into, area[old])
-        parent[nodes] = main[nodes] = ancestor[nodes] = nodes
-        parent[old] = ancestor[old] = into
-        by_area = np.argsort(area[old], kind="stable")  # the largest part is written last
-        main[into[by_area]] = old[by_area]
-        count += made
-    tree = _ComponentTree(level_of[:count], area[:count], parent[:count], main[:count], entered)
-    pixels, begin = _sort_pixels_by_region(tree)
-    found = []
-    for region in np.flatnonzero(_is_stable(tree, limits)).tolist():
-        place = pixels[begin[region] : begin[region] + tree.area[region]]
-        row, column = np.divmod(place, inside.shape[1])
-        found.append(np.column_stack([column + 1, row + 1]).astype(np.int32))
-    return found
-
-
-class _ComponentTree(NamedTuple):
-    """All regions of an image, in the order of decreasing brightness of their levels.
-
-    depth : (n,) levels below the brightest; area : (n,) pixels; parent, main : (n,) the region itself if it has none;
-    entered : (pixels,) the first region that contains each pixel
-    """
-
-    depth: np.ndarray
-    area: np.ndarray
-    parent: np.ndarray
-    main: np.ndarray
-    entered: np.ndarray
-
-
-def _find_roots(ancestor: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Return the largest regions so far that contain the given ones (union-find with path compression)."""
-    at = region
-    while not ((further := ancestor[at]) == at).all():
-        ancestor[at] = ancestor[further]
-        at = further
-    ancestor[region] = at
-    return at
-
-
-def _is_stable(tree: _ComponentTree, limits: MserLimits) -> np.ndarray:
-    """Return which regions are maximally stable ``(n,)``."""
-    itself = np.arange(len(tree.area))
-    inner = outer = itself
-    for _ in range(limits.delta):  # one step of the tree is at least one level
-        further = tree.main[inner]
-        inner = np.where(tree.depth - tree.depth[further] <= limits.delta, further, inner)
-        further = tree.parent[outer]
-        outer = np.where(tree.depth[further] - tree.depth <= limits.delta, further, outer)
-    change = (tree.area[outer] - tree.area[inner]) / tree.area
-    has_parent, large = tree.parent != itself, tree.area >= limits.fewest
-    before = np.full(len(change), np.inf)  # smallest change of the regions that it grew from
-    np.minimum.at(before, tree.parent[has_parent & large], change[has_parent & large])
-    stable = large & (tree.area <= limits.most) & (change <= limits.largest_change)
-    return stable & (change <= before) & (change <= change[tree.parent])
-
-
-def _sort_pixels_by_region(tree: _ComponentTree) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels in an order in which those of each region are contiguous, and their first position ``(n,)``."""
-    begin = np.zeros(len(tree.area), np.int64)
-    taken = np.bincount(tree.entered, minlength=len(tree.area))  # the region's own pixels are first
-    by_level = np.split(np.arange(len(tree.area)), np.flatnonzero(np.diff(tree.depth)) + 1)
-    for nodes in reversed(by_level):  # parents before their parts
-        parts = nodes[tree.parent[nodes] != nodes]
-        parts = parts[np.argsort(tree.parent[parts], kind="stable")]
-        parents = tree.parent[parts]
-        before = np.cumsum(tree.area[parts]) - tree.area[parts]
-        _, first, which = np.unique(parents, return_index=True, return_inverse=True)
-        begin[parts] = begin[parents] + taken[parents] + before - before[first][which]
-        np.add.at(taken, parents, tree.area[parts])  # parts from other levels follow
-    return np.argsort(begin[tree.entered], kind="stable"), begin

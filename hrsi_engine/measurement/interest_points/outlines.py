@@ -7,7 +7,6 @@ regions of a window are measured together, large ones first in the reduced image
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -163,8 +162,8 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     region = np.repeat(np.arange(len(starts)), np.diff(regions.bounds))
     column, row = (regions.pixels - low[region]).T
     place = row * width[region] + column
-    masks = []
-    for first, last, lines, samples in zip(starts, regions.bounds[1:], height, width, strict=True):
+    contours = []
+    for number, (first, last, lines, samples) in enumerate(zip(starts, regions.bounds[1:], height, width, strict=True)):
         mask = np.zeros(lines * samples, dtype=bool)
         mask[place[first:last]] = True
         mask = mask.reshape(lines, samples)
@@ -172,9 +171,8 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
             # The largest part after an opening, which removes thin connections to the surroundings
             parts, count = ndimage.label(core, np.ones((3, 3)))
             mask = core if count == 1 else parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
-        masks.append(mask)
+        contours.append(trace_contour(mask) + low[number])
     # Points about 1 px apart along the closed contours; their numbers are multiples of 4
-    contours = [contour + corner for contour, corner in zip(trace_contours(masks), low, strict=True)]
     lengths = np.array([len(contour) for contour in contours])
     starts = np.r_[0, np.cumsum(lengths)[:-1]]
     every = np.concatenate(contours).astype(np.float64)
@@ -212,43 +210,14 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     return points + outside[:, None] * normal, normal, counts
 
 
-#: Steps (column, row) to the 8 neighbours, clockwise as displayed, starting at the right one.
-_AROUND = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)])
+def trace_contour(mask: np.ndarray) -> np.ndarray:
+    """Return column and row ``(k, 2)`` of the outermost pixels of a connected mask, clockwise as displayed.
 
-
-def trace_contours(masks: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return column and row ``(k, 2)`` of the outermost pixels of connected masks, in order around each.
-
-    The masks have a border of False. Moore's tracing: from each pixel to the first neighbour inside, clockwise from the
-    last one outside; all masks are traced together, step by step.
+    The first one is the leftmost pixel of the first row.
     """
-    width = np.array([mask.shape[1] for mask in masks], dtype=np.int64)
-    begin = np.r_[0, np.cumsum([mask.size for mask in masks])[:-1]].astype(np.int64)
-    canvas = np.concatenate([mask.ravel() for mask in masks])
-    step = _AROUND[:, 0] + _AROUND[:, 1] * width[:, None]
-    start = begin + np.array([mask.argmax() for mask in masks], dtype=np.int64)
-    going, pixel = np.arange(len(masks)), start.copy()
-    outside = np.full(len(masks), 4)  # the left neighbour of the first pixel in the first row
-    first_turn = np.full(len(masks), -1)
-    regions, pixels = [], []
-    while len(going):
-        turn = (outside[:, None] + np.arange(1, 9)) % 8
-        near = canvas[pixel[:, None] + np.take_along_axis(step[going], turn, axis=1)]
-        on = turn[np.arange(len(going)), near.argmax(axis=1)]
-        alone = ~near.any(axis=1)
-        around = (pixel == start[going]) & (on == first_turn[going])
-        regions.append(going[~around])
-        pixels.append(pixel[~around])
-        first_turn[going] = np.where(first_turn[going] < 0, on, first_turn[going])
-        stay = ~(around | alone)
-        going, pixel, on = going[stay], pixel[stay], on[stay]
-        pixel = pixel + step[going, on]
-        outside = (on + np.where(on % 2 == 0, 6, 5)) % 8
-    region, place = np.concatenate(regions), np.concatenate(pixels)
-    order = np.argsort(region, kind="stable")
-    region, place = region[order], place[order] - begin[region[order]]
-    row, column = np.divmod(place, width[region])
-    return np.split(np.column_stack([column, row]), np.cumsum(np.bincount(region, minlength=len(masks)))[:-1])
+    cv2 = filters.load_opencv()
+    (contour,), _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.roll(contour[::-1, 0], 1, axis=0)
 
 
 def interpolate_bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

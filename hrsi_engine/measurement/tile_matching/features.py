@@ -12,12 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.columns import rank_in_groups
-from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue, erode, should_use_opencv
+from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue, erode, load_opencv
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.corners import compute_structure_tensor, find_local_maxima, mask_usable_surroundings
 from ..interest_points.windows import estimate_noise
 from .options import TILE_MATCH, TileMatchOptions
-from .sift_arrays import detect_sift_by_numpy
 from .types import ImageTile
 
 
@@ -40,16 +39,12 @@ class SiftFeatures(NamedTuple):
 
 
 def detect_sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> SiftFeatures:
-    """Return the strongest SIFT features (Lowe 2004) of a window: by OpenCV if it is installed, else by NumPy."""
+    """Return the strongest SIFT features (Lowe 2004) of a window."""
     byte = stretch_to_byte(grey, valid)
     if byte is None:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
     usable = erode(valid, FEATURES.valid_px)
-    if not should_use_opencv():
-        return SiftFeatures(*detect_sift_by_numpy(byte, usable, most, FEATURES.contrast))
-    import cv2
-
-    sift = cv2.SIFT_create(nfeatures=most, contrastThreshold=FEATURES.contrast, enable_precise_upscale=True)
+    sift = load_opencv().SIFT_create(nfeatures=most, contrastThreshold=FEATURES.contrast, enable_precise_upscale=True)
     points, descriptors = sift.detectAndCompute(byte, None if usable.all() else usable.view(np.uint8))
     if not points:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))

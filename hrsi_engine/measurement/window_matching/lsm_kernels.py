@@ -1,7 +1,6 @@
 """Compiled loops of least-squares matching and window search (needs numba); `least_squares_matching` has the method.
 
-They process ranges of windows and release the GIL, so that threads can share a tile. Results are equal to those of the
-NumPy version except for rounding.
+They process ranges of windows and release the GIL, so that threads can share a tile.
 """
 
 import math

@@ -8,10 +8,12 @@ generalised least-squares adjustment. Noisy or blurred images need more smoothin
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...foundation.packages import require_package
 from ...foundation.pixel_filters import blur, erode, filter_separable, slopes
 from ...foundation.thresholds import threshold, thresholds
 
@@ -22,7 +24,7 @@ TERMS = 8  # two shifts, four affine terms, gain, offset
 
 @thresholds
 class MATCHING:
-    """Weights, limits and batches of correlation and least-squares matching."""
+    """Weights and limits of correlation and least-squares matching."""
 
     smallest_gain: float = threshold(0.05, "", "smallest gain of the grey values; with a smaller one matching fails")
     rounding_share: float = threshold(1e-9, "", "smallest squared deviations in a window over its squares")
@@ -32,9 +34,6 @@ class MATCHING:
     least_contrast: float = threshold(1e-9, "", "smallest contrast of a window over that of the search area")
     gradient_smoothing_px: float = threshold(0.8, "px", "standard deviation of the Gaussian before gradients")
     gradient_side_px: int = threshold(5, "px", "side of the area that a gradient depends on")
-    batch: int = threshold(32, "windows", "windows matched together by NumPy (processor's cache)")
-    search_batch: int = threshold(64, "windows", "windows searched together by NumPy")
-    place_batch: int = threshold(512, "places", "positions correlated together by NumPy")
 
 
 @dataclass(frozen=True)
@@ -131,6 +130,12 @@ class MatchImage(ResultCache):
             ("clear", distance_px), lambda: erode(self.valid, 2 * distance_px + 1, outside=False)
         )
         return clear
+
+
+def load_kernels() -> Any:
+    """Return the module `lsm_kernels`; raise `MissingPackageError` without numba."""
+    require_package("numba")
+    return import_module(".lsm_kernels", __package__)
 
 
 Results = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
