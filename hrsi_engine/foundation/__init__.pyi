@@ -5,6 +5,7 @@
 from .errors import Cancelled as Cancelled
 from .errors import HrsiError as HrsiError
 from .errors import InputError as InputError
+from .errors import MissingPackageError as MissingPackageError
 from .errors import OutputError as OutputError
 from .errors import SolveError as SolveError
 from .progress import Progress as Progress
