@@ -26,8 +26,8 @@ class InputError(HrsiError):
 class MissingPackageError(InputError):
     """A Python package that this work needs cannot be imported.
 
-    The class and its attribute are stable: the QGIS plugin offers to install ``package``. The message has the command for
-    other programs.
+    The class and its attribute are stable: the QGIS plugin offers to install ``package``. The message has the command
+    for other programs.
 
     Parameters
     ----------
