@@ -36,8 +36,8 @@ from pages import put_between
 from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment, Decision
-from hrsi.hrsi_engine.adjustment.intersection import compute_image_residuals, intersect_points
 from hrsi.hrsi_engine.adjustment.observations import select_points
+from hrsi.hrsi_engine.adjustment.starting_values.intersection import compute_image_residuals, intersect_points
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.block.exposures import join_exposures

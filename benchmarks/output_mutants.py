@@ -69,14 +69,14 @@ MUTANTS = (
         '"rmse_line_px": rmse(left.at_known_px[here, 1])', '"rmse_line_px": rmse(left.at_known_px[here, 0])', TRUTH,
     ),
     Mutant(
-        "sigma0 dropped from all covariances", "adjustment/outcome.py", "max(sigma0, 1.0) ** 2", "1.0", TRUTH,
+        "sigma0 dropped from all covariances", "adjustment/outcome/assembly.py", "max(sigma0, 1.0) ** 2", "1.0", TRUTH,
     ),
     Mutant(
-        "sigma0 dropped from the parameters' sigmas", "adjustment/outcome.py",
+        "sigma0 dropped from the parameters' sigmas", "adjustment/outcome/assembly.py",
         "np.sqrt(factor[:, None] * precise.parameters", "np.sqrt(precise.parameters", TRUTH,
     ),
     Mutant(
-        "sigma0 dropped from the points' covariances", "adjustment/outcome.py",
+        "sigma0 dropped from the points' covariances", "adjustment/outcome/assembly.py",
         "of_point * precise.points + beside", "precise.points + beside", TRUTH,
     ),
     Mutant(

@@ -16,7 +16,7 @@ from ..hrsi_engine.adjustment.evaluation import (
     fit_pairs,
     fit_tracks,
 )
-from ..hrsi_engine.adjustment.held.held_surface import SurfacePlan
+from ..hrsi_engine.adjustment.external.surface_plan import SurfacePlan
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90

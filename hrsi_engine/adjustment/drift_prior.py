@@ -22,8 +22,8 @@ import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
-from .common_drift import CommonDrift, count_points_per_error
 from .gauss_newton import GaussNewton, Solution
+from .priors.common_drift import CommonDrift, count_points_per_error
 from .result import VarianceComponent
 
 

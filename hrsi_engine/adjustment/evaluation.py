@@ -28,8 +28,8 @@ from ..foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m, move_ground
 from ..refinement.models import MODELS
-from .intersection import estimate_start_positions, intersect_points
 from .observations import Observations, select_points
+from .starting_values.intersection import estimate_start_positions, intersect_points
 
 
 @thresholds

@@ -23,9 +23,9 @@ from ..foundation.thresholds import threshold, thresholds
 from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_parameters
 from ..refinement.selection import DRIFTING, NESTED_MODELS
 from .blunders.discrepancies import Discrepancies, compute_derivatives
-from .delivery import compute_gain, sum_squares
 from .equations import CameraSystem, NormalEquations
 from .gauss_newton import GaussNewton, Solution
+from .outcome.final_cameras import compute_gain, sum_squares
 from .problem import Problem
 from .statistics.precision import Precision
 

@@ -23,14 +23,14 @@ from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.progress import Progress, silent
 from ..ground.geodesy import move_ground
-from .delivery import absorb_drift, compute_drift_gain, compute_drift_squares
 from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State
 from .gauss_newton import Weighting
-from .intersection import estimate_start_positions, form_point_equations
 from .observations import Observations, select_observations
 from .options import AdjustOptions
+from .outcome.final_cameras import absorb_drift, compute_drift_gain, compute_drift_squares
 from .problem import find_determinable_points
 from .solver import run_adjuster
+from .starting_values.intersection import estimate_start_positions, form_point_equations
 
 
 class _PointObservations(NamedTuple):

@@ -15,9 +15,9 @@ from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
-from .common_drift import CommonDrift
 from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State
-from .joint_prior import JointPrior
+from .priors.common_drift import CommonDrift
+from .priors.earlier_cameras import JointPrior
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
 

@@ -21,12 +21,12 @@ from ..foundation.progress import silent
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
-from .consensus import find_agreeing_measurements
 from .equations import NormalEquations, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
-from .intersection import estimate_start_positions
 from .observations import Observations
-from .weak_geometry import set_point_priors
+from .starting_values.consensus import find_agreeing_measurements
+from .starting_values.intersection import estimate_start_positions
+from .starting_values.weak_geometry import set_point_priors
 from .weights import cauchy
 
 

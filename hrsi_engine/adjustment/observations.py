@@ -30,7 +30,7 @@ class Observations:
     survey, survey_weight : (m, 3) surveyed positions of GCPs and their weights 1/m²; weight 0 for coordinates that are
         not surveyed (an infinite sigma makes a point horizontal or height control only)
     survey_correlation : (m, 3) of east-north, east-height, north-height of each survey; None: all zero
-    referenced : (m,) True for places of a reference, whose plan is observed (`held_plan`); None: there are none
+    referenced : (m,) True for places of a reference, whose plan is observed (`reference_plan`); None: there are none
     alike : (m,) True for GCPs by matching with a reference, which share most of their error; None: there are none
     contributes : (n,) True for measurements that are used to determine the cameras
     camera_of_image : (images,) index of each image's set of parameters; images of one strip may share one

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..block.laser import LaserPoints
     from ..block.orthoimage import ReferencePlaces
     from ..surface.dem import HeightSurface
-    from .joint_prior import JointCameras
+    from .priors.earlier_cameras import JointCameras
 
 #: Models and rules that choose one.
 MODEL_NAMES = (*RULE_NAMES, *BLOCK_MODEL_NAMES)

@@ -23,20 +23,20 @@ from ..refinement.image_space import ImagePolynomial, add_drift_parameters
 from ..refinement.model import Priors, RefinementModel, estimate_priors, select_priors
 from ..refinement.models import MODELS
 from ..refinement.selection import RULES, ModelChoice, choose_model
-from .common_drift import CommonDrift, find_common_drift
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
+from .external.heights import DemHeights, HeightObservations, HeightSource, RpcHeights
+from .external.laser_heights import LaserHeights
+from .external.reference_plan import PlanObservations
+from .external.surface_plan import SurfacePlan
 from .gauss_newton import GaussNewton, PositionObservations, Weighting
-from .held.held_heights import DemHeights, HeightObservations, HeightSource, RpcHeights
-from .held.held_plan import PlanObservations
-from .held.held_surface import SurfacePlan
-from .held.laser_heights import LaserHeights
 from .image_alignment import align_images, bound_heights
-from .intersection import estimate_start_positions, form_point_equations
-from .joint_prior import JointPrior
 from .observations import Observations, select_observations
 from .options import AdjustOptions
+from .priors.common_drift import CommonDrift, find_common_drift
+from .priors.earlier_cameras import JointPrior
+from .starting_values.intersection import estimate_start_positions, form_point_equations
+from .starting_values.weak_geometry import set_point_priors
 from .statistics.variance_components import GROUPINGS
-from .weak_geometry import set_point_priors
 from .weights import WEIGHTS
 
 

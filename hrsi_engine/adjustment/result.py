@@ -16,7 +16,7 @@ from ..refinement.model import RefinementModel
 from ..refinement.selection import ModelChoice
 from ..surface.dem import HeightSurface
 from ..surface.matching import SurfaceMatch
-from .joint_prior import JointCameras
+from .priors.earlier_cameras import JointCameras
 
 
 @thresholds

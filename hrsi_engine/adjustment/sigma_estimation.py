@@ -34,7 +34,7 @@ from ..refinement.selection import can_estimate_drift
 from .blunders.discrepancies import IMAGE, Discrepancies
 from .drift_prior import DriftPrior
 from .gauss_newton import GaussNewton, Solution
-from .outcome import RoundFindings, compute_redundancy
+from .outcome.assembly import RoundFindings, compute_redundancy
 from .problem import Problem
 from .result import ModelTest
 from .statistics import variance_components as components

@@ -14,12 +14,12 @@ from ..foundation.workers.threads import one_thread_calls
 from ..ground.geodesy import ground_difference_m
 from ..refinement.selection import NESTED_MODELS, select_simplest
 from .blunders.snooping import Snooping
-from .delivery import compute_final_cameras
 from .equations.nested_dissection import SingularSystemError
 from .final_model import DELIVERY, express_as_model, find_judging_gcps, predict_left_out
 from .gauss_newton import GaussNewton, Solution
 from .options import AdjustOptions
-from .outcome import assemble_adjustment
+from .outcome.assembly import assemble_adjustment
+from .outcome.final_cameras import compute_final_cameras
 from .problem import Problem, prepare_problem
 from .result import Adjustment, CrossValidation
 from .sigma_estimation import ROUNDS, SIGMA, SigmaEstimation

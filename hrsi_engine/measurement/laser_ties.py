@@ -4,7 +4,7 @@ Every laser point is projected into the image with the smallest incidence angle.
 then searched in the other images at the position predicted with its height, and measured as other tie points, with
 sigmas by the same rule (`block_matching.joining`). Of large images only the windows with laser points are read. The
 assignment of tie points to laser points is not stored: the adjustment repeats it with the adjusted positions of the tie
-points (`adjustment.held.laser_heights`).
+points (`adjustment.external.laser_heights`).
 """
 
 from collections.abc import Sequence

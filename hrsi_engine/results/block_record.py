@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from ..adjustment.joint_prior import JointCameras
+from ..adjustment.priors.earlier_cameras import JointCameras
 from ..adjustment.result import Adjustment
 from ..foundation.errors import InputError
 from ..io.catalogue.block_records import POINT_LAYERS

@@ -18,9 +18,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..adjustment.intersection import compute_image_residuals, compute_intersection_cofactors, intersect_points
 from ..adjustment.observations import Observations, select_points
 from ..adjustment.result import Adjustment, Decision
+from ..adjustment.starting_values.intersection import (
+    compute_image_residuals,
+    compute_intersection_cofactors,
+    intersect_points,
+)
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
 from ..foundation.large_arrays import finite_rows

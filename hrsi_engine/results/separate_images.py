@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..adjustment.intersection import intersect_points
 from ..adjustment.observations import select_points
 from ..adjustment.result import Adjustment, CameraEstimates, Decision
+from ..adjustment.starting_values.intersection import intersect_points
 from ..block.block import Block, Image
 from ..block.columns import match_names
 from ..block.points import Role

@@ -2,7 +2,7 @@
 
 If images join a block, either all cameras are free: the earlier measurements are used again with the cameras before any
 adjustment, and the result equals one adjustment of all images. Or the earlier cameras are observations: of the earlier
-block only the joint estimate and covariance of its cameras are used (`adjustment.joint_prior`).
+block only the joint estimate and covariance of its cameras are used (`adjustment.priors.earlier_cameras`).
 """
 
 import os
@@ -13,8 +13,8 @@ from functools import partial
 
 import numpy as np
 
-from ...hrsi_engine.adjustment.joint_prior import JointCameras
 from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.adjustment.priors.earlier_cameras import JointCameras
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, group_tiles
 from ...hrsi_engine.block.columns import find_unique_ids, isin, match_names

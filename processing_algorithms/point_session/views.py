@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...hrsi_engine.adjustment.intersection import intersect_points
 from ...hrsi_engine.adjustment.observations import select_points
+from ...hrsi_engine.adjustment.starting_values.intersection import intersect_points
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError

@@ -10,7 +10,8 @@ import simulated_blocks as blocks
 from dense_adjustment import dense_solution
 from long_tests import mark_beyond
 
-from hrsi.hrsi_engine.adjustment import WEIGHTS, AdjustOptions, adjust, outcome
+from hrsi.hrsi_engine.adjustment import WEIGHTS, AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.outcome import assembly
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.foundation.reasons import Level
@@ -33,7 +34,7 @@ def test_equals_dense_least_squares(name):
 
 def test_without_gcps_equals_dense_least_squares(monkeypatch):
     """But for the translation to the RPCs' own position (`test_rpc_position`)."""
-    monkeypatch.setattr(outcome, "keep_rpc_position", lambda problem, loop, solution, precise: (solution, precise))
+    monkeypatch.setattr(assembly, "keep_rpc_position", lambda problem, loop, solution, precise: (solution, precise))
     block, _, _ = blocks.block(gcps=0, checks=0, ties=40, bias_px=2.0)
     result = adjust(block, AdjustOptions(test_sigmas=False, model="shift"))
     dense = dense_solution(block, MODELS["shift"], controlled=False)

@@ -10,7 +10,7 @@ import simulated_blocks as blocks
 from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.held import shared_errors
+from hrsi.hrsi_engine.adjustment.external import shared_errors
 from hrsi.hrsi_engine.adjustment.result import Decision
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role

@@ -9,8 +9,8 @@ import pytest
 from laser_scenes import LaserScene, laser_scene
 
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.held.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
-from hrsi.hrsi_engine.adjustment.held.shared_errors import (
+from hrsi.hrsi_engine.adjustment.external.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
+from hrsi.hrsi_engine.adjustment.external.shared_errors import (
     SOURCE_FIT,
     CommonError,
     GroupHistory,

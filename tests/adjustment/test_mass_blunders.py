@@ -13,15 +13,15 @@ from long_tests import mark_beyond
 from hrsi.benchmarks.adjust_speed import visible_sigmas
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
 from hrsi.hrsi_engine.adjustment.blunders.discrepancies import compute_discrepancies
-from hrsi.hrsi_engine.adjustment.consensus import (
+from hrsi.hrsi_engine.adjustment.problem import prepare_problem
+from hrsi.hrsi_engine.adjustment.solver import Adjuster
+from hrsi.hrsi_engine.adjustment.starting_values.consensus import (
     Parallaxes,
     _compute_parallaxes,
     _find_nearest_planes,
     _fit_planes,
     _measure_departures,
 )
-from hrsi.hrsi_engine.adjustment.problem import prepare_problem
-from hrsi.hrsi_engine.adjustment.solver import Adjuster
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.progress import silent

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, outcome
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.following import BlockUpdater
-from hrsi.hrsi_engine.adjustment.rpc_position import keep_rpc_position
+from hrsi.hrsi_engine.adjustment.outcome import assembly
+from hrsi.hrsi_engine.adjustment.outcome.rpc_position import keep_rpc_position
 from hrsi.hrsi_engine.adjustment.solver import run_adjuster
 from hrsi.hrsi_engine.adjustment.statistics.precision import compute_precision
 from hrsi.hrsi_engine.block.block import Block, Image
@@ -50,7 +51,7 @@ def find_translation_m(block: Block, shifts: np.ndarray) -> np.ndarray:
 
 def test_the_corrections_are_the_smallest_that_a_translation_allows(free_block, monkeypatch):
     kept = adjust(free_block, FREE)
-    monkeypatch.setattr(outcome, "keep_rpc_position", lambda problem, loop, solution, precise: (solution, precise))
+    monkeypatch.setattr(assembly, "keep_rpc_position", lambda problem, loop, solution, precise: (solution, precise))
     by_ties = adjust(free_block, FREE)
     before, after = (find_translation_m(free_block, one.cameras.values[:, :2]) for one in (by_ties, kept))
     print("translation that the corrections amount to, m, before", before.round(3), "after", after.round(6))

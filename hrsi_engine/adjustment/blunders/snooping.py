@@ -17,12 +17,12 @@ from ...foundation.errors import list_ids
 from ...foundation.large_arrays import any_of_rows, finite_rows
 from ...foundation.progress import Progress, silent, stage
 from ...foundation.thresholds import threshold, thresholds
-from ..consensus import find_agreeing_measurements
 from ..equations import PointPriors, State
 from ..gauss_newton import CONVERGENCE, GaussNewton, Solution, Weighting
-from ..outcome import RoundFindings
+from ..outcome.assembly import RoundFindings
 from ..problem import Problem, find_determinable_points
 from ..result import Decision, Finding
+from ..starting_values.consensus import find_agreeing_measurements
 from .control import Suspect, find_suspect_gcps
 from .discrepancies import IMAGE, Discrepancies, compute_discrepancies
 from .ties import check_ties, compute_point_squares, estimate_tie_variance

@@ -27,11 +27,11 @@ import numpy as np
 from scipy import special
 
 from ...foundation.thresholds import threshold, thresholds
-from ..consensus import list_ray_pairs
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
 from ..observations import Observations
 from ..result import Decision
+from ..starting_values.consensus import list_ray_pairs
 from ..statistics.precision import compute_deletion_tests
 from ..weights import huber
 

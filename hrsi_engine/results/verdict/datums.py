@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...adjustment.area_accuracy import MOST_POINTS
+from ...adjustment.outcome.area_accuracy import MOST_POINTS
 from ...adjustment.statistics.precision import predict_accuracy
 from ...foundation.reasons import Level, Reason
 from ...ground.geoids import GEOID

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy import special
 
-from ...adjustment.held.laser_heights import MISFIT
+from ...adjustment.external.laser_heights import MISFIT
 from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows

@@ -27,7 +27,7 @@ from ...foundation.large_arrays import finite_rows
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import LocalFrame, ground_difference_m, metres_per_degree
 from ..result import LaserOutcome
-from .held_heights import HeightRows
+from .heights import HeightRows
 from .shared_errors import SourceFit
 
 NAME = "laser"

@@ -9,7 +9,7 @@ their positions by the rays alone. With the cofactors Q of the adjusted points, 
 The remaining displacement d, with the covariance C of the matching and the surface's own error H in plan, is one
 observation of the block's position: each of its k points is observed at ``x + d`` with the weight matrix ``(C + H)^-1 /
 k``, so that together they have the weight of one displacement. Heights are observed by the surface at the new positions
-of the points (`held_heights`).
+of the points (`heights`).
 
 If the displacement exceeds the a priori accuracy of the RPCs, their priors are too narrow and would pull the block
 back: they are widened by the square of the ratio (a redescending prior).
@@ -33,7 +33,7 @@ from ...surface.dem import HeightSurface, cell_size_m
 from ...surface.matching import SurfaceMatch, SurfaceMatcher, match_surface
 from ..equations import PointPriors
 from ..result import SurfaceOutcome
-from .held_heights import HEIGHTS
+from .heights import HEIGHTS
 
 
 @thresholds

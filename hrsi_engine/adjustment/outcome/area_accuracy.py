@@ -18,16 +18,16 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
-from ..block.block import Image
-from ..block.pointing import estimate_pointing
-from ..foundation.large_arrays import finite_rows
-from ..foundation.thresholds import threshold, thresholds
-from .equations.states import FREE_POINT_SIGMA_M
-from .gauss_newton import Solution
-from .problem import Part, Problem
-from .result import ContradictingGcps, DatumPart
-from .statistics.precision import Precision, predict_accuracy
-from .weak_geometry import RAY_GEOMETRY
+from ...block.block import Image
+from ...block.pointing import estimate_pointing
+from ...foundation.large_arrays import finite_rows
+from ...foundation.thresholds import threshold, thresholds
+from ..equations.states import FREE_POINT_SIGMA_M
+from ..gauss_newton import Solution
+from ..problem import Part, Problem
+from ..result import ContradictingGcps, DatumPart
+from ..starting_values.weak_geometry import RAY_GEOMETRY
+from ..statistics.precision import Precision, predict_accuracy
 
 MOST_POINTS = 4000  # of a part, from which its accuracy is computed
 AREA_CELLS = 20  # along each side of the area of a part

@@ -6,13 +6,13 @@ block to the middle of that range. Only points on more parallel rays get a prior
 
 import numpy as np
 
-from ..block.block import stack_rpcs
-from ..foundation.errors import list_ids
-from ..foundation.thresholds import threshold, thresholds
-from ..refinement.ground_area import compute_px_per_m
-from ..surface.dem import HeightSurface, surface_heights
-from .equations import PointPriors
-from .observations import Observations
+from ...block.block import stack_rpcs
+from ...foundation.errors import list_ids
+from ...foundation.thresholds import threshold, thresholds
+from ...refinement.ground_area import compute_px_per_m
+from ...surface.dem import HeightSurface, surface_heights
+from ..equations import PointPriors
+from ..observations import Observations
 
 
 @thresholds

@@ -25,12 +25,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import ground_difference_m
-from ..refinement.image_space import ImagePolynomial
-from ..refinement.model import RefinementModel
-from .equations import Normals, Pattern
-from .observations import Observations
+from ...foundation.thresholds import threshold, thresholds
+from ...ground.geodesy import ground_difference_m
+from ...refinement.image_space import ImagePolynomial
+from ...refinement.model import RefinementModel
+from ..equations import Normals, Pattern
+from ..observations import Observations
 
 
 @thresholds
@@ -123,7 +123,7 @@ class CommonDrift:
         rows = number[:, order][free]
         return replace(self, free=free, prior_sigma=self.prior_sigma[rows], basis=self.basis[rows])
 
-    # ---- the prior in the iterations (`gauss_newton`, as `joint_prior`) ----------------------------------------------
+    # ---- the prior in the iterations (`gauss_newton`, as `earlier_cameras`) ----------------------------------------------
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
         """Add the prior at ``values (cameras, p)`` to the reduced normal equations."""

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..refinement.image_space import ImagePolynomial
-from .equations import State
-from .gauss_newton import GaussNewton, Solution
-from .intersection import form_point_equations
-from .problem import Problem
+from ...refinement.image_space import ImagePolynomial
+from ..equations import State
+from ..gauss_newton import GaussNewton, Solution
+from ..problem import Problem
+from ..starting_values.intersection import form_point_equations
 
 
 class FinalCameras(NamedTuple):

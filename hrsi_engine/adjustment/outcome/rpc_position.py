@@ -24,12 +24,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import move_ground
-from .equations import State
-from .gauss_newton import GaussNewton, Solution
-from .problem import Part, Problem
-from .statistics.precision import Precision
+from ...foundation.thresholds import threshold, thresholds
+from ...ground.geodesy import move_ground
+from ..equations import State
+from ..gauss_newton import GaussNewton, Solution
+from ..problem import Part, Problem
+from ..statistics.precision import Precision
 
 
 @thresholds

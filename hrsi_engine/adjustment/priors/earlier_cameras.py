@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ..foundation.errors import InputError, list_ids
-from .equations import Normals, Pattern
-from .observations import Observations
+from ...foundation.errors import InputError, list_ids
+from ..equations import Normals, Pattern
+from ..observations import Observations
 
 
 @dataclass(frozen=True, eq=False)

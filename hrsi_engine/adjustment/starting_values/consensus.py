@@ -21,10 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.workers.threads import thread_count
-from .equations import NormalEquations, State
-from .observations import Observations
+from ...foundation.thresholds import threshold, thresholds
+from ...foundation.workers.threads import thread_count
+from ..equations import NormalEquations, State
+from ..observations import Observations
 
 POINTS_AT_ONCE = 50_000
 

@@ -7,12 +7,12 @@ points or in the middle of the RPC's height range: the cameras are nearly linear
 
 import numpy as np
 
-from ..block.block import stack_rpcs
-from ..ground.geodesy import move_ground
-from ..refinement.model import RefinementModel
-from .equations import NormalEquations, PointPriors, State, make_diagonal_pattern
-from .equations.normal_equations import POINT_STEPS
-from .observations import Observations
+from ...block.block import stack_rpcs
+from ...ground.geodesy import move_ground
+from ...refinement.model import RefinementModel
+from ..equations import NormalEquations, PointPriors, State, make_diagonal_pattern
+from ..equations.normal_equations import POINT_STEPS
+from ..observations import Observations
 
 CENTRE_STEPS = 6
 

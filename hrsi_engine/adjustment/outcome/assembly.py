@@ -6,18 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ..block.exposures import find_passes
-from ..block.pointing import estimate_pointing
-from ..foundation.errors import list_ids
-from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import ground_difference_m
-from .area_accuracy import describe_parts, predict_without_surveys
-from .common_drift import count_points_per_error
-from .delivery import FinalCameras, compute_final_cameras
-from .gauss_newton import GaussNewton, Solution
-from .joint_prior import JointCameras
-from .problem import Problem
-from .result import (
+from ...block.exposures import find_passes
+from ...block.pointing import estimate_pointing
+from ...foundation.errors import list_ids
+from ...foundation.thresholds import threshold, thresholds
+from ...ground.geodesy import ground_difference_m
+from ..gauss_newton import GaussNewton, Solution
+from ..priors.common_drift import count_points_per_error
+from ..priors.earlier_cameras import JointCameras
+from ..problem import Problem
+from ..result import (
     Adjustment,
     CameraEstimates,
     CrossValidation,
@@ -30,10 +28,12 @@ from .result import (
     PlanAgreement,
     VarianceComponent,
 )
+from ..starting_values.weak_geometry import RAY_GEOMETRY
+from ..statistics.precision import Precision, compute_deletion_tests
+from ..statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts
+from .area_accuracy import describe_parts, predict_without_surveys
+from .final_cameras import FinalCameras, compute_final_cameras
 from .rpc_position import keep_rpc_position
-from .statistics.precision import Precision, compute_deletion_tests
-from .statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts
-from .weak_geometry import RAY_GEOMETRY
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are computed together
 

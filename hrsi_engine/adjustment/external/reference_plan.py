@@ -20,7 +20,7 @@ from ...block.orthoimage import ORTHOIMAGE_ERRORS, ReferencePlaces, divide_area
 from ...ground.geodesy import ground_difference_m
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import PlanAgreement, PlanGroup
-from .held_heights import HEIGHTS
+from .heights import HEIGHTS
 from .shared_errors import GroupHistory, SourceFit, compare_groups, estimate_sigma_factor
 
 EAST_NORTH = (0, 1)  # east and north among a point's coordinates
