@@ -1,23 +1,24 @@
 """Bundle block adjustment with RPCs (thesis chapter 5): `adjust` and its parts.
 
-| module              | contains                                                                    |
-|---------------------|-----------------------------------------------------------------------------|
-| options, result     | options and result of an adjustment                                         |
-| observations        | the measurements and points that are used, in solver order                  |
-| equations           | normal equations with the points eliminated, and their solution (a folder)  |
-| consensus           | measurements that agree with the others of their points and image pairs     |
-| jitter              | vibration along the lines: waves in residuals, and their removal (a folder) |
-| image_alignment     | initial values: a robust shift of each image                                |
-| gauss_newton        | damped iterations with reweighting                                          |
-| problem             | a block prepared: priors, parts, weak geometry                              |
-| intersection        | points by fixed cameras                                                     |
-| weights             | robust weight functions                                                     |
-| blunders            | blunders among measurements and GCPs (a folder)                             |
-| variance_components | sigmas of groups of observations                                            |
-| drift_prior         | … and of the drifts of the images' corrections                              |
-| precision           | cofactors, error ellipses                                                   |
-| outcome             | the last solution as an `Adjustment`                                        |
-| solver              | `adjust`: the rounds of an adjustment; each GCP as a check point in turn    |
+| module           | contains                                                                   |
+|------------------|----------------------------------------------------------------------------|
+| options, result  | options and result of an adjustment                                        |
+| observations     | the measurements and points that are used, in solver order                 |
+| weights          | robust weight functions                                                    |
+| equations/       | normal equations with the points eliminated, and their solution            |
+| starting_values/ | agreeing measurements, intersected points, weak geometry                   |
+| priors/          | attitude drift common to all images, cameras of an earlier adjustment      |
+| external/        | heights and plan observed by a DEM, laser points or a reference orthoimage |
+| image_alignment  | initial values: a robust shift of each image                               |
+| gauss_newton     | damped iterations with reweighting                                         |
+| problem          | a block prepared: priors, parts, weak geometry                             |
+| statistics/      | cofactors, error ellipses, variance components of groups of observations   |
+| drift_prior      | … and of the drifts of the images' corrections                             |
+| jitter/          | vibration along the lines: waves in residuals, and their removal           |
+| outcome/         | the last solution as an `Adjustment`                                       |
+| blunders/        | blunders among measurements and GCPs                                       |
+| solver           | `adjust`: the rounds of an adjustment; each GCP as a check point in turn   |
+| following        | an adjustment that follows edits of its block                              |
 """
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
