@@ -123,7 +123,7 @@ class CommonDrift:
         rows = number[:, order][free]
         return replace(self, free=free, prior_sigma=self.prior_sigma[rows], basis=self.basis[rows])
 
-    # ---- the prior in the iterations (`gauss_newton`, as `earlier_cameras`) ----------------------------------------------
+    # ---- the prior in the iterations (`gauss_newton`, as `earlier_cameras`) -----------------------------------------
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
         """Add the prior at ``values (cameras, p)`` to the reduced normal equations."""
