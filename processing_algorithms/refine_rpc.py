@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ..hrsi_engine.adjustment.options import AdjustOptions
 from ..hrsi_engine.block.block import Block, Role
 from ..hrsi_engine.foundation.errors import InputError, SolveError
 from ..hrsi_engine.foundation.progress import advance
@@ -14,13 +15,11 @@ from ..hrsi_engine.refinement.selection import select_control
 from ..hrsi_engine.results.figures import control_and_check
 from ..hrsi_engine.results.residuals import compute_residuals
 from ..hrsi_engine.results.separate_images import separate_result
-from .block_steps import inputs as block_inputs
-from .block_steps import outputs as block_outputs
-from .block_steps import plausibility
+from .block_steps.block_run import BlockRun
+from .block_steps.plausibility import explain_failures
 from .block_steps.summary import COLUMN_WIDTHS, choice_entries, format_digits
 from .block_steps.summary import summarise as summarise_block
 from .declarations.triangulation import RefineAlgorithmOptions
-from .files.opening import open_images
 from .interface.declare import Context, Report
 from .laboratory.direct_methods import select_models
 
@@ -31,35 +30,29 @@ ANY_ORIENTATION = (1e5, 0.1)
 
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs and write the results; compare the models if requested."""
-    clock = block_outputs.Clock()
     models = select_models(options.refinement.model, options.coefficient_covariance)
-    images = open_images(options.images, context)
-    block_outputs.require_room(options.output, images, context)
-    block, warnings = block_inputs.read_block(images, options.points)
-    clock.lap("read")
-    expected = ANY_ORIENTATION if options.refinement.model.startswith("generic") else (None, None)
-    reasons = plausibility.input_reasons(block, None, *expected)
-    clock.lap("check")
+    block_run = BlockRun(context, options.output, options.points)
+    block_run.open_images(options.images)
+    block_run.read()
+    shift_px, drift = ANY_ORIENTATION if options.refinement.model.startswith("generic") else (None, None)
+    block_run.check(AdjustOptions(sigma_shift_px=shift_px, sigma_drift=drift))
     if context.dry_run:
-        return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, together=False)
-    with plausibility.explain_failures(reasons):
-        # Refinement of every image from its own GCPs
-        refinements = []
+        return block_run.plan(together=False)
+    block, refinements = block_run.block, list[Refinement]()
+    with explain_failures(block_run.reasons):
         for index, image in enumerate(block.images):
             advance(context.stage(0.1, 0.3).progress, index / len(block.images), f"refining {image.id}")
             control = select_control(block, index, Role.GCP)
             refinements.append(refine_image(image, control, options.refinement, models))
-    result = separate_result(block, refinements)
-    clock.lap("refine")
+    block_run.take_result(separate_result(block, refinements), "refine")
     # Entries of the report in addition to those of a block: model of each image, its choice, excluded GCPs
-    rule = options.refinement.model
-    more = {
+    block_run.entries |= {
         "iterations": max(found.estimate.iterations for found in refinements),
         "image_models": {
             found.image.id: {
                 "model": found.model.name,
                 "sigma0": found.estimate.sigma0,
-                "choice": choice_entries(rule, found.choice).get("model_choice"),
+                "choice": choice_entries(options.refinement.model, found.choice).get("model_choice"),
                 "left_out": [suspect.id for suspect in found.left_out],
                 "parameters": dict(zip(found.model.parameters, found.estimate.values.tolist(), strict=True)),
             }
@@ -67,10 +60,9 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
         },
     }
     if options.compare:
-        more["models"] = _compare_models(block, refinements, models, context.stage(0.3, 0.6))
-        clock.lap("compare")
-    rest = context.stage(0.6, 1.0)
-    return block_outputs.finish_block(options.output, result, warnings, reasons, more, clock, rest)
+        block_run.entries["models"] = _compare_models(block, refinements, models, context.stage(0.3, 0.6))
+        block_run.clock.lap("compare")
+    return block_run.write()
 
 
 def _compare_models(

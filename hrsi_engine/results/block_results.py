@@ -96,66 +96,93 @@ class BlockResult:
         return None if self.adjustment.jitter is None else self.adjustment.jitter.curves
 
 
+@dataclass(frozen=True, eq=False)
+class JudgedBlock:
+    """An adjusted block with all that its verdict is based on.
+
+    evidence : adjustment, residuals, refined RPCs and their systematic errors
+    figures : the report's entries on the adjustment
+    verdict : level and reasons; warnings : for the user, without those that a reason repeats
+    """
+
+    evidence: Evidence
+    figures: dict[str, Any]
+    verdict: Verdict
+    warnings: tuple[str, ...]
+
+    @property
+    def adjustment(self) -> Adjustment:
+        """The adjustment."""
+        return self.evidence.result
+
+    @property
+    def residuals(self) -> Residuals:
+        """Its residuals."""
+        return self.evidence.left
+
+
+def judge_block(
+    adjustment: Adjustment, warnings: Sequence[str] = (), reasons: Sequence[Reason] = (),
+    lap: Callable[[str], None] = lambda part: None,
+) -> JudgedBlock:  # fmt: skip
+    """Return an adjusted block with its residuals, refined RPCs, figures, warnings and verdict.
+
+    warnings : those found before; reasons : those found in the inputs
+    lap : called with the name of each finished part
+    """
+    images = adjustment.block.images
+    with one_thread_calls():  # cameras are refitted with small matrices, for which BLAS threads only cost time
+        residuals = compute_residuals(adjustment)
+        cameras = zip(images, adjustment.values, strict=True)
+        refined = state_accuracy(adjustment, [adjustment.model.compute_refined_rpc(*camera) for camera in cameras])
+        lap("residuals")
+        evidence = Evidence(adjustment, residuals, refined)
+        figures = block_report(adjustment, residuals, refined)
+        verdict = Verdict.create(summarise_accuracy(figures), find_reasons(evidence, reasons))
+        different_rpcs = [
+            f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
+            for image, new in zip(images, refined, strict=True)
+            if new.fit_max_px > RPC_AGREEMENT.warned_px
+        ]
+        texts = [*warnings, *adjustment.warnings, *rejection_warnings(adjustment), *thinning_warnings(adjustment),
+                 *different_rpcs, *describe_residual_fields(evidence)]  # fmt: skip
+    messages = tuple(reason.message for reason in verdict.reasons)
+    return JudgedBlock(evidence, figures, verdict, tuple(text for text in texts if not text.startswith(messages)))
+
+
 def assemble_result(
-    adjustment: Adjustment, record: Mapping[str, Any], warnings: Sequence[str], reasons: Sequence[Reason],
-    entries: Mapping[str, Any], lap: Callable[[str], None], outline: Outline | None = None, report_path: str = "",
-    with_items: bool = False,
+    judged: JudgedBlock, record: Mapping[str, Any], entries: Mapping[str, Any], outline: Outline | None = None,
+    report_path: str = "", with_items: bool = False,
 ) -> BlockResult:  # fmt: skip
     """Return the results of an adjustment.
 
     record : the report's entries on the run: version, options, inputs
-    warnings : those from before the adjustment; reasons : those found in the inputs
     entries : further entries of the report, other than those on the block
-    lap : called with the name of each finished step
     outline : finds target outlines for the figures of the page; None: no figures
     report_path : later path of the report; with_items : True if images are described as STAC items
     """
-    with one_thread_calls():  # cameras are refitted with small matrices, for which BLAS threads only cost time
-        left = compute_residuals(adjustment)
-        report, verdict, refined = _judge(adjustment, left, record, warnings, reasons, entries, lap)
+    evidence, adjustment, residuals = judged.evidence, judged.adjustment, judged.residuals
+    refined = evidence.refined
     images = adjustment.block.images
+    with one_thread_calls():
+        report = {
+            **record, "verdict": judged.verdict.entry(), "seconds": {},
+            "crs": {**record["crs"], "residuals": f"EPSG:{residuals_epsg(adjustment)}"},
+            **judged.figures,
+            **statistics.statistic_entries(adjustment, residuals),
+            "accuracy": state_accuracy_by_standards(adjustment, residuals),
+            "line_profiles": describe_line_profiles(images, evidence.profiles, evidence.waves),
+            "warnings": list(judged.warnings),
+            **entries,
+        }  # fmt: skip
+        report = add_image_facts(report, adjustment, residuals, refined)
     delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
-    layers = block_layers(adjustment, left, delivered)
-    drawings = {} if outline is None else draw_figures(report_figures(adjustment, left, delivered, outline))
+    layers = block_layers(adjustment, residuals, delivered)
+    drawings = {} if outline is None else draw_figures(report_figures(adjustment, residuals, delivered, outline))
     pairs, lineage = list(zip(images, refined, strict=True)), lineage_items(report, report_path)
     folder = os.path.dirname(report_path)
     items = [describe_item(image, new, report, folder) for image, new in pairs] if with_items else []
-    return BlockResult(adjustment, pairs, report, verdict, lineage, items, layers, drawings)
-
-
-def _judge(
-    adjustment: Adjustment, left: Residuals, record: Mapping[str, Any], warnings: Sequence[str],
-    reasons: Sequence[Reason], entries: Mapping[str, Any], lap: Callable[[str], None],
-) -> tuple[dict[str, Any], Verdict, list[RefitRPC]]:  # fmt: skip
-    """Return the entries of the report, the verdict, and the refined RPC of each image."""
-    images, model = adjustment.block.images, adjustment.model
-    cameras = zip(images, adjustment.values, strict=True)
-    refined = state_accuracy(adjustment, [model.compute_refined_rpc(image, values) for image, values in cameras])
-    lap("residuals")
-    evidence = Evidence(adjustment, left, refined)
-    beside_model = [
-        f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
-        for image, new in zip(images, refined, strict=True)
-        if new.fit_max_px > RPC_AGREEMENT.warned_px
-    ]
-    report = {
-        **record, "verdict": {}, "seconds": {},
-        "crs": {**record["crs"], "residuals": f"EPSG:{residuals_epsg(adjustment)}"},
-        **block_report(adjustment, left, refined),
-        **statistics.statistic_entries(adjustment, left),
-        "accuracy": state_accuracy_by_standards(adjustment, left),
-        "line_profiles": describe_line_profiles(images, evidence.profiles, evidence.waves),
-        "warnings": [*warnings, *adjustment.warnings, *rejection_warnings(adjustment), *thinning_warnings(adjustment),
-                     *beside_model, *describe_residual_fields(evidence)],
-        **entries,
-    }  # fmt: skip
-    report = add_image_facts(report, adjustment, left, refined)
-    verdict = Verdict.create(summarise_accuracy(report), find_reasons(evidence, reasons))
-    report["verdict"] = verdict.entry()
-    told = tuple(reason.message for reason in verdict.reasons)
-    report["warnings"] = [text for text in report["warnings"] if not text.startswith(told)]
-    lap("judge")
-    return report, verdict, refined
+    return BlockResult(adjustment, pairs, report, judged.verdict, lineage, items, layers, drawings)
 
 
 def state_accuracy_by_standards(result: Adjustment, left: Residuals) -> dict[str, Any] | None:

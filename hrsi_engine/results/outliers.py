@@ -61,19 +61,25 @@ def ground_flags(left: Residuals) -> Words:
     return Words(np.array(["ok", "outlier"]), outlier.astype(np.int8))
 
 
-def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
-    """Return the report's list of outliers, the worst first, and their total number.
+def find_outliers(result: Adjustment, left: Residuals) -> tuple[np.ndarray, np.ndarray]:
+    """Return the statistic of each measurement ``(n,)``, and True for outliers and for those that were rejected.
 
-    It includes measurements rejected by data snooping, with the statistic of the failed test.
+    The statistic of a measurement rejected by data snooping is that of the test that it failed.
     """
-    found = measurement_statistic(left)
-    left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))
-    found = np.where(left_out, result.statistic, found)
-    outliers = np.flatnonzero(is_outlier(found))
-    worst = outliers[np.argsort(-np.nan_to_num(found[outliers]), kind="stable")]
+    statistic = measurement_statistic(left)
+    rejected = np.isnan(statistic) & (result.decision != int(Decision.KEPT))
+    statistic = np.where(rejected, result.statistic, statistic)
+    return statistic, is_outlier(statistic) | rejected
+
+
+def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    """Return the report's list of outliers, the worst first, and their total number."""
+    statistic, _ = find_outliers(result, left)
+    outliers = np.flatnonzero(is_outlier(statistic))
+    worst = outliers[np.argsort(-statistic[outliers], kind="stable")]
     return {
         "outliers": [
-            name_measurement(result, row) | {"statistic": float(found[row])}
+            name_measurement(result, row) | {"statistic": float(statistic[row])}
             for row in worst[: OUTLIER.most_listed].tolist()
         ],
         "outlier_count": len(worst),

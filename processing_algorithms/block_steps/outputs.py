@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.block.jitter_curve import JitterCurve
 from ...hrsi_engine.camera.rpc import RPC
@@ -37,14 +36,12 @@ from ...hrsi_engine.io.rpc_files import (
 from ...hrsi_engine.io.safety.array_files import write_arrays
 from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefitRPC
-from ...hrsi_engine.results.block_results import BlockResult, assemble_result
+from ...hrsi_engine.results.block_results import BlockResult
 from ...hrsi_engine.results.stac import describe_assets
 from ...hrsi_engine.results.verdict import Verdict
 from ..files.result_folder import PAGE_FILE, REPORT_FILE, plan
-from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
-from .plausibility import explain_failures
 
 Writer = Callable[[str, str, RPC, Lineage, Progress], object]
 Pairs = Sequence[tuple[Image, RefitRPC]]
@@ -86,10 +83,10 @@ class Clock:
         self._start = self._last = time.monotonic()
 
     def lap(self, part: str) -> None:
-        """End a part, and release free memory before the next one."""
+        """Add the time since the last call to a part, and release free memory before the next one."""
         return_free_memory()
         now = time.monotonic()
-        self.seconds[part] = round(now - self._last, 3)
+        self.seconds[part] = round(self.seconds.get(part, 0.0) + now - self._last, 3)
         self._last = now
 
     def total(self) -> dict[str, float]:
@@ -137,24 +134,6 @@ def plan_results(
         names += [os.path.abspath(image.path) for image in images if image.raster is not None]
     found = Verdict.create("nothing wrong was found" if not reasons else "the inputs were checked", reasons)
     return plan(context, output.folder.output_dir, names, counts, warnings, found.entry())
-
-
-def finish_block(
-    output: BlockOutput, adjustment: Adjustment, warnings: Sequence[str], reasons: Sequence[Reason], entries: Report,
-    clock: Clock, context: Context, discarded: Sequence[str] = (),
-) -> Report:  # fmt: skip
-    """Assemble the results of an adjustment, assess and write them; return the report.
-
-    warnings, reasons : found before the adjustment; entries : entries of the report in addition to those of a block
-    discarded : folders that are removed when everything is written
-    """
-    outline = find_outline if output.report else None
-    with explain_failures(reasons):
-        result = assemble_result(
-            adjustment, context.record, warnings, reasons, entries, clock.lap, outline,
-            os.path.join(output.folder.output_dir, REPORT_FILE), output.stac,
-        )  # fmt: skip
-    return write_results(output, result, clock, context, discarded)
 
 
 def write_results(

@@ -12,20 +12,17 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.following import BlockUpdater
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.adjustment.result import Decision
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, silent, stage
 from ...hrsi_engine.foundation.workers.threads import one_thread_calls
-from ...hrsi_engine.plausibility import check_block
 from ...hrsi_engine.refinement.model import RefinementModel
-from ...hrsi_engine.results.figures import block_report
-from ...hrsi_engine.results.outliers import compute_statistic, is_outlier, measurement_statistic
-from ...hrsi_engine.results.residuals import compute_residuals, ground_residuals_m, residuals_at_px
-from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, summarise_accuracy
+from ...hrsi_engine.results.outliers import compute_statistic, find_outliers, is_outlier
+from ...hrsi_engine.results.residuals import ground_residuals_m, residuals_at_px
+from ..block_steps.block_run import BlockRun
 from ..block_steps.plausibility import explain_failures
-from ..block_steps.summary import choice_warnings
+from ..interface.declare import Context
 from .adjusted import AdjustmentView, CurrentResiduals, CurrentView, describe_outlier, list_keys
 from .files import ground_points, image_points
 from .session import PointSession
@@ -47,38 +44,31 @@ def adjust_block(
 
     Raises `SolveError`, `InputError`, `Cancelled`.
     """
-    reasons = check_block(block)
-    with explain_failures(reasons):
-        follower = BlockUpdater(block, AdjustOptions(model=model), stage(progress, 0.1, 0.9), listed)
-    result, left = follower.result, compute_residuals(follower.result)
+    block_run = BlockRun.of_block(block, Context(progress, lambda text: None))
+    block_run.check(AdjustOptions(model=model))
+    with explain_failures(block_run.reasons):
+        follower = BlockUpdater(block_run.block, block_run.options, stage(progress, 0.1, 0.9), listed)
+    block_run.take_result(follower.result)
+    judged = block_run.judge()
+    result, residuals = judged.adjustment, judged.residuals
     block, names = result.block, result.block.points.ids
     rows = (block.known | np.isin(names, list(listed)))[block.measurements.point].nonzero()[0]
-    refined = [
-        result.model.compute_refined_rpc(image, values)
-        for image, values in zip(block.images, result.values, strict=True)
-    ]
     # GCPs that contradict the others, by data snooping and by the choice of the model
     suspects = {name: finding.message for finding in result.findings for name in finding.concerned}
     for gcp in result.choice.suspects if result.choice else ():
         suspects.setdefault(gcp.id, f"{gcp.image}: {gcp.deviation_px:.1f} px from where the others put it")
-    # Outliers by the test of the report, and tie measurements that were excluded
-    found = measurement_statistic(left)
-    left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))
-    found = np.where(left_out, result.statistic, found)
-    outlying = is_outlier(found[rows]) | left_out[rows]
-    figures = block_report(result, left, refined)
-    verdict = Verdict.create(summarise_accuracy(figures), find_reasons(Evidence(result, left, refined), reasons))
+    statistics, outlying = find_outliers(result, residuals)
     keys = list_keys(block)
     return AdjustmentView(
         model=result.model, corrections={image.id: result.values[index] for index, image in enumerate(block.images)},
-        residual_px={keys[row]: (float(left.measured_px[row, 0]), float(left.measured_px[row, 1]))
+        residual_px={keys[row]: (float(residuals.measured_px[row, 0]), float(residuals.measured_px[row, 1]))
                      for row in rows.tolist()},
-        residual_m={str(names[row]): tuple(left.ground_m[row].tolist()) for row in block.known.nonzero()[0]},
-        statistics={keys[row]: float(found[row]) for row in rows.tolist()},
-        image_suspicions={keys[row]: describe_outlier(keys[row][1], found[row]) for row in rows[outlying].tolist()},
-        point_suspicions=suspects, verdict=verdict, check=figures["check"],
-        warnings=(*choice_warnings(result.choice), *result.warnings), result=result, left=left, follower=follower,
-        listed=listed,
+        residual_m={str(names[row]): tuple(residuals.ground_m[row].tolist()) for row in block.known.nonzero()[0]},
+        statistics={keys[row]: float(statistics[row]) for row in rows.tolist()},
+        image_suspicions={keys[row]: describe_outlier(keys[row][1], statistics[row])
+                          for row in rows[outlying[rows]].tolist()},
+        point_suspicions=suspects, verdict=judged.verdict, check=judged.figures["check"], warnings=judged.warnings,
+        result=result, left=residuals, follower=follower, listed=listed,
     )  # fmt: skip
 
 
