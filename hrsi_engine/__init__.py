@@ -18,7 +18,7 @@ __getattr__, __dir__, __all__ = lazy_names(__name__, {
     "measurement": "TieOptions find_tie_points",
     "plausibility": "check_block",
     "results.residuals": "compute_residuals",
-    "results.verdict": "judge",
+    "results.judged_block": "judge",
     "io": "open_image read_rpc",
     "laboratory.direct_methods": "compare_models",
 })  # fmt: skip

@@ -28,5 +28,5 @@ from .refinement import MODELS as MODELS
 from .refinement.estimate import Control as Control
 from .refinement.refine import refine_rpc as refine_rpc
 from .refinement.selection import choose_model as choose_model
+from .results.judged_block import judge as judge
 from .results.residuals import compute_residuals as compute_residuals
-from .results.verdict import judge as judge

@@ -4,7 +4,7 @@ Writers take them from here and do not depend on one another: layers, record, pa
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..block.block import Image, Role
 from ..block.jitter_curve import JitterCurve
 from ..drawing.block_figures import draw_figures
 from ..foundation.large_arrays import finite_rows
-from ..foundation.reasons import Level, Reason
+from ..foundation.reasons import Level
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.threads import one_thread_calls
 from ..io.geopackage.layers import Layer
@@ -23,15 +23,14 @@ from ..refinement.model import RefitRPC
 from . import statistics
 from .block_record import joint_arrays, make_record
 from .drawings import Outline, report_figures
-from .figures import block_report, rejection_warnings
 from .image_facts import add_image_facts
+from .judged_block import JudgedBlock
 from .layers import block_layers, residuals_epsg
 from .line_profiles import describe_line_profiles
-from .lineage import lineage_items, state_accuracy
-from .residuals import Residuals, compute_residuals, rmse
+from .lineage import lineage_items
+from .residuals import Residuals, rmse
 from .stac import describe_item
-from .tables import thinning_warnings
-from .verdict import Evidence, Verdict, describe_residual_fields, find_reasons, summarise_accuracy
+from .verdict import Verdict
 
 NSSDA_PLAN, NSSDA_HEIGHT = 2.4477, 1.9600  # 95 % limits in plan and height, in standard deviations
 
@@ -45,13 +44,6 @@ class ACCURACY_STATEMENT:
     nssda_ratio: float = threshold(
         0.6, "", "smallest ratio of the RMSEs in plan for which the circular error is defined", "FGDC-STD-007.3-1998"
     )
-
-
-@thresholds
-class RPC_AGREEMENT:
-    """Limit for the difference of a refined RPC from its model."""
-
-    warned_px: float = threshold(0.01, "px", "largest difference of a refined RPC from its model without a warning")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,60 +86,6 @@ class BlockResult:
     def jitter_curves(self) -> Mapping[str, JitterCurve] | None:
         """Curves of the removed jitter, by image id; None if it was not estimated."""
         return None if self.adjustment.jitter is None else self.adjustment.jitter.curves
-
-
-@dataclass(frozen=True, eq=False)
-class JudgedBlock:
-    """An adjusted block with all that its verdict is based on.
-
-    evidence : adjustment, residuals, refined RPCs and their systematic errors
-    figures : the report's entries on the adjustment
-    verdict : level and reasons; warnings : for the user, without those that a reason repeats
-    """
-
-    evidence: Evidence
-    figures: dict[str, Any]
-    verdict: Verdict
-    warnings: tuple[str, ...]
-
-    @property
-    def adjustment(self) -> Adjustment:
-        """The adjustment."""
-        return self.evidence.result
-
-    @property
-    def residuals(self) -> Residuals:
-        """Its residuals."""
-        return self.evidence.left
-
-
-def judge_block(
-    adjustment: Adjustment, warnings: Sequence[str] = (), reasons: Sequence[Reason] = (),
-    lap: Callable[[str], None] = lambda part: None,
-) -> JudgedBlock:  # fmt: skip
-    """Return an adjusted block with its residuals, refined RPCs, figures, warnings and verdict.
-
-    warnings : those found before; reasons : those found in the inputs
-    lap : called with the name of each finished part
-    """
-    images = adjustment.block.images
-    with one_thread_calls():  # cameras are refitted with small matrices, for which BLAS threads only cost time
-        residuals = compute_residuals(adjustment)
-        cameras = zip(images, adjustment.values, strict=True)
-        refined = state_accuracy(adjustment, [adjustment.model.compute_refined_rpc(*camera) for camera in cameras])
-        lap("residuals")
-        evidence = Evidence(adjustment, residuals, refined)
-        figures = block_report(adjustment, residuals, refined)
-        verdict = Verdict.create(summarise_accuracy(figures), find_reasons(evidence, reasons))
-        different_rpcs = [
-            f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
-            for image, new in zip(images, refined, strict=True)
-            if new.fit_max_px > RPC_AGREEMENT.warned_px
-        ]
-        texts = [*warnings, *adjustment.warnings, *rejection_warnings(adjustment), *thinning_warnings(adjustment),
-                 *different_rpcs, *describe_residual_fields(evidence)]  # fmt: skip
-    messages = tuple(reason.message for reason in verdict.reasons)
-    return JudgedBlock(evidence, figures, verdict, tuple(text for text in texts if not text.startswith(messages)))
 
 
 def assemble_result(

@@ -25,7 +25,8 @@ from ...hrsi_engine.block.orthoimage import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.measurement.tie_points import find_overlapping_pairs
-from ...hrsi_engine.results.block_results import JudgedBlock, assemble_result, judge_block
+from ...hrsi_engine.results.block_results import assemble_result
+from ...hrsi_engine.results.judged_block import JudgedBlock, judge_block
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from ..files.opening import dem_surface, open_images
 from ..files.result_folder import REPORT_FILE

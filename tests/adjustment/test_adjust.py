@@ -17,7 +17,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
-from hrsi.hrsi_engine.results.verdict import judge
+from hrsi.hrsi_engine.results.judged_block import judge
 
 
 @pytest.mark.parametrize("name", mark_beyond(1, "thorough", ["affine", "shift", "conformal"]))

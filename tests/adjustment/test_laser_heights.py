@@ -20,7 +20,7 @@ from hrsi.hrsi_engine.adjustment.external.shared_errors import (
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.laboratory.simulation.options import LaserSpec
-from hrsi.hrsi_engine.results.verdict import judge
+from hrsi.hrsi_engine.results.judged_block import judge
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 OPTIONS = AdjustOptions(model="shift")

@@ -26,6 +26,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     simulate_block,
 )
 from hrsi.hrsi_engine.results.block_results import BlockResult, assemble_result
+from hrsi.hrsi_engine.results.judged_block import judge_block
 
 SENSOR = SENSORS["pleiades"]
 PERIOD = 1200.0
@@ -43,7 +44,7 @@ def simulate_pair(amplitude_px: float) -> Block:
 def assemble_results(block: Block) -> BlockResult:
     adjustment = adjust(block, AdjustOptions(model="shift-drift"))
     record = {"version": "0", "date": "2026-01-01T00:00:00Z", "algorithm": "adjust", "crs": {}}
-    return assemble_result(adjustment, record, [], [], {}, lambda name: None)
+    return assemble_result(judge_block(adjustment), record, {})
 
 
 @pytest.fixture(scope="module")

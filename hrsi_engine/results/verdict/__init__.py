@@ -18,6 +18,6 @@ and large enough to matter: with ten thousand points the small systematic errors
 
 from .evidence import Evidence
 from .systematic import describe_residual_fields
-from .verdict import Verdict, find_reasons, judge, summarise_accuracy
+from .verdict import Verdict, find_reasons, summarise_accuracy
 
-__all__ = ["Evidence", "Verdict", "describe_residual_fields", "find_reasons", "judge", "summarise_accuracy"]
+__all__ = ["Evidence", "Verdict", "describe_residual_fields", "find_reasons", "summarise_accuracy"]

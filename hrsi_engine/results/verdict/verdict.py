@@ -7,11 +7,8 @@ from dataclasses import asdict, dataclass, replace
 from math import floor, log10
 from typing import Any
 
-from ...adjustment.result import Adjustment
 from ...foundation.reasons import Level, Reason
-from ..figures import block_report
 from ..lineage import add_untested_error
-from ..residuals import compute_residuals
 from . import common_deformation, connections, datums, ground_truth, jitter, solution, surfaces, systematic
 from .evidence import Evidence
 
@@ -124,28 +121,6 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     if any(reason.level is Level.UNUSABLE for reason in before):
         found = [reason for reason in found if reason.code not in CONSEQUENCES]
     return [*before, *found]
-
-
-def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
-    """Return the verdict on an adjustment.
-
-    Parameters
-    ----------
-    result : Adjustment
-        A finished adjustment.
-    before : sequence of Reason
-        Reasons found before it (`plausibility.check_block`).
-
-    Returns
-    -------
-    Verdict
-        Level, sentence and reasons.
-    """
-    left = compute_residuals(result)
-    images = zip(result.block.images, result.values, strict=True)
-    refined = [result.model.compute_refined_rpc(image, values) for image, values in images]
-    sentence = summarise_accuracy(block_report(result, left, refined))
-    return Verdict.create(sentence, find_reasons(Evidence(result, left, refined), before))
 
 
 def summarise_accuracy(report: Mapping[str, Any]) -> str:
