@@ -2,7 +2,7 @@
 
 The commands `triangulate`, `adjust` and `refine-rpc`, and with them the steps of a project, QGIS and Python, call the
 steps in this order with their options; the points panel begins with a block in memory. What a step finds is collected
-in the run, so that all faces tell the same:
+in the run, so that all faces show the same:
 
 * warnings, texts for the user, in the order in which they were found;
 * reasons, the findings in the inputs and in the adjusted block from which the verdict follows;
