@@ -79,9 +79,13 @@ run_tests = install -d -m 700 $(BUILD)/runtime; status=0; \
 test: set-up-test lint  ## lint, then the tests of every feature, QGIS included, in 15 minutes of processor time
 	@echo "test: inside QGIS, then all the others; they end with a summary each. make test-all has the long ones too"
 	@$(call run_tests,-m "not ($(LONG))")
-test-all: set-up-test lint scan  ## lint, the scan of the zip, and all tests, also the long ones: nightly, and what CI runs
+test-all: set-up-test lint scan speed-guard  ## lint, the scan, the guard of speed, and all tests, also the long ones: what CI runs
 	@echo "test-all: inside QGIS, then all the others; they end with a summary each"
 	@$(call run_tests,)
+
+.PHONY: speed-guard
+speed-guard: set-up-test  ## whether a command has become slower than recorded in benchmarks/speed_guard.csv
+	@$(BIN)/python benchmarks/speed_guard.py
 
 .PHONY: test-desktop
 test-desktop: set-up-test  ## the plugin in the real window of QGIS, by mouse and keyboard; pictures in build/desktop

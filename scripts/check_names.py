@@ -1,7 +1,9 @@
 """List functions and classes whose name is no verb with its object and no noun: participles, adverbs, single letters.
 
-``python scripts/check_names.py [FOLDER …]`` prints one line a name, then the share of all names; with no folder it
-reads the whole product. ``make lint`` runs it: it fails where a public name is listed, or more than 1 % of all names.
+``python scripts/check_names.py [--locals] [FOLDER …]`` prints one line a name, then the share of all names; with no
+folder it reads the whole product. ``make lint`` runs it: it fails where a public name is listed, or more than 1 % of
+all names. The names inside functions are counted too: arguments and local variables that are function words or
+participles (``told``, ``own``, ``here``) may be `MOST_FUNCTION_WORDS` of all; ``--locals`` lists them.
 
 A name is a participle where its first or its last word is one (``_joined_rows``, ``points_seen``): a reader cannot tell
 whether it does something, is something, or answers a question. ``is_…`` and ``has_…`` answer questions, ``find_…``,
@@ -22,6 +24,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
 #: The largest share of private names that may be listed.
 MOST_LISTED = 0.01
+#: The largest share of arguments and local variables that are function words; it may only become smaller.
+MOST_FUNCTION_WORDS = 0.12
 #: Verbs that end as participles do, and participles that have become nouns or verbs of the field.
 VERBS = {"need", "seed", "feed", "speed", "embed", "proceed", "exceed", "succeed", "shed", "weed"}  # fmt: skip
 PARTICIPLES = {
@@ -39,6 +43,11 @@ EMPTY = {
     "only", "other", "others", "out", "over", "rest", "so", "some", "such", "that", "them", "then", "there", "these",
     "this", "those", "to", "together", "twice", "under", "up", "what", "when", "where", "which", "who", "why", "with",
     "within", "without",
+}  # fmt: skip
+#: Further words that name nothing as an argument or a local variable.
+FUNCTION_WORDS = EMPTY | PARTICIPLES | {
+    "alike", "asked", "bad", "both", "far", "few", "fitted", "good", "joined", "least", "listed", "moved", "named",
+    "near", "needed", "own", "same", "shared", "some", "tried", "until", "used", "wanted", "whole", "wrong",
 }  # fmt: skip
 PARTICIPLE = re.compile(r"[a-z]{2,}ed$")
 ADVERB = re.compile(r"[a-z]{3,}ly$")
@@ -83,8 +92,32 @@ def fault_of(name: Name) -> str:
     return ""
 
 
-def main(folders: list[str]) -> int:
+def list_locals(function: ast.FunctionDef | ast.AsyncFunctionDef) -> set[str]:
+    """Return the arguments and local variables of a function, those of functions inside it too."""
+    arguments = function.args
+    listed = arguments.posonlyargs + arguments.args + arguments.kwonlyargs
+    listed += [argument for argument in (arguments.vararg, arguments.kwarg) if argument]
+    stored = {node.id for node in ast.walk(function) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    return ({argument.arg for argument in listed} | stored) - {"self", "cls", "_"}
+
+
+def count_function_words(paths: list[Path], is_listed: bool) -> float:
+    """Return the share of arguments and local variables that are function words; print them if asked."""
+    names, words = 0, 0
+    for path in paths:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                variables = list_locals(node)
+                empty = sorted(variables & FUNCTION_WORDS)
+                names, words = names + len(variables), words + len(empty)
+                if empty and is_listed:
+                    print(f"{path.relative_to(ROOT)}:{node.lineno} {node.name}: {', '.join(empty)}")
+    return words / max(names, 1)
+
+
+def main(arguments: list[str]) -> int:
     """Print the names with faults and return 1 where there are too many."""
+    folders = [argument for argument in arguments if argument != "--locals"]
     places = [ROOT / folder for folder in folders or PARTS]
     paths = sorted(path for place in places for path in (place.rglob("*.py") if place.is_dir() else [place]))
     names = [
@@ -99,7 +132,9 @@ def main(folders: list[str]) -> int:
     print(
         f"names: {len(faults)} of {len(names)} listed ({len(faults) / max(len(names), 1):.1%}), {sum(is_public)} public"
     )
-    return int(any(is_public) or len(faults) > MOST_LISTED * len(names))
+    share = count_function_words(paths, "--locals" in arguments)
+    print(f"names: {share:.1%} of arguments and local variables are function words, at most {MOST_FUNCTION_WORDS:.0%}")
+    return int(any(is_public) or len(faults) > MOST_LISTED * len(names) or share > MOST_FUNCTION_WORDS)
 
 
 if __name__ == "__main__":
