@@ -104,10 +104,10 @@ class DirectRPC:
         if covariance.shape != (COEFFICIENTS, COEFFICIENTS) or not np.allclose(covariance, covariance.T):
             raise InputError(f"covariance of shape {covariance.shape}: a symmetric (78, 78) matrix is needed")
         try:
-            given = np.linalg.inv(np.linalg.cholesky(covariance))
+            root = np.linalg.inv(np.linalg.cholesky(covariance))
         except np.linalg.LinAlgError:
             raise InputError("the covariance of the coefficients is not positive definite: check its order") from None
-        return replace(self, information=lambda image: given.T @ given, least_eigenvalue=0.0, roots={})
+        return replace(self, information=lambda image: root.T @ root, least_eigenvalue=0.0, roots={})
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""
@@ -152,9 +152,9 @@ class DirectRPC:
 def correct_coefficients(rpc: RPC, change: np.ndarray) -> RPC:
     """Return an RPC with its coefficients changed by ``(78,)``, in the order of `SLICES`."""
     new = {}
-    for name, where in SLICES.items():
+    for name, part in SLICES.items():
         coefficients = getattr(rpc, name).copy()
-        coefficients[20 - (where.stop - where.start) :] += change[where]
+        coefficients[20 - (part.stop - part.start) :] += change[part]
         new[name] = coefficients
     return replace(rpc, **new)
 
@@ -206,10 +206,12 @@ def iterate_from_linear(equations: ObservationEquations) -> tuple[np.ndarray, in
     if not isinstance(model, DirectRPC):
         raise ValueError(f"{type(model).__name__} is no rational function of which the coefficients are estimated")
     linear = replace(equations, linearise=model.linear_equations(equations.image, equations.control.xy))
-    at = best = linear.linearise_at(np.zeros(len(sigmas)))
+    state = best = linear.linearise_at(np.zeros(len(sigmas)))
     for _ in range(DIRECT_METHOD.linear_steps):
-        at = linear.linearise_at(at.values + sigmas * solve_step(at.matrix, at.right, at.values, sigmas), at.roots)
-        best = min(best, at, key=lambda place: place.cost)
+        state = linear.linearise_at(
+            state.values + sigmas * solve_step(state.matrix, state.right, state.values, sigmas), state.roots
+        )
+        best = min(best, state, key=lambda place: place.cost)
     return iterate_least_squares(equations, best.values, DIRECT_METHOD.linear_steps)
 
 
@@ -217,8 +219,8 @@ def estimate_in_one_step(equations: ObservationEquations) -> tuple[np.ndarray, i
     """Sequential least squares: one update of the old solution by all new observations, linearised at the old one."""
     sigmas = equations.sigmas
     values = np.zeros(len(sigmas))
-    at = equations.linearise_at(values)
-    values = sigmas * solve_step(at.matrix, at.right, values, sigmas)
+    state = equations.linearise_at(values)
+    values = sigmas * solve_step(state.matrix, state.right, values, sigmas)
     return values, 1, _describe_single_pass(equations, values)
 
 
@@ -227,26 +229,26 @@ def estimate_by_kalman_filter(equations: ObservationEquations) -> tuple[np.ndarr
     sigmas = equations.sigmas
     values, covariance = np.zeros(len(sigmas)), np.eye(len(sigmas))
     for index in range(len(equations.control)):
-        own = equations.control.select(np.array([index]))
-        alone = replace(equations, control=own, linearise=equations.model.equations(equations.image, own.xy))
-        at = alone.linearise_at(values)
-        innovation = at.matrix @ covariance @ at.matrix.T + np.eye(2)
-        gain = np.linalg.solve(innovation, at.matrix @ covariance).T
-        values = values + sigmas * (gain @ at.right)
-        covariance = covariance - gain @ at.matrix @ covariance
+        gcp = equations.control.select(np.array([index]))
+        update = replace(equations, control=gcp, linearise=equations.model.equations(equations.image, gcp.xy))
+        state = update.linearise_at(values)
+        innovation = state.matrix @ covariance @ state.matrix.T + np.eye(2)
+        gain = np.linalg.solve(innovation, state.matrix @ covariance).T
+        values = values + sigmas * (gain @ state.right)
+        covariance = covariance - gain @ state.matrix @ covariance
         covariance = (covariance + covariance.T) / 2.0
     return values, len(equations.control), _describe_single_pass(equations, values)
 
 
 def _describe_single_pass(equations: ObservationEquations, values: np.ndarray) -> str:
     """Return the status of a method with a single pass: converged if it ends near the minimum."""
-    at = equations.linearise_at(values)
-    step = solve_step(at.matrix, at.right, values, equations.sigmas)
+    state = equations.linearise_at(values)
+    step = solve_step(state.matrix, state.right, values, equations.sigmas)
     freedom = max(2 * len(equations.control) - len(values), 1)
-    away = float(np.sqrt(max(step @ equations.gradient(at), 0.0) / max(1.0, 2.0 * at.cost / freedom)))
-    if away < DIRECT_METHOD.harmless_sigmas:
+    distance_sigmas = float(np.sqrt(max(step @ equations.gradient(state), 0.0) / max(1.0, 2.0 * state.cost / freedom)))
+    if distance_sigmas < DIRECT_METHOD.harmless_sigmas:
         return CONVERGED
-    return f"passed over the points once, {away:.2g} sigma from the minimum"
+    return f"passed over the points once, {distance_sigmas:.2g} sigma from the minimum"
 
 
 #: Estimation of the methods that do not iterate from the linear equations.

@@ -121,8 +121,8 @@ def _fit_projective(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -
 
 def apply_matrix(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """Return points ``(n, 2)`` transformed by a homogeneous matrix."""
-    moved = np.column_stack([xy, np.ones(len(xy))]) @ H.T
-    return moved[:, :2] / moved[:, 2:]
+    homogeneous = np.column_stack([xy, np.ones(len(xy))]) @ H.T
+    return homogeneous[:, :2] / homogeneous[:, 2:]
 
 
 REGISTRATION_FORMS: dict[str, TransformationModel] = {
@@ -151,26 +151,29 @@ def register_points(
         raise InputError(f"registration model {model!r} is not one of {', '.join(REGISTRATION_FORMS)}: choose one")
     form = REGISTRATION_FORMS[model]
     sigma = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), (len(first_px),))
-    used = np.ones(len(first_px), dtype=bool) if taking_part is None else taking_part.copy()
-    allowed = used.copy()
+    is_used = np.ones(len(first_px), dtype=bool) if taking_part is None else taking_part.copy()
+    allowed = is_used.copy()
     while True:
-        matrix, residual = _fit_transformation(form, first_px, second_px, sigma, used)
-        keep = allowed & _is_inlier(residual, sigma, used, reject_sigma)
-        if np.array_equal(keep, used) or keep.sum() >= used.sum():
-            return Registration(model, matrix, residual, used, form.unknowns)
-        used = keep
+        matrix, residual = _fit_transformation(form, first_px, second_px, sigma, is_used)
+        keep = allowed & _is_inlier(residual, sigma, is_used, reject_sigma)
+        if np.array_equal(keep, is_used) or keep.sum() >= is_used.sum():
+            return Registration(model, matrix, residual, is_used, form.unknowns)
+        is_used = keep
 
 
 def _fit_transformation(
-    form: TransformationModel, first: np.ndarray, second: np.ndarray, sigma: np.ndarray, used: np.ndarray
+    form: TransformationModel, first: np.ndarray, second: np.ndarray, sigma: np.ndarray, is_used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    if 2 * used.sum() < form.unknowns:
-        raise SolveError(f"{used.sum()} points are too few for {form.unknowns} parameters: add points")
-    origins, scale = (first[used].mean(axis=0), second[used].mean(axis=0)), max(float(np.ptp(first[used])), 1.0)
+    if 2 * is_used.sum() < form.unknowns:
+        raise SolveError(f"{is_used.sum()} points are too few for {form.unknowns} parameters: add points")
+    origins, scale = (
+        (first[is_used].mean(axis=0), second[is_used].mean(axis=0)),
+        max(float(np.ptp(first[is_used])), 1.0),
+    )
     a, b = (first - origins[0]) / scale, (second - origins[1]) / scale
-    inner = form.start(a[used], b[used], 1.0 / sigma[used] ** 2) if form.unknowns > 2 else None
+    inner = form.start(a[is_used], b[is_used], 1.0 / sigma[is_used] ** 2) if form.unknowns > 2 else None
     if inner is None:
-        matrix = form.start(first[used], second[used], 1.0 / sigma[used] ** 2)
+        matrix = form.start(first[is_used], second[is_used], 1.0 / sigma[is_used] ** 2)
     else:
         matrix = _make_similarity(scale, origins[1]) @ inner @ np.linalg.inv(_make_similarity(scale, origins[0]))
     matrix = matrix / matrix[2, 2]
@@ -181,11 +184,11 @@ def _make_similarity(scale: float, origin: np.ndarray) -> np.ndarray:
     return np.array([[scale, 0.0, origin[0]], [0.0, scale, origin[1]], [0.0, 0.0, 1.0]])
 
 
-def _is_inlier(residual: np.ndarray, sigma: np.ndarray, used: np.ndarray, reject_sigma: float) -> np.ndarray:
+def _is_inlier(residual: np.ndarray, sigma: np.ndarray, is_used: np.ndarray, reject_sigma: float) -> np.ndarray:
     if reject_sigma <= 0.0:
         return np.ones(len(residual), dtype=bool)
     relative = np.hypot(*residual.T) / sigma
-    typical = float(np.median(relative[used])) / 1.1774  # median of a Rayleigh distribution
+    typical = float(np.median(relative[is_used])) / 1.1774  # median of a Rayleigh distribution
     return relative <= reject_sigma * max(typical, 1e-9)
 
 
@@ -296,17 +299,17 @@ def compare_kinds(
     groups = np.array([choose_group(str(kind)) for kind in kinds])
     everything = register_points(first_px, second_px, model, sigma_px, reject_sigma)
     registrations = {"all": everything}
-    alone, together = {}, {}
+    separate, joint = {}, {}
     for group in sorted(set(groups.tolist())):
-        here = groups == group
-        summary = summarise_residuals(everything.residual_px[here & everything.used], unit)
+        in_group = groups == group
+        summary = summarise_residuals(everything.residual_px[in_group & everything.used], unit)
         if summary is not None:
-            together[group] = summary
-        if 2 * here.sum() <= REGISTRATION_FORMS[model].unknowns:
+            joint[group] = summary
+        if 2 * in_group.sum() <= REGISTRATION_FORMS[model].unknowns:
             continue
-        own = register_points(first_px, second_px, model, sigma_px, reject_sigma, here)
-        registrations[group] = own
-        summary = summarise_residuals(own.residual_px[own.used], unit)
+        registration = register_points(first_px, second_px, model, sigma_px, reject_sigma, in_group)
+        registrations[group] = registration
+        summary = summarise_residuals(registration.residual_px[registration.used], unit)
         if summary is not None:
-            alone[group] = summary
-    return MethodComparison(alone, together, registrations)
+            separate[group] = summary
+    return MethodComparison(separate, joint, registrations)

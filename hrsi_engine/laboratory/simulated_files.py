@@ -150,9 +150,9 @@ def write_dem(path: str, heights: np.ndarray, geotransform: Geotransform) -> Non
 
 def write_ground_points(path: str, points: GroundPoints) -> None:
     """Write the known points of a block as CSV: id, role, lon, lat, height, sigma_xy, sigma_h."""
-    known = points.role != Role.TIE
-    names, roles = points.ids[known].tolist(), [Role(role).label for role in points.role[known]]
-    numbers = np.column_stack([points.ground, points.sigma_m])[known].tolist()
+    is_surveyed = points.role != Role.TIE
+    names, roles = points.ids[is_surveyed].tolist(), [Role(role).label for role in points.role[is_surveyed]]
+    numbers = np.column_stack([points.ground, points.sigma_m])[is_surveyed].tolist()
     rows = [[name, role, *values] for name, role, values in zip(names, roles, numbers, strict=True)]
     write_csv(path, ["id", "role", "lon", "lat", "height", "sigma_xy", "sigma_h"], rows)
 

@@ -75,8 +75,8 @@ def grow_network(
             new = _grow_once(network, first, second, options, stage, last_px)
             if not len(new):
                 break
-            before, network = len(network), network.join(new)
-            network = network.select(agrees_with_neighbours(network, options.consistency_px, before))
+            old_count, network = len(network), network.join(new)
+            network = network.select(agrees_with_neighbours(network, options.consistency_px, old_count))
     return network
 
 
@@ -89,9 +89,9 @@ def agrees_with_neighbours(network: Network, allowed_px: float, first_new: int =
     if len(network) < 4:
         return agree
     rows = np.arange(first_new, len(network))
-    around = fit_local_affine(network.first[rows], network.first, network.second, network.matrix, rows)
-    away = np.hypot(*(network.second[rows] - around.predicted).T)
-    agree[rows] = away <= np.maximum(allowed_px, 3.0 * np.minimum(around.spread_px, allowed_px))
+    local = fit_local_affine(network.first[rows], network.first, network.second, network.matrix, rows)
+    distance_px = np.hypot(*(network.second[rows] - local.predicted).T)
+    agree[rows] = distance_px <= np.maximum(allowed_px, 3.0 * np.minimum(local.spread_px, allowed_px))
     return agree
 
 
@@ -107,22 +107,22 @@ def _grow_once(
     fresh = (distance <= stage.reach_px) & (distance < GROWTH.closer * last_px[rows])
     last_px[rows[fresh]] = distance[fresh]
     rows, node = rows[fresh], node[fresh]
-    point, other = _find_candidates(network, first, second, rows, node, stage.tolerance)
+    point, candidate = _find_candidates(network, first, second, rows, node, stage.tolerance)
     if not len(point):
         return network.select(np.zeros(len(network), dtype=bool))
-    around = fit_local_affine(first.xy[rows], network.first, network.second, network.matrix)
-    correlation = correlate_patches(first, second, first.xy[rows[point]], second.xy[other], around.A[point])
+    local = fit_local_affine(first.xy[rows], network.first, network.second, network.matrix)
+    correlation = correlate_patches(first, second, first.xy[rows[point]], second.xy[candidate], local.A[point])
     # Which candidates agree with the local affine map as far as the network reaches already
     distance = np.hypot(*(first.xy[rows] - network.first[node]).T)
-    allowed = options.consistency_px + 2.0 * np.minimum(around.spread_px, options.consistency_px)
+    allowed = options.consistency_px + 2.0 * np.minimum(local.spread_px, options.consistency_px)
     allowed = allowed + stage.tolerance.gradient * distance
-    fits = np.hypot(*(second.xy[other] - around.predicted[point]).T) <= allowed[point]
-    alike = np.flatnonzero(fits & (correlation >= options.correlation))
-    chosen = alike[find_mutual_best(point[alike], other[alike], -correlation[alike])]
-    father = node[point[chosen]]
+    fits = np.hypot(*(second.xy[candidate] - local.predicted[point]).T) <= allowed[point]
+    similar = np.flatnonzero(fits & (correlation >= options.correlation))
+    selected = similar[find_mutual_best(point[similar], candidate[similar], -correlation[similar])]
+    father = node[point[selected]]
     return Network(
-        rows[point[chosen]], other[chosen], father, network.generation[father] + 1, correlation[chosen],
-        first.xy[rows[point[chosen]]], second.xy[other[chosen]], network.matrix,
+        rows[point[selected]], candidate[selected], father, network.generation[father] + 1, correlation[selected],
+        first.xy[rows[point[selected]]], second.xy[candidate[selected]], network.matrix,
     )  # fmt: skip
 
 
@@ -133,26 +133,26 @@ def _find_candidates(
     """Return index into ``rows`` and row in the second view of every pair within both tolerances."""
     free = np.ones(len(second.xy), dtype=bool)
     free[network.second_row] = False
-    others = np.flatnonzero(free)
-    if not len(others) or not len(rows):
+    free_rows = np.flatnonzero(free)
+    if not len(free_rows) or not len(rows):
         return np.empty(0, dtype=int), np.empty(0, dtype=int)
     rotation, scale = network.compute_starting_directions()
     arm = first.xy[rows] - network.first[node]
     distance = np.hypot(*arm.T)
     allowed = tolerance.limit_px(distance) * np.maximum(scale[node], 1.0)
     predicted = network.second[node] + rotate_offset(arm, rotation[node], scale[node])
-    near, place = cKDTree(second.xy[others]).query(
-        predicted, k=min(GROWTH.most_candidates, len(others)), distance_upper_bound=float(1.5 * allowed.max())
+    neighbours, place = cKDTree(second.xy[free_rows]).query(
+        predicted, k=min(GROWTH.most_candidates, len(free_rows)), distance_upper_bound=float(1.5 * allowed.max())
     )
     place = place.reshape(len(rows), -1)
-    point, column = np.nonzero(np.isfinite(near.reshape(len(rows), -1)))
-    other = others[place[point, column]]
-    leaf = second.xy[other] - network.second[node[point]]
+    point, column = np.nonzero(np.isfinite(neighbours.reshape(len(rows), -1)))
+    candidate = free_rows[place[point, column]]
+    leaf = second.xy[candidate] - network.second[node[point]]
     stretch = np.abs(np.hypot(*leaf.T) - scale[node[point]] * distance[point])
-    here = predicted[point] - network.second[node[point]]
-    turn = np.abs(wrap_angle(np.arctan2(leaf[:, 1], leaf[:, 0]) - np.arctan2(here[:, 1], here[:, 0])))
-    within = (stretch <= allowed[point]) & (turn * np.hypot(*here.T) <= allowed[point])
-    return point[within], other[within]
+    predicted_arm = predicted[point] - network.second[node[point]]
+    turn = np.abs(wrap_angle(np.arctan2(leaf[:, 1], leaf[:, 0]) - np.arctan2(predicted_arm[:, 1], predicted_arm[:, 0])))
+    is_within = (stretch <= allowed[point]) & (turn * np.hypot(*predicted_arm.T) <= allowed[point])
+    return point[is_within], candidate[is_within]
 
 
 class NodePositions(NamedTuple):
@@ -174,40 +174,44 @@ def refine_matches(
     network: Network, first: NetworkWindow, second: NetworkWindow, consistency_px: float
 ) -> tuple[Network, NodePositions]:
     """Return the nodes that least-squares matching confirms, and their positions."""
-    around = fit_local_affine(network.first, network.first, network.second, network.matrix)
+    local = fit_local_affine(network.first, network.first, network.second, network.matrix)
     centre = np.floor(network.first + 0.5)
-    start = network.second + np.einsum("nij,nj->ni", around.A, centre - network.first)
+    start = network.second + np.einsum("nij,nj->ni", local.A, centre - network.first)
     small = LsmOptions(window_px=21)  # what differs from its surroundings, as roofs do, is small
-    found = match_patches(first.match_image, second.match_image, centre.astype(np.int64), start, around.A, small)
-    sigma = found.sigma_px
-    moved = np.hypot(*(found.xy - start).T)
-    good = (found.status == DONE) & (found.correlation >= GROWTH.least_correlation) & (moved <= GROWTH.largest_move_px)
-    good &= np.nan_to_num(sigma, nan=np.inf) <= GROWTH.largest_sigma_px
-    good, residual, across = select_consistent(centre, found.xy, good, network.matrix, consistency_px)
-    positions = NodePositions(centre, found.xy, sigma, found.correlation, residual, across)
-    return network.select(good), NodePositions(*(column[good] for column in positions))
+    matches = match_patches(first.match_image, second.match_image, centre.astype(np.int64), start, local.A, small)
+    sigma = matches.sigma_px
+    move_px = np.hypot(*(matches.xy - start).T)
+    is_valid = (
+        (matches.status == DONE)
+        & (matches.correlation >= GROWTH.least_correlation)
+        & (move_px <= GROWTH.largest_move_px)
+    )
+    is_valid &= np.nan_to_num(sigma, nan=np.inf) <= GROWTH.largest_sigma_px
+    is_valid, residual, across = select_consistent(centre, matches.xy, is_valid, network.matrix, consistency_px)
+    positions = NodePositions(centre, matches.xy, sigma, matches.correlation, residual, across)
+    return network.select(is_valid), NodePositions(*(column[is_valid] for column in positions))
 
 
 def select_consistent(
-    first: np.ndarray, second: np.ndarray, good: np.ndarray, matrix: np.ndarray, consistency_px: float
+    first: np.ndarray, second: np.ndarray, is_valid: np.ndarray, matrix: np.ndarray, consistency_px: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the mask of good pairs that agree with their neighbours and the epipolar geometry, and both residuals."""
-    good = good.copy()
+    is_valid = is_valid.copy()
     residual, across = np.full(len(first), np.nan), np.full(len(first), np.nan)
     for _ in range(GROWTH.rejection_rounds):
-        rows = np.flatnonzero(good)
+        rows = np.flatnonzero(is_valid)
         if len(rows) < 6:
             return np.zeros(len(first), dtype=bool), residual, across
-        around: LocalAffine = fit_local_affine(first[rows], first[rows], second[rows], matrix, np.arange(len(rows)))
-        residual[rows] = np.hypot(*(second[rows] - around.predicted).T)
+        local: LocalAffine = fit_local_affine(first[rows], first[rows], second[rows], matrix, np.arange(len(rows)))
+        residual[rows] = np.hypot(*(second[rows] - local.predicted).T)
         across[rows] = compute_epipolar_residuals(first[rows], second[rows])
         sigma = robust_sigma(across[rows])
-        keep = residual[rows] <= consistency_px + 2.0 * np.minimum(around.spread_px, consistency_px)
+        keep = residual[rows] <= consistency_px + 2.0 * np.minimum(local.spread_px, consistency_px)
         keep &= np.abs(across[rows]) <= max(GROWTH.outlier_sigmas * sigma, GROWTH.outlier_floor_px)
-        good[rows[~keep]] = False
+        is_valid[rows[~keep]] = False
         if keep.all():
             break
-    return good, residual, across
+    return is_valid, residual, across
 
 
 def compute_epipolar_residuals(first: np.ndarray, second: np.ndarray, iterations: int = 10) -> np.ndarray:

@@ -81,8 +81,8 @@ def find_leaves(points: np.ndarray, root: int, reach_px: float) -> Leaves:
     """Return the other points ``(n, 2)`` within reach of a root, in the order of their indices."""
     offset = points - points[root]
     distance = np.hypot(offset[:, 0], offset[:, 1])
-    near = np.flatnonzero((distance > 0.0) & (distance <= reach_px))
-    return Leaves(near, distance[near], np.arctan2(offset[near, 1], offset[near, 0]))
+    neighbours = np.flatnonzero((distance > 0.0) & (distance <= reach_px))
+    return Leaves(neighbours, distance[neighbours], np.arctan2(offset[neighbours, 1], offset[neighbours, 0]))
 
 
 def wrap_angle(angle_rad: np.ndarray) -> np.ndarray:

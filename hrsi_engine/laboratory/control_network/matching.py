@@ -142,20 +142,20 @@ def match_windows(
     is_known = vote.scales != SCALE.unknown_scales and not _votes_equal(vote)
     if not is_known:
         equal = equal._replace(affine=vote.affine)
-    found = _match_at_scale(first, second, options, vote if is_known else equal, areas, stage(progress, 0.0, 0.5))
-    if found.status == FOUND:
-        return found
+    match = _match_at_scale(first, second, options, vote if is_known else equal, areas, stage(progress, 0.0, 0.5))
+    if match.status == FOUND:
+        return match
     votes_equal = _votes_equal(vote)
     vote = vote_by_features(first, second, *areas, most_px=SCALE.look_px)
     if vote.affine is None:
         if votes_equal or (not is_known and _votes_equal(vote)):
-            return found  # the scale was right: another one would not help
+            return match  # the scale was right: another one would not help
         if is_known:
             vote = equal
-    again = _match_at_scale(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
+    second_match = _match_at_scale(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
     # Where features give no scale, an ambiguous match at one of those tried is no statement on the windows
     is_voted = vote.scales not in (SCALE.unknown_scales, CONTROL_NETWORK.equal_scales)
-    return again if again.status == FOUND or is_voted else found
+    return second_match if second_match.status == FOUND or is_voted else match
 
 
 def _votes_equal(vote: FeatureVote) -> bool:
@@ -168,20 +168,20 @@ def _match_at_scale(
     areas: tuple[Area, Area], progress: Progress,
 ) -> ControlNetworkMatch:  # fmt: skip
     """Match two windows whose scale is known, or lies in a range."""
-    known = vote.scales
-    usual = float(np.sqrt(known[0] * known[1]))
+    scale_range = vote.scales
+    usual = float(np.sqrt(scale_range[0] * scale_range[1]))
     reductions = [max(r, 1.0) if r >= CONTROL_NETWORK.reduction_ratio else 1.0 for r in (1.0 / usual, usual)]
     views = [
         _open_window(raster, window, options, reduction, stage(progress, 0.15 * k, 0.15 * (k + 1)))
         for k, (raster, window, reduction) in enumerate(zip((first, second), areas, reductions, strict=True))
     ]
     between = reductions[0] / reductions[1]
-    scales = known[0] * between, known[1] * between
+    scales = scale_range[0] * between, scale_range[1] * between
     similarity = None
     if vote.affine is not None:  # as a map (2, 3) of the windows' own positions
         corners = views[0].to_image(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
-        there = corners @ vote.affine[:, :2].T + vote.affine[:, 2]
-        origin, right, down = (there - views[1].origin + 0.5) / views[1].reduction - 0.5
+        partner_corners = corners @ vote.affine[:, :2].T + vote.affine[:, 2]
+        origin, right, down = (partner_corners - views[1].origin + 0.5) / views[1].reduction - 0.5
         similarity = np.column_stack([right - origin, down - origin, origin])
     return match_views(views[0], views[1], options, scales, stage(progress, 0.3, 1.0), similarity)
 
@@ -220,51 +220,51 @@ def match_views(
     tried = tuple(np.geomspace(lowest, highest, steps + 1).tolist())
     beginning = SeedOptions(gentle, options.reach_px, tried, options.correlation)
     # The network grows on gentle ground, then up and down steep ground, then across gaps
-    near, far = CONTROL_NETWORK.near_px, CONTROL_NETWORK.far_px
-    stages = GrowthStage(gentle, near), GrowthStage(steep, near), GrowthStage(steep, far)
+    near_px, far_px = CONTROL_NETWORK.near_px, CONTROL_NETWORK.far_px
+    stages = GrowthStage(gentle, near_px), GrowthStage(steep, near_px), GrowthStage(steep, far_px)
     growth = GrowthOptions(stages, options.correlation, options.consistency_px)
-    seen: list[SuperPointMatch] = []
+    attempts: list[SuperPointMatch] = []
     best: ControlNetworkMatch | None = None
-    for seed in find_seeds(first, second, beginning, seen, stage(progress, 0.0, 0.4), similarity):
+    for seed in find_seeds(first, second, beginning, attempts, stage(progress, 0.0, 0.4), similarity):
         network = grow_network(seed.network, first, second, growth, stage(progress, 0.4, 0.9))
         advance(progress, 0.9, "least-squares matching")
         refined, positions = refine_matches(network, first, second, options.consistency_px)
         if not len(refined) or robust_sigma(positions.epipolar_px) > seed.largest_spread_px:
             continue
-        there, here = first.to_image(positions.first), second.to_image(positions.second)
+        first_xy, second_xy = first.to_image(positions.first), second.to_image(positions.second)
         scaled = {
-            "first": there, "second": here, "sigma_px": positions.sigma_px * second.reduction,
+            "first": first_xy, "second": second_xy, "sigma_px": positions.sigma_px * second.reduction,
             "residual_px": positions.residual_px * second.reduction,
             "epipolar_px": positions.epipolar_px * second.reduction,
         }  # fmt: skip
-        design = np.column_stack([there, np.ones(len(there))])
-        affine = np.linalg.lstsq(design, here, rcond=None)[0].T if len(there) >= 3 else np.full((2, 3), np.nan)
-        found = ControlNetworkMatch(
+        design = np.column_stack([first_xy, np.ones(len(first_xy))])
+        affine = np.linalg.lstsq(design, second_xy, rcond=None)[0].T if len(first_xy) >= 3 else np.full((2, 3), np.nan)
+        candidate = ControlNetworkMatch(
             FOUND, "", positions._replace(**scaled), first.points.kind[refined.first_row], refined.generation,
             refined.father, seed.hypothesis.count, seed.runner_up, (len(first.xy), len(second.xy)), affine,
         )  # fmt: skip
-        if best is None or len(found) > len(best):
-            best = found
+        if best is None or len(candidate) > len(best):
+            best = candidate
         if len(best) >= options.least:
             advance(progress, 1.0, f"{len(best)} correspondences")
             return best
-    return _make_failure(first, second, seen, 0 if best is None else len(best))
+    return _make_failure(first, second, attempts, 0 if best is None else len(best))
 
 
 def _make_failure(
-    first: NetworkWindow, second: NetworkWindow, seen: list[SuperPointMatch], most: int
+    first: NetworkWindow, second: NetworkWindow, attempts: list[SuperPointMatch], largest_count: int
 ) -> ControlNetworkMatch:
     """Return the result without correspondences, and why."""
-    ambiguous = [(match.best.count, match.runner_up) for match in seen if match.status == AMBIGUOUS and match.best]
+    ambiguous = [(match.best.count, match.runner_up) for match in attempts if match.status == AMBIGUOUS and match.best]
     nothing = np.empty((0, 2))
     empty = NodePositions(nothing, nothing, *(np.empty(0) for _ in range(4)))
     status, network, runner_up = NO_MATCH, 0, 0
-    few = f" ({most} correspondences are too few)" if most else ""
-    message = f"no common control network was found{few}: check that both windows show the same place at `scale`"
+    count_note = f" ({largest_count} correspondences are too few)" if largest_count else ""
+    message = f"no common control network was found{count_note}: check that both windows show the same place at `scale`"
     for name, view in (("second", second), ("first", first)):
         if len(view.xy) < 20:
             message = f"the {name} window has {len(view.xy)} interest points only: choose one with more texture"
-    if ambiguous and not most:
+    if ambiguous and not largest_count:
         status, (network, runner_up) = AMBIGUOUS, max(ambiguous, key=itemgetter(0))
         message = (
             f"the texture repeats: {network} super points fit in one place, {runner_up} in another; "
@@ -317,16 +317,18 @@ def vote_by_features(
     areas = first_window, second_window
     largest = max((area.right - area.left) * (area.bottom - area.top) for area in areas)
     reduction = max(float(np.sqrt(largest / most_px)), 1.0)
-    found = []
+    features = []
     for raster, area in zip((first, second), areas, strict=True):
         grey, valid = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
         if reduction > 1.0:
             size = int(grey.shape[1] / reduction), int(grey.shape[0] / reduction)
             grey, valid = reduce_by_area(np.asarray(grey, np.float32), size), reduce_mask(valid, size)
-        found.append(detect_sift_features(grey, valid, SCALE.features))
-    here, there = found
-    i, j = match_descriptors(compute_root_sift(here.descriptors), compute_root_sift(there.descriptors), SCALE.ratio)
-    common = _find_common_similarity(here.xy[i], there.xy[j])
+        features.append(detect_sift_features(grey, valid, SCALE.features))
+    first_features, second_features = features
+    i, j = match_descriptors(
+        compute_root_sift(first_features.descriptors), compute_root_sift(second_features.descriptors), SCALE.ratio
+    )
+    common = _find_common_similarity(first_features.xy[i], second_features.xy[j])
     if common is None:
         return FeatureVote()
     matrix, shift, votes = common
@@ -348,11 +350,11 @@ def _find_common_similarity(first: np.ndarray, second: np.ndarray) -> tuple[np.n
     if len(first) < SCALE.fewest_votes:
         return None
     z, w = (np.ascontiguousarray(xy, dtype=np.float64).view(np.complex128)[:, 0] for xy in (first, second))
-    one, other = np.random.default_rng(1).integers(0, len(z), (2, SCALE.samples))
-    apart = np.abs(z[one] - z[other]) > SCALE.shortest_base_px
-    one, other = one[apart], other[apart]
-    a = (w[one] - w[other]) / (z[one] - z[other])
-    b = w[one] - a * z[one]
+    index, partner = np.random.default_rng(1).integers(0, len(z), (2, SCALE.samples))
+    is_distant = np.abs(z[index] - z[partner]) > SCALE.shortest_base_px
+    index, partner = index[is_distant], partner[is_distant]
+    a = (w[index] - w[partner]) / (z[index] - z[partner])
+    b = w[index] - a * z[index]
     votes = [int(np.sum(np.abs(w - (a_k * z + b_k)) <= SCALE.vote_px)) for a_k, b_k in zip(a, b, strict=True)]
     if not votes or max(votes) < SCALE.fewest_votes:
         return None

@@ -42,10 +42,10 @@ class Network:
         """Return the nodes of a mask; where a father is removed, the nearest remaining ancestor takes its place."""
         father = self.father.copy()
         for _ in range(int(self.generation.max(initial=0)) + 1):
-            gone = (father != NO_FATHER) & ~keep[father]
-            if not gone.any():
+            is_orphan = (father != NO_FATHER) & ~keep[father]
+            if not is_orphan.any():
                 break
-            father[gone] = self.father[father[gone]]
+            father[is_orphan] = self.father[father[is_orphan]]
         number = np.append(np.cumsum(keep) - 1, NO_FATHER)  # -1 stays -1
         columns = {
             name: getattr(self, name)[keep]
@@ -53,10 +53,10 @@ class Network:
         }
         return replace(self, father=number[father[keep]], **columns)
 
-    def join(self, other: Network) -> Network:
+    def join(self, addition: Network) -> Network:
         """Return this network with more nodes, whose fathers are rows of this one."""
         columns = {
-            name: np.concatenate([getattr(self, name), getattr(other, name)])
+            name: np.concatenate([getattr(self, name), getattr(addition, name)])
             for name in ("first_row", "second_row", "father", "generation", "correlation", "first", "second")
         }
         return replace(self, **columns)
@@ -75,10 +75,10 @@ class Network:
             open_ &= ancestor != NO_FATHER
             ours, theirs = self.first[ancestor] - self.first, self.second[ancestor] - self.second
             distance = np.hypot(*ours.T)
-            here = open_ & (distance >= NETWORK.shortest_arm_px)
+            is_long = open_ & (distance >= NETWORK.shortest_arm_px)
             turn = np.arctan2(theirs[:, 1], theirs[:, 0]) - np.arctan2(ours[:, 1], ours[:, 0])
-            rotation[here] = overall + wrap_angle(turn[here] - overall)
-            open_ &= ~here
+            rotation[is_long] = overall + wrap_angle(turn[is_long] - overall)
+            open_ &= ~is_long
             ancestor = np.where(open_, self.father[ancestor], NO_FATHER)
         return rotation, scale
 
@@ -115,14 +115,14 @@ def fit_local_affine(
     """
     left_out = int(leave_out is not None)
     count = min(LOCAL_AFFINE.neighbours, len(first) - left_out)
-    near = cKDTree(first).query(points, k=count + left_out)[1].reshape(len(points), -1)
+    neighbours = cKDTree(first).query(points, k=count + left_out)[1].reshape(len(points), -1)
     if leave_out is not None:
-        itself = near == leave_out[:, None]
+        itself = neighbours == leave_out[:, None]
         itself[~itself.any(axis=1), -1] = True
-        near = near[~itself].reshape(len(points), count)
-    dx = first[near] - points[:, None, :]
-    base = second[near[:, 0]] - dx[:, 0] @ overall.T
-    dy = second[near] - base[:, None, :] - dx @ overall.T  # what the similarity leaves
+        neighbours = neighbours[~itself].reshape(len(points), count)
+    dx = first[neighbours] - points[:, None, :]
+    base = second[neighbours[:, 0]] - dx[:, 0] @ overall.T
+    dy = second[neighbours] - base[:, None, :] - dx @ overall.T  # what the similarity leaves
     length = np.sqrt(np.mean(np.sum(dx**2, axis=2), axis=1)) + 1e-6
     design = np.concatenate([np.ones((*dx.shape[:2], 1)), dx / length[:, None, None]], axis=2)
     start = np.median(dy, axis=1)

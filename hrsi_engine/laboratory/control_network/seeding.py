@@ -78,37 +78,37 @@ def split_into_parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
     """Return the super points of each part of the first window, parts near the middle first."""
     count = np.maximum(np.rint(view.size / SEEDING.part_px), 1).astype(int)
     number = np.minimum((view.xy[rows] / (view.size / count)).astype(int), count - 1)
-    every = np.stack(np.meshgrid(*map(np.arange, count)), axis=-1).reshape(-1, 2)
-    from_middle = np.hypot(*(((every + 0.5) / count - 0.5) * view.size).T)
-    found = [rows[(number == every[part]).all(axis=1)] for part in np.argsort(from_middle, kind="stable")]
-    return [part for part in found if len(part) >= SEEDING.fewest_points]
+    cells = np.stack(np.meshgrid(*map(np.arange, count)), axis=-1).reshape(-1, 2)
+    from_middle = np.hypot(*(((cells + 0.5) / count - 0.5) * view.size).T)
+    parts = [rows[(number == cells[part]).all(axis=1)] for part in np.argsort(from_middle, kind="stable")]
+    return [part for part in parts if len(part) >= SEEDING.fewest_points]
 
 
 def find_seeds(
-    first: NetworkWindow, second: NetworkWindow, options: SeedOptions, seen: list[SuperPointMatch],
+    first: NetworkWindow, second: NetworkWindow, options: SeedOptions, attempts: list[SuperPointMatch],
     progress: Progress = silent, similarity: np.ndarray | None = None,
 ) -> Iterator[Seed]:  # fmt: skip
-    """Yield first networks, most trustworthy first; every super-point match is noted in ``seen``.
+    """Yield first networks, most trustworthy first; every super-point match is noted in ``attempts``.
 
     ``similarity (2, 3)`` is where features put the first window's points, if they determine it.
     """
     # The thesis takes the strongest points of a whole window; cells do the same for windows of any size
     per_cell = SEEDING.cell_px, SEEDING.points_per_cell
     ours, theirs = (select_best_per_cell(view.points, *per_cell) for view in (first, second))
-    every = split_into_parts(first, ours) if len(theirs) >= SEEDING.fewest_points else []
-    for number, rows in enumerate(every):
-        part = stage(progress, number / len(every), (number + 1) / len(every))
-        how = options.tolerance, options.reach_px, options.scales
-        match = match_super_points(first.xy[rows], second.xy[theirs], *how, part)
-        seen.append(match)
+    parts = split_into_parts(first, ours) if len(theirs) >= SEEDING.fewest_points else []
+    for number, rows in enumerate(parts):
+        part = stage(progress, number / len(parts), (number + 1) / len(parts))
+        criteria = options.tolerance, options.reach_px, options.scales
+        match = match_super_points(first.xy[rows], second.xy[theirs], *criteria, part)
+        attempts.append(match)
         if match.best is not None and match.status != AMBIGUOUS:
-            whole = make_network(match.best, first, second, rows, theirs)
-            network = verify_network(whole, first, second, options.correlation)
+            complete = make_network(match.best, first, second, rows, theirs)
+            network = verify_network(complete, first, second, options.correlation)
             if _has_enough_nodes(network, match.best):
                 yield Seed(network, match.best, match.runner_up)
-    if similarity is not None and not any(match.status == AMBIGUOUS for match in seen):
+    if similarity is not None and not any(match.status == AMBIGUOUS for match in attempts):
         yield from find_feature_seeds(first, second, similarity, options)
-    for match, rows in zip(list(seen), every, strict=True):
+    for match, rows in zip(list(attempts), parts, strict=True):
         advance(progress, 1.0, "control network: comparing grey values")
         if match.status != AMBIGUOUS:
             yield from find_grey_seeds(first, second, rows, theirs, options)
@@ -124,15 +124,15 @@ def find_grey_seeds(
         sets = bound_root_pairs(first.xy[rows], second.xy[theirs], options.tolerance, reach_px, options.scales)
         hypotheses += find_likely_hypotheses(sets, SEEDING.likely_pairs)
     for hypothesis in hypotheses:
-        whole = make_network(hypothesis, first, second, rows, theirs)
-        network = verify_network(whole, first, second, options.correlation)
+        complete = make_network(hypothesis, first, second, rows, theirs)
+        network = verify_network(complete, first, second, options.correlation)
         if _has_enough_nodes(network, hypothesis):
             tested.append((len(network), network, hypothesis))
     if not tested:
         return
-    most, network, best = max(tested, key=lambda entry: entry[0])
-    rivals = [count for count, _, other in tested if is_rival(sets, best, other)]
-    if max(rivals, default=0) < SUPER_POINTS.rival_share * most:
+    largest_count, network, best = max(tested, key=lambda entry: entry[0])
+    rivals = [count for count, _, rival in tested if is_rival(sets, best, rival)]
+    if max(rivals, default=0) < SUPER_POINTS.rival_share * largest_count:
         yield Seed(network, best, max(rivals, default=0))
 
 
@@ -141,23 +141,25 @@ def find_feature_seeds(
 ) -> Iterator[Seed]:
     """Yield the network of the interest points that look similar near where a similarity puts them."""
     matrix, shift = similarity[:, :2], similarity[:, 2]
-    near = cKDTree(second.xy).query_ball_point(first.xy @ matrix.T + shift, SEEDING.feature_reach_px)
-    a = np.repeat(np.arange(len(near)), [len(rows) for rows in near])
-    b = np.array([row for rows in near for row in rows], dtype=int)
-    alike = correlate_patches(first, second, first.xy[a], second.xy[b], np.broadcast_to(matrix, (len(a), 2, 2)))
-    likely = np.flatnonzero(alike >= options.correlation)
-    chosen = likely[find_mutual_best(a[likely], b[likely], -alike[likely])]
-    if len(chosen) < SEEDING.fewest_nodes:
+    neighbours = cKDTree(second.xy).query_ball_point(first.xy @ matrix.T + shift, SEEDING.feature_reach_px)
+    a = np.repeat(np.arange(len(neighbours)), [len(rows) for rows in neighbours])
+    b = np.array([row for rows in neighbours for row in rows], dtype=int)
+    correlation = correlate_patches(first, second, first.xy[a], second.xy[b], np.broadcast_to(matrix, (len(a), 2, 2)))
+    likely = np.flatnonzero(correlation >= options.correlation)
+    selected = likely[find_mutual_best(a[likely], b[likely], -correlation[likely])]
+    if len(selected) < SEEDING.fewest_nodes:
         return
     # The root is the node nearest to the middle of all
-    away = np.hypot(*(first.xy[a[chosen]] - np.median(first.xy[a[chosen]], axis=0)).T)
-    chosen = chosen[np.argsort(away, kind="stable")]
+    distance_px = np.hypot(*(first.xy[a[selected]] - np.median(first.xy[a[selected]], axis=0)).T)
+    selected = selected[np.argsort(distance_px, kind="stable")]
     scale, turn = float(np.hypot(*matrix[:, 0])), float(np.arctan2(matrix[1, 0], matrix[0, 0]))
-    found = Hypothesis((-1, -1), (-1, -1), scale, turn, np.column_stack([a, b])[chosen], 0.0)
-    every = np.arange(max(len(first.xy), len(second.xy)))
-    network = verify_network(make_network(found, first, second, every, every), first, second, options.correlation)
-    if _has_enough_nodes(network, found):
-        yield Seed(network, found, 0, SEEDING.feature_spread_px)
+    hypothesis = Hypothesis((-1, -1), (-1, -1), scale, turn, np.column_stack([a, b])[selected], 0.0)
+    all_rows = np.arange(max(len(first.xy), len(second.xy)))
+    network = verify_network(
+        make_network(hypothesis, first, second, all_rows, all_rows), first, second, options.correlation
+    )
+    if _has_enough_nodes(network, hypothesis):
+        yield Seed(network, hypothesis, 0, SEEDING.feature_spread_px)
 
 
 def _has_enough_nodes(network: Network, hypothesis: Hypothesis) -> bool:
@@ -175,9 +177,9 @@ def make_network(
     return Network(a, b, father, generation, np.zeros(len(a)), first.xy[a], second.xy[b], matrix)
 
 
-def verify_network(network: Network, first: NetworkWindow, second: NetworkWindow, least: float) -> Network:
+def verify_network(network: Network, first: NetworkWindow, second: NetworkWindow, least_correlation: float) -> Network:
     """Return the nodes that look similar under the network's rotation and scale and agree with their neighbours."""
     matrices = np.broadcast_to(network.matrix, (len(network), 2, 2))
     correlation = correlate_patches(first, second, network.first, network.second, matrices)
-    network = replace(network, correlation=correlation).select(correlation >= least)
+    network = replace(network, correlation=correlation).select(correlation >= least_correlation)
     return network.select(agrees_with_neighbours(network, SEEDING.consistency_px))

@@ -105,16 +105,16 @@ class LeafPairs(NamedTuple):
 def find_correspondences(pairs: LeafPairs, start: int) -> tuple[np.ndarray, float]:
     """Return the rows of ``pairs`` that correspond when row ``start`` is the starting points, and their cost."""
     angular = (wrap_angle(pairs.turn_rad - pairs.turn_rad[start]) / pairs.allowed_rad) ** 2
-    near = np.flatnonzero(angular <= 1.0)
-    cost = pairs.radial[near] + angular[near]
-    mutual = near[find_mutual_best(pairs.first[near], pairs.second[near], cost)]
+    compatible = np.flatnonzero(angular <= 1.0)
+    cost = pairs.radial[compatible] + angular[compatible]
+    mutual = compatible[find_mutual_best(pairs.first[compatible], pairs.second[compatible], cost)]
     return mutual, float(np.sum(pairs.radial[mutual] + angular[mutual]))
 
 
-def bound_support(pairs: LeafPairs, least: int) -> np.ndarray:
+def bound_support(pairs: LeafPairs, least_count: int) -> np.ndarray:
     """Return for every row as starting points how many first leaves have a partner at all, ``(k,)``.
 
-    Rows that fewer than ``least`` leaf pairs agree with get 0: those are counted in sectors, ``O(k)``.
+    Rows that fewer than ``least_count`` leaf pairs agree with get 0: those are counted in sectors, ``O(k)``.
     """
     bounds = np.zeros(len(pairs.first), dtype=int)
     # How many leaf pairs may allow the rotation of each, ``(k,)``: at least as many as do
@@ -125,7 +125,7 @@ def bound_support(pairs: LeafPairs, least: int) -> np.ndarray:
     begun, ended = (np.bincount(edge, minlength=2 * SUPER_POINTS.sectors + 1) for edge in (low, low + width))
     votes = (begun - ended).cumsum()[:-1].reshape(2, SUPER_POINTS.sectors).sum(axis=0)
     agreeing_pairs = votes[np.floor(pairs.turn_rad / _SECTOR_RAD).astype(int) % SUPER_POINTS.sectors]
-    rows = np.flatnonzero(agreeing_pairs >= least)
+    rows = np.flatnonzero(agreeing_pairs >= least_count)
     if not len(rows):
         return bounds
     group = np.flatnonzero(np.r_[True, np.diff(pairs.first) > 0])
@@ -133,8 +133,8 @@ def bound_support(pairs: LeafPairs, least: int) -> np.ndarray:
     for start in range(0, len(rows), step):
         part = rows[start : start + step]
         turn = np.abs(pairs.turn_rad[None, :] - pairs.turn_rad[part, None])
-        near = np.minimum(turn, 2.0 * np.pi - turn) <= pairs.allowed_rad[None, :] + SUPER_POINTS.rounding_rad
-        bounds[part] = np.logical_or.reduceat(near, group, axis=1).sum(axis=1)
+        is_compatible = np.minimum(turn, 2.0 * np.pi - turn) <= pairs.allowed_rad[None, :] + SUPER_POINTS.rounding_rad
+        bounds[part] = np.logical_or.reduceat(is_compatible, group, axis=1).sum(axis=1)
     return bounds
 
 
@@ -150,12 +150,12 @@ class RootPairs:
     bounds: np.ndarray
     _leaves: dict[tuple[int, int, float], Leaves] = field(default_factory=dict)
 
-    def find_leaves(self, which: int, root: int, scale: float) -> Leaves:
+    def find_leaves(self, view: int, root: int, scale: float) -> Leaves:
         """Return the leaves of a root of the first (0) or second (1) set, in px of the first."""
-        key = which, root, scale
+        key = view, root, scale
         if key not in self._leaves:
-            reach = self.reach_px + (float(self.tolerance.limit_px(np.array(self.reach_px))) if which else 0.0)
-            self._leaves[key] = find_leaves((self.first, self.second)[which] / scale, root, reach)
+            reach = self.reach_px + (float(self.tolerance.limit_px(np.array(self.reach_px))) if view else 0.0)
+            self._leaves[key] = find_leaves((self.first, self.second)[view] / scale, root, reach)
         return self._leaves[key]
 
     def iterate_roots(self) -> Iterator[tuple[int, tuple[int, int], float]]:
@@ -165,27 +165,27 @@ class RootPairs:
             yield int(self.bounds[scale, i, j]), (int(i), int(j)), self.scales[scale]
 
     def iterate_hypotheses(
-        self, roots: tuple[int, int], scale: float, least: int
+        self, roots: tuple[int, int], scale: float, least_count: int
     ) -> Iterator[tuple[int, Callable[[], Hypothesis]]]:
-        """Yield bound and evaluation of the hypotheses of two roots that may reach ``least``, most promising first."""
-        near, far = self.find_leaves(0, roots[0], 1.0), self.find_leaves(1, roots[1], scale)
+        """Yield bound and evaluation of hypotheses of two roots that reach ``least_count``, most promising first."""
+        first_leaves, second_leaves = self.find_leaves(0, roots[0], 1.0), self.find_leaves(1, roots[1], scale)
         # The leaf pairs within the tolerance of the distance, by the first leaf, then the second
-        difference = far.distance_px[None, :] - near.distance_px[:, None]
-        allowed = self.tolerance.limit_px(near.distance_px)
+        difference = second_leaves.distance_px[None, :] - first_leaves.distance_px[:, None]
+        allowed = self.tolerance.limit_px(first_leaves.distance_px)
         i, j = np.nonzero(np.abs(difference) <= allowed[:, None])
-        turn = wrap_angle(far.angle_rad[j] - near.angle_rad[i])
+        turn = wrap_angle(second_leaves.angle_rad[j] - first_leaves.angle_rad[i])
         pairs = LeafPairs(
-            i, j, turn, self.tolerance.limit_rad(near.distance_px[i]), (difference[i, j] / allowed[i]) ** 2
+            i, j, turn, self.tolerance.limit_rad(first_leaves.distance_px[i]), (difference[i, j] / allowed[i]) ** 2
         )
-        bounds = bound_support(pairs, least - 1) + 1
+        bounds = bound_support(pairs, least_count - 1) + 1
 
         def evaluate(start: int) -> Hypothesis:
             rows, cost = find_correspondences(pairs, start)
-            index = np.column_stack([near.rows[pairs.first[rows]], far.rows[pairs.second[rows]]])
-            starts = int(near.rows[pairs.first[start]]), int(far.rows[pairs.second[start]])
+            index = np.column_stack([first_leaves.rows[pairs.first[rows]], second_leaves.rows[pairs.second[rows]]])
+            starts = int(first_leaves.rows[pairs.first[start]]), int(second_leaves.rows[pairs.second[start]])
             return Hypothesis(roots, starts, scale, float(pairs.turn_rad[start]), np.vstack([roots, index]), cost)
 
-        for start in np.argsort(-bounds, kind="stable")[: np.count_nonzero(bounds >= least)].tolist():
+        for start in np.argsort(-bounds, kind="stable")[: np.count_nonzero(bounds >= least_count)].tolist():
             yield int(bounds[start]), partial(evaluate, start)
 
 
@@ -216,31 +216,35 @@ def match_super_points(
     sets = bound_root_pairs(first, second, tolerance, reach_px, scales, stage(progress, 0.0, 0.7))
     # The best hypothesis if it is more than chance, and how many pairs of roots were evaluated
     best: Hypothesis | None = None
-    least = compute_significant_counts(sets)
-    least_of_all, evaluated = int(least.min()), 0
-    for done, (bound, roots, scale) in enumerate(sets.iterate_roots()):
+    significant_counts = compute_significant_counts(sets)
+    least_of_all, evaluated = int(significant_counts.min()), 0
+    for number, (bound, roots, scale) in enumerate(sets.iterate_roots()):
         if bound < (least_of_all if best is None else best.count):
             break
-        if done % 64 == 0:
-            advance(stage(progress, 0.7, 1.0), 1.0 - 1.0 / (1.0 + done / 1024.0), "control network: comparing roots")
-        wanted = max(int(least[roots[0]]), 0 if best is None else best.count)
-        if bound >= wanted:
+        if number % 64 == 0:
+            advance(stage(progress, 0.7, 1.0), 1.0 - 1.0 / (1.0 + number / 1024.0), "control network: comparing roots")
+        required_count = max(int(significant_counts[roots[0]]), 0 if best is None else best.count)
+        if bound >= required_count:
             evaluated += 1
-            best = _find_better(sets, roots, scale, wanted, best)
+            best = _find_better(sets, roots, scale, required_count, best)
     if best is None:
         return SuperPointMatch(NO_MATCH, None, 0, 0.0, evaluated)
     # The most correspondences of another hypothesis, 0 where none has nearly as many or all are chance
     runner_up = 0
-    least = np.maximum(compute_significant_counts(sets), int(np.ceil(SUPER_POINTS.rival_share * best.count)))
+    significant_counts = np.maximum(
+        compute_significant_counts(sets), int(np.ceil(SUPER_POINTS.rival_share * best.count))
+    )
     for bound, roots, scale in sets.iterate_roots():
-        if bound <= runner_up or bound < least.min():
+        if bound <= runner_up or bound < significant_counts.min():
             break
-        for support, evaluate in sets.iterate_hypotheses(roots, scale, max(int(least[roots[0]]), runner_up + 1)):
+        for support, evaluate in sets.iterate_hypotheses(
+            roots, scale, max(int(significant_counts[roots[0]]), runner_up + 1)
+        ):
             if support <= runner_up:
                 break
-            found = evaluate()
-            if found.count > runner_up and found.count >= least[roots[0]] and is_rival(sets, best, found):
-                runner_up = found.count
+            rival = evaluate()
+            if rival.count > runner_up and rival.count >= significant_counts[roots[0]] and is_rival(sets, best, rival):
+                runner_up = rival.count
     status = AMBIGUOUS if runner_up >= SUPER_POINTS.rival_share * best.count else FOUND
     # log10 of how many hypotheses with as many correspondences chance is expected to make
     leaves, share = _estimate_chance(sets, best.roots[0])
@@ -251,22 +255,24 @@ def match_super_points(
 
 
 def _find_better(
-    sets: RootPairs, roots: tuple[int, int], scale: float, wanted: int, best: Hypothesis | None
+    sets: RootPairs, roots: tuple[int, int], scale: float, required_count: int, best: Hypothesis | None
 ) -> Hypothesis | None:
     """Return the best hypothesis of two roots if it has as many correspondences as wanted and beats ``best``."""
-    for support, evaluate in sets.iterate_hypotheses(roots, scale, wanted):
-        if support < wanted:
+    for support, evaluate in sets.iterate_hypotheses(roots, scale, required_count):
+        if support < required_count:
             break
-        found = evaluate()
-        if found.count >= wanted and (best is None or _sort_key(found) < _sort_key(best)):
-            best, wanted = found, found.count
+        hypothesis = evaluate()
+        if hypothesis.count >= required_count and (best is None or _sort_key(hypothesis) < _sort_key(best)):
+            best, required_count = hypothesis, hypothesis.count
     return best
 
 
-def find_likely_hypotheses(sets: RootPairs, most: int) -> list[Hypothesis]:
+def find_likely_hypotheses(sets: RootPairs, largest_number: int) -> list[Hypothesis]:
     """Return the best hypothesis of each of the pairs of roots with the largest bounds, chance or not."""
-    found = (_find_better(sets, roots, scale, 3, None) for _, roots, scale in islice(sets.iterate_roots(), most))
-    return sorted((hypothesis for hypothesis in found if hypothesis is not None), key=_sort_key)
+    candidates = (
+        _find_better(sets, roots, scale, 3, None) for _, roots, scale in islice(sets.iterate_roots(), largest_number)
+    )
+    return sorted((hypothesis for hypothesis in candidates if hypothesis is not None), key=_sort_key)
 
 
 def _sort_key(hypothesis: Hypothesis) -> tuple:
@@ -274,20 +280,20 @@ def _sort_key(hypothesis: Hypothesis) -> tuple:
     return -hypothesis.count, hypothesis.cost, hypothesis.scale, hypothesis.roots, hypothesis.starts
 
 
-def is_rival(sets: RootPairs, best: Hypothesis, other: Hypothesis) -> bool:
+def is_rival(sets: RootPairs, best: Hypothesis, rival: Hypothesis) -> bool:
     """Return whether a hypothesis puts its root or its leaves elsewhere than the winner does.
 
     One that shares leaf pairs with the winner is the same match, seen from a root on a roof or a slope.
     """
-    shared = set(map(tuple, best.pairs.tolist())) & set(map(tuple, other.pairs.tolist()))
-    if len(shared) >= SUPER_POINTS.shared * other.count:
+    common_pairs = set(map(tuple, best.pairs.tolist())) & set(map(tuple, rival.pairs.tolist()))
+    if len(common_pairs) >= SUPER_POINTS.shared * rival.count:
         return False
-    offset = sets.first[other.roots[0]] - sets.first[best.roots[0]]
+    offset = sets.first[rival.roots[0]] - sets.first[best.roots[0]]
     predicted = sets.second[best.roots[1]] + rotate_offset(offset, best.rotation_rad, best.scale)
-    away = float(np.hypot(*(sets.second[other.roots[1]] - predicted))) / best.scale
-    turn = abs(float(wrap_angle(np.array(other.rotation_rad - best.rotation_rad))))
+    distance_px = float(np.hypot(*(sets.second[rival.roots[1]] - predicted))) / best.scale
+    turn = abs(float(wrap_angle(np.array(rival.rotation_rad - best.rotation_rad))))
     return (
-        away > 2.0 * sets.tolerance.base_px + SUPER_POINTS.rival_gradient * np.hypot(*offset)
+        distance_px > 2.0 * sets.tolerance.base_px + SUPER_POINTS.rival_gradient * np.hypot(*offset)
         or turn > SUPER_POINTS.rival_turn_rad
     )
 
@@ -336,10 +342,10 @@ def bound_votes(
     step = max(1, SUPER_POINTS.pairs_per_batch // max(len(first), 1))
     for start in range(0, len(second), step):
         roots = range(start, min(start + step, len(second)))
-        found = np.stack([_widen_leaves(second / scale, root, tolerance, reach_px, rings) for root in roots])
-        votes = np.matmul(spectrum, np.ascontiguousarray(fft.rfft(found, axis=2).transpose(2, 1, 0)))
-        most = fft.irfft(votes, SUPER_POINTS.directions, axis=0).max(axis=0)
-        bounds[:, roots.start : roots.stop] = np.rint(most).astype(np.int32)
+        leaf_images = np.stack([_widen_leaves(second / scale, root, tolerance, reach_px, rings) for root in roots])
+        votes = np.matmul(spectrum, np.ascontiguousarray(fft.rfft(leaf_images, axis=2).transpose(2, 1, 0)))
+        largest_votes = fft.irfft(votes, SUPER_POINTS.directions, axis=0).max(axis=0)
+        bounds[:, roots.start : roots.stop] = np.rint(largest_votes).astype(np.int32)
     return bounds
 
 

@@ -104,8 +104,8 @@ def correlate_patches(
         offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
         # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
         ours, our_usable = _sample_patches(first, first_xy[part][:, None, :] + offsets)
-        moved = np.einsum("nij,kj->nki", A[part], offsets)
-        theirs, their_usable = _sample_patches(second, second_xy[part][:, None, :] + moved)
+        transformed = np.einsum("nij,kj->nki", A[part], offsets)
+        theirs, their_usable = _sample_patches(second, second_xy[part][:, None, :] + transformed)
         weight = (our_usable & their_usable).astype(np.float32)
         count = np.maximum(weight.sum(axis=1), 1.0)
         a, b = ((grey - ((grey * weight).sum(axis=1) / count)[:, None]) * weight for grey in (ours, theirs))

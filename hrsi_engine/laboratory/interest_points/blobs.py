@@ -102,7 +102,7 @@ class Blobs(NamedTuple):
 
     def grey_contrast(self, grey: np.ndarray) -> np.ndarray:
         """Return grey values inside - outside, ``(n,)``."""
-        inside, outside = (_sample_ring(grey, self.xy, self.radii, *at) for at in _INSIDE_OUTSIDE)
+        inside, outside = (_sample_ring(grey, self.xy, self.radii, *ring) for ring in _INSIDE_OUTSIDE)
         return inside - outside
 
     def select(self, keep: np.ndarray) -> Blobs:
@@ -131,8 +131,8 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
         following = np.roll(corner, -1, axis=1)
         cross = corner.real * following.imag - following.real * corner.imag
         area = cross.sum(axis=1)
-        away = ((corner + following) * cross).sum(axis=1) / (3.0 * area)
-        centre, size = xy + np.column_stack([away.real, away.imag]), np.sqrt(area / (2.0 * np.pi))
+        centroid = ((corner + following) * cross).sum(axis=1) / (3.0 * area)
+        centre, size = xy + np.column_stack([centroid.real, centroid.imag]), np.sqrt(area / (2.0 * np.pi))
         shifted = np.hypot(*(centre - xy).T)
         keep = (shifted <= BLOBS.largest_shift * radius) & (size <= BLOBS.largest_radius_px)
         keep &= (2.0 * size >= options.smallest_px - BLOBS.size_tolerance_px) & (2.0 * size <= options.largest_px)
@@ -151,8 +151,8 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
     reach = np.concatenate([radii + 2.0 * BLOBS.surroundings_px, radii, radii / 2.0, np.zeros((len(xy), 1))], axis=1)
     at = xy[:, 0, None] + 1j * xy[:, 1, None] + reach * np.r_[_DIRECTION, _DIRECTION, _DIRECTION, 1.0]
     column, row = np.rint(at.real).astype(np.int64), np.rint(at.imag).astype(np.int64)
-    here = (column >= 0) & (row >= 0) & (column < usable.shape[1]) & (row < usable.shape[0])
-    keep = (contrast >= BLOBS.moved_contrast) & (here & usable[row * here, column * here]).all(axis=1)
+    is_inside = (column >= 0) & (row >= 0) & (column < usable.shape[1]) & (row < usable.shape[0])
+    keep = (contrast >= BLOBS.moved_contrast) & (is_inside & usable[row * is_inside, column * is_inside]).all(axis=1)
     xy, radii, sign, contrast = xy[keep], radii[keep], sign[keep], contrast[keep]
     chance = 1.0 / (1.0 + np.exp(-compute_chance_terms(radii, sign) @ CHANCE_TERMS))
     blobs = Blobs(xy, sign, radii, contrast, chance)
@@ -163,7 +163,7 @@ def _find_seeds(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions ``(n, 2)``, scales and signs ``(n,)`` of the maxima of the Hessian's determinant."""
     second, first, one = (np.array(kernel, np.float32) for kernel in ([1, -2, 1], [-0.5, 0, 0.5], [1]))
     factor, level = 1, z
-    found = []
+    seeds = []
     for sigma in BLOBS.seed_sigmas_px:
         if sigma / factor > BLOBS.largest_at_level_px:
             factor *= 2
@@ -177,9 +177,9 @@ def _find_seeds(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         peak = (strength >= compute_local_maximum(strength, 1.5)) & (strength > BLOBS.seed_strength**2)
         row, column = np.nonzero(peak)
         bright = np.where(xx[row, column] + yy[row, column] < 0.0, 1.0, -1.0)
-        at = (np.column_stack([column, row]) + 0.5) * factor - 0.5
-        found.append((at, np.full(len(row), sigma), bright))
-    xy, scales, sign = (np.concatenate(part) for part in zip(*found, strict=True))
+        position = (np.column_stack([column, row]) + 0.5) * factor - 0.5
+        seeds.append((position, np.full(len(row), sigma), bright))
+    xy, scales, sign = (np.concatenate(part) for part in zip(*seeds, strict=True))
     return xy, scales, sign
 
 
@@ -197,9 +197,9 @@ class _SlopePyramid:
             level = self._z if factor == 1 else reduce_by_area(self._z, size)
             smooth = blur(level, BLOBS.slope_px, "reflect")
             half, one = np.array([-0.5, 0.0, 0.5], np.float32), np.array([1.0], np.float32)
-            by = np.empty((*smooth.shape, 2), np.float32)
-            by[..., 0], by[..., 1] = slopes(smooth, one, half, "reflect")
-            self._slopes[factor] = by.view(np.complex64)[..., 0]
+            derivatives = np.empty((*smooth.shape, 2), np.float32)
+            derivatives[..., 0], derivatives[..., 1] = slopes(smooth, one, half, "reflect")
+            self._slopes[factor] = derivatives.view(np.complex64)[..., 0]
         return self._slopes[factor]
 
 
@@ -226,9 +226,9 @@ def _trace_best_paths(
     for turn in range(2 * rays):
         from_within[:, 1:] = best[:, :-1] - np.float32(BLOBS.turn_cost)
         from_beyond[:, :-1] = best[:, 1:] - np.float32(BLOBS.turn_cost)
-        other = np.maximum(from_within, from_beyond)
-        came[turn] = np.where(best >= other, 0, np.where(from_within >= from_beyond, -1, 1))
-        best = np.maximum(best, other) + gain[turn % rays]
+        neighbour_gain = np.maximum(from_within, from_beyond)
+        came[turn] = np.where(best >= neighbour_gain, 0, np.where(from_within >= from_beyond, -1, 1))
+        best = np.maximum(best, neighbour_gain) + gain[turn % rays]
     at, row = best.argmax(axis=1), np.arange(count)
     path = np.empty((count, 2 * rays), np.int64)
     for turn in range(2 * rays - 1, -1, -1):
@@ -238,16 +238,16 @@ def _trace_best_paths(
     index = np.concatenate([path[:, rays : rays + half], path[:, half:rays]], axis=1)
     # The parabola through the slopes around the path
     middle = np.clip(index, 1, BLOBS.radii - 2)[..., None]
-    before, at, after = (np.take_along_axis(outwards, middle + k, axis=2)[..., 0] for k in (-1, 0, 1))
-    bend = before - 2.0 * at + after
-    shift = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
+    previous_gain, at, next_gain = (np.take_along_axis(outwards, middle + k, axis=2)[..., 0] for k in (-1, 0, 1))
+    bend = previous_gain - 2.0 * at + next_gain
+    shift = np.where(bend < 0.0, 0.5 * (previous_gain - next_gain) / np.where(bend < 0.0, bend, 1.0), 0.0)
     return radius[:, None] * BLOBS.nearest_radius * step ** (middle[..., 0] + np.clip(shift, -0.5, 0.5))
 
 
 def _sample_ring(z: np.ndarray, xy: np.ndarray, radii: np.ndarray, share: float, beyond_px: float) -> np.ndarray:
     """Return the median ``(n,)`` along outlines at a share of their radii and so far beyond."""
-    at = xy[:, 0, None] + 1j * xy[:, 1, None] + (share * radii + beyond_px) * _DIRECTION
-    return np.asarray(np.median(interpolate_bilinear(z, at.real, at.imag), axis=1))
+    positions = xy[:, 0, None] + 1j * xy[:, 1, None] + (share * radii + beyond_px) * _DIRECTION
+    return np.asarray(np.median(interpolate_bilinear(z, positions.real, positions.imag), axis=1))
 
 
 def _compute_grey_centres(
@@ -260,8 +260,8 @@ def _compute_grey_centres(
     grey = interpolate_bilinear(z, xy[:, :1, None] + offset.real, xy[:, 1:, None] + offset.imag)
     above = (grey - outside[:, None, None]) / (inside - outside)[:, None, None]
     weight = np.clip(above - BLOBS.centre_level, 0.0, 1.0) * reach**2 * share
-    moved = (weight * offset).sum(axis=(1, 2)) / np.maximum(weight.sum(axis=(1, 2)), 1e-9)
-    return xy + np.column_stack([moved.real, moved.imag])
+    shift = (weight * offset).sum(axis=(1, 2)) / np.maximum(weight.sum(axis=(1, 2)), 1e-9)
+    return xy + np.column_stack([shift.real, shift.imag])
 
 
 def compute_chance_terms(radii: np.ndarray, sign: np.ndarray) -> np.ndarray:
@@ -282,15 +282,15 @@ def _select_distinct(blobs: Blobs) -> np.ndarray:
     radius = blobs.radius
     if not len(radius):
         return np.empty(0, np.int64)
-    near = cKDTree(blobs.xy).query_pairs(BLOBS.same_blob * BLOBS.largest_radius_px, output_type="ndarray")
-    first, second = near.T
-    away = np.hypot(*(blobs.xy[first] - blobs.xy[second]).T)
-    same = (away < np.maximum(BLOBS.same_blob * np.minimum(radius[first], radius[second]), 1.0)) & (
+    pairs = cKDTree(blobs.xy).query_pairs(BLOBS.same_blob * BLOBS.largest_radius_px, output_type="ndarray")
+    first, second = pairs.T
+    distance_px = np.hypot(*(blobs.xy[first] - blobs.xy[second]).T)
+    is_duplicate = (distance_px < np.maximum(BLOBS.same_blob * np.minimum(radius[first], radius[second]), 1.0)) & (
         blobs.sign[first] == blobs.sign[second]
     )
     rank = np.lexsort((blobs.xy[:, 0], blobs.xy[:, 1], -blobs.contrast * np.sqrt(radius))).argsort()
     neighbours: dict[int, list[int]] = {}
-    for a, b in near[same].tolist():
+    for a, b in pairs[is_duplicate].tolist():
         neighbours.setdefault(a, []).append(b)
         neighbours.setdefault(b, []).append(a)
     free = np.ones(len(radius), dtype=bool)

@@ -74,8 +74,8 @@ def find_corner_peaks(
     rows, columns = np.nonzero(find_local_maxima(strength, options.radius_px))
     offset = compute_peak_offsets(strength, rows, columns)
     xy = np.column_stack([columns, rows]) + offset + window.origin
-    here = window.core.contains(xy)
-    rows, columns, xy = rows[here], columns[here], xy[here]
+    is_inside = window.core.contains(xy)
+    rows, columns, xy = rows[is_inside], columns[is_inside], xy[is_inside]
     noise = statistics.noise / statistics.deviation_floor
     return CornerPeaks(xy, strength[rows, columns], _estimate_sigmas(tensor, rows, columns, noise))
 

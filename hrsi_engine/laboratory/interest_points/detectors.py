@@ -82,17 +82,17 @@ class CornerDetector:
     def prepare(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
     ) -> Callable[[DetectionWindow], InterestPoints]:
-        known: dict[tuple[int, int, int, int], CornerPeaks] = {}
-        thresholds = self._thresholds(raster, region, statistics, options.corners, known)
-        return partial(self._find, statistics=statistics, options=thresholds, known=known)
+        cache: dict[tuple[int, int, int, int], CornerPeaks] = {}
+        thresholds = self._thresholds(raster, region, statistics, options.corners, cache)
+        return partial(self._find, statistics=statistics, options=thresholds, cache=cache)
 
     def _thresholds(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: CornerOptions,
-        known: dict[tuple[int, int, int, int], CornerPeaks],
+        cache: dict[tuple[int, int, int, int], CornerPeaks],
     ) -> CornerOptions:  # fmt: skip
         """Return the options with TA and TB set from the strengths of the local maxima in sample windows.
 
-        The peaks of small images are kept in ``known``, to be found only once.
+        The peaks of small images are kept in ``cache``, to be found only once.
         """
         if options.interest_threshold is not None and options.super_threshold is not None:
             return options
@@ -103,11 +103,11 @@ class CornerDetector:
             peaks = find_corner_peaks(window, statistics, options, self.strength)
             strengths.append(peaks.strength)
             if small:
-                known[area.bounds] = peaks
-        every = np.concatenate(strengths)
-        if not len(every):
+                cache[area.bounds] = peaks
+        all_strengths = np.concatenate(strengths)
+        if not len(all_strengths):
             return replace(options, interest_threshold=0.0, super_threshold=0.0)
-        low, high = np.quantile(every, [1.0 - options.interest_share, 1.0 - options.super_share])
+        low, high = np.quantile(all_strengths, [1.0 - options.interest_share, 1.0 - options.super_share])
         return replace(
             options,
             interest_threshold=low if options.interest_threshold is None else options.interest_threshold,
@@ -116,15 +116,15 @@ class CornerDetector:
 
     def _find(
         self, window: DetectionWindow, statistics: ImageStatistics, options: CornerOptions,
-        known: dict[tuple[int, int, int, int], CornerPeaks],
+        cache: dict[tuple[int, int, int, int], CornerPeaks],
     ) -> InterestPoints:  # fmt: skip
-        peaks = known.pop(window.core.bounds, None) or find_corner_peaks(window, statistics, options, self.strength)
+        peaks = cache.pop(window.core.bounds, None) or find_corner_peaks(window, statistics, options, self.strength)
         strong = peaks.strength > (options.interest_threshold or 0.0)
         xy, strength, sigma_px = (column[strong] for column in peaks)
-        least, unknown = options.super_threshold or 0.0, np.full(len(xy), np.nan)
-        quality = strength / (strength + max(least, 1e-30))  # 0.5 at TA
+        threshold, unknown = options.super_threshold or 0.0, np.full(len(xy), np.nan)
+        quality = strength / (strength + max(threshold, 1e-30))  # 0.5 at TA
         return InterestPoints(
-            xy, np.where(strength > least, SUPER, CORNER).astype("U9"), sigma_px[:, None, None] ** 2 * np.eye(2),
+            xy, np.where(strength > threshold, SUPER, CORNER).astype("U9"), sigma_px[:, None, None] ** 2 * np.eye(2),
             strength.astype(np.float64), quality.astype(np.float64), np.full((len(xy), 2), np.nan), unknown, unknown,
             unknown,
         )  # fmt: skip
@@ -145,8 +145,8 @@ class CentreDetector:
     def _find(self, window: DetectionWindow, statistics: ImageStatistics, options: CentreOptions) -> InterestPoints:
         of_shape = replace(options, quality=min(options.quality / DETECTION.shape_chance, 1.0))
         shapes = _tabulate_centres(find_gravity_centres(window, statistics, of_shape))
-        found = find_blobs(normalise(window, statistics), window.usable, options)
-        blobs = _tabulate_blobs(found.select(found.chance >= options.quality), window)
+        candidates = find_blobs(normalise(window, statistics), window.usable, options)
+        blobs = _tabulate_blobs(candidates.select(candidates.chance >= options.quality), window)
         return join_points([shapes, blobs.select(window.core.contains(blobs.xy) & ~_is_same_object(blobs, shapes))])
 
 
@@ -179,12 +179,12 @@ def _is_same_object(blobs: InterestPoints, shapes: InterestPoints) -> np.ndarray
     if not len(shapes) or not len(blobs):
         return np.zeros(len(blobs), dtype=bool)
     diameter, of_blob = (np.sqrt(np.prod(points.size_px, axis=1)) for points in (shapes, blobs))
-    near = cKDTree(shapes.xy).query_ball_point(blobs.xy, DETECTION.same_centre * float(diameter.max()))
+    neighbours = cKDTree(shapes.xy).query_ball_point(blobs.xy, DETECTION.same_centre * float(diameter.max()))
     covered = np.zeros(len(blobs), dtype=bool)
-    for row, others in enumerate(near):
-        away = np.hypot(*(shapes.xy[others] - blobs.xy[row]).T)
-        alike = np.abs(np.log(diameter[others] / of_blob[row])) < np.log(DETECTION.same_size)
-        covered[row] = bool((alike & (away < DETECTION.same_centre * diameter[others])).any())
+    for row, rows in enumerate(neighbours):
+        distance_px = np.hypot(*(shapes.xy[rows] - blobs.xy[row]).T)
+        has_same_size = np.abs(np.log(diameter[rows] / of_blob[row])) < np.log(DETECTION.same_size)
+        covered[row] = bool((has_same_size & (distance_px < DETECTION.same_centre * diameter[rows])).any())
     return covered
 
 
@@ -255,12 +255,14 @@ def detect_interest_points(
 def clip_to_image(region: Area | None, raster: Raster) -> Area:
     """Return the part of a region that lies inside the image, all of it for None; `InputError` where it is nothing."""
     width, height = raster.size
-    wanted = region or Area(0, 0, width, height)
-    cut = Area(max(wanted.left, 0), max(wanted.top, 0), min(wanted.right, width), min(wanted.bottom, height))
-    least = DETECTION.smallest_side_px
-    if cut.right - cut.left < least or cut.bottom - cut.top < least:
+    requested = region or Area(0, 0, width, height)
+    cut = Area(
+        max(requested.left, 0), max(requested.top, 0), min(requested.right, width), min(requested.bottom, height)
+    )
+    smallest_px = DETECTION.smallest_side_px
+    if cut.right - cut.left < smallest_px or cut.bottom - cut.top < smallest_px:
         raise InputError(
-            f"the window {wanted.left},{wanted.top} to {wanted.right},{wanted.bottom} has less than "
-            f"{least} x {least} pixels in the image of {width} x {height}: choose a larger one"
+            f"the window {requested.left},{requested.top} to {requested.right},{requested.bottom} has less than "
+            f"{smallest_px} x {smallest_px} pixels in the image of {width} x {height}: choose a larger one"
         )
     return cut

@@ -50,30 +50,30 @@ def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray
 
     towards_sun : (2,) unit vector in the image, sample and line, from anything towards the sun
     """
-    found = np.zeros(len(points), dtype=bool)
+    is_shadow = np.zeros(len(points), dtype=bool)
     dark = np.flatnonzero(points.is_centre & (points.contrast < 0.0))
     if not len(dark):
-        return found
+        return is_shadow
     reach = int(np.ceil(points.size_px[dark, 0].max() / 2.0 + SHADOW.beyond_px)) + SHADOW.margin_px
     for core in tile_region(Area(0, 0, *raster.size)):
-        here = dark[core.contains(points.xy[dark])]
-        if len(here):
+        inside = dark[core.contains(points.xy[dark])]
+        if len(inside):
             left, top = max(core.left - reach, 0), max(core.top - reach, 0)
             right, bottom = (min(end + reach, size) for end, size in zip(core.bounds[2:], raster.size, strict=True))
             grey, _ = raster.read(left, top, right - left, bottom - top)
-            found[here] = _is_on_shadow_side(
-                grey.astype(np.float32), points.xy[here] - (left, top), points.size_px[here], points.azimuth_rad[here],
-                towards_sun,
+            is_shadow[inside] = _is_on_shadow_side(
+                grey.astype(np.float32), points.xy[inside] - (left, top), points.size_px[inside],
+                points.azimuth_rad[inside], towards_sun,
             )  # fmt: skip
-    return found
+    return is_shadow
 
 
 def compute_image_direction(rpc: RPC, size: tuple[int, int], azimuth_deg: float) -> np.ndarray:
     """Return the unit vector (2,), sample and line, of an azimuth (clockwise from north) in the middle of an image."""
     middle = (np.array([size], dtype=np.float64) - 1.0) / 2.0
-    here = rpc.localize(middle, rpc.height_off).ground
+    ground = rpc.localize(middle, rpc.height_off).ground
     step = SHADOW.step_m * np.array([[np.sin(np.radians(azimuth_deg)), np.cos(np.radians(azimuth_deg)), 0.0]])
-    along = rpc.project(move_ground(here, step)) - rpc.project(here)
+    along = rpc.project(move_ground(ground, step)) - rpc.project(ground)
     return np.asarray(along[0] / np.hypot(*along[0]))
 
 
@@ -83,18 +83,18 @@ def _is_on_shadow_side(
     """Return the mask ``(n,)`` of centres at ``xy (n, 2)`` in a window's pixels; their outlines are taken as ovals."""
     direction = 2.0 * np.pi * np.arange(SHADOW.samples) / SHADOW.samples
     cosine = np.cos(direction) * towards_sun[0] + np.sin(direction) * towards_sun[1]
-    sunny, shady, others = cosine > SHADOW.side, cosine < -SHADOW.side, cosine < SHADOW.other_half
+    sunny, shady, is_aside = cosine > SHADOW.side, cosine < -SHADOW.side, cosine < SHADOW.other_half
     half = size_px / 2.0
     turn = direction - azimuth_rad[:, None]
     radius = half.prod(axis=1)[:, None] / np.hypot(half[:, 1:] * np.cos(turn), half[:, :1] * np.sin(turn))
 
     def sample_ring(share: float, beyond_px: float) -> np.ndarray:
-        away = share * radius + beyond_px
-        x, y = xy[:, :1] + away * np.cos(direction), xy[:, 1:] + away * np.sin(direction)
+        distance_px = share * radius + beyond_px
+        x, y = xy[:, :1] + distance_px * np.cos(direction), xy[:, 1:] + distance_px * np.sin(direction)
         return np.asarray(interpolate_bilinear(grey, x, y))
 
     inside, beyond = sample_ring(SHADOW.inside, 0.0), sample_ring(1.0, SHADOW.beyond_px)
-    ground = np.median(beyond[:, others], axis=1)
+    ground = np.median(beyond[:, is_aside], axis=1)
     contrast = ground - np.median(sample_ring(0.5, 0.0), axis=1)
     shade = ground - beyond[:, sunny].mean(axis=1)
     halves = inside[:, sunny].mean(axis=1) - inside[:, shady].mean(axis=1)

@@ -131,7 +131,7 @@ def draw_acquisitions(count: int, lat_deg: float, seed: int) -> tuple[Acquisitio
         In the order of time.
     """
     rng = np.random.default_rng([seed, 60])
-    found = []
+    acquisitions = []
     for number in range(count):
         day = float(YEAR_DAYS * (number + rng.random()) / count)
         azimuth, elevation = compute_sun_position(
@@ -143,8 +143,8 @@ def draw_acquisitions(count: int, lat_deg: float, seed: int) -> tuple[Acquisitio
         )
         snow = float(rng.uniform(0.4, 1.0)) if rng.random() < DATES.snow_chance and winter else 0.0
         haze, gain = float(DATES.most_haze * rng.random() ** 2), float(rng.uniform(0.8, 1.2))
-        found.append(Acquisition(number + 1, day, azimuth, max(elevation, 5.0), snow, haze, gain))
-    return tuple(found)
+        acquisitions.append(Acquisition(number + 1, day, azimuth, max(elevation, 5.0), snow, haze, gain))
+    return tuple(acquisitions)
 
 
 def compute_day_of_season(day: float, lat_deg: float) -> float:

@@ -57,17 +57,17 @@ def project_true_points(
         )
         spare = 0.05 * np.ptp(corners, axis=0)
         low, high = corners.min(axis=0) - spare, corners.max(axis=0) + spare
-        seen = np.flatnonzero(((chart_m >= low) & (chart_m <= high)).all(axis=1))
-        position = camera.ground_to_image(ground[seen])
+        rows = np.flatnonzero(((chart_m >= low) & (chart_m <= high)).all(axis=1))
+        position = camera.ground_to_image(ground[rows])
         with np.errstate(invalid="ignore"):
             inside = ((position >= 0.0) & (position <= np.array(camera.size) - 1.0)).all(axis=1)
-        seen, position = seen[inside], position[inside]
-        if seen.size:
-            met = terrain.chart.from_ground(locate_on_surface(camera, terrain, position))
-            clear = np.hypot(*(met - chart_m[seen]).T) < 0.5 * terrain.post_m
-            seen, position = seen[clear], position[clear]
-        point.append(seen)
-        image.append(np.full(seen.size, index))
+        rows, position = rows[inside], position[inside]
+        if rows.size:
+            ground_m = terrain.chart.from_ground(locate_on_surface(camera, terrain, position))
+            clear = np.hypot(*(ground_m - chart_m[rows]).T) < 0.5 * terrain.post_m
+            rows, position = rows[clear], position[clear]
+        point.append(rows)
+        image.append(np.full(rows.size, index))
         xy.append(position)
     return TrueImagePoints(np.concatenate(point), np.concatenate(image), np.concatenate(xy))
 
@@ -76,7 +76,7 @@ def _draw_candidates(
     cameras: Sequence[PushbroomCamera], terrain: TerrainSurface, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Return ground points on the surface, about ``count`` an image, evenly spread over each image."""
-    found = []
+    candidates = []
     side = int(np.ceil(np.sqrt(count)))
     cells = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
     for camera in cameras:
@@ -89,18 +89,18 @@ def _draw_candidates(
         # To a millimetre: the last bits of a ray depend on where arrays lie in memory, and a seed is to give one block.
         ground[:, :2] = ground[:, :2].round(8)
         ground[:, 2] = terrain.height_at(ground)
-        found.append(rng.permutation(ground[~np.isnan(ground).any(axis=1)])[:count])
-    return np.concatenate(found)
+        candidates.append(rng.permutation(ground[~np.isnan(ground).any(axis=1)])[:count])
+    return np.concatenate(candidates)
 
 
 def _has_enough_views(
     cameras: Sequence[PushbroomCamera], terrain: TerrainSurface, ground: np.ndarray, border: float
 ) -> np.ndarray:
     """Return the points that two cameras see (one, where there is only one camera)."""
-    seen = project_true_points(cameras, terrain, ground)
-    sizes = np.array([camera.size for camera in cameras], dtype=np.float64)[seen.image]
-    inner = ((seen.xy > border * sizes) & (seen.xy < (1.0 - border) * sizes)).all(axis=1)
-    views = np.bincount(seen.point[inner], minlength=len(ground))
+    projected = project_true_points(cameras, terrain, ground)
+    sizes = np.array([camera.size for camera in cameras], dtype=np.float64)[projected.image]
+    inner = ((projected.xy > border * sizes) & (projected.xy < (1.0 - border) * sizes)).all(axis=1)
+    views = np.bincount(projected.point[inner], minlength=len(ground))
     return ground[views >= min(2, len(cameras))]
 
 
@@ -122,21 +122,21 @@ def place_control(
     # The steepest slope within two posts of each point
     east, north = terrain.chart.from_ground(pool).T
     reach = 2.0 * terrain.post_m
-    around = [
+    neighbours = [
         np.abs(terrain.height(east + reach * np.sin(a), north + reach * np.cos(a)) - pool[:, 2]) / reach
         for a in np.arange(8) * np.pi / 4.0
     ]
-    slopes = np.max(around, axis=0) if len(pool) else np.empty(0)
+    slopes = np.max(neighbours, axis=0) if len(pool) else np.empty(0)
     pool = pool[slopes < CONTROL_PLACES.steepest]
     _require_points(len(pool), count, "surveyed points")
     # Indices of points each of which is the farthest from those before it
     positions = terrain.chart.from_ground(pool)
-    chosen = [int(np.argmin(np.hypot(*(positions - positions.mean(axis=0)).T)))]
-    nearest = np.hypot(*(positions - positions[chosen[0]]).T)
-    while len(chosen) < count:
-        chosen.append(int(np.argmax(nearest)))
-        nearest = np.minimum(nearest, np.hypot(*(positions - positions[chosen[-1]]).T))
-    return pool[np.array(chosen)]
+    selected = [int(np.argmin(np.hypot(*(positions - positions.mean(axis=0)).T)))]
+    nearest = np.hypot(*(positions - positions[selected[0]]).T)
+    while len(selected) < count:
+        selected.append(int(np.argmax(nearest)))
+        nearest = np.minimum(nearest, np.hypot(*(positions - positions[selected[-1]]).T))
+    return pool[np.array(selected)]
 
 
 def place_ties(
@@ -155,10 +155,10 @@ def place_ties(
     return rng.permutation(pool)[:count]
 
 
-def _require_points(found: int, wanted: int, what: str) -> None:
-    if found < wanted:
+def _require_points(count: int, required: int, kind: str) -> None:
+    if count < required:
         raise InputError(
-            f"only {found} of {wanted} {what} find a place that the images see in common: "
+            f"only {count} of {required} {kind} find a place that the images see in common: "
             "bring the views closer together or ask for fewer points"
         )
 
@@ -175,12 +175,12 @@ def survey_points(
     """
     error = rng.standard_normal((len(ids), 3)) * [noise.gcp_xy_m, noise.gcp_xy_m, noise.gcp_h_m]
     control = role == Role.GCP
-    wrong = np.zeros(len(ids), dtype=bool)
-    wrong[np.flatnonzero(control)[: round(noise.wrong_heights * control.sum())]] = True
-    wrong[control] = rng.permutation(wrong[control])
-    error[wrong, 2] += rng.choice([-1.0, 1.0], wrong.sum()) * noise.wrong_height_m
+    is_wrong = np.zeros(len(ids), dtype=bool)
+    is_wrong[np.flatnonzero(control)[: round(noise.wrong_heights * control.sum())]] = True
+    is_wrong[control] = rng.permutation(is_wrong[control])
+    error[is_wrong, 2] += rng.choice([-1.0, 1.0], is_wrong.sum()) * noise.wrong_height_m
     sigma = np.array([max(noise.gcp_xy_m, 0.01), max(noise.gcp_h_m, 0.01)])
-    return GroundPoints.create(ids.tolist(), ground + error * per_metre, role, sigma, "simulation"), wrong
+    return GroundPoints.create(ids.tolist(), ground + error * per_metre, role, sigma, "simulation"), is_wrong
 
 
 def measure_points(

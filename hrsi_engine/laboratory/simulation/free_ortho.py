@@ -67,11 +67,11 @@ class OrthoErrors(NamedTuple):
         """
         count = self.at_nodes_m.shape[1]
         row, column = (0.5 * (count - 1) * (1.0 + axis / self.half_extent_m) for axis in (north, east))
-        off = np.stack(
+        shift_m = np.stack(
             [ndimage.map_coordinates(one, [row, column], order=1, mode="nearest") for one in self.at_nodes_m]
         )
         corner = np.minimum(east, north) > ORTHO_ERROR.corner_from * self.half_extent_m
-        return np.asarray(off + self.corner_m.reshape(2, *(1 for _ in corner.shape)) * corner)
+        return np.asarray(shift_m + self.corner_m.reshape(2, *(1 for _ in corner.shape)) * corner)
 
 
 def draw_ortho_errors(half_extent_m: float, spec: FreeOrthoSpec, seed: list[int]) -> OrthoErrors:
@@ -123,8 +123,8 @@ class FreeOrthoRenderer(OrthoRenderer):
         tuple of ndarray
             East and north.
         """
-        off = self.errors.errors_at(east, north)
-        return east - off[0], north - off[1]
+        shift_m = self.errors.errors_at(east, north)
+        return east - shift_m[0], north - shift_m[1]
 
 
 def simulate_free_orthoimage(scene: Scene, spec: FreeOrthoSpec, errors: OrthoErrors) -> tuple[FreeOrthoRenderer, ...]:
@@ -146,9 +146,9 @@ def simulate_free_orthoimage(scene: Scene, spec: FreeOrthoSpec, errors: OrthoErr
     """
     plain = make_orthophoto(scene, spec.pixel_m)
     blur_m = RENDERING.ortho_blur_px * spec.pixel_m
-    made = []
+    renderers = []
     for band in ORTHO_BANDS:
         texture = scene.texture.blur(blur_m, band, OTHER_DATE, spec.change)
         painter = replace(plain.painter, texture=texture)
-        made.append(FreeOrthoRenderer(scene, painter, plain.west_m, plain.north_m, plain.gsd_m, errors))
-    return tuple(made)
+        renderers.append(FreeOrthoRenderer(scene, painter, plain.west_m, plain.north_m, plain.gsd_m, errors))
+    return tuple(renderers)

@@ -80,17 +80,17 @@ class Objects(Columns):
     def __len__(self) -> int:
         return len(self.kind)
 
-    def append(self, others: Objects) -> Objects:
+    def append(self, additions: Objects) -> Objects:
         """Return these objects with others painted after them."""
         names = ("kind", "position_m", "size_m", "azimuth_rad", "grey")
-        return Objects(*(np.concatenate([getattr(self, n), getattr(others, n)]) for n in names))
+        return Objects(*(np.concatenate([getattr(self, n), getattr(additions, n)]) for n in names))
 
     def corners_m(self) -> np.ndarray:
         """Return the four corners ``(n, 4, 2)`` of each object's rectangle in chart metres."""
         along = np.column_stack([np.sin(self.azimuth_rad), np.cos(self.azimuth_rad)]) * self.size_m[:, :1] / 2.0
-        aside = np.column_stack([np.cos(self.azimuth_rad), -np.sin(self.azimuth_rad)]) * self.size_m[:, 1:] / 2.0
+        across = np.column_stack([np.cos(self.azimuth_rad), -np.sin(self.azimuth_rad)]) * self.size_m[:, 1:] / 2.0
         signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
-        return np.stack([self.position_m + a * along + b * aside for a, b in signs], axis=1)
+        return np.stack([self.position_m + a * along + b * across for a, b in signs], axis=1)
 
 
 def make_discs(kind: str, position_m: np.ndarray, diameter_m: np.ndarray, grey: np.ndarray) -> Objects:
@@ -172,10 +172,10 @@ class Landscape:
         )
         variation = rng.standard_normal((LAND_LATTICE.parcels, LAND_LATTICE.parcels))
         if self.date and self.change:
-            own = np.random.default_rng([self.seed, 13, self.date]).standard_normal(
+            change_noise = np.random.default_rng([self.seed, 13, self.date]).standard_normal(
                 (LAND_LATTICE.parcels, LAND_LATTICE.parcels)
             )
-            variation = np.sqrt(1.0 - self.change**2) * variation + self.change * own
+            variation = np.sqrt(1.0 - self.change**2) * variation + self.change * change_noise
         rows = np.repeat(variation[:, ::PER_BLOCK], PER_BLOCK, axis=1)
         columns = np.repeat(variation[::PER_BLOCK], PER_BLOCK, axis=0)
         spread = np.array([c.parcel_spread for c in COVERS])[cover]
@@ -214,11 +214,15 @@ class Landscape:
             np.pi * np.floor(4.0 * draw[:, 2]) / 4.0 + 0.3 * (draw[:, 1] - 0.5),
             (tone[:, None] * colour).astype(np.float32),
         )
-        found = roundabouts.append(roofs).append(self._tanks(reach))
-        inside = np.abs(found.position_m).max(axis=1) < reach
-        found = found.select(inside)
+        objects = roundabouts.append(roofs).append(self._tanks(reach))
+        inside = np.abs(objects.position_m).max(axis=1) < reach
+        objects = objects.select(inside)
         return Objects(
-            found.kind, found.position_m * self.scale, found.size_m * self.scale, found.azimuth_rad, found.grey
+            objects.kind,
+            objects.position_m * self.scale,
+            objects.size_m * self.scale,
+            objects.azimuth_rad,
+            objects.grey,
         )
 
     def parcels_within(self, half_extent_m: float) -> np.ndarray:

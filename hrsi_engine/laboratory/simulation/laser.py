@@ -114,8 +114,8 @@ def simulate_laser(
         return LaserSimulation(LaserPoints.create(np.zeros((0, 3))), np.zeros(0, dtype=np.int64), np.zeros(0))
     names = ("ground", "sigma_m", "slope", "misfit_m", "photons", "track", "met", "error_m")
     columns = {name: np.concatenate([track[name] for track in tracks]) for name in names}
-    met, error = columns.pop("met"), columns.pop("error_m")
-    return LaserSimulation(LaserPoints.create(columns.pop("ground"), **columns, source="simulation"), met, error)
+    surfaces, error = columns.pop("met"), columns.pop("error_m")
+    return LaserSimulation(LaserPoints.create(columns.pop("ground"), **columns, source="simulation"), surfaces, error)
 
 
 def _draw_pass(
@@ -127,16 +127,16 @@ def _draw_pass(
     middle = LASER.pair_distance_m * rng.integers(-1, 2) + rng.uniform(-0.8, 0.8) * half_m
     spacing = rng.choice(LASER.spacings_m)
     place, bias = rng.normal(0.0, LASER.place_m, 2), rng.normal(0.0, LASER.pass_m) + of_all
-    found = []
+    beams = []
     for beam in range(6):
-        aside = middle + LASER.pair_distance_m * (beam // 2 - 1) + LASER.beam_distance_m * (beam % 2 - 0.5)
+        offset_m = middle + LASER.pair_distance_m * (beam // 2 - 1) + LASER.beam_distance_m * (beam % 2 - 0.5)
         way = np.arange(-1.5 * half_m, 1.5 * half_m, spacing) + rng.uniform(0.0, spacing)
-        stated = aside * across + way[:, None] * along
+        stated = offset_m * across + way[:, None] * along
         stated = stated[(np.abs(stated) < half_m).all(axis=1)]
         if len(stated):
             track = _measure_heights(terrain, stated, stated + place, along, across, spec, bias, rng)
-            found.append(track | {"track": np.full(len(stated), name)})
-    return found
+            beams.append(track | {"track": np.full(len(stated), name)})
+    return beams
 
 
 def _measure_heights(
@@ -147,17 +147,17 @@ def _measure_heights(
     count = len(stated)
     ahead, side = np.meshgrid(np.linspace(-0.5, 0.5, 9) * spec.segment_m, np.linspace(-0.5, 0.5, 3) * LASER.footprint_m)
     offsets = ahead.ravel()[:, None] * along + side.ravel()[:, None] * across
-    below = terrain.height(*np.moveaxis(true[:, None] + offsets, 2, 0))
-    height = below.mean(axis=1)
-    slope = ((below - height[:, None]) * ahead.ravel()).mean(axis=1) / float(np.mean(ahead**2))
+    footprint_m = terrain.height(*np.moveaxis(true[:, None] + offsets, 2, 0))
+    height = footprint_m.mean(axis=1)
+    slope = ((footprint_m - height[:, None]) * ahead.ravel()).mean(axis=1) / float(np.mean(ahead**2))
     part = np.where(rng.random(count) < LASER.spread[0][0], 0, 1)
     middle, width = np.array(LASER.spread)[part, 1], np.array(LASER.spread)[part, 2]
-    rough = (below - height[:, None] - slope[:, None] * ahead.ravel()).std(axis=1)  # buildings, a step, a terrace
+    rough = (footprint_m - height[:, None] - slope[:, None] * ahead.ravel()).std(axis=1)  # buildings, a step, a terrace
     spread = np.hypot(np.exp(rng.normal(middle, width)), rough)
     photons = np.maximum(np.round(np.exp(rng.normal(*LASER.photons, count))), 5.0)
     sigma = rng.uniform(*LASER.stated_share, count) * spread / np.sqrt(photons)
-    met = _classify_points(count, np.hypot(*(stated[-1] - stated[0])) / max(count - 1, 1), spec, rng)
-    leaves, cloud = met == CANOPY_HIT, met == CLOUD_HIT
+    surfaces = _classify_points(count, np.hypot(*(stated[-1] - stated[0])) / max(count - 1, 1), spec, rng)
+    leaves, cloud = surfaces == CANOPY_HIT, surfaces == CLOUD_HIT
     height += bias + rng.normal(0.0, np.hypot(sigma, LASER.segment_m))
     height[leaves] += rng.gamma(*LASER.canopy_height_m, int(leaves.sum()))
     height[cloud] += rng.uniform(*LASER.cloud_m, int(cloud.sum()))
@@ -166,7 +166,7 @@ def _measure_heights(
         spread, sigma = np.where(hit, spread * np.maximum(wider, 1.0), spread), np.where(hit, sigma * wider, sigma)
     return {
         "ground": terrain.chart.to_ground(stated, height), "sigma_m": sigma, "slope": slope, "misfit_m": spread,
-        "photons": photons, "met": met, "error_m": height - terrain.height(*stated.T),
+        "photons": photons, "met": surfaces, "error_m": height - terrain.height(*stated.T),
     }  # fmt: skip
 
 

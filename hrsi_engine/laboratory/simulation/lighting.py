@@ -50,13 +50,13 @@ class LitPainter(TilePainter):
 
     @classmethod
     def from_painter(
-        cls, painter: TilePainter, terrain: TerrainSurface, taken: Acquisition, height_m: np.ndarray, gsd_m: float
+        cls, painter: TilePainter, terrain: TerrainSurface, acquisition: Acquisition, height_m: np.ndarray, gsd_m: float
     ) -> LitPainter:
         """Return the painter of the same picture with light and heights; views lean by 45 degrees at most."""
-        longest = height_m * (1.0 + 1.0 / np.tan(np.radians(taken.sun_elevation_deg)))
+        longest = height_m * (1.0 + 1.0 / np.tan(np.radians(acquisition.sun_elevation_deg)))
         reach = np.ceil(longest / gsd_m).astype(np.int64)[:, None] * np.array([-1, 1, -1, 1])
         values: dict[str, Any] = {name: getattr(painter, name) for name in ("size", "texture", "objects", "blur_m")}
-        return cls(**values, boxes=painter.boxes + reach, terrain=terrain, taken=taken, height_m=height_m)
+        return cls(**values, boxes=painter.boxes + reach, terrain=terrain, taken=acquisition, height_m=height_m)
 
     def grey(
         self, row: int, column: int, east: np.ndarray, north: np.ndarray, lean: np.ndarray | None = None
@@ -102,16 +102,16 @@ class LitPainter(TilePainter):
     def _shadow(self, index: int, east: np.ndarray, north: np.ndarray) -> np.ndarray:
         """Return the share of each pixel in the shadow of an object: its outline on the way to the shadow's end."""
         sun_east, sun_north, sun_up = self.taken.sun
-        away = -self.height_m[index] / sun_up * np.array([sun_east, sun_north])
-        return compute_swept_cover(self.objects, index, away, east, north, self.blur_m)
+        shadow_m = -self.height_m[index] / sun_up * np.array([sun_east, sun_north])
+        return compute_swept_cover(self.objects, index, shadow_m, east, north, self.blur_m)
 
     def _raise(self, index: int, grey: np.ndarray, east: np.ndarray, north: np.ndarray, lean: np.ndarray) -> None:
         """Paint the walls and the roof of an object, in place."""
         if not grey.size:
             return
         height, roof = float(self.height_m[index]), float(self.objects.grey[index, self.texture.band])
-        away = -height * lean.mean(axis=(1, 2))
-        wall = compute_swept_cover(self.objects, index, away, east, north, self.blur_m)
+        displacement_m = -height * lean.mean(axis=(1, 2))
+        wall = compute_swept_cover(self.objects, index, displacement_m, east, north, self.blur_m)
         grey += wall * (np.float32(LIGHT.wall_grey * roof) - grey)
         snow = LIGHT.snow_on_roofs * (self.taken.snow > 0.0)
         top = np.float32(roof + snow * (SNOW.grey - roof))
@@ -130,8 +130,8 @@ def compute_swept_cover(
         offset = np.stack([east, north]) - objects.position_m[index][:, None, None]
         length2 = max(float(sweep_m @ sweep_m), 1e-12)
         along = np.clip(np.einsum("kij,k->ij", offset, sweep_m) / length2, 0.0, 1.0)
-        away = np.hypot(*(offset - sweep_m[:, None, None] * along))
-        return ndtr(((objects.size_m[index, 0] / 2.0 - away) / blur_m).astype(np.float32))
+        distance_m = np.hypot(*(offset - sweep_m[:, None, None] * along))
+        return ndtr(((objects.size_m[index, 0] / 2.0 - distance_m) / blur_m).astype(np.float32))
     corners = objects.select(np.array([index])).corners_m()[0]
     cover = np.ones(east.shape, dtype=np.float32)
     for right, ahead, offset in ConvexHull(np.concatenate([corners, corners + sweep_m])).equations:

@@ -339,8 +339,8 @@ def _compute_position(
 ) -> np.ndarray:
     """Return the satellite's ECEF position at its altitude that observes the frame's origin at the two angles."""
     target = to_ecef(np.array([[frame.lon_deg, frame.lat_deg, frame.height_m]]))
-    wanted = np.tan(np.radians([along_deg, across_deg]))
-    tangents = wanted.copy()
+    target_tangents = np.tan(np.radians([along_deg, across_deg]))
+    tangents = target_tangents.copy()
     heading = np.radians(heading_deg)
     forward = np.array([np.sin(heading), np.cos(heading), 0.0])
     right = np.array([np.cos(heading), -np.sin(heading), 0.0])
@@ -348,8 +348,8 @@ def _compute_position(
         upward = np.array([0.0, 0.0, 1.0]) - tangents[0] * forward - tangents[1] * right
         direction = _normalise(upward @ _compute_axes(frame))
         position = intersect_height(target, direction[None], np.array([sensor.altitude_m]), outward=True)
-        seen = _compute_look_tangents(position, target, forward @ _compute_axes(frame))
-        tangents = tangents + (wanted - seen)
+        current = _compute_look_tangents(position, target, forward @ _compute_axes(frame))
+        tangents = tangents + (target_tangents - current)
     return to_ecef(position)[0]
 
 

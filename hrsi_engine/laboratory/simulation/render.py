@@ -211,8 +211,8 @@ def make_renderer(simulated: BlockSimulation, image_id: str, band: str = "pan") 
         position = objects.position_m
         centres = camera.ground_to_image(scene.chart.to_ground(position, scene.terrain.height(*position.T)))
         texture = make_season_texture(scene.texture, view.acquisition, scene.spec.lat_deg, blur_m, band_index)
-        around = TilePainter.from_objects(camera.size, texture, objects, centres, gsd_m, blur_m)
-        painter = LitPainter.from_painter(around, scene.terrain, view.acquisition, height_m, gsd_m)
+        plain = TilePainter.from_objects(camera.size, texture, objects, centres, gsd_m, blur_m)
+        painter = LitPainter.from_painter(plain, scene.terrain, view.acquisition, height_m, gsd_m)
     return ImageRenderer(scene, camera, view.radiometry, painter, len(SPECTRAL_BANDS) * index + band_index)
 
 
@@ -323,8 +323,8 @@ class OrthoRenderer:
         lines, samples = compute_tile_shape(self.size, row, column)
         east = self.west_m + self.gsd_m * (column * TILES.tile_px + np.arange(samples))
         north = self.north_m - self.gsd_m * (row * TILES.tile_px + np.arange(lines))
-        shown = self.ground_of(*np.meshgrid(east, north))
-        return _quantise(self.painter.grey(row, column, *shown), Radiometry())
+        ground = self.ground_of(*np.meshgrid(east, north))
+        return _quantise(self.painter.grey(row, column, *ground), Radiometry())
 
     def ground_of(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the chart positions that pixels at stated ones show: the same.

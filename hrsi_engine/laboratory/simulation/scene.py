@@ -154,12 +154,12 @@ def build_town(ground: TerrainSurface, landscape: Landscape, half_extent_m: floa
     return ground.raise_rectangles(buildings.corners_m(), ground.height(*buildings.position_m.T) + high_m)
 
 
-def select_objects(scene: Scene, taken: Acquisition) -> tuple[Objects, np.ndarray]:
+def select_objects(scene: Scene, acquisition: Acquisition) -> tuple[Objects, np.ndarray]:
     """Return the objects of a scene on a date, cars included, and the heights of these objects ``(n,)``."""
-    standing = scene.chronicle.standing(taken.day)
-    kept, height_m = scene.objects.select(standing), scene.chronicle.height_m[standing]
-    cars = park_cars(scene.landscape, scene.half_extent_m, taken)
+    standing = scene.chronicle.standing(acquisition.day)
+    existing, height_m = scene.objects.select(standing), scene.chronicle.height_m[standing]
+    cars = park_cars(scene.landscape, scene.half_extent_m, acquisition)
     # Cars below the targets, which are surveyed and stay free
-    target = np.isin(kept.kind, ("apron", "target"))
-    found = kept.select(~target).append(cars).append(kept.select(target))
-    return found, np.concatenate([height_m[~target], np.zeros(len(cars)), height_m[target]])
+    target = np.isin(existing.kind, ("apron", "target"))
+    objects = existing.select(~target).append(cars).append(existing.select(target))
+    return objects, np.concatenate([height_m[~target], np.zeros(len(cars)), height_m[target]])

@@ -55,10 +55,10 @@ class SeasonLandscape(Landscape):
     snow: float = 0.0
 
     @classmethod
-    def from_acquisition(cls, landscape: Landscape, taken: Acquisition, lat_deg: float) -> SeasonLandscape:
+    def from_acquisition(cls, landscape: Landscape, acquisition: Acquisition, lat_deg: float) -> SeasonLandscape:
         """Return a landscape on the date of an acquisition."""
-        day = compute_day_of_season(taken.day, lat_deg)
-        return cls(landscape.seed, landscape.scale, town=landscape.town, day=day, snow=taken.snow)
+        day = compute_day_of_season(acquisition.day, lat_deg)
+        return cls(landscape.seed, landscape.scale, town=landscape.town, day=day, snow=acquisition.snow)
 
     @cached_property
     def ploughing_day(self) -> np.ndarray:
@@ -88,12 +88,12 @@ class SeasonLandscape(Landscape):
         summer = 0.5 - 0.5 * np.cos(2.0 * np.pi * (self.day - 20.0) / YEAR_DAYS)
         leaves = np.clip(2.0 * summer - 0.5, 0.0, 1.0)
         visible = np.array([1.0, 1.15 - 0.3 * leaves, 1.3 - 0.3 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
-        near = np.array([1.0, 0.6 + 0.4 * leaves, 0.6 + 0.4 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
+        near_infrared = np.array([1.0, 0.6 + 0.4 * leaves, 0.6 + 0.4 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
         field = self.parcel_cover == 0
         visible = np.where(field, np.interp(age, CROP_DAYS, CROP_VISIBLE), visible)
-        near = np.where(field, np.interp(age, CROP_DAYS, CROP_NEAR_INFRARED), near)
-        pan = 0.7 * visible + 0.3 * near
-        return (usual * np.stack([pan, visible, visible, visible, near])).astype(np.float32)
+        near_infrared = np.where(field, np.interp(age, CROP_DAYS, CROP_NEAR_INFRARED), near_infrared)
+        pan = 0.7 * visible + 0.3 * near_infrared
+        return (usual * np.stack([pan, visible, visible, visible, near_infrared])).astype(np.float32)
 
     @cached_property
     def parcel_contrast(self) -> np.ndarray:
@@ -116,22 +116,22 @@ class SeasonLandscape(Landscape):
 
 
 def make_season_texture(
-    texture: Texture, taken: Acquisition, lat_deg: float, sigma_m: float, band: int
+    texture: Texture, acquisition: Acquisition, lat_deg: float, sigma_m: float, band: int
 ) -> SensorTexture:
     """Return the ground on a date as observed by a sensor whose blur has ``sigma_m``, in one of `SPECTRAL_BANDS`.
 
     Soil and plants go from one texture of their own to the next within two months (`YEAR`); the sun lights crowns.
     """
-    landscape, seed = SeasonLandscape.from_acquisition(texture.landscape, taken, lat_deg), texture.landscape.seed
-    epoch, share = divmod(taken.day / YEAR.texture_days, 1.0)
+    landscape, seed = SeasonLandscape.from_acquisition(texture.landscape, acquisition, lat_deg), texture.landscape.seed
+    epoch, share = divmod(acquisition.day / YEAR.texture_days, 1.0)
     first, second = (
         PeriodicField.power_law(1024, 0.5, 0.9, np.random.default_rng([seed, 63, int(epoch) + k])) for k in (0, 1)
     )
-    own = first.mix(second, float(np.sin(0.5 * np.pi * share)))
-    turned = np.radians(270.0 - taken.sun_azimuth_deg)  # from the west
+    soil = first.mix(second, float(np.sin(0.5 * np.pi * share)))
+    turned = np.radians(270.0 - acquisition.sun_azimuth_deg)  # from the west
     canopy = PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([seed, 32]), turned)
     sigma = sigma_m / landscape.scale
-    fields = tuple(field.blur(sigma) for field in (texture.fine, texture.broad, canopy, own))
+    fields = tuple(field.blur(sigma) for field in (texture.fine, texture.broad, canopy, soil))
     return SensorTexture(landscape, fields, sigma, band)
 
 
@@ -156,10 +156,12 @@ class Chronicle:
         high = {"roof": (3.5, 9.0), "tank": (6.0, 6.0)}
         low_m, range_m = np.array([high.get(str(kind), (0.0, 0.0)) for kind in objects.kind]).reshape(-1, 2).T
         building = low_m > 0.0
-        built = np.where(building & (draw[:, 1] < YEAR.built_share), YEAR_DAYS * draw[:, 2], -1.0)
-        torn = (draw[:, 1] > 1.0 - YEAR.torn_share) & building
+        built_day = np.where(building & (draw[:, 1] < YEAR.built_share), YEAR_DAYS * draw[:, 2], -1.0)
+        is_torn = (draw[:, 1] > 1.0 - YEAR.torn_share) & building
         return cls(
-            scale * (low_m + range_m * draw[:, 0]), built, np.where(torn, YEAR_DAYS * draw[:, 3], 2.0 * YEAR_DAYS)
+            scale * (low_m + range_m * draw[:, 0]),
+            built_day,
+            np.where(is_torn, YEAR_DAYS * draw[:, 3], 2.0 * YEAR_DAYS),
         )
 
     def standing(self, day: float) -> np.ndarray:
@@ -167,9 +169,9 @@ class Chronicle:
         return (self.built_day <= day) & (day < self.torn_day)
 
 
-def park_cars(landscape: Landscape, half_extent_m: float, taken: Acquisition) -> Objects:
+def park_cars(landscape: Landscape, half_extent_m: float, acquisition: Acquisition) -> Objects:
     """Return the cars on the roads of a date, on either lane, as painted objects."""
-    rng = np.random.default_rng([landscape.seed, 65, taken.number])
+    rng = np.random.default_rng([landscape.seed, 65, acquisition.number])
     reach = half_extent_m / landscape.scale
     lines = int(np.ceil((reach + 100.0) / LAND_LATTICE.block_m))
     count = int((2 * lines + 1) * 2 * reach / YEAR.car_spacing_m)

@@ -54,14 +54,14 @@ class Vibration:
         (n, 2) ndarray
             Radians.
         """
-        at = self.start_line + self.lines_per_line * np.asarray(line, dtype=np.float64)
-        angles = np.zeros((len(at), 2))
+        curve_line = self.start_line + self.lines_per_line * np.asarray(line, dtype=np.float64)
+        angles = np.zeros((len(curve_line), 2))
         for period, amplitude, phase in self.waves:
-            turn = 2.0 * np.pi * at / period + phase
+            turn = 2.0 * np.pi * curve_line / period + phase
             angles += amplitude * np.column_stack([np.sin(turn), np.cos(turn)])
         if self._spline is not None:
             first, last = self._spline.x[[0, -1]]
-            from_end = np.mod(at - first, 2.0 * (last - first)) - (last - first)
+            from_end = np.mod(curve_line - first, 2.0 * (last - first)) - (last - first)
             angles += self._spline(last - np.abs(from_end))
         return angles
 

@@ -52,21 +52,21 @@ class RayPaths(NamedTuple):
         """Return the largest tangent of the angle between rays and the vertical."""
         return float(np.hypot(*self.coefficients[1]).max() / self.half_m)
 
-    def select(self, chosen: np.ndarray) -> RayPaths:
+    def select(self, rows: np.ndarray) -> RayPaths:
         """Return some of the rays (mask or indices)."""
-        return self._replace(coefficients=self.coefficients[:, :, chosen])
+        return self._replace(coefficients=self.coefficients[:, :, rows])
 
 
 def compute_ray_paths(camera: PushbroomCamera, terrain: TerrainSurface, image: np.ndarray) -> RayPaths:
     """Return the paths of image points ``(n, 2)`` over the terrain's range of heights; coefficients ``(3, 2, n)``."""
     low, high = terrain.height_range
     middle, half = (low + high) / 2.0, (high - low) / 2.0 + 1.0
-    below, centre, above = (
+    lower, centre, above = (
         terrain.chart.from_ground(camera.image_to_ground(image, height)).T
         for height in (middle - half, middle, middle + half)
     )
     return RayPaths(
-        np.stack([centre, (above - below) / 2.0, (above + below) / 2.0 - centre]), float(middle), float(half)
+        np.stack([centre, (above - lower) / 2.0, (above + lower) / 2.0 - centre]), float(middle), float(half)
     )
 
 
@@ -90,21 +90,21 @@ def _walk_down(paths: RayPaths, terrain: TerrainSurface, low: float, high: float
     shape = paths.coefficients.shape[2:]
     flat = paths._replace(coefficients=paths.coefficients.reshape(3, 2, -1))
     step = 0.5 * terrain.post_m / max(paths.tangent(), 1e-9)
-    under = np.full(int(np.prod(shape)), low - INTERSECTION.height_tolerance_m)
-    above = np.full(under.size, high + INTERSECTION.height_tolerance_m)
-    active, level = np.arange(under.size), high + INTERSECTION.height_tolerance_m
+    lower = np.full(int(np.prod(shape)), low - INTERSECTION.height_tolerance_m)
+    above = np.full(lower.size, high + INTERSECTION.height_tolerance_m)
+    active, level = np.arange(lower.size), high + INTERSECTION.height_tolerance_m
     while level > low and active.size:
         level = max(level - step, low - INTERSECTION.height_tolerance_m)
         some = flat.select(active)
-        met = level <= terrain.height(*some.position_at(np.full(active.size, level)))
-        under[active[met]] = level
-        active = active[~met]
+        is_below = level <= terrain.height(*some.position_at(np.full(active.size, level)))
+        lower[active[is_below]] = level
+        active = active[~is_below]
         above[active] = level
     for _ in range(INTERSECTION.bisections):
-        middle = (under + above) / 2.0
-        met = middle <= terrain.height(*flat.position_at(middle))
-        under, above = np.where(met, middle, under), np.where(met, above, middle)
-    return ((under + above) / 2.0).reshape(shape)
+        middle = (lower + above) / 2.0
+        is_below = middle <= terrain.height(*flat.position_at(middle))
+        lower, above = np.where(is_below, middle, lower), np.where(is_below, above, middle)
+    return ((lower + above) / 2.0).reshape(shape)
 
 
 def locate_on_surface(camera: PushbroomCamera, terrain: TerrainSurface, image: np.ndarray) -> np.ndarray:

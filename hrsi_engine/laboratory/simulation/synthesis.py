@@ -179,7 +179,7 @@ def simulate_block(
     advance(progress, 0.2, "terrain simulated")
     scene = _place_targets(scene, cameras, points)
     ids, ground, role = _place_points(cameras, scene, points)
-    known = role != Role.TIE
+    is_surveyed = role != Role.TIE
     image_points = _sort_ties(project_true_points(cameras, scene.terrain, ground))
     advance(progress, 0.6, "points placed")
     vendor_rpcs = tuple(
@@ -189,8 +189,8 @@ def simulate_block(
         )
     )
 
-    surveyed, wrong = survey_points(
-        ids[known], ground[known], role[known], noise, 1.0 / metres_per_degree(ground[known]),
+    surveyed, has_wrong_height = survey_points(
+        ids[is_surveyed], ground[is_surveyed], role[is_surveyed], noise, 1.0 / metres_per_degree(ground[is_surveyed]),
         np.random.default_rng([spec.seed, 40]),
     )  # fmt: skip
     image_ids = np.array([view.id for view in views])
@@ -199,7 +199,7 @@ def simulate_block(
     )
     images = [Image(view.id, fit.rpc, view.size) for view, fit in zip(views, vendor_rpcs, strict=True)]
     wrong_height = np.zeros(len(ids), dtype=bool)
-    wrong_height[known] = wrong
+    wrong_height[is_surveyed] = has_wrong_height
     truth = BlockTruth(
         cameras, vendor_cameras, vendor_rpcs, scene.terrain.height_range, ids, ground, role, image_points, blunder,
         wrong_height,
@@ -208,11 +208,11 @@ def simulate_block(
 
 
 def _fit_cameras(cameras: Sequence[PushbroomCamera], scene: Scene, progress: Progress) -> tuple[VendorRPC, ...]:
-    fitted = []
+    rpcs = []
     for index, camera in enumerate(cameras):
-        fitted.append(fit_camera(camera, scene.terrain.height_range))
+        rpcs.append(fit_camera(camera, scene.terrain.height_range))
         advance(progress, (index + 1) / len(cameras), "fitting RPCs")
-    return tuple(fitted)
+    return tuple(rpcs)
 
 
 def _draw_vendor_error(view: SceneView, spec: SceneSpec, noise: Noise, index: int) -> OrientationError:
@@ -224,8 +224,8 @@ def _draw_vendor_error(view: SceneView, spec: SceneSpec, noise: Noise, index: in
 def _place_targets(scene: Scene, cameras: Sequence[PushbroomCamera], points: PointCounts) -> Scene:
     """Return the scene with a target on plane ground for every surveyed point, GCPs first."""
     rng = np.random.default_rng([scene.spec.seed, 43])
-    known = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)
-    targets = scene.chart.from_ground(known)
+    ground = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)
+    targets = scene.chart.from_ground(ground)
     terrain = scene.terrain.plane_around(targets, scene.target_radius_m + 1.5 * scene.terrain.post_m)
     bare = terrain if scene.bare is scene.terrain else scene.bare
     return replace(scene, terrain=terrain, targets_m=targets, bare=bare)
@@ -235,9 +235,9 @@ def _place_points(
     cameras: Sequence[PushbroomCamera], scene: Scene, points: PointCounts
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return ids, positions and roles: check points C…, GCPs G…, tie points T…, sorted by id."""
-    known = scene.chart.to_ground(scene.targets_m, scene.terrain.height(*scene.targets_m.T))
+    targets = scene.chart.to_ground(scene.targets_m, scene.terrain.height(*scene.targets_m.T))
     ties = place_ties(cameras, scene.terrain, points.ties, np.random.default_rng([scene.spec.seed, 44]))
-    gcps, checks = known[: points.gcps], known[points.gcps :]
+    gcps, checks = targets[: points.gcps], targets[points.gcps :]
     tables = ((checks, "C", Role.CHECK), (gcps, "G", Role.GCP), (ties, "T", Role.TIE))
     ids = [f"{letter}{number + 1:06d}" for table, letter, _ in tables for number in range(len(table))]
     role = np.concatenate([np.full(len(table), role, dtype=np.int8) for table, _, role in tables])

@@ -114,8 +114,8 @@ class TerrainSurface:
             steps = radius_m * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
             middle, to_east, to_west, to_north, to_south = self.height(east + steps[:, 0], north + steps[:, 1])
             plane = middle + ((to_east - to_west) * right + (to_north - to_south) * ahead) / (2.0 * radius_m)
-            near = np.hypot(right, ahead) <= radius_m
-            posts[rows, columns] = np.where(near, plane, posts[rows, columns])
+            is_inside = np.hypot(right, ahead) <= radius_m
+            posts[rows, columns] = np.where(is_inside, plane, posts[rows, columns])
         return replace(self, posts=posts)
 
     def raise_rectangles(self, corners_m: np.ndarray, top_m: np.ndarray) -> TerrainSurface:

@@ -89,9 +89,9 @@ class PeriodicField:
         lit = crown + 0.8 * (np.cos(sun_rad) * slopes[0] + np.sin(sun_rad) * slopes[1])
         return cls(fft.rfft2((lit - lit.mean()) / lit.std()), cell_m)
 
-    def mix(self, other: PeriodicField, share: float) -> PeriodicField:
+    def mix(self, partner: PeriodicField, share: float) -> PeriodicField:
         """Return a field of the same strength that has a correlation of sqrt(1 - share²) with this one."""
-        return PeriodicField(np.sqrt(1.0 - share**2) * self.spectrum + share * other.spectrum, self.cell_m)
+        return PeriodicField(np.sqrt(1.0 - share**2) * self.spectrum + share * partner.spectrum, self.cell_m)
 
     def blur(self, sigma_m: float) -> tuple[np.ndarray, float]:
         """Return the field blurred by a Gaussian, float32, and its spacing: half the cell where the blur is fine."""
@@ -161,8 +161,8 @@ class Texture:
         landscape, fine, canopy = self.landscape, self.fine, self.canopy
         if date and change:
             seed = self.landscape.seed
-            other = PeriodicField.power_law(1024, 0.5, 0.9, np.random.default_rng([seed, 33, date]))
-            fine = fine.mix(other, change)
+            date_noise = PeriodicField.power_law(1024, 0.5, 0.9, np.random.default_rng([seed, 33, date]))
+            fine = fine.mix(date_noise, change)
             sun = change * np.random.default_rng([seed, 34, date]).uniform(-np.pi, np.pi)
             canopy = PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([seed, 32]), sun)
             landscape = self.landscape.at_date(date, change)
@@ -191,15 +191,15 @@ class SensorTexture:
         tables = (landscape.parcel_grey[self.band], *landscape.parcel_contrast)
         grey, contrast, canopy = (_blend_fields(table, row, column, x, y, LAND_LATTICE.parcels - 1) for table in tables)
         fine, broad, crowns, *season = (sample_periodic(*field, e, n) for field in self.fields)
-        own, snow = fine, None
+        soil, snow = fine, None
         if season and isinstance(landscape, LandscapeOfDate):
             share, hold = (
                 _blend_fields(table, row, column, x, y, LAND_LATTICE.parcels - 1) for table in landscape.parcel_season
             )
-            own = np.sqrt(1.0 - share**2) * fine + share * season[0]
+            soil = np.sqrt(1.0 - share**2) * fine + share * season[0]
             if landscape.snow:
                 snow = hold * np.clip(4.0 * (landscape.snow_line - broad - 0.2 * season[0]) + 0.5, 0.0, 1.0)
-        grey *= 1.0 + contrast * (own + 0.6 * broad) + canopy * crowns
+        grey *= 1.0 + contrast * (soil + 0.6 * broad) + canopy * crowns
         # The share of road in each pixel
         free = (1.0 - self._roads_along(u)) * (1.0 - self._roads_along(v))
         road = 1.0 - free
@@ -208,7 +208,7 @@ class SensorTexture:
             grey += (
                 snow
                 * (1.0 - np.float32(1.0 - SNOW.on_roads) * road)
-                * (np.float32(SNOW.grey) * (1.0 + np.float32(0.03) * own) - grey)
+                * (np.float32(SNOW.grey) * (1.0 + np.float32(0.03) * soil) - grey)
             )
         return grey
 

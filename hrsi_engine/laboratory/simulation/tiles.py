@@ -41,13 +41,13 @@ def cut_window(
     """
     if sample < 0 or line < 0 or sample + samples > size[0] or line + lines > size[1]:
         raise ValueError(f"window {sample}, {line}, {samples} x {lines} is not inside {size[0]} x {size[1]}")
-    out = np.empty((lines, samples), dtype=np.uint16)
+    window = np.empty((lines, samples), dtype=np.uint16)
     for row, column in list_tiles(sample, line, samples, lines):
         pixels = tile(row, column)
         top, left = row * TILES.tile_px - line, column * TILES.tile_px - sample  # of the tile, in the window
         part = pixels[max(-top, 0) : lines - top, max(-left, 0) : samples - left]
-        out[max(top, 0) :, max(left, 0) :][: part.shape[0], : part.shape[1]] = part
-    return out
+        window[max(top, 0) :, max(left, 0) :][: part.shape[0], : part.shape[1]] = part
+    return window
 
 
 def compute_tile_shape(size: tuple[int, int], row: int, column: int) -> tuple[int, int]:
@@ -101,11 +101,11 @@ class TilePainter:
 
     def touching(self, row: int, column: int) -> list[tuple[int, tuple[slice, slice]]]:
         """Return the objects that touch a tile, in painting order, and the part of it that each one's box covers."""
-        found = []
+        tiles = []
         for index in self._touching.get((row, column), ()):
             s0, s1, l0, l1 = self.boxes[index] - np.repeat([column * TILES.tile_px, row * TILES.tile_px], 2)
-            found.append((index, (slice(max(l0, 0), l1 + 1), slice(max(s0, 0), s1 + 1))))
-        return found
+            tiles.append((index, (slice(max(l0, 0), l1 + 1), slice(max(s0, 0), s1 + 1))))
+        return tiles
 
     @cached_property
     def _touching(self) -> dict[tuple[int, int], list[int]]:

@@ -67,8 +67,8 @@ def make_truth_document(simulated: BlockSimulation) -> dict[str, Any]:
     }
 
 
-def _list_rows(point: np.ndarray, image: np.ndarray, chosen: np.ndarray) -> list[tuple[int, int]]:
-    return list(zip(point[chosen].tolist(), image[chosen].tolist(), strict=True))
+def _list_rows(point: np.ndarray, image: np.ndarray, is_listed: np.ndarray) -> list[tuple[int, int]]:
+    return list(zip(point[is_listed].tolist(), image[is_listed].tolist(), strict=True))
 
 
 def _describe_image(simulated: BlockSimulation, index: int) -> dict[str, Any]:
@@ -98,11 +98,11 @@ def _describe_camera(camera: PushbroomCamera) -> dict[str, Any]:
     return document
 
 
-def _describe_fit(fitted: VendorRPC) -> dict[str, Any]:
+def _describe_fit(fit: VendorRPC) -> dict[str, Any]:
     """Return an RPC and how far it is from its physical camera, on the independent grid."""
-    values = {field.name: getattr(fitted.rpc, field.name) for field in fields(fitted.rpc)}
+    values = {field.name: getattr(fit.rpc, field.name) for field in fields(fit.rpc)}
     coefficients = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
-    return {"fit_max_px": fitted.max_px, "fit_rms_px": fitted.rms_px, "rpc": coefficients}
+    return {"fit_max_px": fit.max_px, "fit_rms_px": fit.rms_px, "rpc": coefficients}
 
 
 def make_truth_tables(simulated: BlockSimulation) -> dict[str, TruthTable]:
@@ -175,23 +175,23 @@ def _tabulate_changes(simulated: BlockSimulation) -> TruthTable:
     parcels = scene.landscape.parcels_within(scene.half_extent_m)
     centres = scene.landscape.parcel_centres(parcels)
     standing, bare = year.standing(-1.0), None
-    for taken in simulated.acquisitions:
-        season = SeasonLandscape.from_acquisition(scene.landscape, taken, scene.spec.lat_deg)
-        now, ploughed = year.standing(taken.day), season.ploughed[tuple(parcels.T % LAND_LATTICE.parcels)]
-        rows.append(("built", taken, objects.position_m[now & ~standing]))
-        rows.append(("torn", taken, objects.position_m[standing & ~now]))
-        before = ploughed if bare is None else bare
-        rows.append(("ploughed", taken, centres[ploughed & ~before]))
-        rows.append(("grown", taken, centres[before & ~ploughed]))
-        rows.append(("car", taken, park_cars(scene.landscape, scene.half_extent_m, taken).position_m))
-        rows.append(("snow", taken, np.zeros((int(taken.snow > 0.0), 2))))
+    for acquisition in simulated.acquisitions:
+        season = SeasonLandscape.from_acquisition(scene.landscape, acquisition, scene.spec.lat_deg)
+        now, ploughed = year.standing(acquisition.day), season.ploughed[tuple(parcels.T % LAND_LATTICE.parcels)]
+        rows.append(("built", acquisition, objects.position_m[now & ~standing]))
+        rows.append(("torn", acquisition, objects.position_m[standing & ~now]))
+        was_bare = ploughed if bare is None else bare
+        rows.append(("ploughed", acquisition, centres[ploughed & ~was_bare]))
+        rows.append(("grown", acquisition, centres[was_bare & ~ploughed]))
+        rows.append(("car", acquisition, park_cars(scene.landscape, scene.half_extent_m, acquisition).position_m))
+        rows.append(("snow", acquisition, np.zeros((int(acquisition.snow > 0.0), 2))))
         standing, bare = now, ploughed
     count = [len(place) for _, _, place in rows]
     place = np.concatenate([place for _, _, place in rows])
     columns = {
         "kind": np.repeat([kind for kind, _, _ in rows], count),
-        "date": np.repeat([taken.number for _, taken, _ in rows], count),
-        "day": np.repeat([taken.day for _, taken, _ in rows], count),
-        "snow": np.repeat([taken.snow for _, taken, _ in rows], count),
+        "date": np.repeat([acquisition.number for _, acquisition, _ in rows], count),
+        "day": np.repeat([acquisition.day for _, acquisition, _ in rows], count),
+        "snow": np.repeat([acquisition.snow for _, acquisition, _ in rows], count),
     }  # fmt: skip
     return TruthTable(scene.chart.to_ground(place, scene.terrain.height(*place.T)), columns)

@@ -215,16 +215,16 @@ def make_views_of_dates(
     rng = np.random.default_rng([seed, 61])
     width = len(str(len(acquisitions)))
     views: list[SceneView] = []
-    for taken in acquisitions:
+    for acquisition in acquisitions:
         tilt, side = off_nadir_deg * np.sqrt(rng.random()), rng.uniform(0.0, 2.0 * np.pi)
         missed = 0.04 * sensor.gsd_m * min(size) * rng.standard_normal(2)
         for view in make_along_track_views(sensor, images, size, heading_deg=heading_deg + 2.0 * rng.standard_normal()):
             views.append(
                 replace(
-                    view, id=f"d{taken.number:0{width}d}_{view.id.rpartition('_')[2]}",
+                    view, id=f"d{acquisition.number:0{width}d}_{view.id.rpartition('_')[2]}",
                     along_deg=float(view.along_deg + tilt * np.cos(side)), across_deg=float(tilt * np.sin(side)),
-                    offset_m=(float(missed[0]), float(missed[1])), acquisition=taken,
-                    radiometry=taken.radiometry(view.radiometry),
+                    offset_m=(float(missed[0]), float(missed[1])), acquisition=acquisition,
+                    radiometry=acquisition.radiometry(view.radiometry),
                 )
             )  # fmt: skip
     return tuple(views)
