@@ -32,7 +32,7 @@ from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment import Decision
 from hrsi.hrsi_engine.adjustment.outcome.assembly import assemble_adjustment
-from hrsi.hrsi_engine.adjustment.problem import prepare_problem
+from hrsi.hrsi_engine.adjustment.preparation.preparation import prepare_problem
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
 from hrsi.hrsi_engine.adjustment.statistics.precision import compute_precision
 from hrsi.hrsi_engine.block.assembly import assemble

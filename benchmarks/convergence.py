@@ -28,7 +28,8 @@ from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse
 from hrsi.benchmarks.spot5 import read_spot5
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.problem import Problem, prepare_problem
+from hrsi.hrsi_engine.adjustment.preparation.preparation import prepare_problem
+from hrsi.hrsi_engine.adjustment.preparation.problem import Problem
 from hrsi.hrsi_engine.block.block import Block, Image, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent

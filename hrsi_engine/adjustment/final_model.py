@@ -26,7 +26,7 @@ from .blunders.discrepancies import Discrepancies, compute_derivatives
 from .equations import CameraSystem, NormalEquations
 from .gauss_newton import GaussNewton, Solution
 from .outcome.final_cameras import compute_gain, sum_squares
-from .problem import Problem
+from .preparation.problem import Problem
 from .statistics.precision import Precision
 
 

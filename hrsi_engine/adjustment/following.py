@@ -28,7 +28,7 @@ from .gauss_newton import Weighting
 from .observations import Observations, select_observations
 from .options import AdjustOptions
 from .outcome.final_cameras import absorb_drift, compute_drift_gain, compute_drift_squares
-from .problem import find_determinable_points
+from .preparation.problem import find_determinable_points
 from .solver import run_adjuster
 from .starting_values.intersection import estimate_start_positions, form_point_equations
 

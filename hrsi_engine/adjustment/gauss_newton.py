@@ -75,7 +75,7 @@ class GaussNewton:
 
     prior_weight : (cameras, p), infinite for a fixed parameter
     rows_per_point : (m,) numbers of image points
-    held : external observations, tested in every pass: heights of a DEM or of laser points, places of a reference
+    external : observations of positions, tested in every pass: heights of a DEM or of laser points, places of a reference
     earlier : prior of the cameras from an earlier adjustment
     common : priors of the drifts common to all images
     """
@@ -85,7 +85,7 @@ class GaussNewton:
     prior_weight: np.ndarray
     rows_per_point: np.ndarray
     max_iterations: int = 30
-    held: Sequence[PositionObservations] = ()
+    external: Sequence[PositionObservations] = ()
     earlier: JointPrior | None = None
     common: Sequence[CommonDrift] = ()
     history: list[Iteration] = field(default_factory=list)
@@ -155,7 +155,7 @@ class GaussNewton:
             return Step(ahead, promised, braked)
 
         # The first pass corrects the cameras: before it, residuals are the vendor's bias and are not used for weights.
-        reweighting = robustly is not least_squares or bool(self.held)
+        reweighting = robustly is not least_squares or bool(self.external)
         ended = descend(
             begin(), step, lambda at: max(1.0, 2.0 * at.cost / self.count_redundancy(at.weighting)),
             self.max_iterations, (lambda at: self._reweight(at, robustly)) if reweighting else None, tolerance,
@@ -165,9 +165,9 @@ class GaussNewton:
     def _reweight(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
         """Return the same state with new robust factors and new weights of the external observations."""
         weighting = at.weighting
-        for held in self.held:
+        for source in self.external:
             # only one of them observes a coordinate: the others' priors still belong to the cofactors
-            points = held.add_to_priors(weighting.points, at.state.ground, at.normals.inverse)
+            points = source.add_to_priors(weighting.points, at.state.ground, at.normals.inverse)
             weighting = replace(weighting, points=points)
         t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
         return self.form_solution(at.state, weighting, robustly(t))

@@ -35,7 +35,7 @@ from .blunders.discrepancies import IMAGE, Discrepancies
 from .drift_prior import DriftPrior
 from .gauss_newton import GaussNewton, Solution
 from .outcome.assembly import RoundFindings, compute_redundancy
-from .problem import Problem
+from .preparation.problem import Problem
 from .result import ModelTest
 from .statistics import variance_components as components
 from .statistics.precision import Precision, compute_precision
@@ -131,7 +131,8 @@ class SigmaEstimation:
                 self.tests.append(ModelTest(name, ratio, freedom, bool(failed)))
         # Wrong points also cause residuals, and so do wrong external heights or places: larger sigmas would accept
         # them. With hardly any tie points sigma0 is the factor of all.
-        told = not self.problem.held and self.sums[: -components.SURVEYS : 2, 1].sum() >= components.VARIANCE.of_group
+        redundancy = self.sums[: -components.SURVEYS : 2, 1].sum()
+        told = not self.problem.position_observations and redundancy >= components.VARIANCE.of_group
         most = SIGMA.most_plausible if told else SIGMA.beside_held
         least_px = SIGMA.of_camera_px if told else 0.0
         # RMS of the stated sigmas of the image points of each group that has any

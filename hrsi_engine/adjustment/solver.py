@@ -20,7 +20,8 @@ from .gauss_newton import GaussNewton, Solution
 from .options import AdjustOptions
 from .outcome.assembly import assemble_adjustment
 from .outcome.final_cameras import compute_final_cameras
-from .problem import Problem, prepare_problem
+from .preparation.preparation import prepare_problem
+from .preparation.problem import Problem
 from .result import Adjustment, CrossValidation
 from .sigma_estimation import ROUNDS, SIGMA, SigmaEstimation
 from .statistics.precision import Precision, compute_precision

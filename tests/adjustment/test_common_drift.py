@@ -10,7 +10,7 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine import judge
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.problem import prepare_problem
+from hrsi.hrsi_engine.adjustment.preparation.preparation import prepare_problem
 from hrsi.hrsi_engine.block.block import Block
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 

@@ -11,8 +11,8 @@ from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Decision
 from hrsi.hrsi_engine.adjustment.equations import State
 from hrsi.hrsi_engine.adjustment.gauss_newton import Solution, Weighting
-from hrsi.hrsi_engine.adjustment.image_alignment import bound_heights
-from hrsi.hrsi_engine.adjustment.problem import prepare_problem
+from hrsi.hrsi_engine.adjustment.preparation.image_alignment import bound_heights
+from hrsi.hrsi_engine.adjustment.preparation.preparation import prepare_problem
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.laboratory.simulation.options import Noise, PointCounts, SceneSpec

@@ -13,7 +13,7 @@ from long_tests import mark_beyond
 from hrsi.benchmarks.adjust_speed import visible_sigmas
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
 from hrsi.hrsi_engine.adjustment.blunders.discrepancies import compute_discrepancies
-from hrsi.hrsi_engine.adjustment.problem import prepare_problem
+from hrsi.hrsi_engine.adjustment.preparation.preparation import prepare_problem
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
 from hrsi.hrsi_engine.adjustment.starting_values.consensus import (
     Parallaxes,

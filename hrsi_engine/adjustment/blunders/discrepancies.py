@@ -27,7 +27,7 @@ from scipy import sparse
 
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import GaussNewton, Solution
-from ..problem import Problem
+from ..preparation.problem import Problem
 
 
 @thresholds

@@ -20,7 +20,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ..equations import PointPriors, State
 from ..gauss_newton import CONVERGENCE, GaussNewton, Solution, Weighting
 from ..outcome.assembly import RoundFindings
-from ..problem import Problem, find_determinable_points
+from ..preparation.problem import Problem, find_determinable_points
 from ..result import Decision, Finding
 from ..starting_values.consensus import find_agreeing_measurements
 from .control import Suspect, find_suspect_gcps
@@ -150,7 +150,7 @@ class Snooping:
 
     def weigh_rays_alone(self, solution: Solution, present: Weighting) -> Weighting:
         """Return weights by which rays are tested by rays only, not by external heights, which may be wrong there."""
-        if not self.problem.held:
+        if not self.problem.position_observations:
             return present
         return replace(
             present,

@@ -18,7 +18,7 @@ from ...foundation.errors import InputError
 from ...foundation.progress import Progress, stage
 from ..gauss_newton import Solution
 from ..options import JITTER_CHOICES, AdjustOptions
-from ..problem import Problem
+from ..preparation.problem import Problem
 from ..result import Adjustment
 from .estimation import JITTER_CURVES, estimate_jitter
 from .spectrum import collect_line_profiles, find_block_waves

@@ -36,7 +36,7 @@ from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import Solution
-from ..problem import Problem
+from ..preparation.problem import Problem
 from .line_splines import LOW_DEGREES, MOST_LOW_DEGREES, LineSpline
 
 
@@ -226,7 +226,7 @@ def _form_rows(
     usable = observations.contributing_points & np.isfinite(ground).all(axis=1)
     usable &= np.logical_and.reduceat(np.isfinite(right).all(axis=1), observations.first[:-1])
     usable &= np.logical_or.reduceat(splines.any(axis=1), observations.first[:-1])
-    priors, heights = solution.weighting.points, problem.held_heights
+    priors, heights = solution.weighting.points, problem.height_observations
     if heights is not None:  # jitter displaces the points, so that most heights deviate
         priors = heights.add_to_priors(priors, ground, solution.normals.inverse, alone=True)
     chosen = np.flatnonzero(usable & ((np.diff(observations.first) > 1) | priors.held))

@@ -24,7 +24,8 @@ from ...foundation.large_arrays import finite_rows
 from ...foundation.thresholds import threshold, thresholds
 from ..equations.states import FREE_POINT_SIGMA_M
 from ..gauss_newton import Solution
-from ..problem import Part, Problem
+from ..preparation.parts import Part
+from ..preparation.problem import Problem
 from ..result import ContradictingGcps, DatumPart
 from ..starting_values.weak_geometry import RAY_GEOMETRY
 from ..statistics.precision import Precision, predict_accuracy

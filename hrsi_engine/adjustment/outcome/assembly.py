@@ -12,9 +12,9 @@ from ...foundation.errors import list_ids
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import ground_difference_m
 from ..gauss_newton import GaussNewton, Solution
+from ..preparation.problem import Problem
 from ..priors.common_drift import count_points_per_error
 from ..priors.earlier_cameras import JointCameras
-from ..problem import Problem
 from ..result import (
     Adjustment,
     CameraEstimates,
@@ -94,7 +94,7 @@ def assemble_adjustment(
     )
     parts = describe_parts(problem, solution, without_surveys, prior_share, widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
-    by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
+    by_rpcs = problem.height_observations.by_rpcs if problem.height_observations else None
     horizontal, height, correlated = (max(sums["sigma0"], 1.0) * one for one in found.survey_factors)
     warnings = (
         *problem.warnings, *found.warnings, *_warn_of_weak_parameters(problem, loop, prior_share),
@@ -113,7 +113,7 @@ def assemble_adjustment(
         history=tuple(loop.history), solves=loop.solves, findings=tuple(found.findings),
         variance_components=found.components, parts=parts, cross_validation=found.cross_validation,
         warnings=warnings, heights=heights, plan=plan,
-        surfaces=tuple(one.summarise(observations.points) for one in problem.held_surfaces),
+        surfaces=tuple(one.summarise(observations.points) for one in problem.surface_plans),
         rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
         rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None, laser=laser, tests=found.tests,
         survey_factors=(horizontal, height, correlated), choice=problem.choice,
@@ -147,8 +147,8 @@ def _scale_covariances(
     beside[by_cameras] = ((points_per_error - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
     without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # a known error that remains
     beside += without_drift[:, :, None] * without_drift[:, None, :]
-    if problem.held_heights is not None:
-        beside[:, 2, 2] += problem.held_heights.find_unweighted_variance(
+    if problem.height_observations is not None:
+        beside[:, 2, 2] += problem.height_observations.find_unweighted_variance(
             solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
         )
     left_out = observations.surveyed & ~solution.weighting.points.held  # wrong surveys: their covariances are not valid
@@ -350,10 +350,10 @@ def _judge_heights(
     problem: Problem, solution: Solution, precise: Precision
 ) -> tuple[tuple[HeightAgreement, ...], LaserOutcome | None]:
     """Return the agreement of the external heights with the points, and the result of each laser point."""
-    held = problem.held_heights
-    if held is None:
+    heights = problem.height_observations
+    if heights is None:
         return (), None
-    agreements, judged = held.summarise_sources(
+    agreements, judged = heights.summarise_sources(
         solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
     )  # fmt: skip
     laser = problem.laser
@@ -365,14 +365,14 @@ def _judge_heights(
 
 def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> PlanAgreement | None:
     """Return the agreement of the places of a reference with the adjusted points; None without them."""
-    held = problem.held_plan
-    if held is None:
+    reference = problem.plan_observations
+    if reference is None:
         return None
     # Standard deviation of the block in plan by its RPCs, with independent errors of the images
     pointing = [estimate_pointing(image).sigma_m for image in problem.observations.images]
-    over = held.places.ignores_rpc_priors or problem.observations.surveyed.any()
+    over = reference.places.ignores_rpc_priors or problem.observations.surveyed.any()
     rpcs_m = np.inf if over else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))
-    return held.summarise_places(
+    return reference.summarise_places(
         solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points, rpcs_m
     )
 
@@ -380,7 +380,7 @@ def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> Pla
 def _measure_rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, float, float] | None:
     """Return the median shift of the tie points from their adjusted positions to those by the original RPCs."""
     observations = problem.observations
-    if not problem.held:
+    if not problem.position_observations:
         return None
     ties = solution.weighting.contributes & ~observations.located & (np.diff(observations.first) > 1)
     if not ties.any():

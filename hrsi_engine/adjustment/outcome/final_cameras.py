@@ -17,7 +17,7 @@ import numpy as np
 from ...refinement.image_space import ImagePolynomial
 from ..equations import State
 from ..gauss_newton import GaussNewton, Solution
-from ..problem import Problem
+from ..preparation.problem import Problem
 from ..starting_values.intersection import form_point_equations
 
 

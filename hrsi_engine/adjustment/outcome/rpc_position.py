@@ -28,7 +28,8 @@ from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import move_ground
 from ..equations import State
 from ..gauss_newton import GaussNewton, Solution
-from ..problem import Part, Problem
+from ..preparation.parts import Part
+from ..preparation.problem import Problem
 from ..statistics.precision import Precision
 
 

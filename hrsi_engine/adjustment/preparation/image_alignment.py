@@ -16,18 +16,18 @@ The shifts are linear in the image, so that they are a suitable start for every 
 
 import numpy as np
 
-from ..foundation.large_arrays import finite_rows
-from ..foundation.progress import silent
-from ..foundation.thresholds import threshold, thresholds
-from ..refinement.model import RefinementModel
-from ..refinement.models import MODELS
-from .equations import NormalEquations, PointPriors, State, find_pattern
-from .gauss_newton import GaussNewton, Weighting
-from .observations import Observations
-from .starting_values.consensus import find_agreeing_measurements
-from .starting_values.intersection import estimate_start_positions
-from .starting_values.weak_geometry import set_point_priors
-from .weights import cauchy
+from ...foundation.large_arrays import finite_rows
+from ...foundation.progress import silent
+from ...foundation.thresholds import threshold, thresholds
+from ...refinement.model import RefinementModel
+from ...refinement.models import MODELS
+from ..equations import NormalEquations, PointPriors, State, find_pattern
+from ..gauss_newton import GaussNewton, Weighting
+from ..observations import Observations
+from ..starting_values.consensus import find_agreeing_measurements
+from ..starting_values.intersection import estimate_start_positions
+from ..starting_values.weak_geometry import set_point_priors
+from ..weights import cauchy
 
 
 @thresholds

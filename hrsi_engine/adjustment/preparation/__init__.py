@@ -1,0 +1,1 @@
+"""A block prepared for adjustment: parts, priors, starting values, and the `Problem` that the rounds solve."""
