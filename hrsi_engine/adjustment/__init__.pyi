@@ -9,9 +9,8 @@
 | starting_values/ | agreeing measurements, intersected points, weak geometry                   |
 | priors/          | attitude drift common to all images, cameras of an earlier adjustment      |
 | external/        | heights and plan observed by a DEM, laser points or a reference orthoimage |
-| image_alignment  | initial values: a robust shift of each image                               |
 | gauss_newton     | damped iterations with reweighting                                         |
-| problem          | a block prepared: priors, parts, weak geometry                             |
+| preparation/     | a block prepared: parts, priors, starting values                           |
 | statistics/      | cofactors, error ellipses, variance components of groups of observations   |
 | drift_prior      | … and of the drifts of the images' corrections                             |
 | jitter/          | vibration along the lines: waves in residuals, and their removal           |
