@@ -75,7 +75,7 @@ class GaussNewton:
 
     prior_weight : (cameras, p), infinite for a fixed parameter
     rows_per_point : (m,) numbers of image points
-    external : observations of positions, tested in every pass: heights of a DEM or of laser points, places of a reference
+    external : observations of positions, tested in every pass: heights of a DEM or of laser points, reference places
     earlier : prior of the cameras from an earlier adjustment
     common : priors of the drifts common to all images
     """
