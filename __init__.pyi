@@ -1970,6 +1970,51 @@ def ortho_check(
     """
     ...
 
+def init(
+    *,
+    folder: Path = ".",
+    height_datum: str | None = None,
+    output: str | None = None,
+    overwrite: bool = False,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Project file for run from the images, points and DEM of a folder.
+
+    Opens all files of a folder and decides what each is: image, RPC, control or check points,
+    measurements, tie points, DEM, laser points, reference orthoimage. Prints a table of the files with
+    the reasons, writes a project file with the steps that apply, and checks these steps as a run would.
+    A height datum that nothing states is decided by heights of points and rays; otherwise one question
+    is asked, which ``height_datum`` answers.
+
+    Parameters
+    ----------
+    folder : path, optional
+        Folder of images, points, DEM and other data, as delivered (default .).
+    height_datum : str, optional
+        Answer to the question on heights without datum: ellipsoidal, egm96, egm2008 or the file of a
+        geoid grid; by default evidence decides.
+    output : str, optional
+        Project file to be written; by default project.toml in the folder.
+    overwrite : bool, optional
+        Replace an existing project file (default no).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
 def run(
     project: Path,
     *,
@@ -1993,7 +2038,7 @@ def run(
     Parameters
     ----------
     project : path
-        Project file (TOML).
+        Project file (TOML), or the folder of project.toml.
     steps : sequence of str, optional
         Only these steps, of triangulate, orthorectify, ortho-check, evaluate.
     output_dir : path, optional

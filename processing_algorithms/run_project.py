@@ -12,13 +12,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..hrsi_engine.foundation.errors import InputError, SolveError
-from ..hrsi_engine.foundation.reasons import Level
+from ..hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError
 from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.foundation.workers.scheduling import digest
 from ..hrsi_engine.io.catalogue.deliveries import resolve_images
 from ..hrsi_engine.io.catalogue.lineage import input_entries
-from ..hrsi_engine.io.output_dir import check_output_dir, read_report
+from ..hrsi_engine.io.output_dir import check_output_dir, find_image_outputs, read_report
 from ..hrsi_engine.io.pages.report import write_page, write_report_json
 from ..hrsi_engine.io.safety.folder_lock import only_writer
 from . import REGISTRY
@@ -26,10 +25,11 @@ from .declarations.projects import RunOptions
 from .files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from .interface.declare import Context, Report, is_unusable
 from .interface.options import check_options
-from .projects.project_file import FOLDERS, SINGLE, Project, read_project
+from .projects.plan import FAILED, LEFT_OUT, NOT_ASKED, algorithm_of, check_plan, failures, judge_plan
+from .projects.project_file import FOLDERS, Project, read_project
 
-KEPT, MADE, FAILED, LEFT_OUT = "kept", "done", "failed", "left out"  #: status of a step
-LEVELS = [level.label for level in sorted(Level)]
+KEPT, MADE = "kept", "done"  #: further statuses of a step
+RPC_TEXT = "_rpc.txt"  #: ending of a refined RPC without pixels
 
 
 def run(options: RunOptions, context: Context) -> Report:
@@ -38,12 +38,14 @@ def run(options: RunOptions, context: Context) -> Report:
     wrong = [step for step in options.steps or () if step not in FOLDERS]
     if wrong:
         raise InputError(f"`steps` names {wrong[0]!r}: the steps are {', '.join(FOLDERS)}")
-    beside = os.path.join(os.path.dirname(project.path), "result")
-    folder = options.output_dir or project.texts.get("output_dir") or beside
+    folder = options.output_dir or project.texts.get("output_dir") or os.path.join(project.folder, "result")
     images = resolve_images(project.shared["images"], lambda text: None)
     if context.dry_run:
-        counts = {"images": len(images), "steps": len(project.steps)}
-        return plan(context, folder, [REPORT_FILE, *(FOLDERS[step] for step in project.steps)], counts)
+        entries = check_plan(project, context, options.steps)
+        names = [REPORT_FILE, *(FOLDERS[step] for step, entry in entries.items() if entry["status"] != LEFT_OUT)]
+        warnings = [f"{step}: {text}" for step, entry in entries.items() for text in entry.get("warnings", ())]
+        counts = {"images": len(images), "steps": len(names) - 1}
+        return {**plan(context, folder, names, counts, warnings, judge_plan(entries)), "steps": entries}
     earlier = read_report(os.path.join(folder, REPORT_FILE)) or {}
     if earlier.get("algorithm") != "run":
         check_output_dir(folder, options.overwrite, [REPORT_FILE, *FOLDERS.values()], context.inputs)
@@ -58,18 +60,9 @@ def run(options: RunOptions, context: Context) -> Report:
             part = context.stage(number / len(FOLDERS), (number + 1) / len(FOLDERS))
             _do_step(step, project, images, results, report, options, part)
             write_report_json(os.path.join(folder, REPORT_FILE), report)  # a killed run continues from here
-        # The worst verdict of the steps with all their reasons; a failed step is doubtful
-        steps = report["steps"]
-        judged = [entry["verdict"] for entry in steps.values() if entry.get("verdict")]
-        failed = [f"{name} failed" for name, entry in steps.items() if entry["status"] == FAILED]
-        levels = [*(verdict["level"] for verdict in judged), *[Level.DOUBTFUL.label] * len(failed)]
-        told = [*(verdict["sentence"] for verdict in judged), *failed]
-        verdict = {
-            "level": max(levels, key=LEVELS.index, default=Level.OK.label),
-            "sentence": "; ".join(told) or "nothing was judged",
-            "reasons": [reason for verdict in judged for reason in verdict["reasons"]],
-        }  # fmt: skip
-        report["verdict"], report["seconds"] = verdict, {"total": time.monotonic() - begun}
+        report["verdict"], report["seconds"] = judge_plan(report["steps"]), {"total": time.monotonic() - begun}
+        if failed := dict(failures(report["steps"])):
+            report["unsolved"], report["exit_code"] = report["verdict"]["sentence"], max(failed.values())
         report["outputs"] = {"report": os.path.join(folder, REPORT_FILE)}
         if options.report:
             report["outputs"]["html"] = os.path.join(folder, PAGE_FILE)
@@ -91,39 +84,76 @@ def _do_step(
 ) -> None:  # fmt: skip
     """Run a step, or keep its earlier result; its entry is added to ``report``, its own report to ``results``."""
     entries, folder = report["steps"], os.path.join(report["folder"], FOLDERS[step])
-    algorithm = SINGLE if step == "triangulate" and len(images) == 1 else step
-    if step not in project.steps or step not in (options.steps or FOLDERS):
-        entries[step] = {"status": LEFT_OUT, "told": "not asked for"}
+    algorithm, past = algorithm_of(step, images), read_report(os.path.join(folder, REPORT_FILE))
+    before = entries.pop(step, {})
+    entries[step] = {"status": LEFT_OUT, "told": project.skipped.get(step, NOT_ASKED)}
+    if options.steps and step not in options.steps:
+        if past and before.get("status") in (KEPT, MADE):  # what later steps need
+            entries[step], results[step] = before, past
         return
-    given, lacking = _chain_inputs(step, project, images, results, report["folder"])
-    if lacking:
-        entries[step] = {"status": LEFT_OUT, "told": lacking}
+    if step not in project.steps:
         return
-    values = check_options(REGISTRY[algorithm], {**project.options_of(step, algorithm), **given, "output_dir": folder})
-    inputs = input_entries(REGISTRY[algorithm].files_by_option(values))
-    contents = sorted(f"{one['path']} {one['sha256'] or one['sampled_sha256']}" for one in inputs)
-    mark = digest(VERSION, algorithm, sorted(f"{key} {value}" for key, value in values.items() if key != "threads"),
-                  contents)  # fmt: skip
-    before, past = entries.pop(step, {}), read_report(os.path.join(folder, REPORT_FILE))
-    there = all(
-        os.path.isfile(path) and os.path.getsize(path) == size for path, size in before.get("files", {}).items()
-    )
-    if past and there and before.get("digest") == mark and not options.overwrite:
-        entries[step], results[step] = {**before, "status": KEPT}, past
-        context.log(f"{step}: nothing has changed, kept")
-        return
-    context.log(f"{step}:")
-    values["overwrite"] = past is not None and (past["algorithm"] == algorithm or options.overwrite)
     try:
+        given, lacking = _chain_inputs(step, project, images, results, report["folder"])
+        if lacking:
+            failed = bool(options.steps) or dict(failures(entries))
+            entries[step] = {"status": FAILED, "told": lacking, "exit_code": 2} if failed else {
+                "status": LEFT_OUT, "told": lacking}  # fmt: skip
+            return
+        found = {**project.options_of(step, algorithm), **given, "output_dir": folder}
+        values = check_options(REGISTRY[algorithm], found)
+        mark = _digest_step(project, algorithm, values, report["folder"])
+        there = all(_has_size(folder, name, size) for name, size in before.get("files", {}).items())
+        if past and there and before.get("digest") == mark and not options.overwrite:
+            entries[step], results[step] = {**before, "status": KEPT}, past
+            context.log(f"{step}: nothing has changed, kept")
+            return
+        context.log(f"{step}:")
+        values["overwrite"] = past is not None and (past["algorithm"] == algorithm or options.overwrite)
         made = results[step] = REGISTRY[algorithm].execute(values, Context(context.progress, context.log))
-    except SolveError as error:
-        entries[step] = {"status": FAILED, "told": str(error)}
+    except Cancelled:
+        raise
+    except HrsiError as error:
+        entries[step] = {"status": FAILED, "told": str(error), "exit_code": error.exit_code}
+        context.log(f"{step}: {error}")
         return
     files = [path for path in sorted(Path(folder).iterdir()) if path.is_file() and not path.name.startswith(".")]
     entries[step] = {
         "status": MADE, "algorithm": algorithm, "digest": mark, "told": _tell_result(made),
-        "verdict": made.get("verdict"), "files": {str(path): path.stat().st_size for path in files},
+        "verdict": made.get("verdict"), "files": {path.name: path.stat().st_size for path in files},
     }  # fmt: skip
+
+
+def _digest_step(project: Project, algorithm: str, values: Mapping[str, Any], folder: str) -> str:
+    """Return the digest of a step's options and the contents of its inputs: that of a copied project is the same."""
+    places = [(os.path.abspath(folder), "RESULT"), (os.path.abspath(project.folder), "PROJECT")]
+
+    def relocate(text: str) -> str:
+        for place, name in places:
+            text = text.replace(place, name)
+        return text
+
+    plain = {key: _absolute(value) for key, value in values.items() if key not in ("threads", "output_dir")}
+    contents = [
+        f"{relocate(os.path.abspath(one['path']))} {one['sha256'] or one['sampled_sha256']}"
+        for one in input_entries(REGISTRY[algorithm].files_by_option(values))
+        if os.path.basename(one["path"]) not in (REPORT_FILE, PAGE_FILE)
+    ]
+    options = sorted(f"{key} {relocate(str(value))}" for key, value in plain.items())
+    return digest(VERSION, algorithm, options, sorted(contents))
+
+
+def _absolute(value: Any) -> Any:
+    """Return an option's value with absolute paths of the files that it names."""
+    if isinstance(value, (list, tuple)):
+        return [_absolute(one) for one in value]
+    path, bar, rest = value.partition("|") if isinstance(value, str) else ("", "", "")
+    return f"{os.path.abspath(path)}{bar}{rest}" if path and os.path.exists(path) else value
+
+
+def _has_size(folder: str, name: str, size: int) -> bool:
+    path = os.path.join(folder, name)
+    return os.path.isfile(path) and os.path.getsize(path) == size
 
 
 def _chain_inputs(
@@ -134,17 +164,22 @@ def _chain_inputs(
         texts = {key: text for key, text in project.texts.items() if key != "output_dir" and len(images) > 1}
         return {"images": images, **texts}, ""
     block, refined = results.get("triangulate"), os.path.join(folder, FOLDERS["triangulate"])
-    if not block or is_unusable(block):
+    is_refined = "triangulate" in project.steps
+    if is_refined and (not block or is_unusable(block)):
         return {}, "the refined RPCs are unusable" if block else "there are no refined RPCs"
     if step == "evaluate":
-        return {"images": images, "rpcs": [f"refined={refined}"]}, ""
-    source = block if step == "orthorectify" else results.get("orthorectify", {"images": {}})
-    given: dict[str, Any] = {"images": [entry["output"] for entry in source["images"].values()]}
-    if step == "ortho-check":
-        return given, "" if len(given["images"]) > 1 else f"{len(given['images'])} orthoimages: two are needed"
-    if not {"dem", "height", "terrain_points"} & {*project.shared, *project.steps[step]}:
-        given["terrain_points"] = refined
-    return given, ""
+        return {"images": images, "rpcs": [f"refined={refined}"] if is_refined else []}, ""
+    if step == "orthorectify":
+        given: dict[str, Any] = {"images": images}
+        if block is not None and is_refined:
+            made = find_image_outputs(block, refined).values()
+            given = {"images": [one for one in made if not one.lower().endswith(RPC_TEXT)]}
+        if not {"dem", "height", "terrain_points"} & {*project.shared, *project.steps[step]}:
+            given["terrain_points"] = refined
+        return given, ""
+    orthoimages = results.get("orthorectify")
+    found = find_image_outputs(orthoimages, os.path.join(folder, FOLDERS["orthorectify"])) if orthoimages else {}
+    return {"images": [*found.values()]}, "" if len(found) > 1 else f"{len(found)} orthoimages: two are needed"
 
 
 def _tell_result(report: Report) -> str:
@@ -158,7 +193,8 @@ def _tell_result(report: Report) -> str:
     if "pairs" in report:
         after = report["all"]["after"]
         return f"misregistration: median {after['median_px']:.2f} px, 90 % within {after['p90_px']:.2f} px"
-    return REGISTRY[report["algorithm"]].summarise(report).strip().splitlines()[-1]
+    lines = REGISTRY[report["algorithm"]].summarise(report).strip().splitlines()
+    return next((line for line in reversed(lines) if not line.startswith("warning: ")), "done")
 
 
 def _read_chapters(report: Report) -> list[Report]:
@@ -166,7 +202,7 @@ def _read_chapters(report: Report) -> list[Report]:
     chapters = []
     for step, entry in report["steps"].items():
         page = os.path.join(report["folder"], FOLDERS[step], PAGE_FILE)
-        if page not in entry.get("files", ()):
+        if PAGE_FILE not in entry.get("files", ()) or not os.path.isfile(page):
             continue
         main = re.search(r"<main[^>]*>(.*)</main>", Path(page).read_text(encoding="utf-8"), re.DOTALL)
         html = re.sub(r"<script.*?</script>", "", main[1] if main else "", flags=re.DOTALL)

@@ -16,7 +16,7 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "project.schema.json"
 def project_schema() -> dict[str, Any]:
     """Return the JSON Schema of project files, with which editors complete and check them."""
     tables = {name: {"type": "object", "additionalProperties": False, "properties": {
-        SKIP: {"type": "boolean", "description": "Leave this step out"},
+        SKIP: {"type": ["boolean", "string"], "description": "Leave this step out; the reason is in the report"},
         **{param.key: _describe_param(param) for param in REGISTRY[name].params},
     }} for name in FOLDERS}  # fmt: skip
     shared = {param.key: _describe_param(param) for param in REGISTRY["triangulate"].params if param.key in SHARED}

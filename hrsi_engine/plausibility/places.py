@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..block.block import Block
+from ..block.block import Block, Image
 from ..block.imaging_geometry import is_crop
 from ..block.points import Role, are_apart
 from ..camera.rpc import RPC
@@ -17,7 +17,7 @@ from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import metres_per_degree, to_ecef
 from ..ground.geoids import height_difference
-from ..surface.dem import HeightSurface, surface_heights
+from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .accuracy import ImageAccuracy
 from .mistakes import FEET_M, find_undulations
 
@@ -40,7 +40,7 @@ class PLACEMENT:
     range_slack_m: float = threshold(50.0, "m", "… in metres; the larger of the two applies")
     height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM covers without a message")
-    coverage_grid: int = threshold(5, "points", "points along each side of an image, at which the DEM is read")
+    coverage_grid: int = threshold(25, "points", "rays along each side of an image that are followed to the DEM")
     copied_height_m: float = threshold(1e-3, "m", "smallest difference of surveyed heights not read from the DEM")
     dem_difference_m: float = threshold(20.0, "m", "largest median height difference from the DEM without a message")
 
@@ -205,16 +205,16 @@ def _is_outside_range(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray)
     return np.asarray((height < ranges[:, 0] - slack) | (height > ranges[:, 1] + slack))
 
 
+def covered_share(image: Image, surface: HeightSurface) -> float:
+    """Return the share of an image whose rays meet the surface: the share of pixels that an orthoimage can show."""
+    xy = image.grid_px(PLACEMENT.coverage_grid, PLACEMENT.coverage_grid)
+    return float(np.mean(intersect_surface(image.rpc, xy, surface).status == Status.FOUND))
+
+
 def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     """Return reasons for a DEM that does not cover the block, or whose heights differ from the surveyed heights."""
-    reasons, shares = [], []  # per image, share of its ground grid with DEM heights
-    known = block.points.ground[block.known, 2]
-    for image in block.images:
-        height = float(np.median(known)) if len(known) else image.middle_height_m
-        grid = image.grid_px(PLACEMENT.coverage_grid, PLACEMENT.coverage_grid, margin=-0.05)
-        ground = image.rpc.localize(grid, float(np.clip(height, *image.rpc.height_range))).ground
-        shares.append(np.isfinite(surface_heights(surface, ground[:, :2])).mean())
-    covered = np.array(shares)
+    reasons = []
+    covered = np.array([covered_share(image, surface) for image in block.images])
     if covered.mean() < PLACEMENT.covered_share:
         ids = tuple(one.id for one, share in zip(block.images, covered, strict=True) if share < PLACEMENT.covered_share)
         message = f"the DEM covers {covered.mean():.0%} of the images' ground" + (

@@ -23,7 +23,6 @@ from ..interface.options import TYPED, OptionSource, check_options, find_algorit
 from .command_parser import (
     COMMANDS,
     LINE_PARAMS,
-    CommandParser,
     algorithm_parser,
     help_page,
     json_usage,
@@ -134,8 +133,6 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
         from .rerun import read_past_run  # loads NumPy, which help does without
 
         return _run_algorithm(*read_past_run(rest, registry))
-    elif first == "init" and not HELP & set(rest):
-        _init_project(rest)
     elif first.startswith("-"):
         raise InputError(f"{first} is before the algorithm; write hrsi ALGORITHM [options] IMAGE...")
     elif HELP & set(rest):
@@ -146,21 +143,6 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
     else:
         return _run_algorithm(find_algorithm(registry, first, COMMANDS), rest)
     return 0
-
-
-def _init_project(words: list[str]) -> None:
-    """Write a project file; print on stderr how the files of the folder were interpreted."""
-    from ..projects.inference import write_project  # loads GDAL
-
-    parser = CommandParser("hrsi init")
-    parser.add_argument("folder", nargs="?", default=os.curdir)
-    parser.add_argument("-o", "--output")
-    parser.add_argument("--overwrite", action="store_true")
-    given = parser.parse_words(words)
-    path = given["output"] or os.path.join(given["folder"], "project.toml")
-    told = write_project(given["folder"], path, given["overwrite"])
-    print("\n".join([*told, f"next: hrsi run {shlex.quote(path)}"]), file=sys.stderr)
-    print(path)
 
 
 def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
@@ -247,7 +229,7 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
             log.write("RESULT", text)
     if line.json:
         print(_format_json(report), end="")
-    elif line.dry_run or not folder:  # the lines are the result
+    elif line.dry_run or not (folder or report.get("outputs")):  # the lines are the result
         print(summary)
     elif not line.quiet:
         outputs = list_outputs(report, folder, begun)
@@ -260,7 +242,7 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
 def _judge_report(report: Report, line: LineOptions, spelt: Callable[[str], str], log: RunLog | None) -> int:
     """Return the exit code for a report, and print the reason if it is not 0."""
     if unsolved := report.get("unsolved"):
-        code, reason = SolveError.exit_code, str(unsolved)
+        code, reason = int(report.get("exit_code", SolveError.exit_code)), str(unsolved)
     elif is_unusable(report):
         code, reason = InputError.exit_code if report.get("dry_run") else UNUSABLE, unusable_text(report)
     else:
@@ -272,14 +254,14 @@ def _judge_report(report: Report, line: LineOptions, spelt: Callable[[str], str]
     return code
 
 
-def list_outputs(report: Mapping[str, Any], folder: str, begun: float) -> list[str]:
+def list_outputs(report: Mapping[str, Any], folder: str | None, begun: float) -> list[str]:
     """Return the paths of a run's results: those in its report, and files of the folder changed since ``begun`` (s)."""
     from ...hrsi_engine.io.output_dir import find_image_outputs  # loads GDAL
 
     outputs = report.get("outputs")
     named = [*(outputs.values() if isinstance(outputs, Mapping) else ()), *find_image_outputs(report).values()]
     found = []
-    for place, folders, files in os.walk(folder):
+    for place, folders, files in os.walk(folder) if folder else ():
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         paths = [os.path.join(place, name) for name in sorted(files) if not name.startswith(".")]
         found += [path for path in paths if os.path.getmtime(path) >= begun - FILE_CLOCK_S]

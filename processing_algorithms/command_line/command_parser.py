@@ -22,11 +22,15 @@ LINE_PARAMS = params_of(LineOptions)  #: options of the command line itself
 #: Commands that are no algorithms, with their help.
 COMMANDS = {
     "help": "Show the page of an algorithm",
-    "init": "Write a project file for hrsi run from the images, points and DEM of a folder",
     "rerun": "Repeat a run from its report.json, with other options where they are given",
     "completion": "Print what a shell needs to complete hrsi: bash, zsh or fish",
 }
-SHORT = {"output_dir": ["-o"], "quiet": ["-q"], "format": ["-f"]}  #: options with one letter, as in GDAL and POSIX
+SHORT = {
+    "output_dir": ["-o"],
+    "output": ["-o"],
+    "quiet": ["-q"],
+    "format": ["-f"],
+}  #: options with one letter, as in GDAL and POSIX
 MOST_SHOWN = 12  #: most options that ``--help`` shows, with images, output directory and quiet
 #: Headings of help pages.
 IMAGES_TITLE, MAIN_TITLE, OUTPUT_TITLE, ADVANCED_TITLE, COMMON = (

@@ -1,4 +1,4 @@
-"""Declaration of the algorithm that runs all steps of a project file."""
+"""Declarations of the algorithms of projects: a project file from a folder, and the run of all its steps."""
 
 from __future__ import annotations
 
@@ -8,10 +8,44 @@ from ..interface.option_groups import Common, report_option
 
 
 @options(kw_only=True)
+class InitOptions:
+    """Options of `init`."""
+
+    folder: str = option(
+        ".", "Folder of images, points, DEM and other data, as delivered", kind=Kind.RESULT, metavar="FOLDER"
+    )
+    height_datum: str | None = option(
+        None, "Answer to the question on heights without datum: ellipsoidal, egm96, egm2008 or the file of a geoid "
+        "grid; by default evidence decides", metavar="ellipsoidal|egm96|egm2008|FILE",
+    )  # fmt: skip
+    output: str | None = option(None, "Project file to be written; by default project.toml in the folder",
+                                metavar="PROJECT.toml")  # fmt: skip
+    overwrite: bool = option(False, "Replace an existing project file")
+    common: Common = nest_options(Common)
+
+
+INIT = Algorithm(
+    name="init", title="New block from a folder", group="Project",
+    summary="Project file for run from the images, points and DEM of a folder",
+    help=(
+        "Opens all files of a folder and decides what each is: image, RPC, control or check points, measurements, tie "
+        "points, DEM, laser points, reference orthoimage. Prints a table of the files with the reasons, writes a "
+        "project file with the steps that apply, and checks these steps as a run would. A height datum that nothing "
+        "states is decided by heights of points and rays; otherwise one question is asked, which `height_datum` "
+        "answers."
+    ),
+    options=InitOptions,
+    examples=("hrsi init block --output block/project.toml --overwrite",),
+)  # fmt: skip
+
+
+@options(kw_only=True)
 class RunOptions:
     """Options of `run`."""
 
-    project: str = option(help="Project file (TOML)", kind=Kind.PROJECT, metavar="PROJECT")
+    project: str = option(
+        help="Project file (TOML), or the folder of project.toml", kind=Kind.PROJECT, metavar="PROJECT"
+    )
     steps: tuple[str, ...] | None = option(
         None, "Only these steps, of triangulate, orthorectify, ortho-check, evaluate", metavar="A,B,…"
     )
@@ -39,4 +73,4 @@ RUN = Algorithm(
     examples=("hrsi run block/project.toml --output-dir project",),
 )  # fmt: skip
 
-ALGORITHMS = (RUN,)
+ALGORITHMS = (INIT, RUN)

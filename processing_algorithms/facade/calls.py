@@ -133,6 +133,8 @@ def _convert_results(given: Any, kind: Kind | None) -> Any:
         }
     if not isinstance(given, Result):
         return given
+    if kind is Kind.PROJECT and "project" in given.report:
+        return given.report["project"]
     written = find_image_outputs(given.report, given.folder) if kind is Kind.IMAGES else {}
     return list(written.values()) or str(given.folder)
 

@@ -28,16 +28,26 @@ SHARED = (
     "images", "gcps", "image_points", "gcp_ids", "check_ids", "ground_crs", "height_datum", "gcp_epoch", "dem",
     "dem_datum",
 )  # fmt: skip
-SKIP = "skip"  #: a step with this key set is not run
+SKIP = "skip"  #: a step with this key set, to true or to the reason, is not run
+
+
+ASK = "ask"  #: value of a height datum that the user must set
+PROJECT_FILE = "project.toml"
 
 
 class Project(NamedTuple):
-    """Texts for the report, inputs by option key, and options of each step that is run; paths relative to here."""
+    """Texts for the report, inputs by option key, options of each step that is run, and reasons of the others."""
 
     path: str
     texts: Mapping[str, str]
     shared: Mapping[str, Any]
     steps: Mapping[str, Mapping[str, Any]]
+    skipped: Mapping[str, str]
+
+    @property
+    def folder(self) -> str:
+        """Folder of the file, to which its paths refer."""
+        return os.path.dirname(self.path)
 
     def options_of(self, step: str, algorithm: str) -> dict[str, Any]:
         """Return the options of a step for an algorithm: its own, and the shared options that the algorithm has."""
@@ -46,7 +56,8 @@ class Project(NamedTuple):
 
 
 def read_project(path: str) -> Project:
-    """Return the project of a file; raise `InputError` with table and key of an invalid entry."""
+    """Return the project of a file, or of a folder with one; raise `InputError` with the key of an invalid entry."""
+    path = os.path.join(path, PROJECT_FILE) if os.path.isdir(path) else path
     require_size(path, "names")
     try:
         with open(path, "rb") as file:
@@ -59,6 +70,11 @@ def read_project(path: str) -> Project:
             raise InputError(f"{path}: has no place for {key!r}{suggestion(key, known)}: it has {', '.join(known)}")
     if not content.get("images"):
         raise InputError(f'{path}: names no images: add images = ["folder"]')
+    if asked := [key for key in SHARED if content.get(key) == ASK]:
+        raise InputError(
+            f"{path}: do the heights refer to the ellipsoid or to the geoid (sea level)? Set {' and '.join(asked)} = "
+            '"ellipsoidal" or "egm2008"'
+        )
     folder = os.path.dirname(path)
     texts = {key: str(content[key]) for key in TEXTS if content.get(key)}
     if "output_dir" in texts:
@@ -68,8 +84,10 @@ def read_project(path: str) -> Project:
     for name, table in tables.items():
         if not isinstance(table, dict):
             raise InputError(f"{path}: {name} is no table: write [{name}] above its options")
-    steps = {name: _place_options(path, name, table) for name, table in tables.items() if not table.pop(SKIP, False)}
-    return Project(path, texts, shared, steps)
+    skips = {name: table.pop(SKIP, False) for name, table in tables.items()}
+    steps = {name: _place_options(path, name, table) for name, table in tables.items() if not skips[name]}
+    skipped = {name: reason for name, reason in skips.items() if isinstance(reason, str) and reason}
+    return Project(path, texts, shared, steps, skipped)
 
 
 def _place_options(path: str, step: str, table: Mapping[str, Any]) -> dict[str, Any]:
@@ -97,4 +115,7 @@ def _place_value(folder: str, param: Param, value: Any) -> Any:
 
 
 def _place_file(folder: str, name: str) -> str:
+    packed = "/vsigzip/"
+    if name.startswith(packed) and not name.startswith(f"{packed}/"):
+        return f"{packed}{os.path.abspath(os.path.join(folder, name.removeprefix(packed)))}"
     return name if name.startswith(("/vsi", "@")) else os.path.join(folder, name)

@@ -348,7 +348,7 @@ DAMAGED = [
     ("id,lon,lat,height\nA,5,44,1\nB,5,inf,1\n", "line 3: 'inf' is not a number"),
     ("id,lon,lat,height\nA,5,1_0,1\n", "'1_0' is not a number: correct it"),
     ('id,lon,lat,height\nA,5,"44,5",1\n', "'44,5' is not a number: write decimals with a point"),
-    ("id,lon,lat,height\nA,5,44°30'N,1\n", "is not a number: give degrees as one decimal number"),
+    ("id,lon,lat,height\nA,5,44°75'N,1\n", "is not a number: write degrees as 43.525"),
     ("id,lon,lat,height\nA,5,44,nan\n", r"line 2 \(id 'A'\): has no height"),
     ("id,lon,lat,height\nA,5,,1\n", "has no position"),
     ("id,lon,lat,height\n ,5,44,1\n", "line 2: field 'id' is empty"),

@@ -18,6 +18,27 @@ def parse_finite(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
+_ANGLE = re.compile(
+    r"""\s*([NSEW]?)\s*([+-]?)(\d+(?:\.\d+)?)\s*[°º:d\s]\s*(?:(\d+(?:\.\d+)?)\s*(?:['′’:m\s]|$)\s*)?"""
+    r"""(?:(\d+(?:\.\d+)?)\s*(?:["″”s]|''|$)?)?\s*([NSEW]?)\s*""", re.IGNORECASE,
+)  # fmt: skip
+
+
+def parse_angle(text: str) -> float | None:
+    """Return the decimal degrees of degrees, minutes and seconds; None for anything else.
+
+    ``43°31'30.5"N``, ``43:31:30.5``, ``W 5 26 24``: with a sign of degrees, colons, or a letter of the hemisphere.
+    """
+    found = _ANGLE.fullmatch(text.replace(",", "."))
+    if found is None or not (found[1] or found[6] or any(sign in text for sign in "°º:")) or (found[1] and found[6]):
+        return None
+    degrees, minutes, seconds = (float(part or 0.0) for part in found.group(3, 4, 5))
+    if minutes >= 60.0 or seconds >= 60.0:
+        return None
+    negative = found[2] == "-" or (found[1] or found[6]).upper() in ("S", "W")
+    return (-1.0 if negative else 1.0) * (degrees + minutes / 60.0 + seconds / 3600.0)
+
+
 def has_decimal_commas(line: str) -> bool:
     """Return whether a line, separated by blanks or commas, begins with two decimal-comma numbers (``43,5 7,1``)."""
     return _COMMAS.match(line) is not None

@@ -136,6 +136,15 @@ def _open_text(path: str, encoding: str) -> TextIO:
     return io.TextIOWrapper(_open_bytes(path), encoding=encoding, newline="")
 
 
+def read_lines(path: str, most: int) -> list[str]:
+    """Return the first lines of a text that are neither empty nor comments; raise `InputError` if it is no text."""
+    try:
+        with _open_text(path, _find_encoding(path)) as file:
+            return [line.strip() for line in islice(filter(_is_header, file), most)]
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error}): check the file") from None
+
+
 def _find_separator(path: str, encoding: str) -> str:
     """Return the separator that occurs most in the header line."""
     with _open_text(path, encoding) as file:
@@ -209,8 +218,10 @@ def _find_encoding(path: str) -> str:
     return marked or ("utf-8" if is_utf8 else "latin-1")
 
 
-READER = table.PointReader("CSV", lambda _path, name, _head: name.endswith((".csv", ".tsv", ".txt", ".tab")), read,
-                           chooses_fields=True)  # fmt: skip
+ENDINGS = (".csv", ".tsv", ".txt", ".tab")
+READER = table.PointReader(
+    "CSV", lambda _path, name, _head: name.removesuffix(".gz").endswith(ENDINGS), read, chooses_fields=True
+)
 
 
 def write_csv(path: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -259,8 +270,7 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
         raise InputError(f"{path}: has {most} lines or more, and no names of columns: add a header line")
     if len(numbered) > 1 and numbered[0][1].strip() == str(len(numbered) - 1):  # the number of points that follow
         numbered = numbered[1:]
-    separator = next((sign for sign in (";", "\t", ",") if numbered and sign in numbered[0][1]), None)
-    rows = [[text.strip().strip('"') for text in line.strip().split(separator)] for _, line in numbered]
+    separator, rows = split_rows([line for _, line in numbered])
     if rows and not any(parse_finite(text.replace(",", ".")) is not None for text in rows[0]):  # a header line
         header, rows, numbered = rows[0], rows[1:], numbered[1:]
         if not names and not table.match_fields(header):
@@ -289,6 +299,14 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
         )
     notes = (f"{path}: read as the columns {', '.join(names)}",)
     return table.PointTable(path, columns, tuple(names), lambda row: f"line {numbered[row][0]}", notes=notes)
+
+
+def split_rows(lines: Sequence[str]) -> tuple[str | None, list[list[str]]]:
+    """Return the separator of a text (None for blanks), and its rows; tabs may be repeated as blanks are."""
+    separator = next((sign for sign in (";", "\t", ",") if lines and sign in lines[0]), None)
+    if separator == "\t" and len({line.strip().count("\t") for line in lines}) > 1:
+        separator = None if len({len(line.split()) for line in lines}) == 1 else separator
+    return separator, [[text.strip().strip('"') for text in line.strip().split(separator)] for line in lines]
 
 
 def _tell_columns(path: str, rows: Sequence[Sequence[str]]) -> list[str]:

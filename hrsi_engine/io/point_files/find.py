@@ -93,6 +93,9 @@ def read_points(
             listed = ", ".join(image_ids) or "none"
             raise InputError(f"{table.source}: |image={image} is not in the block (images: {listed}): correct it")
         table = replace(table, columns=table.columns | {"image": np.full(len(table), image)})
+        measured = [np.isfinite(table.columns[name]) for name in ("sample", "line") if name in table.columns]
+        if len(measured) == 2 and not (rows := measured[0] | measured[1]).all():  # points that others of the files have
+            table = table.select(rows)
     return interpret(table, reference, image_ids)
 
 

@@ -5,13 +5,13 @@ is no alias of ``sample``, because programs that write it disagree on the positi
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...foundation.errors import InputError
 from ..opening.budgets import require_texts
-from ..opening.numbers import parse_finite
+from ..opening.numbers import parse_angle, parse_finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,13 @@ class PointTable:
     def __len__(self) -> int:
         columns = [*self.columns.values(), *([] if self.geometry is None else [self.geometry])]
         return len(columns[0]) if columns else 0
+
+    def select(self, rows: np.ndarray) -> "PointTable":
+        """Return the table of the rows of a mask ``(n,)``."""
+        kept = np.flatnonzero(rows)
+        geometry = None if self.geometry is None else self.geometry[kept]
+        columns = {name: column[kept] for name, column in self.columns.items()}
+        return replace(self, columns=columns, geometry=geometry, row_name=lambda row: self.row_name(int(kept[row])))
 
     def name_row(self, row: int) -> str:
         """Return file, layer, row and id for a message."""
@@ -168,15 +175,16 @@ def parse_numbers(
 
 def _parse_number(text: str, index: int, where: Callable[[int], str], decimal_comma: bool, infinite: bool) -> float:
     text = text.strip()
-    if text.lower() in ("", "null", "none", "na", "n/a", "nan"):
+    if text.lower() in ("", "-", "null", "none", "na", "n/a", "nan"):
         return np.nan
     if infinite and text.lower() in ("inf", "+inf", "infinity"):
         return np.inf
     value = parse_finite(text.replace(",", ".") if decimal_comma else text)
+    value = parse_angle(text) if value is None else value
     if value is None:
         advice = "correct it, or leave an optional field empty"
         if any(sign in text for sign in "°º'′\""):
-            advice = "give degrees as one decimal number, south and west negative"
+            advice = "write degrees as 43.525 or 43°31'30\"N"
         elif "," in text and parse_finite(text.replace(",", ".")) is not None:
             advice = "write decimals with a point, or let semicolons part the columns"
         raise InputError(f"{where(index)}: {text[:40]!r} is not a number: {advice}")

@@ -1,0 +1,52 @@
+"""`init`: understands the files of a folder, writes a project file, and checks its steps as a run would."""
+
+import os
+
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.progress import advance
+from .declarations.projects import InitOptions
+from .interface.declare import Context, Report
+from .projects.folder_files import read_folder
+from .projects.plan import check_plan, judge_plan
+from .projects.project_file import PROJECT_FILE, read_project
+from .projects.understanding import understand
+from .projects.write_project import describe, write_project
+
+
+def run(options: InitOptions, context: Context) -> Report:
+    """Understand the folder, write the project file, and check the plan."""
+    path = options.output or os.path.join(options.folder, PROJECT_FILE)
+    if os.path.exists(path) and not options.overwrite:
+        raise InputError(f"{path} exists: allow `overwrite`, or name another file with `output`")
+    advance(context.progress, 0.0, "reading the folder")
+    made = understand(read_folder(os.path.abspath(options.folder)), options.height_datum)
+    advance(context.progress, 0.6, "checking the steps")
+    report: Report = {
+        **context.record, "project": path, "question": made.question, "decisions": made.decisions,
+        "table": describe(made, os.path.abspath(options.folder)),
+        "files": [vars(one) for one in made.roles],
+        "steps": {step: {"status": "left out", "told": reason} for step, reason in made.left_out.items()},
+    }  # fmt: skip
+    if context.dry_run:
+        return {**report, "dry_run": True, "counts": {"files": len(made.roles)}, "warnings": report["table"],
+                "files": [{"path": path, "replaces": os.path.exists(path)}],
+                "verdict": {"level": "ok", "sentence": "the folder was read", "reasons": []}}  # fmt: skip
+    write_project(made, path)
+    report["outputs"] = {"project": path}
+    if not made.question:
+        project = read_project(path)
+        entries = check_plan(project, context.stage(0.6, 1.0))
+        report["steps"] = {**entries, **report["steps"]}
+        report["verdict"] = judge_plan(entries)
+    return report
+
+
+def summarise(report: Report) -> str:
+    """Return the table of files, the decisions, the steps, and the question or what to do next."""
+    lines = list(report["table"])
+    lines += [f"{step}: {entry['status']}: {entry['told']}" for step, entry in report["steps"].items()]
+    if report["question"]:
+        return "\n".join([*lines, f"question: {report['question']}"])
+    verdict = report["verdict"]
+    return "\n".join([*lines, f"checks: {verdict['sentence']}. Verdict of the checks: {verdict['level']}",
+                      f"next: hrsi run {report['project']}"])  # fmt: skip

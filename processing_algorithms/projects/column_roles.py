@@ -1,0 +1,234 @@
+"""What the columns of a text table mean, by their contents: for files whose header, if any, names no fields of points.
+
+A pair of neighbouring columns is a position if it lies on the ground of the images in one of the likely CRSs. A pair is
+a measurement in an image if it agrees with the projections of known ground points, except for a common shift, which is
+the error of the RPC. Without known ground points, names of columns and files tell the image, and the order of sample
+and line is the one in which the rays of the images differ less.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.foundation.errors import HrsiError
+from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.ground.crs_operations import operations_of
+from ...hrsi_engine.ground.geodesy import ground_difference_m
+from ...hrsi_engine.io.opening.numbers import parse_angle, parse_finite
+from ...hrsi_engine.io.point_files.csv_text import read_lines, split_rows
+from ...hrsi_engine.io.point_files.table import match_fields
+
+UNUSED = "-"  #: name of a column that is not read
+
+
+@thresholds
+class COLUMNS:
+    """Limits for the interpretation of columns and files."""
+
+    most_rows: int = threshold(2000, "rows", "rows that are read to find what the columns mean")
+    margin_deg: float = threshold(0.5, "degree", "margin of ground points around the footprints")
+    near_share: float = threshold(0.5, "", "smallest share of points on the images' ground, or of known images")
+    lowest_m: float = threshold(-600.0, "m", "lowest height of the ground", "Dead Sea, with a margin")
+    highest_m: float = threshold(9500.0, "m", "largest height of the ground", "Mount Everest, with a margin")
+    fewest_points: int = threshold(3, "points", "fewest common points that identify image columns")
+    misfit_share: float = threshold(0.02, "", "largest scatter of measurements over the image's size")
+
+
+@dataclass(frozen=True, eq=False)
+class TextTable:
+    """First rows of a table: names of its columns ('' without header), texts by column, numbers (rows, columns)."""
+
+    names: tuple[str, ...]
+    columns: tuple[tuple[str, ...], ...]
+    numbers: np.ndarray
+
+    @property
+    def numeric(self) -> list[int]:
+        """Columns that contain only numbers."""
+        return np.flatnonzero(np.isfinite(self.numbers).all(axis=0)).tolist()
+
+    @property
+    def id_column(self) -> int | None:
+        """The column of ids: named so, else the first column with texts or whole numbers that are not repeated."""
+        named = match_fields(self.names).get("id")
+        whole = [k for k in range(len(self.columns)) if not (np.mod(self.numbers[:, k], 1.0) > 0.0).any()]
+        unique = (k for k in whole if len(set(self.columns[k])) == len(self.columns[k]))
+        return next(unique, whole[0] if whole else None) if named is None else named
+
+
+def read_text_table(path: str) -> TextTable | None:
+    """Return the first rows of a text; None if it has no rows of equal length."""
+    lines = read_lines(path, COLUMNS.most_rows)
+    if len(lines) > 1 and lines[0].isdigit():  # the number of points
+        lines = lines[1:]
+    separator, rows = split_rows(lines)
+    has_header = bool(rows) and all(_parse(text, separator) is None for text in rows[0])
+    names = tuple(rows.pop(0)) if has_header else ("",) * (len(rows[0]) if rows else 0)
+    if len(names) < 3 or not rows or any(len(row) != len(names) for row in rows):
+        return None
+    numbers = [[np.nan if (value := _parse(text, separator)) is None else value for text in row] for row in rows]
+    return TextTable(names, tuple(zip(*rows, strict=True)), np.array(numbers))
+
+
+def _parse(text: str, separator: str | None) -> float | None:
+    value = parse_finite(text if separator == "," else text.replace(",", "."))
+    return parse_angle(text) if value is None else value
+
+
+# ---- ground positions -----------------------------------------------------------------------------------------------
+
+
+def share_near(lonlat: np.ndarray, region: np.ndarray) -> float:
+    """Return the share of positions ``(n, 2)`` near the ground of the images, ``region`` (2, 2) lowest and highest."""
+    near = (lonlat > region[0] - COLUMNS.margin_deg) & (lonlat < region[1] + COLUMNS.margin_deg)
+    inside = (lonlat > region[0]) & (lonlat < region[1])
+    return float(near.all(axis=1).mean() + inside.all(axis=1).mean()) / 2.0 if len(lonlat) else 0.0
+
+
+def find_ground_columns(table: TextTable, region: np.ndarray, crs_names: Sequence[str]) -> tuple[list[str], str] | None:
+    """Return the names of the columns, and the CRS ('' for degrees), with most points on the images' ground."""
+    found: list[tuple[float, list[str], str]] = []
+    name = table.id_column
+    for first, second in pairwise(k for k in table.numeric if k != name):
+        for axes in (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x")):
+            for crs in [""] if "lon" in axes else crs_names:
+                xy = table.numbers[:, [first, second] if axes[0] in ("lon", "x") else [second, first]]
+                lonlat = _to_lonlat(xy, crs)
+                if lonlat is None:
+                    continue
+                roles = [UNUSED] * len(table.names)
+                roles[first], roles[second] = axes
+                beside = [k for k in (second + 1, first - 1) if k in table.numeric and k != name]
+                heights = [k for k in beside if _are_heights(table.numbers[:, k])]
+                for k in heights[:1]:
+                    roles[k] = "height"
+                if name is not None:
+                    roles[name] = "id"
+                found.append((share_near(lonlat, region), roles, crs))
+    share, roles, crs = max(found, key=lambda one: one[0], default=(0.0, [], ""))
+    return (roles, crs) if share >= COLUMNS.near_share else None
+
+
+def _are_heights(values: np.ndarray) -> bool:
+    return bool((values > COLUMNS.lowest_m).all() and (values < COLUMNS.highest_m).all())
+
+
+def _to_lonlat(xy: np.ndarray, crs: str) -> np.ndarray | None:
+    if not crs:
+        return xy if (np.abs(xy) <= (360.0, 90.0)).all() else None
+    try:
+        return operations_of(crs).to_wgs84(np.pad(xy, ((0, 0), (0, 1))))[:, :2]
+    except HrsiError:
+        return None
+
+
+# ---- measurements ---------------------------------------------------------------------------------------------------
+
+
+def match_image(name: str, image_ids: Sequence[str]) -> str | None:
+    """Return the id of the image that a file or column name names: the id itself, or words that no other id has."""
+    text = name.lower()
+    whole = [one for one in image_ids if one.lower() in text or (len(text) > 2 and text in one.lower())]
+    if len(whole) == 1:
+        return whole[0]
+    words = {one: set(re.split(r"[^a-z0-9]+", one.lower())) for one in image_ids}
+    named = set(re.split(r"[^a-z0-9]+", text))
+    others = {one: set().union(*(words[two] for two in image_ids if two != one)) for one in image_ids}
+    own = [one for one in image_ids if (words[one] - others[one]) & named]
+    return own[0] if len(own) == 1 else None
+
+
+@dataclass(frozen=True)
+class ImageColumns:
+    """Columns with the measurements in an image; ``scatter_px`` of their differences from known points, or NaN."""
+
+    image: str
+    sample: int
+    line: int
+    scatter_px: float = np.nan
+
+    def roles(self, table: TextTable) -> list[str]:
+        """Return the names of all columns, for reading these."""
+        roles = [UNUSED] * len(table.names)
+        roles[table.id_column or 0], roles[self.sample], roles[self.line] = "id", "sample", "line"
+        return roles
+
+
+def find_image_columns(
+    table: TextTable, path: str, images: Mapping[str, Image], known: Mapping[str, np.ndarray]
+) -> list[ImageColumns]:
+    """Return the columns of each image that is measured in a table with one row for each point; empty if unknown.
+
+    ``known`` has positions (3,) of ground points by id.
+    """
+    name = table.id_column
+    if name is None:
+        return []
+    columns = [k for k in range(len(table.names)) if k != name and np.isfinite(table.numbers[:, k]).any()]
+    pairs = [(a, b) for a, b in pairwise(columns) if b == a + 1]
+    half = len(columns) // 2
+    layouts = [pairs, [(columns[k], columns[half + k]) for k in range(half)]] if half > 1 else [pairs]
+    ids = np.array(table.columns[name])
+    rows = np.flatnonzero([one in known for one in ids])
+    if len(rows) >= COLUMNS.fewest_points:
+        ground = np.array([known[one] for one in ids[rows]])
+        fits = list(_fit_columns(table.numbers[rows], ground, {pair for one in layouts for pair in one}, images))
+        chosen: dict[str, ImageColumns] = {}
+        for fit in sorted(fits, key=lambda one: one.scatter_px):
+            used = {k for one in chosen.values() for k in (one.sample, one.line)}
+            if fit.image not in chosen and not used & {fit.sample, fit.line}:
+                chosen[fit.image] = fit
+        return list(chosen.values())
+    return _name_columns(table, path, images, layouts)
+
+
+def _fit_columns(
+    numbers: np.ndarray, ground: np.ndarray, pairs: set[tuple[int, int]], images: Mapping[str, Image]
+) -> Iterator[ImageColumns]:
+    """Yield the column pairs that agree with the projections of ground points (n, 3), for each image."""
+    for image in images.values():
+        projected = image.rpc.project(ground)
+        for first, second in pairs:
+            for sample, line in ((first, second), (second, first)):
+                difference = numbers[:, [sample, line]] - projected
+                difference = difference[np.isfinite(difference).all(axis=1)]
+                if len(difference) < COLUMNS.fewest_points:
+                    continue
+                middle = np.median(difference, axis=0)
+                scatter = float(np.hypot(*(robust_sigma(part) for part in (difference - middle).T)))
+                size = 2.0 * float(image.half_size_px.max())
+                if scatter < COLUMNS.misfit_share * size and np.abs(middle).max() < size / 2.0:
+                    yield ImageColumns(image.id, sample, line, scatter)
+
+
+def _name_columns(
+    table: TextTable, path: str, images: Mapping[str, Image], layouts: Sequence[Sequence[tuple[int, int]]]
+) -> list[ImageColumns]:
+    """Return the columns that their names, or the name of the file, assign to images."""
+    ids = list(images)
+    named = {k: match_image(text, ids) for k, text in enumerate(table.names) if text}
+    found = [(named[a], a, b) for layout in layouts for a, b in layout if named.get(a) and named.get(a) == named.get(b)]
+    if not found and (image := match_image(path, ids) or (ids[0] if len(ids) == 1 else None)) and layouts[0]:
+        found = [(image, *layouts[0][0])]
+    assigned = {image: (a, b) for image, a, b in found if image is not None}
+    orders = [[ImageColumns(image, *pair[::step]) for image, pair in assigned.items()] for step in (1, -1)]
+    costs = [_disagreement_m(table.numbers, order, images) for order in orders]
+    return orders[int(costs[1] < costs[0])]
+
+
+def _disagreement_m(numbers: np.ndarray, order: Sequence[ImageColumns], images: Mapping[str, Image]) -> float:
+    """Return the scatter (m) between the images of the points' positions at a mean height, and 1e9 m outside images."""
+    ground, outside = [], 0.0
+    for one in order:
+        image, xy = images[one.image], numbers[:, [one.sample, one.line]]
+        ground.append(image.rpc.localize(xy, image.middle_height_m).ground)
+        low, high = np.array(image.domain_px[::2]), np.array(image.domain_px[1::2])
+        outside += float(np.nanmean((xy < low - 1.0) | (xy > high + 1.0)))
+    differences = [ground_difference_m(second, first)[:, :2] for first, second in pairwise(ground)]
+    scatter = [float(robust_sigma(part[np.isfinite(part)])) for one in differences for part in one.T]
+    return 1e9 * outside + sum(scatter)

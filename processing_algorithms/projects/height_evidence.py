@@ -1,0 +1,144 @@
+"""Evidence on a height datum that nothing states: heights of surveyed points, or of rays, against those of a DEM.
+
+If heights above the geoid are used as ellipsoidal, they are wrong by its undulation N. Surveyed points whose datum is
+known show that of a DEM, and the reverse. So do rays of two images: a point measured in both has the height h at which
+its position in the second image is on the line of the positions of all heights along the ray of the first. The error
+of h is that of the RPCs relative to each other, in pixels, over the length of this line for one metre of height.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from ...hrsi_engine.block.block import Image, ImagePoints
+from ...hrsi_engine.block.pointing import compute_gsd_m, estimate_pointing
+from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.measurement.point_transfer import transfer_point
+from ...hrsi_engine.plausibility.mistakes import find_undulations
+
+
+@thresholds
+class HEIGHT_EVIDENCE:
+    """Limits for the decision on a height datum."""
+
+    coincidence: float = threshold(0.05, "", "largest probability of an agreement by chance that decides")
+    dem_sigma_m: float = threshold(2.0, "m", "smallest sigma of the median difference from a DEM: canopy, coarse cells")
+    fewest: int = threshold(3, "points", "fewest points of a comparison")
+    reach_m: float = threshold(
+        150.0, "m", "heights above and below the expected one, between which points are searched"
+    )
+    grid: int = threshold(8, "points", "points along each side of an image that are measured in another image")
+
+
+class Evidence(NamedTuple):
+    """Decision on a height datum: the option's value, None if undecided, and the figures."""
+
+    datum: str | None
+    reason: str
+
+
+class RayHeights(NamedTuple):
+    """Positions lon, lat (n, 2), ellipsoidal heights (n,), the standard deviation common to all (m), and ids."""
+
+    lonlat: np.ndarray
+    height_m: np.ndarray
+    sigma_m: float
+    ids: tuple[str, ...] = ()
+
+
+def weigh_hypotheses(
+    lonlat: np.ndarray, ellipsoidal_m: np.ndarray, unknown_m: np.ndarray, sigma_m: float, what: str
+) -> Evidence:
+    """Return whether unknown heights (n,) are ellipsoidal, or above the geoid, by known ones at the same places.
+
+    sigma_m : standard deviation that the differences have in common; what : names the comparison in the reason
+    """
+    known = np.isfinite(ellipsoidal_m) & np.isfinite(unknown_m)
+    geoid = find_undulations(np.pad(lonlat[known], ((0, 0), (0, 1))))
+    if known.sum() < HEIGHT_EVIDENCE.fewest or geoid is None:
+        return Evidence(None, "")
+    difference = (ellipsoidal_m - unknown_m)[known]
+    spread = float(robust_sigma(difference)) / np.sqrt(known.sum())
+    sigma = float(np.hypot(np.hypot(sigma_m, spread), HEIGHT_EVIDENCE.dem_sigma_m))
+    middle = [float(np.median(difference)), float(np.median(difference - geoid[1]))]
+    best = int(abs(middle[1]) < abs(middle[0]))
+    agreement, other = max(abs(middle[best]), HEIGHT_EVIDENCE.dem_sigma_m), middle[1 - best]
+    chance = norm.cdf((agreement - other) / sigma) - norm.cdf((-agreement - other) / sigma)
+    figures = (
+        f"{what} differ by {middle[0]:+.1f} m from it if its heights are ellipsoidal, and by {middle[1]:+.1f} m if "
+        f"they refer to the geoid ({known.sum()} points, sigma {sigma:.1f} m)"
+    )
+    return Evidence(("ellipsoidal", geoid[0])[best] if chance < HEIGHT_EVIDENCE.coincidence else None, figures)
+
+
+def _trace(first: Image, second: Image, xy: np.ndarray, low_m: float, high_m: float) -> np.ndarray:
+    """Return the positions (2, n, 2) in the second image of points of the first at the lowest and highest height."""
+    return np.array([second.rpc.project(first.rpc.localize(xy, height).ground) for height in (low_m, high_m)])
+
+
+def _intersect(
+    first: Image, second: Image, xy: np.ndarray, other_xy: np.ndarray, low_m: float, high_m: float
+) -> RayHeights:
+    """Return the heights of points (n, 2) that are measured in two images."""
+    low, high = _trace(first, second, xy, low_m, high_m)
+    line = high - low
+    length2 = np.square(line).sum(axis=1)
+    height = low_m + (high_m - low_m) * ((other_xy - low) * line).sum(axis=1) / length2
+    ground = first.rpc.localize(xy, height).ground
+    error_px = np.hypot(*(estimate_pointing(one).sigma_m / compute_gsd_m(one) for one in (first, second)))
+    sigma_m = float(error_px / np.median(np.sqrt(length2)) * (high_m - low_m))
+    return RayHeights(ground[:, :2], height, sigma_m)
+
+
+def intersect_measured(images: Sequence[Image], tables: Sequence[ImagePoints], height_m: float) -> RayHeights | None:
+    """Return the ray heights of the pair of images with the most accurate ones of points measured in both."""
+    places = {image.id: _places(tables, image.id) for image in images}
+    found = []
+    for first, second in combinations(images, 2):
+        common = sorted(places[first.id].keys() & places[second.id].keys())
+        if len(common) >= HEIGHT_EVIDENCE.fewest:
+            xy, other = (np.array([places[image.id][name] for name in common]) for image in (first, second))
+            reach = HEIGHT_EVIDENCE.reach_m
+            rays = _intersect(first, second, xy, other, height_m - reach, height_m + reach)
+            found.append(rays._replace(ids=tuple(common)))
+    return min(found, key=lambda one: one.sigma_m, default=None)
+
+
+def _places(tables: Sequence[ImagePoints], image_id: str) -> dict[str, np.ndarray]:
+    found: dict[str, np.ndarray] = {}
+    for table in tables:
+        rows = np.flatnonzero(np.asarray(table.image_ids) == image_id)
+        found |= {str(table.ids[row]): table.xy[row] for row in rows.tolist()}
+    return found
+
+
+def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:
+    """Return ray heights of a few points that are measured in the pixels of the pair with the steepest intersection."""
+    reach = HEIGHT_EVIDENCE.reach_m
+    pairs = []
+    for first, second in combinations([image for image in images if image.raster is not None], 2):
+        line = _trace(first, second, first.centre_px[None], height_m - reach, height_m + reach)
+        if np.isfinite(line).all():
+            inside = (np.abs(line.mean(axis=0)[0] - second.centre_px) < second.half_size_px).all()
+            pairs.append((not inside, -float(np.hypot(*(line[1] - line[0])[0])), first, second))
+    if not pairs:
+        return None
+    _, _, first, second = min(pairs, key=lambda one: one[:2])
+    xy = first.grid_px(HEIGHT_EVIDENCE.grid, HEIGHT_EVIDENCE.grid, margin=-0.1)
+    lines = _trace(first, second, xy, height_m - reach, height_m + reach)
+    steps = [_trace(first, second, xy + step, height_m, height_m)[0] for step in ((0, 0), (1, 0), (0, 1))]
+    margin = float(np.hypot(*(estimate_pointing(one).sigma_m for one in (first, second)))) / compute_gsd_m(second)
+    rows, places = list[int](), list[tuple[float, float]]()
+    for row in range(len(xy)):
+        by_first = np.column_stack([steps[1][row] - steps[0][row], steps[2][row] - steps[0][row]])
+        moved = transfer_point(first.pixels, xy[row], second.pixels, lines[:, row], by_first, margin)
+        if not moved.refusal:
+            rows.append(row)
+            places.append(moved.xy)
+    if len(rows) < HEIGHT_EVIDENCE.fewest:
+        return None
+    return _intersect(first, second, xy[rows], np.array(places), height_m - reach, height_m + reach)

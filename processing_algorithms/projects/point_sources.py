@@ -1,0 +1,245 @@
+"""Point files of a folder: how each is to be read, and what its points are in the block: GCPs, check points, ties."""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
+from ...hrsi_engine.foundation.errors import HrsiError, InputError
+from ...hrsi_engine.io.geopackage.layer_tables import layer_names
+from ...hrsi_engine.io.point_files import PointTables, csv_text, read_points
+from ...hrsi_engine.io.point_files.find import read_table
+from . import column_roles
+from .column_roles import COLUMNS, match_image, share_near
+
+#: Words of file names and of fields that tell the role of points.
+CHECK_WORDS = re.compile(r"(?<![a-z])(check|chk|cp|icp|ckp|validation|verif|test|kontroll?|pruef)", re.IGNORECASE)
+CONTROL_WORDS = re.compile(r"(?<![a-z])(control|ctrl|gcp|pass)", re.IGNORECASE)
+ROLE_FIELD = re.compile(r"role|type|kind|class|use|usage|status|art|typ", re.IGNORECASE)
+#: Words of files and fields that state a height datum, and the value of the option.
+DATUM_WORDS = (
+    ("egm2008", r"egm_?(20)?08"), ("egm96", r"egm_?(19)?96|srtm|\.hgt$"),
+    ("ellipsoidal", r"ellip|(?<![a-z])(hae|h_?ell)(?![a-z])"),
+    ("egm2008", r"(?<![a-z])(msl|ortho_?h|orthometric|geoid|above_sea)|cop(ernicus)?.?(dem|glo)"),
+)  # fmt: skip
+HEIGHT_UNKNOWN = "the height datum is not known"
+
+
+@dataclass
+class PointSource:
+    """A point file or layer: how it is read, and its points.
+
+    specs : texts for the options, several if each image has columns or a file of its own
+    crs : CRS for a file that states none; datum : height datum, '' if its CRS states it, None if nothing states it
+    ground, measured : points; notes : how the file was read, for the user
+    """
+
+    path: str
+    specs: list[str]
+    crs: str = ""
+    datum: str | None = ""
+    ground: GroundPoints | None = None
+    measured: list[ImagePoints] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    has_heights: bool = True
+
+    @property
+    def name(self) -> str:
+        """Name of the file, and of the layer if it has several."""
+        return os.path.basename(self.specs[0].partition("|columns")[0].partition("|image")[0])
+
+    @property
+    def measured_ids(self) -> set[str]:
+        """Ids of the measured points."""
+        return {str(one) for table in self.measured for one in table.ids}
+
+
+def state_datum(*texts: str) -> str | None:
+    """Return the height datum that names of a file and its fields state; None if they state none."""
+    for text in texts:
+        for datum, pattern in DATUM_WORDS:
+            if re.search(pattern, text, re.IGNORECASE):
+                return datum
+    return None
+
+
+def read_sources(
+    paths: Sequence[str], images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
+) -> list[PointSource]:
+    """Return the point files among some files, in two passes: measurements are identified by the ground points."""
+    found = [one for path in paths for one in _read_layers(path, images, region, crs_names)]
+    ground = [one.ground for one in found if one.ground is not None]
+    known = {str(one): xyz for points in ground for one, xyz in zip(points.ids, points.ground, strict=True)}
+    read = {one.path for one in found}
+    rest = [path for path in paths if path not in read]
+    return [*found, *(one for path in rest if (one := _read_image_columns(path, images, known)) is not None)]
+
+
+def _read_layers(
+    path: str, images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
+) -> list[PointSource]:
+    layers = list(layer_names(path)) if path.lower().endswith(".gpkg") else []
+    specs = [f"{path}|layername={layer}" for layer in layers] if len(layers) > 1 else [path]
+    return [one for spec in specs if (one := _read_source(path, spec, images, region, crs_names)) is not None]
+
+
+def _read_source(
+    path: str, spec: str, images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
+) -> PointSource | None:
+    """Return a file that is read by the names or the usual order of its columns, or by the content of columns."""
+    for crs in ("", *crs_names):
+        tables = _try(spec, images, crs)
+        if tables is not None and _is_plausible(tables, images, region):
+            return _make_source(path, _with_roles(spec, tables), tables, crs)
+    table = column_roles.read_text_table(path) if _is_text(path) else None
+    found = None if table is None else column_roles.find_ground_columns(table, region, crs_names)
+    if table is None or found is None:
+        return None
+    named, crs = found
+    spec = f"{path}|columns={','.join(named)}"
+    tables = _try(spec, images, crs)
+    if tables is None or tables.ground is None:
+        return None
+    source = _make_source(path, spec, tables, crs)
+    source.datum = state_datum(*table.names) if source.datum is None else source.datum
+    return source
+
+
+def _try(spec: str, images: Mapping[str, Image], crs: str) -> PointTables | None:
+    """Return the points of a file; heights that are missing become 0. None if it cannot be read so."""
+    try:
+        return read_points(
+            spec, ground_crs=crs or None, image_ids=list(images), surface=lambda lonlat: np.zeros(len(lonlat))
+        )
+    except HrsiError:
+        return None
+
+
+def _is_plausible(tables: PointTables, images: Mapping[str, Image], region: np.ndarray) -> bool:
+    """Return whether points lie on the ground of the images, or name images."""
+    if tables.ground is not None and share_near(tables.ground.ground[:, :2], region) < COLUMNS.near_share:
+        return False
+    return tables.image is None or bool(np.isin(tables.image.image_ids, list(images)).mean() >= COLUMNS.near_share)
+
+
+def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSource:
+    told = " ".join(tables.warnings)
+    datum = state_datum(os.path.basename(path)) if HEIGHT_UNKNOWN in told else ""
+    notes = [note.partition(": ")[2] for note in tables.warnings if ": read as the columns" in note]
+    notes += [f"columns {spec.partition('|columns=')[2]}"] if "|columns=" in spec and not notes else []
+    return PointSource(
+        path, [spec], crs, datum, tables.ground, [tables.image] if tables.image is not None else [], notes,
+        "have no height" not in told,
+    )  # fmt: skip
+
+
+def _with_roles(spec: str, tables: PointTables) -> str:
+    """Return the text for a file whose roles are in a field of another name, ``type``."""
+    if tables.ground is None or (tables.ground.role >= 0).any() or "|" in spec:
+        return spec
+    table = read_table(spec)
+    for name in table.field_names:
+        if ROLE_FIELD.fullmatch(name.strip()) and "role" not in table.columns:
+            chosen = f"{spec}|columns=role={name}"
+            try:
+                read_points(chosen, ground_crs="EPSG:4326", surface=lambda lonlat: np.zeros(len(lonlat)))
+            except HrsiError as error:
+                if "role" in str(error) or "no field" in str(error):
+                    continue
+            return chosen
+    return spec
+
+
+def _is_text(path: str) -> bool:
+    return path.lower().removesuffix(".gz").endswith(csv_text.ENDINGS)
+
+
+def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[str, np.ndarray]) -> PointSource | None:
+    """Return a file of measurements whose images are told by its columns, its name, or its agreement with points."""
+    stem = os.path.basename(path).partition(".csv")[0]
+    if image := match_image(stem, list(images)):  # formats with a reader of their own, but other names of images
+        tables = _try(f"{path}|image={image}", images, "")
+        if tables is not None and tables.image is not None and tables.ground is None:
+            return PointSource(path, [f"{path}|image={image}"], measured=[tables.image], notes=[f"image {image}"])
+    try:
+        table = column_roles.read_text_table(path) if _is_text(path) else None
+    except InputError:
+        return None
+    columns = [] if table is None else column_roles.find_image_columns(table, stem, images, known)
+    source = PointSource(path, [])
+    for one in columns if table is not None else ():
+        spec = f"{path}|columns={','.join(one.roles(table))}|image={one.image}"
+        tables = _try(spec, images, "")
+        if tables is None or tables.image is None:
+            return None
+        source.specs.append(spec)
+        source.measured.append(tables.image)
+        fit = f", scatter {one.scatter_px:.2f} px" if np.isfinite(one.scatter_px) else ""
+        source.notes.append(f"{table.numbers.shape[1]} columns: {one.image} sample {one.sample + 1}, "
+                            f"line {one.line + 1}{fit}")  # fmt: skip
+    return source if source.specs else None
+
+
+# ---- roles ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class PointRoles:
+    """What the point files of a folder are: options by key, and the role of each file with the reason."""
+
+    options: dict[str, object] = field(default_factory=dict)
+    roles: dict[str, tuple[str, str]] = field(default_factory=dict)
+    control: list[PointSource] = field(default_factory=list)
+    measured: list[PointSource] = field(default_factory=list)
+    ties: list[PointSource] = field(default_factory=list)
+
+
+def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
+    """Return the roles of point files: by their fields, by ids that are in another file, and by their names."""
+    found = PointRoles()
+    ground = sorted((one for one in sources if one.ground is not None), key=lambda one: -len(one.ground.ids))
+    check_ids, gcp_ids, ids = set[str](), set[str](), set[str]()
+    for one in ground:
+        own = {str(name) for name in one.ground.ids}
+        is_check = bool(CHECK_WORDS.search(one.name)) and not CONTROL_WORDS.search(one.name)
+        what = "check points" if is_check else "GCPs"
+        reason = f"{len(own)} ground points"
+        if (one.ground.role >= 0).any():
+            counts = {role.label: int((one.ground.role == role).sum()) for role in (Role.GCP, Role.CHECK)}
+            what, reason = "ground points with roles", ", ".join(f"{n} {label}" for label, n in counts.items())
+        elif own <= ids:
+            (check_ids if is_check else gcp_ids).update(own)
+            others = "check points" if not is_check else "GCPs"
+            found.roles[one.path] = (what, f"{reason}, in {found.control[0].name} too, whose other points are {others}")
+            continue
+        elif own & ids:
+            found.roles[one.path] = ("ground points, not used", f"some of its ids are in {found.control[0].name} too")
+            continue
+        elif is_check:
+            check_ids |= own
+            reason += ", by the name of the file"
+        elif one.measured:
+            reason += ", with their measurements"
+        ids |= own
+        found.control.append(one)
+        found.roles[one.path] = (what, reason)
+    for one in (one for one in sources if one.ground is None):
+        shared = len(one.measured_ids & ids)
+        (found.measured if shared else found.ties).append(one)
+        told = f"{sum(map(len, one.measured))} image points of {len(one.measured_ids)} points"
+        what = "image measurements" if shared else "tie points"
+        found.roles[one.path] = (what, f"{told}, {shared} of them with a ground position" if shared else told)
+    for key, chosen in (("gcps", found.control), ("image_points", found.measured), ("tie_points", found.ties)):
+        if chosen:
+            found.options[key] = [spec for one in chosen for spec in one.specs]
+    crs = {one.crs for one in found.control if one.crs}
+    found.options |= {"ground_crs": crs.pop()} if len(crs) == 1 else {}
+    if gcp_ids and not check_ids:
+        found.options["gcp_ids"] = sorted(gcp_ids)
+    if check_ids:
+        found.options["check_ids"] = sorted(check_ids)
+    return found

@@ -1,0 +1,105 @@
+"""The project file of a folder that was understood, with the roles of all files and the reasons of decisions."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from ...hrsi_engine.foundation.json_values import json_text
+from ...hrsi_engine.io.opening.datasets import open_dataset
+from ...hrsi_engine.io.pages.report import write_text
+from .folder_files import FolderContent, declare_nodata
+from .project_file import FOLDERS, SKIP
+from .understanding import Understanding
+
+HEAD = """\
+# HRSI project: hrsi run makes refined RPCs, orthoimages and a report of it.
+# Paths count from this file's folder; hrsi help STEP lists the options of a step.
+
+title = {title}
+client = ""
+place = ""
+output_dir = "result"
+"""
+#: Options that name files, after which ``|`` says how they are read.
+FILES = ("images", "gcps", "image_points", "tie_points", "tracks", "dem", "laser", "surface", "reference")
+#: Remarks on options, for who edits the file.
+REMARKS = {
+    "height_datum": "of the points: layer (as the file states), ellipsoidal, egm96, egm2008 or a geoid grid file",
+    "dem_datum": "of the DEM's heights: as above",
+    "fill_gaps": "cells: interpolates gaps of the DEM",
+    "height": "m, ellipsoidal: the height of the ground",
+}
+#: Options that are offered as comments, by step.
+OFFERED = {
+    "triangulate": ['# model = "auto"   # shift, affine, …: the correction of each RPC'],
+    "orthorectify": ["# resolution = 0.5   # m; by default that of the images"],
+    "evaluate": ['# tracks = "none"   # compares at the known points only'],
+}
+
+
+def write_project(made: Understanding, path: str) -> None:
+    """Write the project file; a DEM with a nodata value that it does not declare gets a virtual raster beside it."""
+    here = os.path.dirname(os.path.abspath(path))
+    shared = {**made.shared, **_declare_nodata(made.content, made.shared.get("dem"), here)}
+    title = os.path.basename(os.path.abspath(made.content.folder))
+    lines = [HEAD.format(title=json_text(title)), *(f"# {line}" for line in describe(made, here)), ""]
+    lines += [f"# QUESTION: {made.question}"] if made.question else []
+    lines += _assign(shared, here)
+    for step in FOLDERS:
+        lines += ["", f"[{step}]"]
+        if step in made.steps:
+            given = [*_assign(made.steps[step], here)]
+            lines += given or OFFERED.get(step, [])
+        else:
+            lines.append(f"{SKIP} = {json_text(made.left_out[step])}")
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def describe(made: Understanding, here: str) -> list[str]:
+    """Return a table of the files with their roles, and the decisions."""
+    names = [os.path.relpath(_plain(one.path), here) for one in made.roles]
+    width = max(map(len, names))
+    told = [f"{one.role}{'' if one.sure else ' (?)'}{f': {one.reason}' if one.reason else ''}" for one in made.roles]
+    table = [f"{name:{width}}  {text}" for name, text in zip(names, told, strict=True)]
+    return [*table, *made.decisions]
+
+
+def _plain(path: str) -> str:
+    return path.removeprefix("/vsigzip/")
+
+
+def _declare_nodata(content: FolderContent, dem: str | None, here: str) -> Mapping[str, str]:
+    one = next((one for one in content.heights if one.path == dem and one.nodata is not None), None)
+    if one is None or one.nodata is None:
+        return {}
+    path = os.path.join(here, f"{os.path.splitext(os.path.basename(one.path))[0]}_nodata.vrt")
+    declare_nodata(open_dataset(one.path)[0], one.nodata, path)
+    return {"dem": path}
+
+
+def _assign(options: Mapping[str, Any], here: str) -> Iterator[str]:
+    """Yield the lines of options; those that name files relative to the project file."""
+    for key, value in options.items():
+        remark = f"   # {REMARKS[key]}" if key in REMARKS else ""
+        if key in FILES and isinstance(value, (list, tuple)) and key != "images":
+            value = ";".join(_relative(str(one), here) for one in value)
+        elif key in FILES and isinstance(value, str) and value not in ("auto", "none"):
+            value = _relative(value, here)
+        if isinstance(value, (list, tuple)):
+            value = [_relative(str(one), here) if key in FILES else one for one in value]
+            yield f"{key} = [{_join(value)}]"
+        else:
+            yield f"{key} = {json_text(value)}{remark}"
+
+
+def _join(values: Sequence[Any]) -> str:
+    texts = [json_text(value) for value in values]
+    return ", ".join(texts) if sum(map(len, texts)) < 90 else "\n" + "".join(f"  {text},\n" for text in texts)
+
+
+def _relative(spec: str, here: str) -> str:
+    path, bar, rest = spec.partition("|")
+    prefix = "/vsigzip/" if path.startswith("/vsigzip/") else ""
+    if path.startswith("/vsi") and not prefix:
+        return spec
+    return f"{prefix}{os.path.relpath(path.removeprefix(prefix), here)}{bar}{rest}"
