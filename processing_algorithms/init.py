@@ -4,13 +4,14 @@ import os
 
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.foundation.reasons import Level
 from .declarations.projects import InitOptions
 from .interface.declare import Context, Report
 from .projects.folder_files import read_folder
 from .projects.plan import check_plan, judge_plan
 from .projects.project_file import PROJECT_FILE, read_project
 from .projects.understanding import understand
-from .projects.write_project import describe, write_project
+from .projects.write_project import describe_folder, write_project
 
 
 def run(options: InitOptions, context: Context) -> Report:
@@ -23,7 +24,7 @@ def run(options: InitOptions, context: Context) -> Report:
     advance(context.progress, 0.6, "checking the steps")
     report: Report = {
         **context.record, "project": path, "question": made.question, "decisions": made.decisions,
-        "table": describe(made, os.path.abspath(options.folder)),
+        "table": describe_folder(made, os.path.abspath(options.folder)),
         "files": [vars(one) for one in made.roles],
         "steps": {step: {"status": "left out", "told": reason} for step, reason in made.left_out.items()},
     }  # fmt: skip
@@ -38,6 +39,8 @@ def run(options: InitOptions, context: Context) -> Report:
         entries = check_plan(project, context.stage(0.6, 1.0))
         report["steps"] = {**entries, **report["steps"]}
         report["verdict"] = judge_plan(entries)
+        if report["verdict"]["level"] == Level.UNUSABLE.label:
+            report["unsolved"], report["exit_code"] = report["verdict"]["sentence"], InputError.exit_code
     return report
 
 

@@ -47,6 +47,7 @@ COMMANDS = {
     "orthorectify": f"{BLOCK.replace('block', 'triangulated')} --dem block/dem.tif --dem-datum ellipsoidal "
     "--output-dir ortho",
     "ortho-check": "ortho/image_1_ortho.tif ortho/image_2_ortho.tif ortho/image_3_ortho.tif --output-dir check",
+    "init": "block --output block.toml",
     "run": "examples/hobart/project.toml --output-dir project",
     "gcps-from-reference": "block/image_1.tif --reference ortho/image_2_ortho.tif --dem block/dem.tif "
     "--dem-datum ellipsoidal --output-dir found",

@@ -205,7 +205,7 @@ def _is_outside_range(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray)
     return np.asarray((height < ranges[:, 0] - slack) | (height > ranges[:, 1] + slack))
 
 
-def covered_share(image: Image, surface: HeightSurface) -> float:
+def compute_coverage(image: Image, surface: HeightSurface) -> float:
     """Return the share of an image whose rays meet the surface: the share of pixels that an orthoimage can show."""
     xy = image.grid_px(PLACEMENT.coverage_grid, PLACEMENT.coverage_grid)
     return float(np.mean(intersect_surface(image.rpc, xy, surface).status == Status.FOUND))
@@ -214,7 +214,7 @@ def covered_share(image: Image, surface: HeightSurface) -> float:
 def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     """Return reasons for a DEM that does not cover the block, or whose heights differ from the surveyed heights."""
     reasons = []
-    covered = np.array([covered_share(image, surface) for image in block.images])
+    covered = np.array([compute_coverage(image, surface) for image in block.images])
     if covered.mean() < PLACEMENT.covered_share:
         ids = tuple(one.id for one, share in zip(block.images, covered, strict=True) if share < PLACEMENT.covered_share)
         message = f"the DEM covers {covered.mean():.0%} of the images' ground" + (

@@ -2,8 +2,8 @@
 
 A pair of neighbouring columns is a position if it lies on the ground of the images in one of the likely CRSs. A pair is
 a measurement in an image if it agrees with the projections of known ground points, except for a common shift, which is
-the error of the RPC. Without known ground points, names of columns and files tell the image, and the order of sample
-and line is the one in which the rays of the images differ less.
+the error of the RPC. Without known ground points, names of columns and files identify the image, and sample and line
+have the order in which the rays of the images differ less.
 """
 
 import re
@@ -27,7 +27,7 @@ UNUSED = "-"  #: name of a column that is not read
 
 
 @thresholds
-class COLUMNS:
+class COLUMN_ROLES:
     """Limits for the interpretation of columns and files."""
 
     most_rows: int = threshold(2000, "rows", "rows that are read to find what the columns mean")
@@ -63,7 +63,7 @@ class TextTable:
 
 def read_text_table(path: str) -> TextTable | None:
     """Return the first rows of a text; None if it has no rows of equal length."""
-    lines = read_lines(path, COLUMNS.most_rows)
+    lines = read_lines(path, COLUMN_ROLES.most_rows)
     if len(lines) > 1 and lines[0].isdigit():  # the number of points
         lines = lines[1:]
     separator, rows = split_rows(lines)
@@ -85,7 +85,7 @@ def _parse(text: str, separator: str | None) -> float | None:
 
 def share_near(lonlat: np.ndarray, region: np.ndarray) -> float:
     """Return the share of positions ``(n, 2)`` near the ground of the images, ``region`` (2, 2) lowest and highest."""
-    near = (lonlat > region[0] - COLUMNS.margin_deg) & (lonlat < region[1] + COLUMNS.margin_deg)
+    near = (lonlat > region[0] - COLUMN_ROLES.margin_deg) & (lonlat < region[1] + COLUMN_ROLES.margin_deg)
     inside = (lonlat > region[0]) & (lonlat < region[1])
     return float(near.all(axis=1).mean() + inside.all(axis=1).mean()) / 2.0 if len(lonlat) else 0.0
 
@@ -111,11 +111,11 @@ def find_ground_columns(table: TextTable, region: np.ndarray, crs_names: Sequenc
                     roles[name] = "id"
                 found.append((share_near(lonlat, region), roles, crs))
     share, roles, crs = max(found, key=lambda one: one[0], default=(0.0, [], ""))
-    return (roles, crs) if share >= COLUMNS.near_share else None
+    return (roles, crs) if share >= COLUMN_ROLES.near_share else None
 
 
 def _are_heights(values: np.ndarray) -> bool:
-    return bool((values > COLUMNS.lowest_m).all() and (values < COLUMNS.highest_m).all())
+    return bool((values > COLUMN_ROLES.lowest_m).all() and (values < COLUMN_ROLES.highest_m).all())
 
 
 def _to_lonlat(xy: np.ndarray, crs: str) -> np.ndarray | None:
@@ -175,7 +175,7 @@ def find_image_columns(
     layouts = [pairs, [(columns[k], columns[half + k]) for k in range(half)]] if half > 1 else [pairs]
     ids = np.array(table.columns[name])
     rows = np.flatnonzero([one in known for one in ids])
-    if len(rows) >= COLUMNS.fewest_points:
+    if len(rows) >= COLUMN_ROLES.fewest_points:
         ground = np.array([known[one] for one in ids[rows]])
         fits = list(_fit_columns(table.numbers[rows], ground, {pair for one in layouts for pair in one}, images))
         chosen: dict[str, ImageColumns] = {}
@@ -197,12 +197,12 @@ def _fit_columns(
             for sample, line in ((first, second), (second, first)):
                 difference = numbers[:, [sample, line]] - projected
                 difference = difference[np.isfinite(difference).all(axis=1)]
-                if len(difference) < COLUMNS.fewest_points:
+                if len(difference) < COLUMN_ROLES.fewest_points:
                     continue
                 middle = np.median(difference, axis=0)
                 scatter = float(np.hypot(*(robust_sigma(part) for part in (difference - middle).T)))
                 size = 2.0 * float(image.half_size_px.max())
-                if scatter < COLUMNS.misfit_share * size and np.abs(middle).max() < size / 2.0:
+                if scatter < COLUMN_ROLES.misfit_share * size and np.abs(middle).max() < size / 2.0:
                     yield ImageColumns(image.id, sample, line, scatter)
 
 

@@ -7,10 +7,8 @@ of whole numbers a picture. Every file gets a role and the reason for it.
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from osgeo import gdal
 from scipy import ndimage
 
 from ...hrsi_engine.block.block import Image
@@ -21,13 +19,11 @@ from ...hrsi_engine.ground.map_crs import map_epsg_of
 from ...hrsi_engine.ground.proj_operations import has_heights
 from ...hrsi_engine.io.catalogue.deliveries import resolve_images
 from ...hrsi_engine.io.laser_files import read_laser
-from ...hrsi_engine.io.opening.budgets import GROUND_HEIGHTS
-from ...hrsi_engine.io.opening.datasets import open_dataset
 from ...hrsi_engine.io.output_dir import RESULT_FILES
 from ...hrsi_engine.io.point_files.find import read_table
-from ...hrsi_engine.io.rasters.dems import surface_of_dataset
-from ...hrsi_engine.io.rasters.georeference import Georeference
+from ...hrsi_engine.io.point_files.ogr_layer import is_area
 from ...hrsi_engine.io.rasters.images import open_image_and_source
+from ...hrsi_engine.io.rasters.raster_kinds import PICTURE, find_raster_kind
 from ...hrsi_engine.io.rpc_files.find import rpc_reader_of
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from .point_sources import PointSource, read_sources, state_datum
@@ -43,6 +39,8 @@ POINT_ENDINGS = (
 LASER_ENDINGS, CLOUD_ENDINGS = (".parquet", ".h5"), (".las", ".laz")
 #: Fields of laser altimeters that surveys do not have.
 LASER_FIELDS = {"slope", "misfit", "photons", "canopy", "rgt", "cycle"}
+#: Results and truth of simulated blocks; inputs of a block have other names.
+OWN_FILES = {*RESULT_FILES, "project.toml", "report.html", "truth.gpkg", "truth.json"}
 COMPANIONS = (".dbf", ".shx", ".prj", ".cpg", ".qix", ".aux.xml", ".ovr", ".tfw", ".qpj", ".sbn", ".sbx", ".hdr")
 
 
@@ -52,7 +50,6 @@ class RASTERS:
 
     nodes: int = threshold(600, "nodes", "largest number of heights along a side that are read to find gaps of a DEM")
     widest_gap: int = threshold(1000, "cells", "widest gap of a DEM for interpolation", "maximum of `fill_gaps`")
-    mask_values: int = threshold(3, "values", "largest number of grey values of a mask")
 
 
 @dataclass
@@ -67,13 +64,12 @@ class FileRole:
 
 @dataclass
 class HeightRaster:
-    """A raster of heights: its CRS, height datum ('' if stated by the CRS, None if unknown), and gaps near the images.
+    """A raster of heights: its height datum ('' if stated by the CRS, None if unknown), and gaps near the images.
 
     nodata : a value that means no height and is not declared; share : of the images' ground with heights
     """
 
     path: str
-    crs: str
     datum: str | None
     surface: GridSurface
     is_dsm: bool = False
@@ -123,7 +119,9 @@ def read_folder(folder: str) -> FolderContent:
     outlines = [compute_footprint(image, image.middle_height_m).exterior.coords for image in content.images]
     corners = np.concatenate([np.asarray(outline)[:, :2] for outline in outlines])
     region = np.array([corners.min(axis=0), corners.max(axis=0)])
-    others = [one for one in files if one not in paths and not one.lower().endswith(COMPANIONS)]
+    own = [one for one in files if os.path.basename(one) in OWN_FILES]
+    content.roles += [FileRole(path, "file of HRSI", "not used") for path in own]
+    others = [one for one in files if one not in {*paths, *own} and not one.lower().endswith(COMPANIONS)]
     rasters = [one for one in others if one.lower().endswith(RASTER_ENDINGS)]
     crs_names = [f"EPSG:{map_epsg_of(corners)}"]
     for path in rasters:
@@ -131,7 +129,7 @@ def read_folder(folder: str) -> FolderContent:
     _add_points(content, [one for one in others if one not in rasters], images, region, crs_names)
     known = {one.path for one in content.roles} | {one.path.removeprefix("/vsigzip/") for one in content.sources}
     for path in others:
-        if path not in known and os.path.basename(path) != "project.toml":
+        if path not in known:
             content.roles.append(_describe_other(path))
     return content
 
@@ -140,65 +138,36 @@ def read_folder(folder: str) -> FolderContent:
 
 
 def _add_raster(content: FolderContent, path: str, region: np.ndarray, crs_names: list[str]) -> None:
-    """Add the role of a raster without RPC."""
-    name = os.path.basename(path).lower()
-    dataset, _ = open_dataset(path)
-    if dataset is None or dataset.RasterCount == 0:
-        return
+    """Add the role of a raster without RPC; ``crs_names`` gets the CRS of a DEM, in which points may be too."""
     try:
-        crs = Georeference(dataset, path, "raster").crs
+        facts = find_raster_kind(path)
+        heights = _sample_heights(facts.surface, region) if facts is not None and facts.surface is not None else None
     except InputError as error:
-        content.roles.append(FileRole(path, "raster, not used", str(error).partition(": ")[2].partition(":")[0]))
+        content.roles.append(FileRole(path, "raster, not used", str(error).removeprefix(f"{path}: ")))
         return
-    if path.lower().endswith(".gtx") or "geoid" in name or "undulation" in name:
-        content.roles.append(FileRole(path, "geoid grid", "can be named as height datum"))
+    if facts is None:
         return
-    if dataset.RasterCount == 1 and dataset.GetRasterBand(1).DataType not in (gdal.GDT_Byte, gdal.GDT_UInt16):
-        found = open_heights(dataset, path, has_heights(crs), crs.name, region)
-        if found is None:
-            content.roles.append(FileRole(path, "DEM, not used", "has no heights where the images lie"))
-            return
-        content.heights.append(found)
-        kind = "DSM" if found.is_dsm else "DEM"
-        size = f"{dataset.RasterXSize} x {dataset.RasterYSize} cells, {crs.name}"
-        content.roles.append(FileRole(path, kind, size))
-        flat = crs.sub_crs_list[0] if crs.sub_crs_list else crs
-        if flat.is_projected and (text := flat.to_string()) not in crs_names:
-            crs_names.append(text)  # points may be in it
-        return
-    step = max(1, max(dataset.RasterXSize, dataset.RasterYSize) // 200)
-    sample = dataset.GetRasterBand(1).ReadAsArray(
-        buf_xsize=-(-dataset.RasterXSize // step), buf_ysize=-(-dataset.RasterYSize // step)
-    )
-    if dataset.RasterCount == 1 and len(np.unique(sample)) <= RASTERS.mask_values:
-        content.roles.append(FileRole(path, "mask", "not used"))
-        return
-    content.references.append(path)
-    content.roles.append(FileRole(path, "reference orthoimage", f"{dataset.RasterCount} bands, {crs.name}"))
-
-
-def open_heights(dataset: Any, path: str, is_stated: bool, crs_name: str, region: np.ndarray) -> HeightRaster | None:
-    """Return a raster of heights with its gaps near the images; None if it has no heights there."""
-    nodata = None
-    band = dataset.GetRasterBand(1)
-    try:
-        surface = surface_of_dataset(dataset, path, "ellipsoidal", None)
-        heights = _sample_heights(surface, region)
-    except InputError:  # heights of no ground: a value that means nodata is not declared
-        nodata = _find_fill_value(band)
-        if nodata is None:
-            return None
-        surface = surface_of_dataset(declare_nodata(dataset, nodata), path, "ellipsoidal", None)
-        heights = _sample_heights(surface, region)
-    if heights is None or not np.isfinite(heights[0]).any():
-        return None
     name = os.path.basename(path).lower()
-    known = np.isfinite(heights[0])
-    holes = ndimage.binary_fill_holes(known) & ~known  # without the area beyond its edge
-    gap = heights[1] * (2 + int(np.ceil(2.0 * ndimage.distance_transform_edt(holes).max()))) if holes.any() else 0
-    datum = "" if is_stated else state_datum(name, crs_name)
-    gap = min(gap, RASTERS.widest_gap)
-    return HeightRaster(path, crs_name, datum, surface, "dsm" in name or "surface" in name, nodata, gap_cells=gap)
+    size = f"{facts.size[0]} x {facts.size[1]} cells, {facts.crs.name}" if facts.crs is not None else ""
+    if facts.kind == PICTURE:
+        content.references.append(path)
+        content.roles.append(FileRole(path, "reference orthoimage", f"{facts.bands} bands, {size}"))
+    elif facts.surface is None or facts.crs is None:
+        content.roles.append(FileRole(path, facts.kind, "not used"))
+    elif heights is None or not np.isfinite(heights[0]).any():
+        content.roles.append(FileRole(path, "DEM, not used", "has no heights where the images lie"))
+    else:
+        known = np.isfinite(heights[0])
+        holes = ndimage.binary_fill_holes(known) & ~known  # without the area beyond its edge
+        gap = heights[1] * (2 + int(np.ceil(2.0 * ndimage.distance_transform_edt(holes).max()))) if holes.any() else 0
+        datum = "" if has_heights(facts.crs) else state_datum(name, facts.crs.name)
+        is_dsm = "dsm" in name or "surface" in name
+        content.heights.append(HeightRaster(path, datum, facts.surface, is_dsm, facts.nodata,
+                                            gap_cells=min(gap, RASTERS.widest_gap)))  # fmt: skip
+        content.roles.append(FileRole(path, "DSM" if is_dsm else "DEM", size))
+        flat = facts.crs.sub_crs_list[0] if facts.crs.sub_crs_list else facts.crs
+        if flat.is_projected and (text := flat.to_string()) not in crs_names:
+            crs_names.append(text)
 
 
 def _sample_heights(surface: GridSurface, region: np.ndarray) -> tuple[np.ndarray, int] | None:
@@ -214,21 +183,6 @@ def _sample_heights(surface: GridSurface, region: np.ndarray) -> tuple[np.ndarra
     column, row = np.meshgrid(np.arange(low[0], high[0] + 1, step), np.arange(low[1], high[1] + 1, step))
     heights = surface.heights(np.column_stack([column.ravel(), row.ravel()]).astype(np.float64))
     return heights.reshape(column.shape), step
-
-
-def _find_fill_value(band: Any) -> float | None:
-    """Return the value of a band that is no height on Earth and is repeated; None if there is none."""
-    step = max(1, max(band.XSize, band.YSize) // RASTERS.nodes)
-    values = band.ReadAsArray(buf_xsize=-(-band.XSize // step), buf_ysize=-(-band.YSize // step)).ravel()
-    wrong = (values < GROUND_HEIGHTS.lowest_m) | (values > GROUND_HEIGHTS.highest_m)
-    wrong |= values == GROUND_HEIGHTS.no_data_m
-    fills = np.unique(values[wrong])
-    return float(fills[0]) if len(fills) == 1 else None
-
-
-def declare_nodata(dataset: Any, nodata: float, path: str = "") -> Any:
-    """Return a virtual raster of a dataset that declares its nodata value; with a path it is written there."""
-    return gdal.Translate(path, dataset, format="VRT", noData=nodata)
 
 
 # ---- points ---------------------------------------------------------------------------------------------------------
@@ -278,11 +232,6 @@ def _has_laser_fields(path: str) -> bool:
 
 def _describe_other(path: str) -> FileRole:
     """Return the role of a file that is not used: an area, or unknown."""
-    if path.lower().endswith((".json", ".geojson", ".shp", ".gpkg", ".kml")):
-        vector = gdal.OpenEx(path, gdal.OF_VECTOR)
-        layer = vector.GetLayer(0) if vector is not None and vector.GetLayerCount() else None
-        feature = layer.GetNextFeature() if layer is not None else None
-        shape = feature.GetGeometryRef() if feature is not None else None
-        if shape is not None and "POLYGON" in shape.GetGeometryName():
-            return FileRole(path, "area", "footprint or area of interest, not used")
+    if path.lower().endswith((".json", ".geojson", ".shp", ".gpkg", ".kml")) and is_area(path):
+        return FileRole(path, "area", "footprint or area of interest, not used")
     return FileRole(path, "unknown", "not used", sure=False)

@@ -1,4 +1,4 @@
-"""Evidence on a height datum that nothing states: heights of surveyed points, or of rays, against those of a DEM.
+"""DatumEvidence on a height datum that nothing states: heights of surveyed points, or of rays, against those of a DEM.
 
 If heights above the geoid are used as ellipsoidal, they are wrong by its undulation N. Surveyed points whose datum is
 known show that of a DEM, and the reverse. So do rays of two images: a point measured in both has the height h at which
@@ -34,7 +34,7 @@ class HEIGHT_EVIDENCE:
     grid: int = threshold(8, "points", "points along each side of an image that are measured in another image")
 
 
-class Evidence(NamedTuple):
+class DatumEvidence(NamedTuple):
     """Decision on a height datum: the option's value, None if undecided, and the figures."""
 
     datum: str | None
@@ -52,7 +52,7 @@ class RayHeights(NamedTuple):
 
 def weigh_hypotheses(
     lonlat: np.ndarray, ellipsoidal_m: np.ndarray, unknown_m: np.ndarray, sigma_m: float, what: str
-) -> Evidence:
+) -> DatumEvidence:
     """Return whether unknown heights (n,) are ellipsoidal, or above the geoid, by known ones at the same places.
 
     sigma_m : standard deviation that the differences have in common; what : names the comparison in the reason
@@ -60,7 +60,7 @@ def weigh_hypotheses(
     known = np.isfinite(ellipsoidal_m) & np.isfinite(unknown_m)
     geoid = find_undulations(np.pad(lonlat[known], ((0, 0), (0, 1))))
     if known.sum() < HEIGHT_EVIDENCE.fewest or geoid is None:
-        return Evidence(None, "")
+        return DatumEvidence(None, "")
     difference = (ellipsoidal_m - unknown_m)[known]
     spread = float(robust_sigma(difference)) / np.sqrt(known.sum())
     sigma = float(np.hypot(np.hypot(sigma_m, spread), HEIGHT_EVIDENCE.dem_sigma_m))
@@ -72,7 +72,7 @@ def weigh_hypotheses(
         f"{what} differ by {middle[0]:+.1f} m from it if its heights are ellipsoidal, and by {middle[1]:+.1f} m if "
         f"they refer to the geoid ({known.sum()} points, sigma {sigma:.1f} m)"
     )
-    return Evidence(("ellipsoidal", geoid[0])[best] if chance < HEIGHT_EVIDENCE.coincidence else None, figures)
+    return DatumEvidence(("ellipsoidal", geoid[0])[best] if chance < HEIGHT_EVIDENCE.coincidence else None, figures)
 
 
 def _trace(first: Image, second: Image, xy: np.ndarray, low_m: float, high_m: float) -> np.ndarray:
@@ -89,12 +89,12 @@ def _intersect(
     length2 = np.square(line).sum(axis=1)
     height = low_m + (high_m - low_m) * ((other_xy - low) * line).sum(axis=1) / length2
     ground = first.rpc.localize(xy, height).ground
-    error_px = np.hypot(*(estimate_pointing(one).sigma_m / compute_gsd_m(one) for one in (first, second)))
+    error_px = np.linalg.norm([estimate_pointing(one).sigma_m / compute_gsd_m(one) for one in (first, second)])
     sigma_m = float(error_px / np.median(np.sqrt(length2)) * (high_m - low_m))
     return RayHeights(ground[:, :2], height, sigma_m)
 
 
-def intersect_measured(images: Sequence[Image], tables: Sequence[ImagePoints], height_m: float) -> RayHeights | None:
+def intersect_tracks(images: Sequence[Image], tables: Sequence[ImagePoints], height_m: float) -> RayHeights | None:
     """Return the ray heights of the pair of images with the most accurate ones of points measured in both."""
     places = {image.id: _places(tables, image.id) for image in images}
     found = []
@@ -131,7 +131,7 @@ def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:
     xy = first.grid_px(HEIGHT_EVIDENCE.grid, HEIGHT_EVIDENCE.grid, margin=-0.1)
     lines = _trace(first, second, xy, height_m - reach, height_m + reach)
     steps = [_trace(first, second, xy + step, height_m, height_m)[0] for step in ((0, 0), (1, 0), (0, 1))]
-    margin = float(np.hypot(*(estimate_pointing(one).sigma_m for one in (first, second)))) / compute_gsd_m(second)
+    margin = float(np.linalg.norm([estimate_pointing(one).sigma_m for one in (first, second)])) / compute_gsd_m(second)
     rows, places = list[int](), list[tuple[float, float]]()
     for row in range(len(xy)):
         by_first = np.column_stack([steps[1][row] - steps[0][row], steps[2][row] - steps[0][row]])

@@ -1,4 +1,4 @@
-"""Point files of a folder: how each is to be read, and what its points are in the block: GCPs, check points, ties."""
+"""Point files of a folder: how each is read, and what its points are in the block: GCPs, check points, tie points."""
 
 import os
 import re
@@ -14,9 +14,9 @@ from ...hrsi_engine.io.geopackage.layer_tables import layer_names
 from ...hrsi_engine.io.point_files import PointTables, csv_text, read_points
 from ...hrsi_engine.io.point_files.find import read_table
 from . import column_roles
-from .column_roles import COLUMNS, match_image, share_near
+from .column_roles import COLUMN_ROLES, match_image, share_near
 
-#: Words of file names and of fields that tell the role of points.
+#: Words of file names and of fields that state the role of points.
 CHECK_WORDS = re.compile(r"(?<![a-z])(check|chk|cp|icp|ckp|validation|verif|test|kontroll?|pruef)", re.IGNORECASE)
 CONTROL_WORDS = re.compile(r"(?<![a-z])(control|ctrl|gcp|pass)", re.IGNORECASE)
 ROLE_FIELD = re.compile(r"role|type|kind|class|use|usage|status|art|typ", re.IGNORECASE)
@@ -51,6 +51,15 @@ class PointSource:
     def name(self) -> str:
         """Name of the file, and of the layer if it has several."""
         return os.path.basename(self.specs[0].partition("|columns")[0].partition("|image")[0])
+
+    @property
+    def ground_ids(self) -> set[str]:
+        """Ids of the ground points."""
+        return set() if self.ground is None else {str(one) for one in self.ground.ids}
+
+    def count(self, role: Role) -> int:
+        """Return the number of ground points with a role in the file."""
+        return 0 if self.ground is None else int((self.ground.role == role).sum())
 
     @property
     def measured_ids(self) -> set[str]:
@@ -121,9 +130,9 @@ def _try(spec: str, images: Mapping[str, Image], crs: str) -> PointTables | None
 
 def _is_plausible(tables: PointTables, images: Mapping[str, Image], region: np.ndarray) -> bool:
     """Return whether points lie on the ground of the images, or name images."""
-    if tables.ground is not None and share_near(tables.ground.ground[:, :2], region) < COLUMNS.near_share:
+    if tables.ground is not None and share_near(tables.ground.ground[:, :2], region) < COLUMN_ROLES.near_share:
         return False
-    return tables.image is None or bool(np.isin(tables.image.image_ids, list(images)).mean() >= COLUMNS.near_share)
+    return tables.image is None or bool(np.isin(tables.image.image_ids, list(images)).mean() >= COLUMN_ROLES.near_share)
 
 
 def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSource:
@@ -159,7 +168,7 @@ def _is_text(path: str) -> bool:
 
 
 def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[str, np.ndarray]) -> PointSource | None:
-    """Return a file of measurements whose images are told by its columns, its name, or its agreement with points."""
+    """Return a file of measurements whose images follow from its columns, its name, or its agreement with points."""
     stem = os.path.basename(path).partition(".csv")[0]
     if image := match_image(stem, list(images)):  # formats with a reader of their own, but other names of images
         tables = _try(f"{path}|image={image}", images, "")
@@ -169,9 +178,10 @@ def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[s
         table = column_roles.read_text_table(path) if _is_text(path) else None
     except InputError:
         return None
-    columns = [] if table is None else column_roles.find_image_columns(table, stem, images, known)
+    if table is None:
+        return None
     source = PointSource(path, [])
-    for one in columns if table is not None else ():
+    for one in column_roles.find_image_columns(table, stem, images, known):
         spec = f"{path}|columns={','.join(one.roles(table))}|image={one.image}"
         tables = _try(spec, images, "")
         if tables is None or tables.image is None:
@@ -201,15 +211,15 @@ class PointRoles:
 def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
     """Return the roles of point files: by their fields, by ids that are in another file, and by their names."""
     found = PointRoles()
-    ground = sorted((one for one in sources if one.ground is not None), key=lambda one: -len(one.ground.ids))
+    ground = sorted((one for one in sources if one.ground is not None), key=lambda one: -len(one.ground_ids))
     check_ids, gcp_ids, ids = set[str](), set[str](), set[str]()
     for one in ground:
-        own = {str(name) for name in one.ground.ids}
+        own = one.ground_ids
         is_check = bool(CHECK_WORDS.search(one.name)) and not CONTROL_WORDS.search(one.name)
         what = "check points" if is_check else "GCPs"
         reason = f"{len(own)} ground points"
-        if (one.ground.role >= 0).any():
-            counts = {role.label: int((one.ground.role == role).sum()) for role in (Role.GCP, Role.CHECK)}
+        counts = {"GCPs": one.count(Role.GCP), "check points": one.count(Role.CHECK)}
+        if any(counts.values()):
             what, reason = "ground points with roles", ", ".join(f"{n} {label}" for label, n in counts.items())
         elif own <= ids:
             (check_ids if is_check else gcp_ids).update(own)

@@ -1,6 +1,6 @@
 """Decisions on a folder: inputs of a project, height datums, steps that apply, and the question to the user.
 
-Evidence decides where it can, and each decision has its reason. What remains is one question at most.
+DatumEvidence decides where it can, and each decision has its reason. What remains is one question at most.
 """
 
 import os
@@ -15,10 +15,10 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.rasters.dems import fill_gaps, open_dem, open_geoid, read_geoid_heights
 from ...hrsi_engine.plausibility.mistakes import find_undulations
-from ...hrsi_engine.plausibility.places import covered_share
+from ...hrsi_engine.plausibility.places import compute_coverage
 from ...hrsi_engine.surface.dem import surface_heights
 from .folder_files import FileRole, FolderContent, HeightRaster
-from .height_evidence import Evidence, RayHeights, intersect_measured, measure_rays, weigh_hypotheses
+from .height_evidence import DatumEvidence, RayHeights, intersect_tracks, measure_rays, weigh_hypotheses
 from .point_sources import PointRoles, PointSource, decide_roles
 from .project_file import ASK
 
@@ -30,7 +30,7 @@ class UNDERSTANDING:
     """Limits for the choice of a DEM."""
 
     dem_share: float = threshold(0.5, "", "smallest share of the images' ground that a DEM must cover to be used")
-    flat_geoid_m: float = threshold(2.0, "m", "undulation below which ellipsoidal and geoid heights are alike")
+    flat_geoid_m: float = threshold(2.0, "m", "undulation below which ellipsoidal and geoid heights are taken as equal")
 
 
 @dataclass
@@ -61,7 +61,7 @@ def understand(content: FolderContent, height_datum: str | None = None) -> Under
     content.roles += [FileRole(path, *role) for path, role in points.roles.items()]
     made.shared["images"] = [image.path for image in content.images]
     measured = {name for one in content.sources for name in one.measured_ids}
-    surveyed = {str(name) for one in points.control for name in one.ground.ids} if points.control else set()
+    surveyed = {name for one in points.control for name in one.ground_ids}
     has_control = bool(surveyed & measured)
     if surveyed and not has_control:
         made.decisions.append(
@@ -88,7 +88,7 @@ def _choose_dem(made: Understanding, needed: bool) -> HeightRaster | None:
     images = made.content.images
     for one in made.content.heights:
         surface = fill_gaps(one.surface, one.gap_cells) if one.gap_cells else one.surface
-        one.share = float(np.mean([covered_share(image, surface) for image in images]))
+        one.share = float(np.mean([compute_coverage(image, surface) for image in images]))
     least = UNDERSTANDING.dem_share
     ranked = sorted(made.content.heights, key=lambda one: (one.share >= least, not one.is_dsm, one.share))
     dem = ranked.pop() if ranked else None
@@ -175,7 +175,7 @@ def _weigh_evidence(
             lonlat = images[0].rpc.localize(images[0].grid_px(9, 9), images[0].middle_height_m).ground[:, :2]
             height = float(np.nanmedian(np.append(surface_heights(dem.surface, lonlat), height)))
         tables = [table for one in made.content.sources for table in one.measured]
-        rays = intersect_measured(images, tables, height) if tables else None
+        rays = intersect_tracks(images, tables, height) if tables else None
         rays = measure_rays(images, height) if rays is None else rays
         if rays is not None:
             return _weigh_rays(rays, open_points, ground, dem, of_points, of_dem, told)
@@ -203,7 +203,7 @@ def _weigh_rays(
     return of_points, of_dem, told
 
 
-def _tell(found: Evidence, file: str) -> list[str]:
+def _tell(found: DatumEvidence, file: str) -> list[str]:
     return [f"{file}: heights {found.datum or 'undecided'}: {found.reason}"] if found.reason else []
 
 

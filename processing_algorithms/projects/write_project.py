@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ...hrsi_engine.foundation.json_values import json_text
-from ...hrsi_engine.io.opening.datasets import open_dataset
 from ...hrsi_engine.io.pages.report import write_text
-from .folder_files import FolderContent, declare_nodata
+from ...hrsi_engine.io.rasters.raster_kinds import write_with_nodata
+from .folder_files import FolderContent
 from .project_file import FOLDERS, SKIP
 from .understanding import Understanding
 
@@ -20,7 +20,7 @@ client = ""
 place = ""
 output_dir = "result"
 """
-#: Options that name files, after which ``|`` says how they are read.
+#: Options that name files; ``|`` separates the file from how it is read.
 FILES = ("images", "gcps", "image_points", "tie_points", "tracks", "dem", "laser", "surface", "reference")
 #: Remarks on options, for who edits the file.
 REMARKS = {
@@ -38,11 +38,11 @@ OFFERED = {
 
 
 def write_project(made: Understanding, path: str) -> None:
-    """Write the project file; a DEM with a nodata value that it does not declare gets a virtual raster beside it."""
+    """Write the project file; a DEM with a nodata value that it does not declare gets a virtual raster next to it."""
     here = os.path.dirname(os.path.abspath(path))
     shared = {**made.shared, **_declare_nodata(made.content, made.shared.get("dem"), here)}
     title = os.path.basename(os.path.abspath(made.content.folder))
-    lines = [HEAD.format(title=json_text(title)), *(f"# {line}" for line in describe(made, here)), ""]
+    lines = [HEAD.format(title=json_text(title)), *(f"# {line}" for line in describe_folder(made, here)), ""]
     lines += [f"# QUESTION: {made.question}"] if made.question else []
     lines += _assign(shared, here)
     for step in FOLDERS:
@@ -55,7 +55,7 @@ def write_project(made: Understanding, path: str) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
-def describe(made: Understanding, here: str) -> list[str]:
+def describe_folder(made: Understanding, here: str) -> list[str]:
     """Return a table of the files with their roles, and the decisions."""
     names = [os.path.relpath(_plain(one.path), here) for one in made.roles]
     width = max(map(len, names))
@@ -73,7 +73,7 @@ def _declare_nodata(content: FolderContent, dem: str | None, here: str) -> Mappi
     if one is None or one.nodata is None:
         return {}
     path = os.path.join(here, f"{os.path.splitext(os.path.basename(one.path))[0]}_nodata.vrt")
-    declare_nodata(open_dataset(one.path)[0], one.nodata, path)
+    write_with_nodata(one.path, one.nodata, path)
     return {"dem": path}
 
 

@@ -16,7 +16,7 @@ from ...block.points import POINT_OPERATIONS
 from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, require_small_archive, require_texts
 from ..opening.databases import is_database, require_sound, widths
-from ..opening.datasets import gdal_messages
+from ..opening.datasets import gdal_messages, quiet
 from .table import (
     MAY_BE_INFINITE,
     NUMBER_FIELDS,
@@ -252,3 +252,13 @@ def _read_arrow_positions(layer: ogr.Layer, batch: Mapping[str, np.ndarray]) -> 
     place = np.full((len(column), 3), np.nan)
     place[:, :axes] = np.where(missing[:, None], np.nan, wkb["xyz"])
     return place
+
+
+def is_area(path: str) -> bool:
+    """Return whether the first feature of a vector file is a polygon: a footprint or an area of interest."""
+    with quiet():
+        dataset = gdal.OpenEx(path, gdal.OF_VECTOR)
+        layer = dataset.GetLayer(0) if dataset is not None and dataset.GetLayerCount() else None
+        feature = layer.GetNextFeature() if layer is not None else None
+        shape = feature.GetGeometryRef() if feature is not None else None
+    return shape is not None and "POLYGON" in shape.GetGeometryName()
