@@ -33,6 +33,7 @@ SOUND: dict[str, Any] = {
     "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "laser": "ground_points.csv",
     "laser_datum": "geoid.tif", "work_dir": "kept", "matches": "ties.csv", "surface": "dem.tif",
     "surface_datum": "geoid.tif", "result": "adjusted", "project": "project.toml",
+    "folder": "delivered",
 }  # fmt: skip
 BY_KIND = {Kind.IMAGES: SOUND["images"], Kind.RASTER: "dem.tif", Kind.POINTS: "points.csv", Kind.FILE: "points.csv"}
 #: Where one algorithm needs something else.
@@ -83,7 +84,7 @@ SELDOM = {
     "laser_datum",
 }
 #: Results, projects, matrices and curves, which have tests of their own, as certificates have.
-OTHER_FILES = {"add_to", "result", "project", "coefficient_covariance", "jitter"}
+OTHER_FILES = {"add_to", "result", "folder", "project", "coefficient_covariance", "jitter"}
 #: What kind of input an option takes, by its key; else by its kind.
 ROLES = {"reference": REFERENCE, "rpc": RPC_FILE, "before": FOLDER, "work_dir": FOLDER}
 ROLE_OF_KIND = {Kind.IMAGES: IMAGES, Kind.RASTER: DEM, Kind.POINTS: POINTS, Kind.FILE: POINTS, Kind.TEXT: GRID}
@@ -152,6 +153,9 @@ def make_scene(folder: Path) -> None:
         height_datum="ellipsoidal", image_points=str(folder / SOUND["image_points"]), report=False,
         output_dir=str(folder / SOUND["result"]),
     )  # fmt: skip
+    (folder / "delivered").mkdir()
+    for name in (*SOUND["images"], SOUND["gcps"], SOUND["image_points"], SOUND["dem"]):
+        shutil.copy(folder / name, folder / "delivered" / name)
     grid = gdal.GetDriverByName("GTiff").Create(str(folder / "geoid.tif"), 9, 9, 1, gdal.GDT_Float32)
     grid.SetGeoTransform((1.0, 1.0, 0.0, 48.0, 0.0, -1.0))
     grid.SetProjection(osr_of(4326).ExportToWkt())
@@ -191,5 +195,5 @@ def words_of(algorithm: Algorithm, options: Mapping[str, Any]) -> list[str]:
             continue
         name = "--" + key.replace("_", "-")
         words += ([name] if value else ["--no-" + name[2:]]) if isinstance(value, bool) else [f"{name}={value}"]
-    alone = [options[key] for key in ("result", "project") if key in last]
+    alone = [options[key] for key in ("result", "project", "folder") if key in last]
     return [*words, *(alone or options.get("images", []))]

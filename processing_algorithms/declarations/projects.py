@@ -16,7 +16,7 @@ class InitOptions:
     )
     height_datum: str | None = option(
         None, "Answer to the question on heights without datum: ellipsoidal, egm96, egm2008 or the file of a geoid "
-        "grid; by default evidence decides", metavar="ellipsoidal|egm96|egm2008|FILE",
+        "grid; by default evidence decides", metavar="DATUM",
     )  # fmt: skip
     output: str | None = option(None, "Project file to be written; by default project.toml in the folder",
                                 metavar="PROJECT.toml")  # fmt: skip

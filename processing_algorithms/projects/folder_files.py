@@ -23,7 +23,7 @@ from ...hrsi_engine.io.output_dir import RESULT_FILES
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.ogr_layer import is_area
 from ...hrsi_engine.io.rasters.images import open_image_and_source
-from ...hrsi_engine.io.rasters.raster_kinds import PICTURE, find_raster_kind
+from ...hrsi_engine.io.rasters.raster_kinds import RasterKind, find_raster_kind
 from ...hrsi_engine.io.rpc_files.find import rpc_reader_of
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from .point_sources import PointSource, read_sources, state_datum
@@ -149,11 +149,11 @@ def _add_raster(content: FolderContent, path: str, region: np.ndarray, crs_names
         return
     name = os.path.basename(path).lower()
     size = f"{facts.size[0]} x {facts.size[1]} cells, {facts.crs.name}" if facts.crs is not None else ""
-    if facts.kind == PICTURE:
+    if facts.kind == RasterKind.PICTURE:
         content.references.append(path)
         content.roles.append(FileRole(path, "reference orthoimage", f"{facts.bands} bands, {size}"))
     elif facts.surface is None or facts.crs is None:
-        content.roles.append(FileRole(path, facts.kind, "not used"))
+        content.roles.append(FileRole(path, facts.kind.value, "not used"))
     elif heights is None or not np.isfinite(heights[0]).any():
         content.roles.append(FileRole(path, "DEM, not used", "has no heights where the images lie"))
     else:

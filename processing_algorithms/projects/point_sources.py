@@ -237,12 +237,16 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
         ids |= own
         found.control.append(one)
         found.roles[one.path] = (what, reason)
+    for one in ground:  # how the file was read
+        what, reason = found.roles[one.path]
+        found.roles[one.path] = (what, "; ".join([reason, *one.notes]))
     for one in (one for one in sources if one.ground is None):
         shared = len(one.measured_ids & ids)
         (found.measured if shared else found.ties).append(one)
         told = f"{sum(map(len, one.measured))} image points of {len(one.measured_ids)} points"
         what = "image measurements" if shared else "tie points"
-        found.roles[one.path] = (what, f"{told}, {shared} of them with a ground position" if shared else told)
+        told += f", {shared} of them with a ground position" if shared else ""
+        found.roles[one.path] = (what, "; ".join([told, *one.notes]))
     for key, chosen in (("gcps", found.control), ("image_points", found.measured), ("tie_points", found.ties)):
         if chosen:
             found.options[key] = [spec for one in chosen for spec in one.specs]

@@ -56,6 +56,8 @@ class Understanding:
 
 def understand(content: FolderContent, height_datum: str | None = None) -> Understanding:
     """Return the decisions on the content of a folder; ``height_datum`` is the user's answer to the question."""
+    if height_datum not in (None, ELLIPSOIDAL):
+        open_geoid(str(height_datum))  # an error is reported now
     made = Understanding(content)
     points = decide_roles(content.sources)
     content.roles += [FileRole(path, *role) for path, role in points.roles.items()]

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,15 @@ from ..opening.datasets import open_dataset
 from .dems import surface_of_dataset
 from .georeference import Georeference
 
-HEIGHTS, PICTURE, MASK, GEOID, UNPLACED = "heights", "picture", "mask", "geoid grid", "raster without position"
+
+class RasterKind(StrEnum):
+    """What a raster is."""
+
+    HEIGHTS = "heights"
+    PICTURE = "picture"
+    MASK = "mask"
+    GEOID = "geoid grid"
+    UNPLACED = "raster without position"
 
 
 @thresholds
@@ -35,7 +44,7 @@ class RasterFacts:
     surface : the heights as ellipsoidal ones; None for other kinds
     """
 
-    kind: str
+    kind: RasterKind
     size: tuple[int, int]
     bands: int
     crs: pyproj.CRS | None = None
@@ -52,17 +61,19 @@ def find_raster_kind(path: str) -> RasterFacts | None:
     try:
         crs = Georeference(dataset, path, "raster").crs
     except InputError:
-        return RasterFacts(UNPLACED, size, bands)
+        return RasterFacts(RasterKind.UNPLACED, size, bands)
     name, band = os.path.basename(path).lower(), dataset.GetRasterBand(1)
     if name.endswith(".gtx") or "geoid" in name or "undulation" in name:
-        return RasterFacts(GEOID, size, bands, crs)
+        return RasterFacts(RasterKind.GEOID, size, bands, crs)
     values = _sample_values(band)
     if bands == 1 and band.DataType not in (gdal.GDT_Byte, gdal.GDT_UInt16):
         nodata = None if band.GetNoDataValue() is not None else _find_fill_value(values)
         heights = dataset if nodata is None else gdal.Translate("", dataset, format="VRT", noData=nodata)
-        return RasterFacts(HEIGHTS, size, bands, crs, nodata, surface_of_dataset(heights, path, "ellipsoidal", None))
+        return RasterFacts(
+            RasterKind.HEIGHTS, size, bands, crs, nodata, surface_of_dataset(heights, path, "ellipsoidal", None)
+        )
     is_mask = bands == 1 and len(np.unique(values)) <= RASTER_KINDS.mask_values
-    return RasterFacts(MASK if is_mask else PICTURE, size, bands, crs)
+    return RasterFacts(RasterKind.MASK if is_mask else RasterKind.PICTURE, size, bands, crs)
 
 
 def _sample_values(band: Any) -> np.ndarray:
