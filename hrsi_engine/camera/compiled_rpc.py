@@ -94,14 +94,14 @@ def project_point(
 
 @njit(**OPTIONS)
 def project_points(
-    rpcs: Arrays, which: np.ndarray, ground: np.ndarray, computed: np.ndarray, by_ground: np.ndarray
+    rpcs: Arrays, rpc_index: np.ndarray, ground: np.ndarray, computed: np.ndarray, by_ground: np.ndarray
 ) -> None:
     """Write the results of `project_point` for ground points ``(n, 3)`` with the RPCs ``which (n,)``."""
     terms = np.empty(20)
-    for a in range(len(which)):
+    for a in range(len(rpc_index)):
         lon, lat, height = ground[a, 0], ground[a, 1], ground[a, 2]
         east, north = ellipsoid.metres_of_a_degree(lat, height)
-        project_point(rpcs, which[a], lon, lat, height, east, north, terms, computed, by_ground, a)
+        project_point(rpcs, rpc_index[a], lon, lat, height, east, north, terms, computed, by_ground, a)
 
 
 def normalise_tables(rpcs: Arrays) -> Arrays:
@@ -112,7 +112,7 @@ def normalise_tables(rpcs: Arrays) -> Arrays:
 
 @njit(**OPTIONS)
 def invert_points(
-    normalised: Arrays, which: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray,
+    normalised: Arrays, rpc_index: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray,
     closure_px: float, steps: int, place: np.ndarray, least_px: np.ndarray,
 ) -> None:  # fmt: skip
     """Compute the ground positions of image points at given heights, by Newton's iteration from the domain centre.
@@ -124,11 +124,11 @@ def invert_points(
     place, least_px : (n, 2) normalised lon, lat, and (n,) their errors in the image; both are written
     """
     terms, computed, slopes = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
-    for a in range(len(which)):
+    for a in range(len(rpc_index)):
         x, y = 0.0, 0.0
         place[a, 0], place[a, 1], least_px[a] = x, y, np.inf
         for _ in range(steps):
-            project_point(normalised, which[a], x, y, height[a], 1.0, 1.0, terms, computed, slopes, 0)
+            project_point(normalised, rpc_index[a], x, y, height[a], 1.0, 1.0, terms, computed, slopes, 0)
             u, v = target[a, 0] - computed[0, 0], target[a, 1] - computed[0, 1]
             error = max(abs(u) * scale_px[a, 0], abs(v) * scale_px[a, 1])
             if not error < least_px[a]:

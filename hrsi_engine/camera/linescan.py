@@ -100,17 +100,17 @@ class LinescanCamera(SampledCamera):
             cosine = -(ray * up).sum(axis=1)
             along += (ground[:, 2] - height_m) / cosine
         if self.through_air:
-            aside = ray + cosine[:, None] * up  # of length sin(z), away from the nadir
+            horizontal = ray + cosine[:, None] * up  # of length sin(z), away from the nadir
             air = LINESCAN.refractivity * LINESCAN.scale_height_m * np.exp(-height_m / LINESCAN.scale_height_m)
-            ground = from_ecef(start + along[:, None] * ray - (air / cosine**3)[:, None] * aside)
+            ground = from_ecef(start + along[:, None] * ray - (air / cosine**3)[:, None] * horizontal)
         ground[:, 2] = height_m
         return ground
 
     def compare_rpc(self, rpc: RPC, low_m: float, high_m: float) -> dict[str, float]:
         """Return the differences of an RPC from this camera (px), between two heights: means, RMS and the largest."""
         ground, image = self.sample_correspondences(low_m, high_m)
-        off = rpc.project(ground) - image
-        distance = np.hypot(*off.T)
-        mean = off.mean(axis=0).tolist()
+        difference = rpc.project(ground) - image
+        distance = np.hypot(*difference.T)
+        mean = difference.mean(axis=0).tolist()
         rms, largest = float(np.sqrt(np.mean(distance**2))), float(distance.max())
         return {"mean_sample_px": mean[0], "mean_line_px": mean[1], "rms_px": rms, "max_px": largest}

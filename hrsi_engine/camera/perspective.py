@@ -46,8 +46,8 @@ class PerspectiveCamera:
 
     def project(self, local: np.ndarray) -> np.ndarray:
         """Return sample, line ``(n, 2)`` in the sheared image of ground points ``(n, 3)``."""
-        seen = local @ self.rotation.T + self.translation
-        return np.asarray(seen[:, :2] / seen[:, 2:] * self.focal + self.principal)
+        in_camera = local @ self.rotation.T + self.translation
+        return np.asarray(in_camera[:, :2] / in_camera[:, 2:] * self.focal + self.principal)
 
     def shear_points(self, xy: np.ndarray) -> np.ndarray:
         """Return the positions ``(n, 2)`` in the sheared image of points ``(n, 2)`` of the image."""
@@ -72,11 +72,11 @@ def fit_perspective_camera(local: np.ndarray, xy: np.ndarray, sight: np.ndarray)
     design = np.vstack([
         np.column_stack([scaled, empty, -xy[:, 0] * depth]), np.column_stack([empty, scaled, -xy[:, 1] * depth])
     ])  # fmt: skip
-    found = np.linalg.lstsq(design, xy.T.ravel(), rcond=None)[0]
+    solution = np.linalg.lstsq(design, xy.T.ravel(), rcond=None)[0]
     nearest, farthest = PERSPECTIVE.distance_m
-    inverse = float(np.clip(found[8] / extent, 1.0 / farthest, 1.0 / nearest))
-    found = np.linalg.lstsq(design[:, :8], xy.T.ravel() - design[:, 8] * inverse * extent, rcond=None)[0]
-    rows = found.reshape(2, 4) / [extent, extent, extent, 1.0] / inverse  # the third row is (sight, 1 / inverse)
+    inverse = float(np.clip(solution[8] / extent, 1.0 / farthest, 1.0 / nearest))
+    solution = np.linalg.lstsq(design[:, :8], xy.T.ravel() - design[:, 8] * inverse * extent, rcond=None)[0]
+    rows = solution.reshape(2, 4) / [extent, extent, extent, 1.0] / inverse  # the third row is (sight, 1 / inverse)
     principal = rows[:, :3] @ sight
     across, down = rows[:, :3] - principal[:, None] * sight
     focal_y = np.linalg.norm(down)

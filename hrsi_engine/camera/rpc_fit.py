@@ -129,11 +129,11 @@ def fit_rpc(
     # OFF and SCALE of lon, lat, height, sample and line that take the points to [-1, 1]
     values = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:], image])
     low, high = values.min(axis=0), values.max(axis=0)
-    off, scale = (low + high) / 2.0, np.maximum((high - low) / 2.0, SMALLEST_SCALE)
-    off[0] = wrap_degrees(off[0])
-    lonlat_difference = np.column_stack([wrap_degrees(ground[:, :1] - off[0]), ground[:, 1:] - off[1:3]])
+    offset, scale = (low + high) / 2.0, np.maximum((high - low) / 2.0, SMALLEST_SCALE)
+    offset[0] = wrap_degrees(offset[0])
+    lonlat_difference = np.column_stack([wrap_degrees(ground[:, :1] - offset[0]), ground[:, 1:] - offset[1:3]])
     terms = monomials((lonlat_difference / scale[:3]).T).T
-    target = (image - off[3:]) / scale[3:]
+    target = (image - offset[3:]) / scale[3:]
     root_weights = np.ones(len(ground)) if weights is None else np.sqrt(weights / np.mean(weights))
     # Terms that are estimated in numerator and denominator
     count = len(ground)
@@ -154,10 +154,10 @@ def fit_rpc(
     if singular[-1] < 1e-6 * singular[0]:
         raise SolveError("the correspondences lie on a line or at one place: give points over the whole image")
     system = _System(terms, target, root_weights, numerator, denominator, ridge)
-    together = [[0, 1]] if common_denominator else [[0], [1]]
-    sample, line = (one for axes in together for one in _iterate_least_squares(system, axes, scale[3:][axes]))
+    axis_groups = [[0, 1]] if common_denominator else [[0], [1]]
+    sample, line = (one for axes in axis_groups for one in _iterate_least_squares(system, axes, scale[3:][axes]))
     rpc = RPC(
-        long_off=off[0], lat_off=off[1], height_off=off[2], samp_off=off[3], line_off=off[4],
+        long_off=offset[0], lat_off=offset[1], height_off=offset[2], samp_off=offset[3], line_off=offset[4],
         long_scale=scale[0], lat_scale=scale[1], height_scale=scale[2], samp_scale=scale[3], line_scale=scale[4],
         samp_num=sample[0], samp_den=sample[1], line_num=line[0], line_den=line[1],
     )  # fmt: skip
@@ -189,14 +189,14 @@ def refit_rpc(
     )
 
 
-def extrapolation_warnings(wanted: tuple[float, float], known: tuple[float, float]) -> tuple[str, ...]:
+def extrapolation_warnings(required_range: tuple[float, float], fitted_range: tuple[float, float]) -> tuple[str, ...]:
     """Return a warning if an RPC is to be used at heights (m) outside those from which it is computed.
 
     Parameters
     ----------
-    wanted : tuple of float
+    required_range : tuple of float
         Lowest and highest ellipsoidal height in metres at which the RPC is to be used.
-    known : tuple of float
+    fitted_range : tuple of float
         Lowest and highest height of the data from which it is computed.
 
     Returns
@@ -204,11 +204,12 @@ def extrapolation_warnings(wanted: tuple[float, float], known: tuple[float, floa
     tuple of str
         One warning, or none.
     """
-    slack = 0.01 * (known[1] - known[0])
-    if wanted[0] >= known[0] - slack and wanted[1] <= known[1] + slack:
+    slack = 0.01 * (fitted_range[1] - fitted_range[0])
+    if required_range[0] >= fitted_range[0] - slack and required_range[1] <= fitted_range[1] + slack:
         return ()
     return (
-        f"heights from {wanted[0]:.0f} to {wanted[1]:.0f} m are wanted, but only {known[0]:.0f} to {known[1]:.0f} m "
+        f"heights from {required_range[0]:.0f} to {required_range[1]:.0f} m are wanted, but only "
+        f"{fitted_range[0]:.0f} to {fitted_range[1]:.0f} m "
         "are known: the RPC extrapolates there",
     )
 
@@ -280,16 +281,16 @@ def _fold_row(row: np.ndarray, parts: tuple[_Part, _Part]) -> _Part | None:
     involved = [(factor, part) for factor, part in zip(row[1:], parts, strict=True) if factor != 0.0]
     if not involved:
         raise ValueError("an affine transformation that maps all image points to one line has no RPC")
-    off = float(row[0] + sum(factor * part[0] for factor, part in involved))
+    offset = float(row[0] + sum(factor * part[0] for factor, part in involved))
     _, scale, _, denominator = involved[0][1]
     if len(involved) == 1:
         factor, (_, _, numerator, _) = involved[0]
         # The sign is moved to the numerator, since some readers reject a negative SCALE
-        return off, abs(factor) * scale, numerator if factor > 0.0 else -numerator, denominator
+        return offset, abs(factor) * scale, numerator if factor > 0.0 else -numerator, denominator
     if not np.array_equal(denominator, involved[1][1][3]):
         return None
     numerator = sum((factor * part[1] / scale * part[2] for factor, part in involved), np.zeros(20))
-    return off, scale, numerator, denominator
+    return offset, scale, numerator, denominator
 
 
 # ---- virtual control grid --------------------------------------------------------------------------------------

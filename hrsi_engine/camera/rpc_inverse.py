@@ -51,18 +51,18 @@ def fit_inverse(polynomials: np.ndarray) -> Inverse:
     usable = (values[2:] * polynomials[2:, :1] > 0.0).all(axis=0) & np.isfinite(ratios).all(axis=0)
     low = ratios[:, usable].min(axis=1, keepdims=True, initial=np.inf)
     high = ratios[:, usable].max(axis=1, keepdims=True, initial=-np.inf)
-    off, scale = (low + high) / 2.0, (high - low) / 2.0
+    offset, scale = (low + high) / 2.0, (high - low) / 2.0
     if np.count_nonzero(usable) < len(axis) ** 2 or not np.isfinite(scale).all() or not (scale > 0.0).all():
         nothing = np.full((2, 1), np.nan)
         return Inverse(nothing, nothing, np.full((2, 20), np.nan), np.full((4, QUADRATIC_TERMS), np.nan))
-    terms = monomials(np.vstack([(ratios - off) / scale, ground[2:]])[:, usable])
+    terms = monomials(np.vstack([(ratios - offset) / scale, ground[2:]])[:, usable])
     # Normal equations take a tenth of the time of a decomposition, and are well conditioned at these nodes
     try:
         lonlat = np.linalg.solve(terms @ terms.T, terms @ ground[:2, usable].T).T
     except np.linalg.LinAlgError:  # too few usable nodes
         lonlat = np.linalg.lstsq(terms.T, ground[:2, usable].T, rcond=None)[0].T
     slopes = np.concatenate([lonlat @ DERIVATIVES[axis] / scale[axis] for axis in (0, 1)])
-    return Inverse(off, scale, lonlat, slopes)
+    return Inverse(offset, scale, lonlat, slopes)
 
 
 class Solver:
@@ -98,9 +98,11 @@ class Solver:
             terms[1:3] += slopes[:2] * miss[0]
             terms[1:3] += slopes[2:] * miss[1]
         lonlat = terms[1:3].copy()
-        far = np.flatnonzero(~(error <= EVALUATION.closure_px))
-        error[far] = np.inf  # the next iteration starts at these positions, and computes their errors again
-        self._iterate_by_newton(lonlat, error, far, target, height, limit=np.inf, iterations=EVALUATION.most_iterations)
+        unsolved = np.flatnonzero(~(error <= EVALUATION.closure_px))
+        error[unsolved] = np.inf  # the next iteration starts at these positions, and computes their errors again
+        self._iterate_by_newton(
+            lonlat, error, unsolved, target, height, limit=np.inf, iterations=EVALUATION.most_iterations
+        )
         # far from the solution, or near a zero of the denominator: short steps from the centre of the RPC's domain
         failed = np.flatnonzero(~(error <= EVALUATION.accepted_px))
         lonlat[:, failed], error[failed] = 0.0, np.inf

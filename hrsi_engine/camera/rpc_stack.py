@@ -30,39 +30,39 @@ class RPCStack:
         self._ground_off, self._ground_scale = np.split(np.array(ground), 2, axis=1)
         self._image_off, self._image_scale = np.split(np.array(image), 2, axis=1)
 
-    def project(self, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    def project(self, rpc_index: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return image points ``(n, 2)`` of ground points ``(n, 3)``, see `RPC.project`."""
         if is_wanted(len(ground) >= EVALUATION.compiled_from):
-            return self._project_by_loops(which, ground)[0]
+            return self._project_by_loops(rpc_index, ground)[0]
         image = np.empty((len(ground), 2))
         for part in chunks(len(ground), EVALUATION.stack_batch):
-            own = which[part]
-            ratios, _, _ = self._compute_ratios(own, self._normalise(own, ground[part]))
-            image[part] = ratios * self._image_scale[own] + self._image_off[own]
+            rpc_part = rpc_index[part]
+            ratios, _, _ = self._compute_ratios(rpc_part, self._normalise(rpc_part, ground[part]))
+            image[part] = ratios * self._image_scale[rpc_part] + self._image_off[rpc_part]
         return image
 
-    def project_with_metric_jacobian(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def project_with_metric_jacobian(self, rpc_index: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return image points ``(n, 2)`` and derivatives ``(n, 2, 3)``, see `RPC.project_with_metric_jacobian`."""
         if is_wanted(len(ground) >= EVALUATION.compiled_from):
-            return self._project_by_loops(which, ground)
+            return self._project_by_loops(rpc_index, ground)
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         for part in chunks(len(ground), EVALUATION.stack_batch):
-            own = which[part]
-            ratios, slopes = self._compute_slopes(own, self._normalise(own, ground[part]), 3)
-            image[part] = ratios * self._image_scale[own] + self._image_off[own]
-            jacobian[part] = slopes * self._image_scale[own][:, :, None] / self._ground_scale[own][:, None, :]
+            rpc_part = rpc_index[part]
+            ratios, slopes = self._compute_slopes(rpc_part, self._normalise(rpc_part, ground[part]), 3)
+            image[part] = ratios * self._image_scale[rpc_part] + self._image_off[rpc_part]
+            jacobian[part] = slopes * self._image_scale[rpc_part][:, :, None] / self._ground_scale[rpc_part][:, None, :]
         return image, jacobian / metres_per_degree(ground)[:, None, :]
 
-    def px_per_m(self, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    def px_per_m(self, rpc_index: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the number of pixels per metre at ground points ``(n, 3)``, see `RPC.px_per_m`."""
-        _, by_ground = self.project_with_metric_jacobian(which, ground)
+        _, by_ground = self.project_with_metric_jacobian(rpc_index, ground)
         return np.asarray(np.sqrt(np.abs(np.linalg.det(by_ground[:, :, :2]))))
 
     def middles(self) -> np.ndarray:
         """Return the centres ``(rpcs, 3)`` lon, lat, height of the domains of the RPCs."""
         return self._ground_off.copy()
 
-    def localize(self, which: np.ndarray, image: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
+    def localize(self, rpc_index: np.ndarray, image: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
         """Return the ground points ``(n, 3)`` of image points ``(n, 2)`` at heights; NaN if there is none.
 
         Newton's iteration from the centre of each RPC's domain; points that do not converge inside the domain are
@@ -70,44 +70,44 @@ class RPCStack:
         """
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
-        found = np.empty(len(image), dtype=bool)
+        has_converged = np.empty(len(image), dtype=bool)
         solve = self._solve_by_loops if is_wanted(len(image) >= EVALUATION.compiled_from) else self._solve
         with np.errstate(all="ignore"):
             for part in chunks(len(image), EVALUATION.stack_batch):
-                own = which[part]
-                target = (image[part] - self._image_off[own]) / self._image_scale[own]
-                height = (heights[part] - self._ground_off[own, 2]) / self._ground_scale[own, 2]
-                place, least = solve(own, target, height, np.abs(self._image_scale[own]))
-                ground[part, :2] = place * self._ground_scale[own, :2] + self._ground_off[own, :2]
+                rpc_part = rpc_index[part]
+                target = (image[part] - self._image_off[rpc_part]) / self._image_scale[rpc_part]
+                height = (heights[part] - self._ground_off[rpc_part, 2]) / self._ground_scale[rpc_part, 2]
+                place, least_error = solve(rpc_part, target, height, np.abs(self._image_scale[rpc_part]))
+                ground[part, :2] = place * self._ground_scale[rpc_part, :2] + self._ground_off[rpc_part, :2]
                 in_domain = (np.abs(place) <= EVALUATION.domain_margin).all(axis=1)
-                found[part] = (least <= EVALUATION.accepted_px) & in_domain
+                has_converged[part] = (least_error <= EVALUATION.accepted_px) & in_domain
             ground[:, 2] = heights
             outside = np.abs(ground[:, 0]) > 180.0
             ground[outside, 0] = wrap_degrees(ground[outside, 0])
-        lost = np.flatnonzero(~found)
-        for number in np.unique(which[lost]).tolist():
-            rows = lost[which[lost] == number]
+        failed = np.flatnonzero(~has_converged)
+        for number in np.unique(rpc_index[failed]).tolist():
+            rows = failed[rpc_index[failed] == number]
             ground[rows] = self._rpcs[number].localize(image[rows], heights[rows]).ground
         return ground
 
     def _solve(
-        self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
+        self, rpc_index: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised lon, lat ``(n, 2)`` of normalised image points and heights, and the errors in px."""
-        normalised = np.zeros((len(own), 3))
+        normalised = np.zeros((len(rpc_index), 3))
         normalised[:, 2] = height
-        best, least = normalised[:, :2].copy(), np.full(len(own), np.inf)
+        best, least_error = normalised[:, :2].copy(), np.full(len(rpc_index), np.inf)
         for _ in range(EVALUATION.stack_iterations):
-            ratios, slopes = self._compute_slopes(own, normalised, 2)
+            ratios, slopes = self._compute_slopes(rpc_index, normalised, 2)
             miss = target - ratios
             error = np.abs(miss * scale_px).max(axis=1)
-            better = error < least
-            best[better], least[better] = normalised[better, :2], error[better]
-            if not (better & (least > EVALUATION.closure_px)).any():  # converged, or limited by rounding
+            better = error < least_error
+            best[better], least_error[better] = normalised[better, :2], error[better]
+            if not (better & (least_error > EVALUATION.closure_px)).any():  # converged, or limited by rounding
                 break
             a, b, c, d = slopes[:, 0, 0], slopes[:, 0, 1], slopes[:, 1, 0], slopes[:, 1, 1]
             normalised[:, :2] += np.column_stack(solve_pair(a, b, c, d, *miss.T))
-        return best, least
+        return best, least_error
 
     @cached_property
     def _tables(self) -> Arrays:
@@ -121,46 +121,50 @@ class RPCStack:
 
         return normalise_tables(self._tables)
 
-    def _project_by_loops(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _project_by_loops(self, rpc_index: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the results of `project_with_metric_jacobian` by compiled loops."""
         from .compiled_rpc import project_points
 
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
-        project_points(self._tables, which, np.ascontiguousarray(ground), image, jacobian)
+        project_points(self._tables, rpc_index, np.ascontiguousarray(ground), image, jacobian)
         return image, jacobian
 
     def _solve_by_loops(
-        self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
+        self, rpc_index: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the results of `_solve` by compiled loops."""
         from .compiled_rpc import invert_points
 
-        place, least = np.empty((len(own), 2)), np.empty(len(own))
+        place, least_error = np.empty((len(rpc_index), 2)), np.empty(len(rpc_index))
         invert_points(
-            self._normalised_tables, own, target, height, scale_px, EVALUATION.closure_px, EVALUATION.stack_iterations,
-            place, least,
+            self._normalised_tables, rpc_index, target, height, scale_px, EVALUATION.closure_px,
+            EVALUATION.stack_iterations, place, least_error,
         )  # fmt: skip
-        return place, least
+        return place, least_error
 
-    def _normalise(self, own: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    def _normalise(self, rpc_index: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return normalised lon, lat, height ``(n, 3)``."""
-        difference = ground - self._ground_off[own]
+        difference = ground - self._ground_off[rpc_index]
         difference[:, 0] = wrap_degrees(difference[:, 0])
-        return np.asarray(difference / self._ground_scale[own])
+        return np.asarray(difference / self._ground_scale[rpc_index])
 
-    def _compute_ratios(self, own: np.ndarray, normalised: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _compute_ratios(
+        self, rpc_index: np.ndarray, normalised: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return normalised sample and line, their denominators, each ``(n, 2)``, and the terms ``(n, 20)``."""
         terms = np.ascontiguousarray(monomials(np.ascontiguousarray(normalised.T)).T)
-        values = np.einsum("npt,nt->np", self._polynomials[own], terms)
+        values = np.einsum("npt,nt->np", self._polynomials[rpc_index], terms)
         return values[:, :2] / values[:, 2:], values[:, 2:], terms
 
-    def _compute_slopes(self, own: np.ndarray, normalised: np.ndarray, axes: int) -> tuple[np.ndarray, np.ndarray]:
+    def _compute_slopes(
+        self, rpc_index: np.ndarray, normalised: np.ndarray, axes: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised sample and line ``(n, 2)`` and their derivatives by the first axes ``(n, 2, axes)``."""
-        ratios, denominators, terms = self._compute_ratios(own, normalised)
-        slopes = np.empty((len(own), 2, axes))
+        ratios, denominators, terms = self._compute_ratios(rpc_index, normalised)
+        slopes = np.empty((len(rpc_index), 2, axes))
         # The derivative of a polynomial: its coefficients times the derivatives of the terms, which are lower terms
         for axis in range(axes):
             lowered = terms[:, :QUADRATIC_TERMS] @ DERIVATIVES[axis].T
-            values = np.einsum("npt,nt->np", self._polynomials[own], lowered)
+            values = np.einsum("npt,nt->np", self._polynomials[rpc_index], lowered)
             slopes[:, :, axis] = slope_of_ratio(values[:, :2], values[:, 2:], ratios, denominators)
         return ratios, slopes

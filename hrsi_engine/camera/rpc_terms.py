@@ -68,8 +68,8 @@ def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
     Many points are distributed to threads, since NumPy releases the GIL. A small number is computed in the calling
     thread, since the callers may use threads themselves.
     """
-    many = count >= EVALUATION.threaded_chunks * EVALUATION.chunk
-    threads = min(EVALUATION.most_threads, thread_count()) if many else 1
+    is_threaded = count >= EVALUATION.threaded_chunks * EVALUATION.chunk
+    threads = min(EVALUATION.most_threads, thread_count()) if is_threaded else 1
     parts = chunks(count)
     if threads == 1:
         _work_through(parts, count, work)
@@ -85,8 +85,8 @@ def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
             yield part
 
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(_work_through, take_parts(), count, work) for _ in range(threads)]:
-            done.result()
+        for future in [pool.submit(_work_through, take_parts(), count, work) for _ in range(threads)]:
+            future.result()
 
 
 def _work_through(parts: Iterator[slice], count: int, work: Callable[[slice, Workspace], None]) -> None:

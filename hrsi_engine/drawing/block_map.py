@@ -116,9 +116,9 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
     ``name`` is the id of the SVG element, for the script.
     """
     rings = {image: list_corners(polygon) for image, polygon in data.footprints.items() if not polygon.is_empty}
-    here = np.flatnonzero(finite_rows(data.lonlat))
+    located = np.flatnonzero(finite_rows(data.lonlat))
     ties = data.ties.lonlat if data.ties is not None else np.empty((0, 2))
-    places = np.vstack([*rings.values(), data.lonlat[here], ties[finite_rows(ties)]])
+    places = np.vstack([*rings.values(), data.lonlat[located], ties[finite_rows(ties)]])
     if not len(places):
         return MapDrawing()
     # View that shows all positions (lon, lat)
@@ -144,20 +144,20 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
         "</g>",
         *_draw_image_names(rings, view),
         '<g class="points">',
-        *_draw_points(data, here, view, arrow_scale),
+        *_draw_points(data, located, view, arrow_scale),
         "</g></g>",
         *_draw_scales(view, arrow_scale, data.arrows),
     ]
-    named = f' id="{html.escape(name)}"' if name else ""
+    id_attribute = f' id="{html.escape(name)}"' if name else ""
     size = f'viewBox="0 0 {_WIDTH:.0f} {view.height + 50.0:.0f}"'
     # The text alternative
-    count = {role: int((data.roles[here] == role).sum()) for role in Role}
+    count = {role: int((data.roles[located] == role).sum()) for role in Role}
     if data.ties is not None:
         count[Role.TIE] = len(ties)
     words = {Role.GCP: "control", Role.CHECK: "check", Role.TIE: "tie", Role.HELD_OUT: "held-out tie"}
-    known = [f"{count[role]} {word} points" for role, word in words.items() if count[role]]
-    label = f"Map of the block: {', '.join([f'{len(data.footprints)} images', *known])}; north is up"
-    svg = f'<svg class="map"{named} {size} role="img" aria-label="{label}">\n'
+    counts = [f"{count[role]} {word} points" for role, word in words.items() if count[role]]
+    label = f"Map of the block: {', '.join([f'{len(data.footprints)} images', *counts])}; north is up"
+    svg = f'<svg class="map"{id_attribute} {size} role="img" aria-label="{label}">\n'
     to_degrees, to_drawing = _fit_polynomials(view)
     return MapDrawing(
         svg + "\n".join(parts) + "\n</svg>",
@@ -200,9 +200,9 @@ def _draw_pictures(pictures: Sequence[GroundPicture], view: _MapView) -> Iterabl
         pixel = np.array([[0.0, 0.0, 1.0], [width, 0.0, 1.0], [width, height, 1.0], [0.0, height, 1.0]])
         matrix = np.linalg.lstsq(pixel, view(picture.corners), rcond=None)[0]
         numbers = " ".join(f"{value:.6g}" for value in matrix.ravel())
-        hidden = ' class="hidden"' if picture.hidden else ""
+        class_attribute = ' class="hidden"' if picture.hidden else ""
         name, image = html.escape(picture.name), html.escape(picture.image)
-        yield f'<use{hidden} href="#{name}" data-image="{image}" transform="matrix({numbers})"/>'
+        yield f'<use{class_attribute} href="#{name}" data-image="{image}" transform="matrix({numbers})"/>'
     yield "</g>"
 
 
@@ -235,15 +235,15 @@ def _draw_image_names(rings: Mapping[str, np.ndarray], view: _MapView) -> Iterab
 
 def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, Any]]:
     """Return a dot for each cell with tie points, its area by their number; and their statistics, by cell."""
-    here = finite_rows(ties.lonlat)
-    cell = np.floor(view(ties.lonlat[here]) / _CELL).astype(np.int64)
+    is_located = finite_rows(ties.lonlat)
+    cell = np.floor(view(ties.lonlat[is_located]) / _CELL).astype(np.int64)
     columns = int(np.ceil(_WIDTH / _CELL))
-    code, which, count = np.unique(cell[:, 1] * columns + cell[:, 0], return_inverse=True, return_counts=True)
+    code, cell_index, count = np.unique(cell[:, 1] * columns + cell[:, 0], return_inverse=True, return_counts=True)
 
     def mean(values: np.ndarray, power: float = 1.0) -> list[float | None]:
-        known = np.isfinite(values)
-        total = np.bincount(which[known], np.asarray(values[known], dtype=np.float64) ** power, len(code))
-        number = np.bincount(which[known], minlength=len(code))
+        is_finite = np.isfinite(values)
+        total = np.bincount(cell_index[is_finite], np.asarray(values[is_finite], dtype=np.float64) ** power, len(code))
+        number = np.bincount(cell_index[is_finite], minlength=len(code))
         with np.errstate(invalid="ignore"):
             return [
                 float(f"{value:.3g}") if math.isfinite(value) else None for value in (total / number) ** (1.0 / power)
@@ -256,21 +256,22 @@ def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, An
         for number, (place, r) in enumerate(zip(code.tolist(), radius.tolist(), strict=True))
     ]
     figures = {
-        "count": count.tolist(), "residual": mean(ties.residual_px[here], 2.0), "sigma": mean(ties.sigma_m[here]),
-        "rays": mean(ties.rays[here]),
+        "count": count.tolist(), "residual": mean(ties.residual_px[is_located], 2.0),
+        "sigma": mean(ties.sigma_m[is_located]),
+        "rays": mean(ties.rays[is_located]),
     }  # fmt: skip
     return parts, figures
 
 
-def _draw_points(data: BlockMap, here: np.ndarray, view: _MapView, arrow_scale: float | None) -> Iterable[str]:
+def _draw_points(data: BlockMap, located: np.ndarray, view: _MapView, arrow_scale: float | None) -> Iterable[str]:
     height = data.residual_h_m if data.residual_h_m is not None else np.full(len(data.ids), np.nan)
-    for row, (x, y) in zip(here.tolist(), view(data.lonlat[here]), strict=True):
+    for row, (x, y) in zip(located.tolist(), view(data.lonlat[located]), strict=True):
         role, name = Role(int(data.roles[row])).label, html.escape(str(data.ids[row]))
         east, north = data.residual_en_m[row]
-        moved = arrow_scale is not None and math.isfinite(east) and math.isfinite(north)
-        title = f"{name} ({role})" + (f": east {east:.3f} m, north {north:.3f} m" if moved else "")
+        has_arrow = arrow_scale is not None and math.isfinite(east) and math.isfinite(north)
+        title = f"{name} ({role})" + (f": east {east:.3f} m, north {north:.3f} m" if has_arrow else "")
         marks = []
-        if moved and arrow_scale is not None:
+        if has_arrow and arrow_scale is not None:
             marks.append(_draw_residual("arrow flat", east * arrow_scale, -north * arrow_scale))
         if arrow_scale is not None and math.isfinite(height[row]):
             marks.append(_draw_residual("arrow lift", 0.0, -height[row] * arrow_scale))

@@ -67,9 +67,12 @@ def make_arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD
     if not length >= 0.5:  # would be only a dot
         return ""
     ux, uy = dx / length, dy / length
-    back = min(head, 0.6 * length)
+    head_length = min(head, 0.6 * length)
     tip_x, tip_y = x + dx, y + dy
-    sides = [(tip_x - back * (ux + HEAD_SLOPE * s * uy), tip_y - back * (uy - HEAD_SLOPE * s * ux)) for s in (1, -1)]
+    sides = [
+        (tip_x - head_length * (ux + HEAD_SLOPE * s * uy), tip_y - head_length * (uy - HEAD_SLOPE * s * ux))
+        for s in (1, -1)
+    ]
     (left_x, left_y), (right_x, right_y) = sides
     return (
         f"M{x:.1f},{y:.1f}L{tip_x:.1f},{tip_y:.1f}L{left_x:.1f},{left_y:.1f}"

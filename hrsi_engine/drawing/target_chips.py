@@ -35,9 +35,9 @@ def draw_target_chip(chip: TargetChip) -> str:
     if chip.grey is not None:
         origin, size = chip.origin, np.array([chip.grey.shape[1], chip.grey.shape[0]], dtype=np.float64)
     else:
-        shown = np.vstack([chip.edges, *chip.curves]) if len(chip.edges) else np.zeros((1, 2))
-        origin = shown.min(axis=0) - 3.0
-        size = shown.max(axis=0) + 3.0 - origin
+        outline = np.vstack([chip.edges, *chip.curves]) if len(chip.edges) else np.zeros((1, 2))
+        origin = outline.min(axis=0) - 3.0
+        size = outline.max(axis=0) + 3.0 - origin
     scale = CHIP_SIDE_PX / float(max(size))
     width, height = size * scale
     parts = [
@@ -56,8 +56,8 @@ def draw_target_chip(chip: TargetChip) -> str:
     for curve in chip.curves:
         path = " ".join(f"{x:.2f},{y:.2f}" for x, y in place(curve))
         parts.append(f'<polyline points="{path}" fill="none" stroke="#ffb000" stroke-width="1.5"/>')
-    for (x, y), used in zip(place(chip.edges), chip.used, strict=True):
-        parts.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="1.8" fill="{"#21c17a" if used else "#e03131"}"/>')
+    for (x, y), is_used in zip(place(chip.edges), chip.used, strict=True):
+        parts.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="1.8" fill="{"#21c17a" if is_used else "#e03131"}"/>')
     if np.isfinite(chip.position).all():
         x, y = place(chip.position)
         parts.append(f'<path d="M{x - 6:.2f},{y:.2f}h12M{x:.2f},{y - 6:.2f}v12" stroke="#e03131" stroke-width="1.2"/>')
@@ -76,8 +76,8 @@ def encode_grey_png(grey: np.ndarray, valid: np.ndarray | None = None) -> str:
 
 def stretch_grey(grey: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
     """Return grey values as uint8, stretched linearly between the 0.5 and 99.5 % percentiles of the valid ones."""
-    known = grey if valid is None or not valid.any() else grey[valid]
-    low, high = np.percentile(known, (0.5, 99.5))
+    valid_grey = grey if valid is None or not valid.any() else grey[valid]
+    low, high = np.percentile(valid_grey, (0.5, 99.5))
     stretched = np.clip((grey.astype(np.float64) - low) * (255.0 / max(float(high - low), 1e-9)), 0.0, 255.0)
     return stretched.astype(np.uint8)
 
@@ -102,12 +102,12 @@ def encode_png(grey: np.ndarray) -> bytes:
 def decode_png(png: bytes) -> np.ndarray:
     """Return the grey image ``(lines, samples)`` of a PNG written by `encode_png`; raise `InputError` for others."""
     try:
-        samples, lines, bits, *rest = struct.unpack(">IIBBBBB", png[16:29])
+        samples, lines, bits, *flags = struct.unpack(">IIBBBBB", png[16:29])
         (length,) = struct.unpack(">I", png[33:37])
         width = samples * bits // 8 + 1
         rows = zlib.decompressobj().decompress(png[41 : 41 + length], lines * width)  # no more than needed
         values = np.frombuffer(rows, dtype=np.uint8).reshape(lines, width)
-        if bits not in (8, 16) or any(rest) or values[:, 0].any():
+        if bits not in (8, 16) or any(flags) or values[:, 0].any():
             raise ValueError("another kind of PNG")
         return np.ascontiguousarray(values[:, 1:]).view(f">u{bits // 8}").astype(f"u{bits // 8}")
     except (struct.error, ValueError, zlib.error) as error:

@@ -67,10 +67,10 @@ class CrsOperations:
     @cached_property
     def operations(self) -> tuple[CrsOperation, ...]:
         """The available operations in PROJ's order, followed by those with a substitute for the geoid."""
-        own = tuple(self._at_epoch(number, one.operation) for number, one in enumerate(self._candidates))
+        candidates = tuple(self._at_epoch(number, one.operation) for number, one in enumerate(self._candidates))
         if self.substitute is None:
-            return own
-        return own + tuple(with_geoid(flat, self.substitute) for flat in self.horizontal.operations)
+            return candidates
+        return candidates + tuple(with_geoid(flat, self.substitute) for flat in self.horizontal.operations)
 
     # ---- conversion ----------------------------------------------------------------------------------------------
 
@@ -117,53 +117,53 @@ class CrsOperations:
         # Start with the operation by areas of use in degrees, then iterate until each is the one chosen at its result
         xy, number = np.full((len(lonlat), 2), np.inf), np.full(len(lonlat), -1)
         areas = [split_at_180(one.operation.bounds) for one in self._candidates]
-        chosen = self._choose(lonlat, areas, {})
+        selected = self._choose(lonlat, areas, {})
         for _ in self._candidates:
-            for one in np.unique(chosen[chosen != number]).tolist():
-                rows = np.flatnonzero((chosen == one) & (number != one))
+            for one in np.unique(selected[selected != number]).tolist():
+                rows = np.flatnonzero((selected == one) & (number != one))
                 xy[rows] = self._pass_back(one, (still if self.is_plate_fixed(one) else lonlat)[rows])
-            number, known = chosen, np.isfinite(xy[:, 0])
-            chosen = number.copy()
-            chosen[known] = self._choose(xy[known], [one.rectangles for one in self._candidates], {})
-            if np.array_equal(chosen, number):
+            number, is_finite = selected, np.isfinite(xy[:, 0])
+            selected = number.copy()
+            selected[is_finite] = self._choose(xy[is_finite], [one.rectangles for one in self._candidates], {})
+            if np.array_equal(selected, number):
                 break
         return xy
 
     def _convert_static(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `convert` without plate motions."""
-        areas, tried = [one.rectangles for one in self._candidates], dict[int, np.ndarray]()
-        chosen = self._choose(xyz, areas, {}) if self._candidates else np.full(len(xyz), -1)
-        if len(xyz) and not chosen.strides[0] and chosen[0] >= 0:  # one operation for all points
-            first = int(chosen[0])
+        areas, attempts = [one.rectangles for one in self._candidates], dict[int, np.ndarray]()
+        selected = self._choose(xyz, areas, {}) if self._candidates else np.full(len(xyz), -1)
+        if len(xyz) and not selected.strides[0] and selected[0] >= 0:  # one operation for all points
+            first = int(selected[0])
             ground, number = self._pass(first, xyz), np.full(len(xyz), first, dtype=np.int16)
-            tried[first] = np.broadcast_to(True, len(xyz))
+            attempts[first] = np.broadcast_to(True, len(xyz))
         else:
             ground, number = np.full((len(xyz), 3), np.inf), np.full(len(xyz), -1, dtype=np.int16)
-            for one in np.unique(chosen[chosen >= 0]).tolist():
-                rows = np.flatnonzero(chosen == one)
+            for one in np.unique(selected[selected >= 0]).tolist():
+                rows = np.flatnonzero(selected == one)
                 ground[rows], number[rows] = self._pass(one, xyz[rows]), one
-                tried[one] = chosen == one
+                attempts[one] = selected == one
         # Points outside the grid of their operation are converted by the next one
         waiting = np.zeros(0, dtype=np.int64)
         if len(self._candidates) > 1 and not np.isfinite(ground).all():
             waiting = np.flatnonzero(~np.isfinite(ground).all(axis=1))
         while len(waiting):
-            chosen = self._choose(xyz[waiting], areas, {one: rows[waiting] for one, rows in tried.items()})
-            for one in np.unique(chosen[chosen >= 0]).tolist():
-                rows = waiting[chosen == one]
+            selected = self._choose(xyz[waiting], areas, {one: rows[waiting] for one, rows in attempts.items()})
+            for one in np.unique(selected[selected >= 0]).tolist():
+                rows = waiting[selected == one]
                 ground[rows], number[rows] = self._pass(one, xyz[rows]), one
-                tried[one] = tried.get(one, np.zeros(len(xyz), dtype=bool)) | np.isin(np.arange(len(xyz)), rows)
-            waiting = waiting[(chosen >= 0) & ~np.isfinite(ground[waiting]).all(axis=1)]
+                attempts[one] = attempts.get(one, np.zeros(len(xyz), dtype=bool)) | np.isin(np.arange(len(xyz)), rows)
+            waiting = waiting[(selected >= 0) & ~np.isfinite(ground[waiting]).all(axis=1)]
         if self.substitute is None:
             return ground, number
-        lost = np.flatnonzero(~np.isfinite(ground).all(axis=1))
-        if len(lost):
-            flat, which = self.horizontal._convert_static(xyz[lost])
+        failed = np.flatnonzero(~np.isfinite(ground).all(axis=1))
+        if len(failed):
+            flat, flat_number = self.horizontal._convert_static(xyz[failed])
             axis = self.crs.sub_crs_list[1].axis_info[0]
             up = -axis.unit_conversion_factor if axis.direction == "down" else axis.unit_conversion_factor
-            known = np.isfinite(flat[:, :2]).all(axis=1)
-            flat[known, 2] = flat[known, 2] * up + self.substitute.heights(flat[known])
-            ground[lost], number[lost] = flat, np.where(which >= 0, which + len(self._candidates), -1)
+            is_finite = np.isfinite(flat[:, :2]).all(axis=1)
+            flat[is_finite, 2] = flat[is_finite, 2] * up + self.substitute.heights(flat[is_finite])
+            ground[failed], number[failed] = flat, np.where(flat_number >= 0, flat_number + len(self._candidates), -1)
         return ground, number
 
     def _pass(self, one: int, xyz: np.ndarray) -> np.ndarray:
@@ -185,22 +185,22 @@ class CrsOperations:
         found by converting the result forward again, and corrected.
         """
         operation, pipeline, _ = self._candidates[one]
-        zero, back = np.zeros(len(lonlat)), TransformDirection.INVERSE
-        x, y, _ = pipeline.transform(lonlat[:, 0], lonlat[:, 1], zero, direction=back)
+        zero, inverse = np.zeros(len(lonlat)), TransformDirection.INVERSE
+        x, y, _ = pipeline.transform(lonlat[:, 0], lonlat[:, 1], zero, direction=inverse)
         if not operation.is_null:
             lon, lat, _ = pipeline.transform(x, y, zero)
             with np.errstate(invalid="ignore"):
                 lon, lat = lonlat[:, 0] - wrap_once(lon - lonlat[:, 0]), 2.0 * lonlat[:, 1] - lat
-            x, y, _ = pipeline.transform(lon, lat, zero, direction=back)
+            x, y, _ = pipeline.transform(lon, lat, zero, direction=inverse)
         return np.column_stack([x, y])
 
     def _choose(
-        self, xy: np.ndarray, areas: Sequence[Sequence[Rectangle]], without: Mapping[int, np.ndarray]
+        self, xy: np.ndarray, areas: Sequence[Sequence[Rectangle]], excluded: Mapping[int, np.ndarray]
     ) -> np.ndarray:
         """Return the index of the candidate for each point, by `choose_operations`; longitudes may exceed ±180."""
         if self.crs.is_geographic and len(xy) and (np.abs(xy[:, 0]) > 180.0).any():
             xy = np.column_stack([(xy[:, 0] + 180.0) % 360.0 - 180.0, xy[:, 1]])
-        return choose_operations(xy, [one.operation for one in self._candidates], areas, without)
+        return choose_operations(xy, [one.operation for one in self._candidates], areas, excluded)
 
     # ---- the motion of plates ------------------------------------------------------------------------------------
 
@@ -223,8 +223,8 @@ class CrsOperations:
         """
         if number >= len(self._candidates):
             return self.horizontal.is_plate_fixed(number - len(self._candidates))
-        made = self._candidates[number].operation
-        moves = made.is_null and not made.is_ballpark and bool(made.accuracy_m)
+        operation = self._candidates[number].operation
+        moves = operation.is_null and not operation.is_ballpark and bool(operation.accuracy_m)
         return moves and not is_realisation_of_itrs(self.crs)
 
     @cached_property
@@ -237,10 +237,10 @@ class CrsOperations:
         motion = self._motion
         if motion is None or not self.is_plate_fixed(number):
             return operation
-        each = motion.accuracy_m / COORDINATES_OF_ACCURACY**0.5
+        sigma_m = motion.accuracy_m / COORDINATES_OF_ACCURACY**0.5
         return operation._replace(
             name=f"{operation.name} + {motion.name} in {motion.epoch:g}", accuracy_m=motion.accuracy_m, is_null=False,
-            sigma_m=(each, float(np.hypot(operation.sigma_m[1], each if motion.is_3d else 0.0))),
+            sigma_m=(sigma_m, float(np.hypot(operation.sigma_m[1], sigma_m if motion.is_3d else 0.0))),
         )  # fmt: skip
 
     # ---- record of the operations used ---------------------------------------------------------------------------
@@ -252,18 +252,20 @@ class CrsOperations:
         number : (n,) indices from `convert`
         Result: one use for each operation, that with the most points first.
         """
-        found = []
+        uses = []
         for one in np.unique(number[number >= 0]).tolist():
-            here, made = ground[number == one], self.operations[one]
-            better, loss_m = self._better_than(one, here)
+            positions, operation = ground[number == one], self.operations[one]
+            better, loss_m = self._better_than(one, positions)
             substitute = self.substitute if one >= len(self._candidates) else None
-            meant = self._missing_at(here) if substitute is not None else None
-            grids = () if meant is None else meant.grids
-            plate = self.is_plate_fixed(one) and made.is_null
-            found.append(
-                OperationUse(source, self.crs.name, one, made, len(here), better, loss_m, substitute, grids, plate)
+            missing = self._missing_at(positions) if substitute is not None else None
+            grids = () if missing is None else missing.grids
+            plate = self.is_plate_fixed(one) and operation.is_null
+            uses.append(
+                OperationUse(
+                    source, self.crs.name, one, operation, len(positions), better, loss_m, substitute, grids, plate
+                )
             )
-        return tuple(sorted(found, key=lambda use: -use.points))
+        return tuple(sorted(uses, key=lambda use: -use.points))
 
     def uses_at(self, source: str, lonlat: np.ndarray) -> tuple[OperationUse, ...]:
         """Return `uses` at positions on WGS84: nodes of a raster, or the place of an image.
@@ -272,14 +274,14 @@ class CrsOperations:
         Result: as `uses`.
         """
         lonlat, xy = np.asarray(lonlat, dtype=np.float64), self.from_wgs84(lonlat)
-        known = np.isfinite(xy).all(axis=1)
-        number = self.convert(np.column_stack([xy[known], np.zeros(known.sum())]))[1]
-        return self.uses(source, lonlat[known], number)
+        is_finite = np.isfinite(xy).all(axis=1)
+        number = self.convert(np.column_stack([xy[is_finite], np.zeros(is_finite.sum())]))[1]
+        return self.uses(source, lonlat[is_finite], number)
 
     def _missing_at(self, ground: np.ndarray) -> CrsOperation | None:
         """Return the most accurate operation with a missing grid that covers some of the points."""
-        here = [one for one in self.unavailable if not one.is_ballpark and one.covers(ground).any()]
-        return min(here, key=lambda one: np.inf if one.accuracy_m is None else one.accuracy_m, default=None)
+        covering = [one for one in self.unavailable if not one.is_ballpark and one.covers(ground).any()]
+        return min(covering, key=lambda one: np.inf if one.accuracy_m is None else one.accuracy_m, default=None)
 
     def _better_than(self, number: int, ground: np.ndarray) -> tuple[CrsOperation | None, float]:
         """Return the best operation with a missing grid for some of the points, and the accuracy (m) lost by that.
@@ -288,10 +290,10 @@ class CrsOperations:
         """
         if number >= len(self._candidates):
             return self.horizontal._better_than(number - len(self._candidates), ground)
-        made, best = self._candidates[number].operation, self._missing_at(ground)
-        if best is None or made.accuracy_m is None:
+        operation, best = self._candidates[number].operation, self._missing_at(ground)
+        if best is None or operation.accuracy_m is None:
             return best, 0.0 if best is None else float("nan")
-        loss_m = 0.0 if best.accuracy_m is None else made.accuracy_m - best.accuracy_m
+        loss_m = 0.0 if best.accuracy_m is None else operation.accuracy_m - best.accuracy_m
         return (best, loss_m) if loss_m > 0.0 else (None, 0.0)
 
 

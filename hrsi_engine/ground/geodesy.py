@@ -46,8 +46,8 @@ def continuous_longitudes(lon_deg: np.ndarray) -> np.ndarray:
     hemisphere are increased by 360.
     """
     wrapped = wrap_degrees(np.asarray(lon_deg, dtype=np.float64))
-    known = wrapped[np.isfinite(wrapped)]
-    if not known.size or np.ptp(known) <= 360.0 - ONE_PLACE_DEG:
+    finite = wrapped[np.isfinite(wrapped)]
+    if not finite.size or np.ptp(finite) <= 360.0 - ONE_PLACE_DEG:
         return wrapped
     eastwards = np.where(wrapped < 0.0, wrapped + 360.0, wrapped)
     return eastwards if np.ptp(eastwards[np.isfinite(eastwards)]) < ONE_PLACE_DEG else wrapped
@@ -68,8 +68,8 @@ def longitudes_near(lon_deg: np.ndarray, middle_deg: float, half_width_deg: floa
     At the cut opposite the middle, a line across it would seem to be a full turn long. Longitudes closer to the cut
     than to the end of the area are therefore NaN.
     """
-    away = wrap_degrees(lon_deg - middle_deg)
-    return np.where(np.abs(away) <= 0.5 * (180.0 + half_width_deg), middle_deg + away, np.nan)
+    difference_deg = wrap_degrees(lon_deg - middle_deg)
+    return np.where(np.abs(difference_deg) <= 0.5 * (180.0 + half_width_deg), middle_deg + difference_deg, np.nan)
 
 
 def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:

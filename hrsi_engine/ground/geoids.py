@@ -100,10 +100,10 @@ def find_geoid(datum: str) -> Geoid:
     for file in names:
         if _open_grid(file) is not None:
             return Geoid(datum.lower(), file)
-    found = find_substitute(datum.lower())
-    if found is None:
+    substitute = find_substitute(datum.lower())
+    if substitute is None:
         raise InputError(f"the geoid grid {names[0]} is not installed: {how_to_get_grids()}")
-    return found
+    return substitute
 
 
 def find_substitute(datum: str) -> Geoid | None:
@@ -127,11 +127,11 @@ def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
 def how_to_get_grids(files: str = "us_nga_egm08_25.tif", is_geoid: bool = True) -> str:
     """Return how to obtain grids, for messages: ``files`` are projsync's names, separated by commas."""
     commands = " and ".join(f"projsync --file {file.strip()}" for file in files.split(","))
-    other = ", or name the file of a geoid grid as the height datum" if is_geoid else ""
+    alternative = ", or name the file of a geoid grid as the height datum" if is_geoid else ""
     folder = pyproj.datadir.get_data_dir().split(os.pathsep)[0]
     return (
         f"run {commands} (into {pyproj.datadir.get_user_data_dir()}), set PROJ_NETWORK=ON, or copy the grid from "
-        f"Debian's proj-data or QGIS's share/proj to {folder}{other}"
+        f"Debian's proj-data or QGIS's share/proj to {folder}{alternative}"
     )
 
 
@@ -184,13 +184,13 @@ def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: n
     undulation_m : (n,) undulations of the geoid there, NaN if unknown
     Result: None without any pair of heights.
     """
-    known = np.isfinite(surveyed_m) & np.isfinite(dem_m)
-    if not known.any():
+    is_finite = np.isfinite(surveyed_m) & np.isfinite(dem_m)
+    if not is_finite.any():
         return None
-    difference = surveyed_m[known] - dem_m[known]
+    difference = surveyed_m[is_finite] - dem_m[is_finite]
     middle = float(np.median(difference))
     spread = float(robust_sigma(difference - middle))
-    of_geoid = undulation_m[known]
+    of_geoid = undulation_m[is_finite]
     return HeightDifference(
         middle, spread, len(difference), float(np.median(of_geoid)) if np.isfinite(of_geoid).all() else float("nan")
     )

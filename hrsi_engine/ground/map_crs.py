@@ -56,8 +56,8 @@ def map_epsg_of(ground: np.ndarray) -> int:
 
 def middle_position(ground: np.ndarray) -> tuple[float, ...]:
     """Return the median of each coordinate of ground points ``(n, 2)`` or ``(n, 3)``, also across 180 degrees."""
-    others: Sequence[float] = np.nanmedian(ground[:, 1:], axis=0).tolist()
-    return float(np.nanmedian(continuous_longitudes(ground[:, 0]))), *others
+    lat_and_height: Sequence[float] = np.nanmedian(ground[:, 1:], axis=0).tolist()
+    return float(np.nanmedian(continuous_longitudes(ground[:, 0]))), *lat_and_height
 
 
 def project_to_map(ground: np.ndarray, epsg: int) -> np.ndarray:

@@ -93,12 +93,13 @@ class OperationUse(NamedTuple):
 
         Result: a dict for JSON.
         """
-        made, better = self.operation, self.better
+        operation, better = self.operation, self.better
         return {
-            "source": self.source, "crs": self.crs, "name": made.name, "code": made.code or None,
-            "accuracy_m": made.accuracy_m, "sigma_plan_m": round(made.sigma_m[0], 4),
-            "sigma_height_m": round(made.sigma_m[1], 4), "grid": ", ".join(made.grids) or None, "points": self.points,
-            "area": made.area or None, "ballpark": made.is_ballpark, "plate_fixed_as_wgs84": self.treats_plate_as_wgs84,
+            "source": self.source, "crs": self.crs, "name": operation.name, "code": operation.code or None,
+            "accuracy_m": operation.accuracy_m, "sigma_plan_m": round(operation.sigma_m[0], 4),
+            "sigma_height_m": round(operation.sigma_m[1], 4), "grid": ", ".join(operation.grids) or None,
+            "points": self.points, "area": operation.area or None, "ballpark": operation.is_ballpark,
+            "plate_fixed_as_wgs84": self.treats_plate_as_wgs84,
             "missing_operation": None if better is None else better.name,
             "missing_grid": None if better is None else ", ".join(better.grids),
             "loss_m": None if np.isnan(self.loss_m) else round(self.loss_m, 4),
@@ -118,15 +119,15 @@ def read_entry(entry: Mapping[str, Any], points: int) -> OperationUse:
     if not np.isfinite([*sigma_m, accuracy_m or 0.0]).all() or min(sigma_m) < 0.0:
         raise ValueError("accuracies")
     grids, missing = (tuple((entry[name] or "").split(", ")) for name in ("grid", "missing_grid"))
-    made = CrsOperation(
+    operation = CrsOperation(
         str(entry["name"]), str(entry["code"] or ""), accuracy_m, sigma_m, grids, str(entry["area"] or ""), WORLD,
         bool(entry["ballpark"]), is_null=False,
     )  # fmt: skip
     best_m = None if accuracy_m is None else accuracy_m - loss_m
-    better = made._replace(name=str(entry["missing_operation"]), accuracy_m=best_m, grids=missing)
+    better = operation._replace(name=str(entry["missing_operation"]), accuracy_m=best_m, grids=missing)
     geoid = Geoid(str(entry["geoid"]), "", str(entry["geoid_stands_for"] or ""))
     return OperationUse(
-        str(entry["source"]), str(entry["crs"]), 0, made, points, better if entry["missing_operation"] else None,
+        str(entry["source"]), str(entry["crs"]), 0, operation, points, better if entry["missing_operation"] else None,
         loss_m, geoid if entry["geoid"] else None, (), bool(entry["plate_fixed_as_wgs84"]),
     )  # fmt: skip
 
@@ -193,22 +194,22 @@ def advise_grids(use: OperationUse) -> str:
 
 def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
     """Return warnings about missing grids and geoids, plate-fixed datums and ballpark operations."""
-    told = []
+    warnings = []
     for use in uses:
         for text in (describe_missing_grid(use), describe_substitute(use)):
             if text:
-                told.append(f"{text}: {advise_grids(use)}")
+                warnings.append(f"{text}: {advise_grids(use)}")
         if use.operation.is_ballpark:
-            told.append(
+            warnings.append(
                 f"{use.source}: PROJ has no operation from {use.crs} to WGS84, so the two datums are treated as equal"
             )
         if use.treats_plate_as_wgs84:
-            told.append(
+            warnings.append(
                 f"{use.source}: {use.crs} moves with its plate and is treated as WGS84 ({use.operation.name}): they "
                 f"may differ by {use.operation.sigma_m[0] * COORDINATES_OF_ACCURACY**0.5:.3g} m, equal for all its "
                 "points"
             )
-    return list(dict.fromkeys(told))
+    return list(dict.fromkeys(warnings))
 
 
 def require_strict_datums(uses: Iterable[OperationUse], strict_datum: bool) -> None:

@@ -55,8 +55,8 @@ class PlateMotion:
         lon, lat, height = ground.T
         year = np.full(len(ground), self.epoch)
         for step in self.steps if direction is TransformDirection.FORWARD else self.steps[::-1]:
-            lon, lat, moved, _ = step.transform(lon, lat, height, year, direction=direction)
-            height = moved if self.is_3d else height
+            lon, lat, moved_height, _ = step.transform(lon, lat, height, year, direction=direction)
+            height = moved_height if self.is_3d else height
         return np.column_stack([lon, lat, height])
 
 
@@ -110,8 +110,8 @@ def _best(source: pyproj.CRS, target: pyproj.CRS) -> pyproj.Transformer | None:
     except pyproj.exceptions.ProjError:  # the file of an operation cannot be opened
         return None
     real = [one for one in group.transformers if "ballpark" not in one.description.lower()]
-    alike = _code_of(source) in BY_WAY_OF
-    return next(iter(real or (group.transformers if alike else ())), None)
+    is_equated = _code_of(source) in BY_WAY_OF
+    return next(iter(real or (group.transformers if is_equated else ())), None)
 
 
 def _code_of(crs: pyproj.CRS) -> int:

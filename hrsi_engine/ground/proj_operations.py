@@ -59,11 +59,11 @@ def list_operations(crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> tuple[list
         warnings.simplefilter("ignore", UserWarning)  # missing grids are reported later
         try:
             group = TransformerGroup(crs, target, always_xy=True)
-            found, missing = group.transformers, group.unavailable_operations
+            transformers, missing = group.transformers, group.unavailable_operations
         except pyproj.exceptions.ProjError:  # PROJ cannot create one of the operations that it lists
-            found = _look_up_only_one(crs, target)
-    stated = [_describe(one, crs, flat) for one in found]
-    pipelines = [pyproj.Transformer.from_pipeline(one.definition) for one in found]
+            transformers = _look_up_only_one(crs, target)
+    stated = [_describe(one, crs, flat) for one in transformers]
+    pipelines = [pyproj.Transformer.from_pipeline(one.definition) for one in transformers]
     areas = find_rectangles(without_heights(crs), [one.bounds for one in stated])
     candidates = [Candidate(*one) for one in zip(stated, pipelines, areas, strict=True)]
     return candidates, tuple(_describe(one, crs, flat) for one in missing)
@@ -72,18 +72,18 @@ def list_operations(crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> tuple[list
 def _look_up_only_one(crs: pyproj.CRS, target: int) -> list[pyproj.Transformer]:
     """Return PROJ's own choice of operation in a list; an empty list if it depends on the point."""
     try:
-        found = pyproj.Transformer.from_crs(crs, target, always_xy=True)
+        transformer = pyproj.Transformer.from_crs(crs, target, always_xy=True)
     except pyproj.exceptions.ProjError:
         return []
-    return [found] if found.definition.startswith("proj=") else []
+    return [transformer] if transformer.definition.startswith("proj=") else []
 
 
 def _describe(operation: Any, crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> CrsOperation:
     """Return the description of a transformer or a coordinate operation of PROJ."""
     steps = operation.operations or ((operation,) if hasattr(operation, "type_name") else ())  # one step: no list
     moving = [step for step in steps if step.type_name != "Conversion"]
-    ids = [known for step in moving if (known := step.to_json_dict().get("id"))]
-    codes = [_AUTHORITY.sub(r"\1", known["authority"]) + f":{known['code']}" for known in ids]
+    ids = [identifier for step in moving if (identifier := step.to_json_dict().get("id"))]
+    codes = [_AUTHORITY.sub(r"\1", identifier["authority"]) + f":{identifier['code']}" for identifier in ids]
     title, name = getattr(operation, "description", None) or operation.name, " + ".join(step.name for step in moving)
     stated = None if operation.accuracy is None or operation.accuracy < 0.0 else float(operation.accuracy)
     is_null = hasattr(operation, "definition") and not _DATUM_STEP.search(operation.definition)
@@ -107,11 +107,11 @@ def _estimate_sigmas(
     For a compound CRS, the positions get the largest accuracy figure of an operation of its horizontal part that does
     not exceed the total, the heights the remainder. A null operation has an error in plan only, the plate motion.
     """
-    each = (stated or 0.0) / COORDINATES_OF_ACCURACY**0.5
+    axis_sigma_m = (stated or 0.0) / COORDINATES_OF_ACCURACY**0.5
     if not name_vertical_crs(crs):
-        return each, each if has_heights(crs) and not is_null else 0.0
-    known = [one.accuracy_m for one in flat if one.accuracy_m is not None and one.accuracy_m <= (stated or 0.0)]
-    plan = max(known, default=0.0)
+        return axis_sigma_m, axis_sigma_m if has_heights(crs) and not is_null else 0.0
+    accuracies = [one.accuracy_m for one in flat if one.accuracy_m is not None and one.accuracy_m <= (stated or 0.0)]
+    plan = max(accuracies, default=0.0)
     return plan / COORDINATES_OF_ACCURACY**0.5, 0.0 if _GEOID_MODEL.search(title) else (stated or 0.0) - plan
 
 
@@ -157,49 +157,49 @@ Rectangle = tuple[float, float, float, float]  # low x, low y, high x, high y
 
 def choose_operations(
     xy: np.ndarray, operations: Sequence[CrsOperation], areas: Sequence[Sequence[Rectangle]],
-    without: Mapping[int, np.ndarray],
+    excluded: Mapping[int, np.ndarray],
 ) -> np.ndarray:  # fmt: skip
     """Return the index of the operation for each point ``(n,)`` by PROJ's rule, -1 if none is available.
 
-    ``xy (n, 2 or 3)`` and the ``areas`` of use of the ``operations`` have the same coordinates; ``without`` are masks
+    ``xy (n, 2 or 3)`` and the ``areas`` of use of the ``operations`` have the same coordinates; ``excluded`` are masks
     ``(n,)`` of points for which an operation is excluded. If all points have the same operation, the stride of the
     result is 0.
     """
-    if len(areas) == 1 and not without:
+    if len(areas) == 1 and not excluded:
         return np.broadcast_to(0, len(xy))
     if not len(xy):
         return np.zeros(0, dtype=np.int64)
     x, y = xy[:, 0], xy[:, 1]
     # If each area contains all points or none, the choice for one point is valid for all
     low_x, low_y, high_x, high_y = np.fmin.reduce(x), np.fmin.reduce(y), np.fmax.reduce(x), np.fmax.reduce(y)
-    met = [
+    overlaps = [
         (one, r)
         for one, rectangles in enumerate(areas)
         for r in rectangles
         if not (high_x < r[0] or low_x > r[2] or high_y < r[1] or low_y > r[3])
     ]
-    whole = all(r[0] <= low_x and r[1] <= low_y and r[2] >= high_x and r[3] >= high_y for _, r in met)
-    if whole and not without:
+    covers_all = all(r[0] <= low_x and r[1] <= low_y and r[2] >= high_x and r[3] >= high_y for _, r in overlaps)
+    if covers_all and not excluded:
         x, y = np.array([low_x]), np.array([low_y])
     best, accuracy = np.full(len(x), -1), np.full(len(x), np.inf)
-    within = np.tile([-np.inf, -np.inf, np.inf, np.inf], (len(x), 1))
-    for one, r in met:
+    limits = np.tile([-np.inf, -np.inf, np.inf, np.inf], (len(x), 1))
+    for one, r in overlaps:
         operation = operations[one]
         inside = (x >= r[0]) & (y >= r[1]) & (x <= r[2]) & (y <= r[3])
-        if one in without:
-            inside &= ~without[one]
+        if one in excluded:
+            inside &= ~excluded[one]
         better = best < 0
         if operation.accuracy_m is not None and OFFSHORE not in operation.area:
-            smaller = (within[:, :2] <= r[:2]).all(axis=1) & (within[:, 2:] >= r[2:]).all(axis=1)
-            smaller &= (within != r).any(axis=1)
-            same = accuracy == operation.accuracy_m
-            better |= (operation.accuracy_m < accuracy) | (same & smaller)
-        here = inside & better
-        best[here], within[here] = one, r
-        accuracy[here] = -1.0 if operation.accuracy_m is None else operation.accuracy_m
+            smaller = (limits[:, :2] <= r[:2]).all(axis=1) & (limits[:, 2:] >= r[2:]).all(axis=1)
+            smaller &= (limits != r).any(axis=1)
+            is_equal = accuracy == operation.accuracy_m
+            better |= (operation.accuracy_m < accuracy) | (is_equal & smaller)
+        assigned = inside & better
+        best[assigned], limits[assigned] = one, r
+        accuracy[assigned] = -1.0 if operation.accuracy_m is None else operation.accuracy_m
     for one, operation in enumerate(operations):  # outside all areas: the first that needs no grid
         if not operation.grids:
-            best[(best < 0) & ~without.get(one, np.zeros(len(x), dtype=bool))] = one
+            best[(best < 0) & ~excluded.get(one, np.zeros(len(x), dtype=bool))] = one
     return best if len(best) == len(xy) else np.broadcast_to(best, len(xy))
 
 
@@ -221,7 +221,7 @@ def find_rectangles(flat: pyproj.CRS, areas: Sequence[Rectangle]) -> list[tuple[
     shape = f"+rf={inverse!r}" if inverse else f"+b={axis!r}"
     degrees = pyproj.CRS.from_user_input(f"+proj=longlat +a={axis!r} {shape} +no_defs +type=crs")
     to_flat = pyproj.Transformer.from_crs(degrees, flat, always_xy=True)
-    found = []
+    areas_of_use = []
     for area in areas:
         rectangles = []
         for west, south, east, north in split_at_180(area):
@@ -233,9 +233,9 @@ def find_rectangles(flat: pyproj.CRS, areas: Sequence[Rectangle]) -> list[tuple[
                 np.concatenate([lon, lon, np.full(EDGE_NODES, west), np.full(EDGE_NODES, east)]),
                 np.concatenate([np.full(EDGE_NODES, south), np.full(EDGE_NODES, north), lat, lat]),
             )
-            known = np.isfinite(x) & np.isfinite(y)
-            if known.any():
-                x, y = x[known], y[known]
+            is_finite = np.isfinite(x) & np.isfinite(y)
+            if is_finite.any():
+                x, y = x[is_finite], y[is_finite]
                 rectangles.append((float(x.min()), float(y.min()), float(x.max()), float(y.max())))
-        found.append(tuple(rectangles))
-    return found
+        areas_of_use.append(tuple(rectangles))
+    return areas_of_use

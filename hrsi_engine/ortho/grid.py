@@ -170,13 +170,13 @@ def compute_footprint_bounds(image: Image, surface: HeightSurface, crs: str, res
     """
     outline = image.outline_px(ORTHO.outline_points)
     ground, status = intersect_surface(image.rpc, outline, surface)
-    lost = status != Status.FOUND
-    if lost.any():
-        known = find_terrain_points(image, surface)
-        if not len(known):
+    has_no_terrain = status != Status.FOUND
+    if has_no_terrain.any():
+        terrain = find_terrain_points(image, surface)
+        if not len(terrain):
             raise InputError(f"{image.id}: the DEM has no height in the image: use a DEM that covers it")
-        for height in (known[:, 2].min(), known[:, 2].max()):
-            ground = np.vstack([ground, image.rpc.localize(outline[lost], height).ground])
+        for height in (terrain[:, 2].min(), terrain[:, 2].max()):
+            ground = np.vstack([ground, image.rpc.localize(outline[has_no_terrain], height).ground])
     ground = ground[np.isfinite(ground).all(axis=1)]
     operations = operations_of(crs)
     x, y = operations.from_wgs84(ground).T

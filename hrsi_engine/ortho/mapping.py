@@ -82,12 +82,12 @@ def _read_cells_below(
     The cells are None and the position is (0, 0) outside the area of a `GridSurface` and if there are too many cells.
     """
     low, high = grid.min(axis=0) - 1.0, grid.max(axis=0) + 1.0
-    few = np.prod(high - low) <= ORTHO.most_cells
-    if not (few and isinstance(surface, GridSurface) and surface.covers(np.array([low, high])).all()):
+    is_small = np.prod(high - low) <= ORTHO.most_cells
+    if not (is_small and isinstance(surface, GridSurface) and surface.covers(np.array([low, high])).all()):
         return None, np.zeros(2), surface.bounds(low, high)
     row, column, cells = surface.window(low, high)
-    known = cells[np.isfinite(cells)]
-    span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
+    finite = cells[np.isfinite(cells)]
+    span = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
     return cells, np.array([column, row], dtype=float), span
 
 
@@ -111,8 +111,8 @@ class _Chunk:
         self._cells = None if cells is None else _Cells(cells, self.middle_m, self.half_m)
         heights = np.repeat([self.middle_m - self.half_m, self.middle_m, self.middle_m + self.half_m], len(lonlat))
         images = mapping.rpc.project(np.column_stack([np.tile(lonlat, (3, 1)), heights]))
-        below, at, above = images.reshape(3, -1, 2).swapaxes(1, 2)
-        terms = [at, (above - below) / 2.0, (above + below) / 2.0 - at]
+        lower, middle, above = images.reshape(3, -1, 2).swapaxes(1, 2)
+        terms = [middle, (above - lower) / 2.0, (above + lower) / 2.0 - middle]
         if np.abs(terms[2]).max() <= ORTHO.straight * mapping.error_px:
             del terms[2]
         self.lattice = np.concatenate([(grid - origin).T, *terms]).reshape(-1, rows, columns)
@@ -211,10 +211,12 @@ class OrthoMapping:
             column, row = np.arange(window.columns + 1.0), np.arange(window.rows + 1.0)
             pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
             nodes = self.exact(pixels).T.reshape(2, len(row), len(column))
-            known = np.isfinite(nodes[0])
+            has_height = np.isfinite(nodes[0])
             if not self._touches_image(nodes, 1.0):
-                return None if known.all() else self._make_empty_mapping(window, known)
-            return ChunkMapping(nodes, 1, np.zeros(1), 0 if known.all() else self._count_unknown(window, known))
+                return None if has_height.all() else self._make_empty_mapping(window, has_height)
+            return ChunkMapping(
+                nodes, 1, np.zeros(1), 0 if has_height.all() else self._count_unknown(window, has_height)
+            )
         chunk = _Chunk(self, window)
         if not chunk.known:
             return self._make_empty_mapping(window, np.zeros((2, 2), dtype=bool))
@@ -229,20 +231,20 @@ class OrthoMapping:
             step //= 2
         while True:
             nodes = chunk.nodes(step)
-            known = np.isfinite(nodes[0])
+            has_height = np.isfinite(nodes[0])
             if not self._touches_image(nodes, float(step)):
-                return None if known.all() else self._make_empty_mapping(window, known)
+                return None if has_height.all() else self._make_empty_mapping(window, has_height)
             errors = np.hypot(*(_interpolate_nodes(nodes, checks / step) - truth).T)
             errors = errors[np.isfinite(errors)]
-            good = known.all() and errors.max(initial=0.0) <= self.error_px
-            if step == 1 or (good and chunk.is_interpolation_accurate(self.error_px, nodes, step)):
+            is_accurate = has_height.all() and errors.max(initial=0.0) <= self.error_px
+            if step == 1 or (is_accurate and chunk.is_interpolation_accurate(self.error_px, nodes, step)):
                 break
-            step = step // 2 if known.all() else 1
-        return ChunkMapping(nodes, step, errors, 0 if known.all() else self._count_unknown(window, known))
+            step = step // 2 if has_height.all() else 1
+        return ChunkMapping(nodes, step, errors, 0 if has_height.all() else self._count_unknown(window, has_height))
 
-    def _make_empty_mapping(self, window: GridWindow, known: np.ndarray) -> ChunkMapping | None:
+    def _make_empty_mapping(self, window: GridWindow, has_height: np.ndarray) -> ChunkMapping | None:
         """Return the mapping of a chunk whose pixels inside the image have no height; None if it has no such pixels."""
-        count = self._count_unknown(window, known)
+        count = self._count_unknown(window, has_height)
         return ChunkMapping(np.full((2, 2, 2), np.nan), ORTHO.lattice_px, np.empty(0), count) if count else None
 
     def _touches_image(self, nodes: np.ndarray, margin: float) -> bool:
@@ -251,7 +253,7 @@ class OrthoMapping:
         low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
         return bool((high + margin > -0.5).all() and (low - margin < np.array(self.size) - 0.5).all())
 
-    def _count_unknown(self, window: GridWindow, known: np.ndarray) -> int:
+    def _count_unknown(self, window: GridWindow, has_height: np.ndarray) -> int:
         """Return the approximate number of pixels without height inside the image, at the RPC's mean height."""
         side = np.linspace(0.0, 1.0, ORTHO.unknown_grid)
         column, row = side * (window.columns - 1), side * (window.rows - 1)
@@ -261,8 +263,8 @@ class OrthoMapping:
             np.column_stack([lonlat, np.full(len(lonlat), sum(self.rpc.height_range) / 2.0)])
         ).T
         inside = (sample > -0.5) & (line > -0.5) & (sample < self.size[0] - 0.5) & (line < self.size[1] - 0.5)
-        i, j = (np.rint(side * (count - 2)).astype(int) for count in known.shape)
-        share = float(np.mean(inside.reshape(len(row), len(column)) & ~known[np.ix_(i, j)]))
+        i, j = (np.rint(side * (count - 2)).astype(int) for count in has_height.shape)
+        share = float(np.mean(inside.reshape(len(row), len(column)) & ~has_height[np.ix_(i, j)]))
         return round(share * window.columns * window.rows)
 
     def source_pixels_per_pixel(self) -> float:
@@ -274,14 +276,14 @@ class OrthoMapping:
         lonlat = self.grid.lonlat(middle)
         heights = surface_heights(self.surface, lonlat)
         height = float(np.nanmean(heights)) if np.isfinite(heights).any() else sum(self.rpc.height_range) / 2.0
-        at = self.rpc.project(np.column_stack([lonlat, np.full(3, height)]))
-        return float(np.sqrt(abs(np.linalg.det(at[1:] - at[0]))))
+        image_xy = self.rpc.project(np.column_stack([lonlat, np.full(3, height)]))
+        return float(np.sqrt(abs(np.linalg.det(image_xy[1:] - image_xy[0]))))
 
 
-def _interpolate_nodes(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
+def _interpolate_nodes(nodes: np.ndarray, node_xy: np.ndarray) -> np.ndarray:
     """Return the values of nodes, interpolated bilinearly at column, row ``(n, 2)`` in steps."""
-    j, i = at.astype(int).T
-    u, v = (at - at.astype(int)).T
+    j, i = node_xy.astype(int).T
+    u, v = (node_xy - node_xy.astype(int)).T
     upper = nodes[:, i, j] * (1.0 - u) + nodes[:, i, j + 1] * u
     lower = nodes[:, i + 1, j] * (1.0 - u) + nodes[:, i + 1, j + 1] * u
     on_node = (u == 0.0) & (v == 0.0)  # exactly at a node, neighbours without height are not used

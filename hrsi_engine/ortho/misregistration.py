@@ -147,8 +147,8 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     if not template[1].all():
         return _make_failure(WindowOutcome.NODATA)
     area = second(column - reach, row - reach, 2 * reach, 2 * reach)
-    both = template[0], np.where(area[1], area[0], np.mean(area[0]))
-    grey, place = (blur(np.asarray(pixels, dtype=np.float32), SHIFT.smoothing_px) for pixels in both)
+    pixel_pair = template[0], np.where(area[1], area[0], np.mean(area[0]))
+    grey, place = (blur(np.asarray(pixels, dtype=np.float32), SHIFT.smoothing_px) for pixels in pixel_pair)
     core = grey[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # no overflow
         return _make_failure(WindowOutcome.FLAT)
@@ -163,12 +163,12 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     if not area[1][row : row + side, column : column + side].all():
         return _make_failure(WindowOutcome.NODATA, best)
     # Least squares from the best whole pixel; both windows have a border for interpolation
-    near = place[row : row + side, column : column + side]
+    centre_part = place[row : row + side, column : column + side]
     T, T_x, T_y = _interpolate_window(_filter_spline(grey), np.zeros(2))
-    coefficients = _filter_spline(near)
+    coefficients = _filter_spline(centre_part)
     line = np.exp(-0.5 * (((np.arange(len(T)) - (len(T) - 1) / 2.0) / (len(T) / 2.0)) / SHIFT.weight_sigma) ** 2)
     weight = (line[:, None] * line).ravel()
-    d, gain, offset = np.zeros(2), float(T.std() / max(near.std(), 1e-9)), 0.0
+    d, gain, offset = np.zeros(2), float(T.std() / max(centre_part.std(), 1e-9)), 0.0
     for _ in range(SHIFT.most_iterations):
         S, S_x, S_y = _interpolate_window(coefficients, d)
         A = np.stack([(gain * S_x + T_x) / 2.0, (gain * S_y + T_y) / 2.0, S, np.ones_like(S)]).reshape(4, -1)
@@ -217,11 +217,11 @@ def _weigh_spline(t: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _interpolate_window(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the window inside the border, shifted by at most `SHIFT.reach_px`, and its derivatives by x and y."""
-    whole = np.floor(d).astype(int)
-    x_values, x_slopes = _weigh_spline(float(d[0] - whole[0]))
-    y_values, y_slopes = _weigh_spline(float(d[1] - whole[1]))
+    whole_px = np.floor(d).astype(int)
+    x_values, x_slopes = _weigh_spline(float(d[0] - whole_px[0]))
+    y_values, y_slopes = _weigh_spline(float(d[1] - whole_px[1]))
     side = len(coefficients) - 2 * SHIFT.border_px
-    start = SHIFT.border_px - 1 + whole
+    start = SHIFT.border_px - 1 + whole_px
     parts = [coefficients[:, start[0] + k : start[0] + k + side] for k in range(4)]
     across, slope_across = (sum(w * p for w, p in zip(ws, parts, strict=True)) for ws in (x_values, x_slopes))
 
@@ -284,5 +284,5 @@ def _compute_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Return the gradient directions at reduced resolution; 0 for pixels reduced from pixels that are not all valid."""
     size = (grey.shape[1] // SHIFT.reduction, grey.shape[0] // SHIFT.reduction)
     mean = reduce_by_area(np.where(valid, grey, 0).astype(np.float32), size)
-    known = reduce_by_area(valid.astype(np.float32), size) > 0.999
-    return compute_orientation_field(mean, known)
+    is_complete = reduce_by_area(valid.astype(np.float32), size) > 0.999
+    return compute_orientation_field(mean, is_complete)

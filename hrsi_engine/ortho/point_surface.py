@@ -56,31 +56,33 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     Result: the surface, and the number of points that it does not use.
     Raises `InputError`: there are fewer than three points.
     """
-    known = np.isfinite(ground).all(axis=1)
+    is_finite = np.isfinite(ground).all(axis=1)
     sigma = np.full(len(ground), np.nan) if sigma_height_m is None else np.asarray(sigma_height_m, dtype=np.float64)
-    ground, sigma = ground[known], sigma[known]
+    ground, sigma = ground[is_finite], sigma[is_finite]
     if len(ground) < 3:
         raise InputError(f"a surface needs 3 points with heights or more, there are {len(ground)}: use a DEM")
     ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
     frame = LocalFrame(*np.median(ground, axis=0).tolist())
     xy = frame.from_ground(np.column_stack([ground[:, :2], np.full(len(ground), frame.height_m)]))[:, :2]
     # Variance of each height ``(n,)`` above the smallest one of its neighbours
-    known = np.flatnonzero(np.isfinite(sigma))
+    is_finite = np.flatnonzero(np.isfinite(sigma))
     variance = np.zeros(len(xy))
-    if len(known):
-        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(POINT_SURFACE.neighbours + 1, len(known)) + 1))
-        variance[known] = sigma[known] ** 2 - (sigma[known][near] ** 2).min(axis=1)
+    if len(is_finite):
+        _, neighbours = KDTree(xy[is_finite]).query(
+            xy[is_finite], k=np.arange(1, min(POINT_SURFACE.neighbours + 1, len(is_finite)) + 1)
+        )
+        variance[is_finite] = sigma[is_finite] ** 2 - (sigma[is_finite][neighbours] ** 2).min(axis=1)
     # Points that are kept: close to the median of their neighbours, or to the heights of some of them
     height = ground[:, 2]
     count = min(POINT_SURFACE.neighbours + 1, len(xy))
     _, index = KDTree(xy).query(xy, k=count)
     middle = np.median(height[index], axis=1)
-    away = np.abs(height - middle)
+    deviation = np.abs(height - middle)
     spread = robust_sigma(height[index] - middle[:, None], axis=1)
-    typical = max(float(robust_sigma(away)), POINT_SURFACE.least_scatter_m)
-    alike = np.abs(height[index] - height[:, None]) <= POINT_SURFACE.blunder * typical
-    near = away <= POINT_SURFACE.blunder * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
-    keep = near | (alike.sum(axis=1) > POINT_SURFACE.companions)
+    typical = max(float(robust_sigma(deviation)), POINT_SURFACE.least_scatter_m)
+    is_similar = np.abs(height[index] - height[:, None]) <= POINT_SURFACE.blunder * typical
+    is_close = deviation <= POINT_SURFACE.blunder * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
+    keep = is_close | (is_similar.sum(axis=1) > POINT_SURFACE.companions)
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
     # The surface on a grid of degrees; ``scale (2,)`` is metres per degree
@@ -103,9 +105,9 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     for start in range(0, len(nodes), POINT_SURFACE.batch):
         part = slice(start, start + POINT_SURFACE.batch)
         inside = hull.find_simplex(nodes[part]) >= 0
-        found = points.height[points.tree.query(nodes[part])[1]]
-        found[inside] = _fit_planes(points, nodes[part][inside])
-        heights[part] = found
+        node_heights = points.height[points.tree.query(nodes[part])[1]]
+        node_heights[inside] = _fit_planes(points, nodes[part][inside])
+        heights[part] = node_heights
     heights = heights.reshape(rows, columns)
     step = cell_m / scale
     grid_nodes = GridSurface.from_array(heights, (x[0] / scale[0], y[0] / scale[1]), (step[0], -step[1]))
@@ -127,9 +129,11 @@ class _Points:
     @cached_property
     def scatter_m(self) -> float:
         """Robust standard deviation of the points from planes through their neighbours (m)."""
-        near = self.tree.query(self.xy, k=np.arange(2, min(POINT_SURFACE.neighbours + 1, len(self.xy)) + 1))[1]
-        A = np.concatenate([np.ones_like(self.xy[near][..., :1]), self.xy[near] - self.xy[:, None]], axis=-1)
-        plane = np.linalg.pinv(A) @ self.height[near][..., None]
+        neighbours = self.tree.query(self.xy, k=np.arange(2, min(POINT_SURFACE.neighbours + 1, len(self.xy)) + 1))[1]
+        A = np.concatenate(
+            [np.ones_like(self.xy[neighbours][..., :1]), self.xy[neighbours] - self.xy[:, None]], axis=-1
+        )
+        plane = np.linalg.pinv(A) @ self.height[neighbours][..., None]
         return max(float(robust_sigma(self.height - plane[:, 0, 0])), POINT_SURFACE.least_scatter_m)
 
     @property
@@ -140,13 +144,13 @@ class _Points:
 def _fit_planes(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return the heights ``(m,)`` of robust planes at nodes ``(m, 2)``, within the range of the points' heights."""
     count = min(POINT_SURFACE.fitted, len(points.xy))
-    distance, near = points.tree.query(nodes, k=np.arange(1, count + 1))
+    distance, neighbours = points.tree.query(nodes, k=np.arange(1, count + 1))
     width = np.maximum(POINT_SURFACE.width * distance[:, min(POINT_SURFACE.nearest, count) - 1], 1e-3)[:, None]
-    away = (points.xy[near] - nodes[:, None]) / width[..., None]
-    height, scatter = points.height[near], points.scatter_m
+    offset = (points.xy[neighbours] - nodes[:, None]) / width[..., None]
+    height, scatter = points.height[neighbours], points.scatter_m
     nearness = np.exp(0.5 * ((distance[:, :1] / width) ** 2 - (distance / width) ** 2))  # 1 for the nearest
-    P = nearness / (points.variance[near] + (0.5 * scatter) ** 2)
-    A = np.concatenate([np.ones_like(away[..., :1]), away], axis=-1)
+    P = nearness / (points.variance[neighbours] + (0.5 * scatter) ** 2)
+    A = np.concatenate([np.ones_like(offset[..., :1]), offset], axis=-1)
     robust = np.ones_like(P)
     for tolerance in POINT_SURFACE.scatters:
         weighted = A * (P * robust)[..., None]

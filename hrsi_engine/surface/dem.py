@@ -209,9 +209,9 @@ def _march_down(
         terrain = surface.heights(position)
         unknown = np.isnan(terrain)
         reached = ~unknown & (height <= terrain)
-        found, hidden = going[reached & ~in_gap[going]], going[reached & in_gap[going]]
-        status[found], status[hidden] = Status.FOUND, Status.NODATA
-        bracket[found] = height + (high - low) / steps, height
+        reached_rows, gap_rows = going[reached & ~in_gap[going]], going[reached & in_gap[going]]
+        status[reached_rows], status[gap_rows] = Status.FOUND, Status.NODATA
+        bracket[reached_rows] = height + (high - low) / steps, height
         in_gap[going] = unknown & surface.covers(position)
         status[going[in_gap[going]]] = Status.NODATA
         status[going[unknown & ~in_gap[going]]] = Status.OUTSIDE
@@ -249,11 +249,13 @@ def _close_in_on_surface(
         a, b, fa, fb = upper[going], lower[going], f_upper[going], f_lower[going]
         middle = 0.5 * (a + b) if iteration % 4 == 3 else (a * fb - b * fa) / (fb - fa)
         ground[going], f = find_height_above(going, middle)
-        below = f < 0.0
-        damping = np.where(below == below_before[going], 0.5, 1.0)  # weight of the end that remains for a second time
-        upper[going], f_upper[going] = np.where(below, a, middle), np.where(below, damping * fa, f)
-        lower[going], f_lower[going] = np.where(below, middle, b), np.where(below, f, damping * fb)
-        below_before[going] = below
+        is_below = f < 0.0
+        damping = np.where(
+            is_below == below_before[going], 0.5, 1.0
+        )  # weight of the end that remains for a second time
+        upper[going], f_upper[going] = np.where(is_below, a, middle), np.where(is_below, damping * fa, f)
+        lower[going], f_lower[going] = np.where(is_below, middle, b), np.where(is_below, f, damping * fb)
+        below_before[going] = is_below
         valid[going[~np.isfinite(f)]] = False
         narrow = upper[going] - lower[going] < RAY_TRACING.accuracy_m
         going = going[np.isfinite(f) & ~narrow & (np.abs(f) > 0.1 * RAY_TRACING.accuracy_m)]

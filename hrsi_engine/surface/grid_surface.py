@@ -120,11 +120,11 @@ class GridSurface:
         left, top = np.minimum(column.astype(int), self.shape[1] - 2), np.minimum(row.astype(int), self.shape[0] - 2)
         tile = (top // SURFACE.tile) * (1 + self.shape[1] // SURFACE.tile) + left // SURFACE.tile
         for number in np.unique(tile):
-            here = np.flatnonzero(tile == number)
-            place = int(top[here[0]]) // SURFACE.tile, int(left[here[0]]) // SURFACE.tile
-            i, j = top[here] - place[0] * SURFACE.tile, left[here] - place[1] * SURFACE.tile
-            result[inside[here]] = _interpolate_cells(
-                self._read_tile(place), i, j, row[here] - top[here], column[here] - left[here]
+            in_tile = np.flatnonzero(tile == number)
+            place = int(top[in_tile[0]]) // SURFACE.tile, int(left[in_tile[0]]) // SURFACE.tile
+            i, j = top[in_tile] - place[0] * SURFACE.tile, left[in_tile] - place[1] * SURFACE.tile
+            result[inside[in_tile]] = _interpolate_cells(
+                self._read_tile(place), i, j, row[in_tile] - top[in_tile], column[in_tile] - left[in_tile]
             )
         return result
 

@@ -93,9 +93,9 @@ class SurfaceMatch:
 
     def is_apart_from(self, other: SurfaceMatch, cell_m: float) -> bool:
         """Return whether this is another minimum: farther away than a cell, and significant by the covariances."""
-        away = self.displacement_m - other.displacement_m
-        chi2 = away @ np.linalg.solve(self.covariance_m2 + other.covariance_m2, away)
-        return bool(np.hypot(*away[:2]) > cell_m and chi2 > SURFACE_MATCHING.decided_sigmas**2)
+        difference_m = self.displacement_m - other.displacement_m
+        chi2 = difference_m @ np.linalg.solve(self.covariance_m2 + other.covariance_m2, difference_m)
+        return bool(np.hypot(*difference_m[:2]) > cell_m and chi2 > SURFACE_MATCHING.decided_sigmas**2)
 
 
 def match_surface(
@@ -122,50 +122,53 @@ class SurfaceMatcher:
         self.surface, self.kind, self.cell_m = surface, kind, cell_size_m(surface, ground[0])
         place_m = ground_difference_m(ground, np.broadcast_to(ground[0], ground.shape))[:, :2]
         in_cell = len(ground) * self.cell_m**2 / max(float(np.prod(np.nanmax(place_m, 0) - np.nanmin(place_m, 0))), 1.0)
-        most = min(SURFACE_MATCHING.most_points, int(SURFACE_MATCHING.most_pairs / (1.0 + 9.0 * in_cell)))
-        sample = np.arange(0, len(ground), 1 + len(ground) // most)
+        largest_count = min(SURFACE_MATCHING.most_points, int(SURFACE_MATCHING.most_pairs / (1.0 + 9.0 * in_cell)))
+        sample = np.arange(0, len(ground), 1 + len(ground) // largest_count)
         points, self.place_m = ground[sample], place_m[sample]
         self.own_m2 = np.zeros(len(points)) if variance_m2 is None else variance_m2[sample]
         self.height = points[:, 2]
         if in_cell > SURFACE_MATCHING.in_cell:
             # Heights smoothed as the cells of the surface smooth the ground
             height = ground[:, 2]
-            known = np.flatnonzero(np.isfinite(place_m).all(axis=1) & np.isfinite(height))
+            valid = np.flatnonzero(np.isfinite(place_m).all(axis=1) & np.isfinite(height))
             usable = np.isfinite(self.place_m).all(axis=1)
-            near = KDTree(place_m[known]).query_ball_point(
+            neighbours = KDTree(place_m[valid]).query_ball_point(
                 np.where(usable[:, None], self.place_m, 0.0), 1.5 * self.cell_m, np.inf
             )
-            count = np.array([len(one) for one in near])
-            of, to = np.repeat(np.arange(len(near)), count), known[np.concatenate([*near, []]).astype(np.int64)]
-            away = np.abs(u := (place_m[to] - self.place_m[of]) / self.cell_m)
-            weight = np.where(away < 0.5, 0.75 - away**2, 0.5 * (1.5 - away) ** 2).prod(axis=1)
+            count = np.array([len(one) for one in neighbours])
+            first, second = (
+                np.repeat(np.arange(len(neighbours)), count),
+                valid[np.concatenate([*neighbours, []]).astype(np.int64)],
+            )
+            offset = np.abs(u := (place_m[second] - self.place_m[first]) / self.cell_m)
+            weight = np.where(offset < 0.5, 0.75 - offset**2, 0.5 * (1.5 - offset) ** 2).prod(axis=1)
             A = np.column_stack([np.ones(len(u)), u])
-            sums = [[np.bincount(of, weight * a * b, len(near)) for b in (*A.T, height[to])] for a in A.T]
+            sums = [[np.bincount(first, weight * a * b, len(neighbours)) for b in (*A.T, height[second])] for a in A.T]
             N, h = np.moveaxis(np.array(sums)[:, :3], 2, 0), np.array(sums)[:, 3].T
             fit = np.linalg.solve(N + 1e-6 * np.eye(3), h[..., None])[:, 0, 0]
             lopsided = np.abs(N[:, 0, 1:]).max(axis=1) > SURFACE_MATCHING.lopsided * N[:, 0, 0]
             self.height = np.where(usable & (count >= SURFACE_MATCHING.fewest_near) & ~lopsided, fit, np.nan)
-        at, east, north = (surface.grid_coordinates(move_ground(points, step)[:, :2]) for step in _STEP_M)
-        self._at, self._per_m = at, np.stack([east - at, north - at], axis=2) / _STEP_M.max()
+        grid_xy, east, north = (surface.grid_coordinates(move_ground(points, step)[:, :2]) for step in _STEP_M)
+        self._at, self._per_m = grid_xy, np.stack([east - grid_xy, north - grid_xy], axis=2) / _STEP_M.max()
         # The part of the ground that contains each point
-        away = np.nan_to_num(self.place_m - np.nanmin(self.place_m, axis=0))
-        of_points = float(np.sqrt(SURFACE_MATCHING.part_points * np.prod(away.max(axis=0)) / len(away)))
+        offset = np.nan_to_num(self.place_m - np.nanmin(self.place_m, axis=0))
+        of_points = float(np.sqrt(SURFACE_MATCHING.part_points * np.prod(offset.max(axis=0)) / len(offset)))
         side = max(SURFACE_MATCHING.part_cells * self.cell_m, of_points)
-        self._part = np.unique(np.floor(away / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)[1]
+        self._part = np.unique(np.floor(offset / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)[1]
 
     def search(self, search_m: float) -> SurfaceMatch | None:
         """Return the best displacement within ``search_m`` along each axis, together with the next best minimum."""
         offsets, scores, middles = self._search_grid(search_m)
         refined = [self.refine(np.append(offsets[k], middles[k]), search_m) for k in _find_minima(scores)]
-        found = sorted((one for one in refined if one is not None), key=lambda one: one.scatter_m)
-        if not found:
+        minima = sorted((one for one in refined if one is not None), key=lambda one: one.scatter_m)
+        if not minima:
             return None
-        within = [one for one in found if np.abs(one.displacement_m[:2]).max() <= search_m + self.cell_m]
-        best = (within or found)[0]
+        inside = [one for one in minima if np.abs(one.displacement_m[:2]).max() <= search_m + self.cell_m]
+        best = (inside or minima)[0]
         apart_m = max(self.cell_m, search_m / SURFACE_MATCHING.coarse_steps)  # minima at smaller distances are the same
         # if all minima are outside, the search is not decided
-        apart = [one for one in within if one.is_apart_from(best, apart_m)] if within else found
-        second = next(iter(apart), None)
+        rivals = [one for one in inside if one.is_apart_from(best, apart_m)] if inside else minima
+        second = next(iter(rivals), None)
         return replace(
             best, before_m=float(scores[np.argmin(np.abs(offsets).sum(axis=1))]), offsets_m=offsets, scores_m=scores,
             second_m=None if second is None else second.displacement_m,
@@ -182,24 +185,26 @@ class SurfaceMatcher:
         for _ in range(SURFACE_MATCHING.most_iterations):
             # Heights (9, n) at the displaced points, one cell to the east, west, north and south, and two cells
             sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-            around = self._heights(d[:2] + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
-            miss = around[0] - self.height - d[2]
+            facets = self._heights(d[:2] + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
+            miss = facets[0] - self.height - d[2]
             slope, wide = (np.column_stack([h[1] - h[2], h[3] - h[4]]) / (2.0 * k * self.cell_m)
-                           for k, h in ((1, around[:5]), (2, around[[0, 5, 6, 7, 8]])))  # fmt: skip
-            known = np.isfinite(miss) & (np.hypot(*slope.T) < SURFACE_MATCHING.steepest)
-            if known.sum() < SURFACE_MATCHING.fewest_points:
+                           for k, h in ((1, facets[:5]), (2, facets[[0, 5, 6, 7, 8]])))  # fmt: skip
+            is_valid = np.isfinite(miss) & (np.hypot(*slope.T) < SURFACE_MATCHING.steepest)
+            if is_valid.sum() < SURFACE_MATCHING.fewest_points:
                 return None
-            q, A = miss[known], np.column_stack([-slope[known], np.ones(known.sum())])
+            q, A = miss[is_valid], np.column_stack([-slope[is_valid], np.ones(is_valid.sum())])
             middle, scale = (float(one[0]) for one in shortest_half(q[None]))
             # the scale is that of typical points; the variances of others differ from it as their own variances do
             usual = scale**2 + 1e-6
-            variance = np.maximum(usual + self.own_m2[known] - np.median(self.own_m2[known]), 0.25 * usual)
+            variance = np.maximum(usual + self.own_m2[is_valid] - np.median(self.own_m2[is_valid]), 0.25 * usual)
             t = (q - (0.0 if is_near else middle)) / np.sqrt(variance)
             t *= np.where(t < 0.0, SURFACE_MATCHING.one_sided if self.kind == "dtm" else 1.0, 1.0)
             inner = np.clip(1.0 - (t / cut) ** 2, 0.0, 1.0)
-            weight = inner**2 / variance * _weigh_facets(around[:, known], scale)
-            wide_A = np.column_stack([-np.where(np.isfinite(wide[known]), wide[known], 0.0), A[:, 2]])
-            B, wide_B, r = np.split(_whiten(np.column_stack([A, wide_A, q]), weight, self._part[known]), [3, 6], axis=1)
+            weight = inner**2 / variance * _weigh_facets(facets[:, is_valid], scale)
+            wide_A = np.column_stack([-np.where(np.isfinite(wide[is_valid]), wide[is_valid], 0.0), A[:, 2]])
+            B, wide_B, r = np.split(
+                _whiten(np.column_stack([A, wide_A, q]), weight, self._part[is_valid]), [3, 6], axis=1
+            )
             N, r = B.T @ (weight[:, None] * B), r[:, 0]
             # Derivative of the estimating equations with respect to the displacement, made symmetric and positive
             M = B.T @ (weight[:, None] * wide_B)
@@ -222,8 +227,8 @@ class SurfaceMatcher:
         steady = float(np.sum(inner * (1.0 - 5.0 * (t / cut) ** 2)) / max(np.sum(inner**2), 1e-9))
         N = max(steady, 0.1) * M + ridge
         score = B * (weight * (r - B @ step))[:, None]
-        covariance, cells = _sum_over_cells(N, ridge, score, self.place_m[known], self.cell_m)
-        return SurfaceMatch(d, covariance, scale, int(known.sum()), cells)
+        covariance, cells = _sum_over_cells(N, ridge, score, self.place_m[is_valid], self.cell_m)
+        return SurfaceMatch(d, covariance, scale, int(is_valid.sum()), cells)
 
     def _heights(self, offsets_m: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Return the surface's heights ``(k, n)`` at points displaced by each of ``offsets_m (k, 2)``."""
@@ -235,8 +240,8 @@ class SurfaceMatcher:
         step = max(search_m / SURFACE_MATCHING.coarse_steps, 0.25 * self.cell_m)
         axis = step * np.arange(-int(search_m / step), int(search_m / step) + 1)
         offsets = np.stack(np.meshgrid(axis, axis), axis=2).reshape(-1, 2)
-        known = np.flatnonzero(np.isfinite(self._heights(np.zeros((1, 2)))[0]))
-        rows = known[:: 1 + len(known) // SURFACE_MATCHING.coarse_points]
+        valid = np.flatnonzero(np.isfinite(self._heights(np.zeros((1, 2)))[0]))
+        rows = valid[:: 1 + len(valid) // SURFACE_MATCHING.coarse_points]
         if len(rows) < SURFACE_MATCHING.fewest_points:
             return offsets, np.full(len(offsets), np.nan), np.zeros(len(offsets))
         parts = np.array_split(offsets, 16)
@@ -263,16 +268,16 @@ def _whiten(values: np.ndarray, weight: np.ndarray, part: np.ndarray) -> np.ndar
     return np.asarray(values - share[part, None] * means[part])
 
 
-def _weigh_facets(around: np.ndarray, scale: float) -> np.ndarray:
+def _weigh_facets(facets: np.ndarray, scale: float) -> np.ndarray:
     """Return weights ``(n,)`` of points by how smooth the surface is there: heights ``(5, n)`` at it, east, west, …
 
     At the edge of a wall, or of cells with a wrong height, the slopes of the two sides differ. Such slopes have the
     largest leverage and the least information.
     """
-    weight = np.ones(around.shape[1])
+    weight = np.ones(facets.shape[1])
     for high, low in ((1, 2), (3, 4)):
-        bend = np.abs(around[high] + around[low] - 2.0 * around[0])
-        ratio = bend / (np.abs(around[high] - around[low]) + SURFACE_MATCHING.even_sigmas * scale)
+        bend = np.abs(facets[high] + facets[low] - 2.0 * facets[0])
+        ratio = bend / (np.abs(facets[high] - facets[low]) + SURFACE_MATCHING.even_sigmas * scale)
         weight *= np.clip(1.0 - (ratio / SURFACE_MATCHING.uneven) ** 2, 0.0, 1.0) ** 2
     return weight
 
@@ -284,10 +289,10 @@ def shortest_half(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Up to half of the values may be blunders on one side (Rousseeuw and Leroy 1987).
     """
     ordered = np.sort(values, axis=1)  # NaN last
-    known = np.isfinite(ordered).sum(axis=1)
+    count = np.isfinite(ordered).sum(axis=1)
     middle, scale = np.full((2, len(values)), np.nan)
-    for number in np.unique(known[known > 1]):
-        rows, half = np.flatnonzero(known == number), int(number) // 2
+    for number in np.unique(count[count > 1]):
+        rows, half = np.flatnonzero(count == number), int(number) // 2
         lengths = ordered[rows, half:number] - ordered[rows, : number - half]
         first = lengths.argmin(axis=1)
         low, high = ordered[rows, first], ordered[rows, first + half]
@@ -299,8 +304,8 @@ def _find_minima(scores: np.ndarray) -> np.ndarray:
     """Return the indices of the lowest local minima of a square grid of scores, the lowest first."""
     side = int(np.sqrt(len(scores)))
     grid = np.pad(np.where(np.isfinite(scores), scores, np.inf).reshape(side, side), 1, constant_values=np.inf)
-    around = np.lib.stride_tricks.sliding_window_view(grid, (3, 3)).min(axis=(2, 3)).ravel()
-    minima = np.flatnonzero((scores <= around) & np.isfinite(scores))
+    neighbour_minimum = np.lib.stride_tricks.sliding_window_view(grid, (3, 3)).min(axis=(2, 3)).ravel()
+    minima = np.flatnonzero((scores <= neighbour_minimum) & np.isfinite(scores))
     return minima[np.argsort(scores[minima])][: SURFACE_MATCHING.minima]
 
 
@@ -312,16 +317,16 @@ def _sum_over_cells(
     Also the number of independent cells: the number of points divided by the variance factor of the largest sums.
     """
     inverse, single = np.linalg.inv(N), score.T @ score + 1e-9 * N
-    largest, meat, side, away = 1.0, single, cell_m, place_m - place_m.min(axis=0)
+    largest, meat, side, offset_m = 1.0, single, cell_m, place_m - place_m.min(axis=0)
     while True:
-        _, of = np.unique(np.floor(away / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)
-        cells = int(of.max()) + 1
+        _, cell_index = np.unique(np.floor(offset_m / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)
+        cells = int(cell_index.max()) + 1
         if cells < SURFACE_MATCHING.fewest_cells:
             break
-        sums = np.stack([np.bincount(of, column, cells) for column in score.T], axis=1)
-        grown = sums.T @ sums * cells / (cells - 3.0)
-        factor = float(np.trace(np.linalg.solve(single, grown))) / 3.0
+        sums = np.stack([np.bincount(cell_index, column, cells) for column in score.T], axis=1)
+        cell_meat = sums.T @ sums * cells / (cells - 3.0)
+        factor = float(np.trace(np.linalg.solve(single, cell_meat))) / 3.0
         if factor > largest:
-            largest, meat = factor, grown
+            largest, meat = factor, cell_meat
         side *= 2.0
     return inverse @ (meat + ridge) @ inverse, len(score) / largest
