@@ -262,7 +262,7 @@ class Session:
         self.panel.choose("G000002")
 
     def click(self) -> None:
-        for view in self.panel.ui.list_views():
+        for view in self.panel.ui.grid.list_views():
             made = self.panel.session.measured[("G000002", view.image())]
             self.panel.measure(view.image(), made.sample + 3.0, made.line - 2.0)
 
@@ -273,9 +273,9 @@ class Session:
         """Show the wrong point, and the fit at the place where the adjustment expects it."""
         from hrsi.processing_algorithms.point_session.targets import fit_target
 
-        wait_until(lambda: not self.panel.is_adjusting())
+        wait_until(lambda: not self.panel.adjustment.is_running())
         self.panel.choose(WRONG_POINT)
-        for view in self.panel.ui.list_views():
+        for view in self.panel.ui.grid.list_views():
             expected = self.panel.session.predict_place(WRONG_POINT, view.image())
             fit = fit_target(self.panel.session.images[view.image()], expected, "center")
             view.chip.show_chip(fit.chip_svg)
@@ -286,7 +286,7 @@ class Session:
 
     def begin_tie(self) -> None:
         """Click beside the crossing of two roads: matching finds the place in the other image, and waits for Y or X."""
-        view = self.panel.ui.list_views()[0]
+        view = self.panel.ui.grid.list_views()[0]
         self.panel.ui.kind.setCurrentText("point")
         self.panel.ui.tie.trigger()
         self.panel.measure(view.image(), 350.0, 350.0)
@@ -307,7 +307,7 @@ class Session:
         self.dialog.grab().save(picture("qgis_new_block.png"))
 
     def wait_for_images(self) -> None:
-        for view in self.panel.ui.list_views():
+        for view in self.panel.ui.grid.list_views():
             view.canvas.waitWhileRendering()
 
 

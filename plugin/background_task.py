@@ -1,19 +1,74 @@
-"""Background tasks of QGIS: the window remains responsive, and the user can cancel."""
+"""Background tasks of QGIS: the window remains responsive, and the user can cancel.
+
+QGIS caches each CRS with the PROJ context of the thread that made it. When that thread ends (Qt's pool ends idle
+threads after 30 s), every layer with this CRS is drawn without transformation, and disappears from the map. This is a
+fault of QGIS (seen in 3.22.16 with a `QgsTask` that makes a `QgsVectorLayer`), and
+``QgsCoordinateReferenceSystem.invalidateCache()`` heals a session. Therefore the plugin makes objects of QGIS that have
+a CRS in the main thread only: in functions with `in_main_thread`. QGIS itself makes layers in the thread of a model:
+`keep_threads` lets these threads live.
+"""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial, wraps
+from typing import Any, ParamSpec, TypeVar
 
 from qgis.core import QgsApplication, QgsTask
+from qgis.PyQt.QtCore import QObject, QThreadPool, pyqtSignal
 
 from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ..hrsi_engine.foundation.progress import Progress
 from .dependencies import missing_package_message
 
+P = ParamSpec("P")
+T = TypeVar("T")
+NEVER_MS = -1  # threads of Qt's pool do not end
 _BEGUN: set[BackgroundTask] = set()  # QGIS keeps only the C++ half of a task: the Python half must exist as long
+
+
+class _MainThread(QObject):
+    """Calls functions of other threads in the thread in which this module was imported, the main thread."""
+
+    handed_over = pyqtSignal(object, object)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.handed_over.connect(self._call)
+
+    def _call(self, work: Callable[[], Any], result: Future[Any]) -> None:
+        try:
+            result.set_result(work())
+        except BaseException as error:  # raised where the result is waited for
+            result.set_exception(error)
+
+
+_MAIN = _MainThread()
+
+
+def in_main_thread(function: Callable[P, T]) -> Callable[P, T]:
+    """Return the function so that it always runs in the main thread; other threads wait for its result.
+
+    QGIS prepares and ends the steps of a model in the model's thread.
+    """
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        if threading.current_thread() is threading.main_thread():
+            return function(*args, **kwargs)
+        result: Future[T] = Future()
+        _MAIN.handed_over.emit(partial(function, *args, **kwargs), result)
+        return result.result()
+
+    return call
+
+
+def keep_threads() -> None:
+    """Let idle threads of Qt's pool live as long as QGIS: they may have made a CRS that layers use."""
+    pool: Any = QThreadPool.globalInstance()
+    pool.setExpiryTimeout(NEVER_MS)
 
 
 def run_apart(work: Callable[[], Any]) -> Any:

@@ -23,6 +23,7 @@ from qgis.gui import (
 )
 from qgis.PyQt.QtWidgets import QCheckBox, QComboBox, QFileDialog, QHBoxLayout, QLineEdit, QToolButton, QWidget
 
+from .background_task import in_main_thread
 from .help import as_rich_text
 from .layer_sources import list_sources, read_box
 from .translation import tr
@@ -95,6 +96,7 @@ class LayerOrFile:
             self.box.setEditText(text)
         self.selected_only.setChecked(selected_only and not self.selected_only.isHidden())
 
+    @in_main_thread
     def field_names(self) -> list[str]:
         """Return the names of the fields of the layer or file."""
         text = self._text()

@@ -104,7 +104,7 @@ class FirstSteps(QDialog):
 
     def load(self) -> None:
         """Simulate the example in the background, and open it in the panel."""
-        if not self._dock.may_leave():
+        if not self._dock.files.may_leave():
             return
         self.note.setText(tr("making the images …"))
         simulate = partial(run, "simulate", output_dir=str(self.folder), overwrite=True, **EXAMPLE)
@@ -131,7 +131,7 @@ class FirstSteps(QDialog):
         """Show the GCP at its predicted position."""
         self._dock.show()
         self._dock.choose(self.missing[0])
-        self._dock.frame_image(self.missing[1])
+        self._dock.ui.grid.frame_image(self.missing[1])
         self.note.setText(tr("Click in the framed view of {}").format(self.missing[1]))
 
     def adjust(self) -> None:
@@ -141,7 +141,7 @@ class FirstSteps(QDialog):
     def show_arrows(self) -> None:
         """Save the block, and load its residual layers."""
         path = str(self.folder / "block.gpkg")
-        self._dock.save_as(path)
+        self._dock.files.save_as(path)
         project = QgsProject.instance()
         for name in SHOWN_LAYERS:
             layer = QgsVectorLayer(f"{path}|layername={name}", name, "ogr")

@@ -27,9 +27,12 @@ from qgis.core import (
     QgsVectorLayer,
 )
 
+from .background_task import in_main_thread
+
 _NUMBERS = re.compile(r"[-+0-9.eE,\s]+")  #: a box without the name of a CRS
 
 
+@in_main_thread
 def raster_source(value: Any, context: QgsProcessingContext) -> str:
     """Return the source that GDAL opens, of a raster layer of the project, its id or name, or a path."""
     value = _static(value)
@@ -53,6 +56,7 @@ def list_sources(values: Any) -> list[Any]:
     return list(values) if isinstance(values, Iterable) else [values]
 
 
+@in_main_thread
 def point_source(value: Any, name: str, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> str:
     """Return ``FILE`` or ``FILE|layername=L`` for a vector layer of the project or a path.
 
@@ -88,6 +92,7 @@ def name_fields(source: str, chosen: Mapping[str, str]) -> str:
     return f"{source}|columns={columns}" if source and columns else source
 
 
+@in_main_thread
 def read_box(
     definition: QgsProcessingParameterDefinition, value: Any, context: QgsProcessingContext
 ) -> tuple[QgsRectangle, QgsCoordinateReferenceSystem]:

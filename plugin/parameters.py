@@ -28,6 +28,7 @@ from qgis.core import (
 )
 
 from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, format_default, spell_arguments
+from .background_task import in_main_thread
 from .layer_sources import crs_text, name_fields, point_source, raster_source, raster_sources, read_box
 from .translation import tr
 
@@ -256,6 +257,7 @@ def _read_points(param: Param, reading: Reading) -> str:
     return name_fields(source, chosen)
 
 
+@in_main_thread
 def _read_crs(param: Param, reading: Reading) -> str:
     """Return EPSG:code, or WKT if the CRS has no code."""
     crs = reading.call("parameterAsCrs", param)

@@ -8,6 +8,7 @@ from qgis.PyQt.QtCore import QCoreApplication, Qt
 from qgis.PyQt.QtGui import QIcon
 from qgis.PyQt.QtWidgets import QAction
 
+from .background_task import keep_threads
 from .dependencies import missing_package_message
 from .icons import icon_path
 from .provider import HrsiProvider
@@ -37,6 +38,7 @@ class HrsiPlugin:
     def initGui(self) -> None:
         """Register the provider in the desktop, and add the panel, which is hidden at first."""
         self.initProcessing()
+        keep_threads()
         try:
             from .first_steps import FirstSteps, is_tour_wanted
             from .package_offer import PackageOffer

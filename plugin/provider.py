@@ -1,7 +1,7 @@
 """The Processing provider ``hrsi``: one QGIS algorithm for each declared algorithm, and models of them.
 
-Layers are converted to files in `prepareAlgorithm`, which QGIS calls in the main thread; the engine then runs in the
-background thread of `processAlgorithm` and uses no QGIS object except the feedback.
+Layers are converted to files in `prepareAlgorithm`, in the main thread; the engine then runs in the background thread
+of `processAlgorithm` and uses no QGIS object except the feedback.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Context, Report, spell_arguments
 from ..processing_algorithms.interface.options import check_options
-from .background_task import run_apart
+from .background_task import in_main_thread, run_apart
 from .dependencies import missing_package_message
 from .help import help_url, short_help
 from .icons import icon_path
@@ -109,6 +109,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         for output in output_definitions(self.declaration):
             self.addOutput(output)
 
+    @in_main_thread
     def prepareAlgorithm(
         self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> bool:
@@ -148,6 +149,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         made = collect_results(self.declaration, self._options, report)
         return drop_unlistable_outputs(made, feedback)
 
+    @in_main_thread
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
         """Show the verdict in the message bar above the map."""
         if verdict := self._report.get("verdict"):

@@ -87,9 +87,18 @@ def layer_name(source: str) -> str:
 
 
 def _list_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
-    """Return the sources of those declared layers that this run has written; some may not be requested."""
-    sources = [str(Path(options["output_dir"]) / layer) for layer in declaration.layers]
-    return [source for source in sources if QgsVectorLayer(source, "", "ogr").isValid()]
+    """Return the sources of those declared layers that this run has written; some may not be requested.
+
+    OGR is asked: a layer of QGIS must not be made in this thread (`background_task`).
+    """
+    from ..hrsi_engine.io.geopackage.layer_tables import layer_names  # loads Shapely: the provider works without it
+
+    sources = []
+    for layer in declaration.layers:
+        path, _, name = str(Path(options["output_dir"]) / layer).partition("|layername=")
+        if Path(path).exists() and name in layer_names(path):
+            sources.append(f"{path}|layername={name}")
+    return sources
 
 
 def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report, context: QgsProcessingContext) -> None:
@@ -165,7 +174,7 @@ def headline(verdict: dict[str, Any]) -> str:
 
 
 def show_in_message_bar(verdict: dict[str, Any], title: str, text: str) -> None:
-    """Show the headline in the message bar, if there is a desktop; QGIS calls this in its main thread only.
+    """Show the headline in the message bar, if there is a desktop; to be called in the main thread.
 
     The text is escaped: the bar interprets it as HTML, and ids of points may contain any characters.
     """

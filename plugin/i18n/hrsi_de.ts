@@ -8,10 +8,6 @@
       <translation>({} weitere im Bericht)</translation>
     </message>
     <message>
-      <source>, for no clear closed object lies there</source>
-      <translation>, denn dort liegt kein klar begrenztes Objekt</translation>
-    </message>
-    <message>
       <source>, outside the image</source>
       <translation>, außerhalb des Bildes</translation>
     </message>
@@ -34,6 +30,10 @@
     <message>
       <source>4. Look at the residuals: the block is saved, and residual arrows are shown on the map, in red where a point does not fit.</source>
       <translation>4. Residuen ansehen: Der Block wird gespeichert, und die Karte zeigt Residuenpfeile, rot, wo ein Punkt nicht passt.</translation>
+    </message>
+    <message>
+      <source>; no closed target here, clicked position used</source>
+      <translation>; hier ist kein geschlossenes Ziel, die angeklickte Stelle gilt</translation>
     </message>
     <message>
       <source>A DEM of the ground</source>
@@ -942,6 +942,10 @@
     <message>
       <source>North up</source>
       <translation>Norden oben</translation>
+    </message>
+    <message>
+      <source>Not in view: {}; M shows it.</source>
+      <translation>Nicht im Ausschnitt: {}; M zeigt es.</translation>
     </message>
     <message>
       <source>Off nadir</source>

@@ -24,7 +24,7 @@ class ExitGuard(QgsApplicationExitBlockerInterface):
         self._dock = dock
 
     def allowExit(self) -> bool:
-        if not self._dock.may_leave():
+        if not self._dock.files.may_leave():
             return False
         self._dock.discard_edits()
         return True
@@ -39,13 +39,13 @@ class RecoveryOffer:
 
     def show(self, is_asked: bool = False) -> None:
         """Show the unsaved sessions; if the user has asked, also that there are none."""
-        journals = self._dock.find_journals()
+        journals = self._dock.files.find_journals()
         for unsaved in journals:
             day = datetime.fromtimestamp(unsaved.time_s).strftime("%Y-%m-%d %H:%M")
             block = unsaved.path or tr("a block that was never saved")
             text = tr("{} measurements of {} were not saved: {}").format(len(unsaved.measured), day, block)
             item = self._bar.createMessage(tr("HRSI Points"), text)
-            for label, action in ((tr("Recover"), self._dock.recover), (tr("Discard"), point_session.forget)):
+            for label, action in ((tr("Recover"), self._dock.files.recover), (tr("Discard"), point_session.forget)):
                 button = QPushButton(label, item)
                 button.clicked.connect(partial(self._answer, unsaved, action))
                 item.layout().addWidget(button)

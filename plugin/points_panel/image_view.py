@@ -33,7 +33,7 @@ from qgis.PyQt.QtWidgets import (
 )
 from qgis.PyQt.QtXml import QDomDocument
 
-from ...processing_algorithms.point_session.rows import PANEL
+from ...processing_algorithms.point_session.rows import PANEL, ImageMeasurement
 from ..translation import tr
 from .table_models import FAINT, SUSPICIOUS
 
@@ -180,6 +180,8 @@ if TYPE_CHECKING:
     from ...processing_algorithms.point_session.views import View
 
 CANVAS_NAME = "hrsi image view"  # by which QGIS stores canvases in projects
+LEAST_SIZE_PX = 160, 150
+SHOWN_LETTERS = 6  # of an image's id at least; a longer one would widen its view
 SETTLE_MS = 250  # time after a zoom until the contrast is updated
 STRETCH_PIXELS = 20_000
 ACTIVE = "#ffb000"  # frame of the active view, visible in bright and dark themes
@@ -220,7 +222,7 @@ class ImageView(QWidget):
         project.readProject.connect(self._return)
         self.canvas.setCanvasColor(Qt.GlobalColor.black)
         self.canvas.setDestinationCrs(QgsCoordinateReferenceSystem())
-        self.canvas.setMinimumSize(160, 130)
+        self.setMinimumSize(*LEAST_SIZE_PX)  # also if the fields above the image need more: all views have one size
         self.canvas.enableAntiAliasing(True)
         self.markers = PointMarkers(self.canvas)
         self._tool = QgsMapToolEmitPoint(self.canvas)
@@ -236,12 +238,16 @@ class ImageView(QWidget):
         self.gamma.valueChanged.connect(self._set_gamma)
         self.whole.clicked.connect(lambda: self.whole_asked.emit(self.image()))
         self._layer: QgsRasterLayer | None = None
+        self._north_deg = 0.0
+        self._fitted: ImageMeasurement | None = None  # of the chip
         self.grey_range = 0.0, 1.0  #: grey values shown as black and white
         self._stretched: tuple[Any, ...] = ()  # parameters of the present contrast
         self._shown = QgsRectangle(), 0.0  #: extent and rotation before a project is read
         self._arrange()
 
     def _arrange(self) -> None:
+        self.chooser.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.chooser.setMinimumContentsLength(SHOWN_LETTERS)
         self.band.setMinimum(1)
         self.band.setPrefix(f"{tr('band')} ")
         self.band.setToolTip(tr("The band that is shown; targets are measured on the first"))
@@ -281,6 +287,7 @@ class ImageView(QWidget):
 
     def show_view(self, view: View | None, markers: list[Marker], is_north_up: bool) -> None:
         """Show an image around a position; without pixels only the markers."""
+        self.chip.clear()
         for widget in (self.band, self.gamma, self.whole):
             widget.setEnabled(view is not None and bool(view.source))
         if view is None or not view.source:
@@ -299,7 +306,8 @@ class ImageView(QWidget):
         self.markers.show_markers(markers)
         if view is not None:
             self.note.setText("" if view.source else tr("no pixels"))
-            self.canvas.setRotation(-view.north_deg if is_north_up else 0.0)
+            self._north_deg = view.north_deg
+            self.turn(is_north_up)
             self.show_place(view.middle, (view.half_px, view.half_px))
 
     def show_place(self, middle: tuple[float, float], half: tuple[float, float] | None = None) -> None:
@@ -311,6 +319,25 @@ class ImageView(QWidget):
             self.canvas.setExtent(QgsRectangle(sample - across, -line - down, sample + across, -line + down))
         self._stretch()
         self.canvas.refresh()
+
+    def turn(self, is_north_up: bool) -> None:
+        """Turn the image around the middle of the view: north on top, or its first line."""
+        self.canvas.setRotation(-self._north_deg if is_north_up else 0.0)
+
+    def is_in_view(self, place: tuple[float, float]) -> bool:
+        """Whether a position (sample, line) is in the visible part of the image."""
+        at = self.canvas.getCoordinateTransform().transform(QgsPointXY(place[0], -place[1]))
+        return bool(self.canvas.rect().contains(round(at.x()), round(at.y())))
+
+    def show_fit(self, svg: str, measured: ImageMeasurement | None) -> None:
+        """Show the chip of a fit as long as the point's measurement remains ``measured``."""
+        self.chip.show_chip(svg)
+        self._fitted = measured
+
+    def check_fit(self, measured: ImageMeasurement | None) -> None:
+        """Hide the chip of a fit if the point has another measurement now."""
+        if measured is not self._fitted:
+            self.chip.clear()
 
     def mark_active(self, is_active: bool) -> None:
         """Show whether this is the active view, on which the keyboard acts."""

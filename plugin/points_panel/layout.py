@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 from qgis.PyQt.QtCore import QAbstractItemModel, QModelIndex, QSize, Qt, QUrl
-from qgis.PyQt.QtGui import QDesktopServices, QIcon, QImageReader, QKeyEvent, QKeySequence, QPixmap
+from qgis.PyQt.QtGui import QDesktopServices, QIcon, QImageReader, QKeySequence, QPixmap
 from qgis.PyQt.QtWidgets import (
     QAbstractItemView,
     QAction,
     QComboBox,
-    QGridLayout,
     QHBoxLayout,
     QHeaderView,
     QLabel,
     QListWidget,
     QListWidgetItem,
     QProgressBar,
+    QScrollArea,
     QSplitter,
     QStyledItemDelegate,
     QStyleOptionViewItem,
@@ -33,18 +32,21 @@ from qgis.PyQt.QtWidgets import (
 from ...processing_algorithms.point_session import MODEL, PointSession
 from ...processing_algorithms.point_session.rows import CLICK_KINDS, ROLES
 from ..translation import tr
-from .image_view import ImageView, render_chip
+from .image_view import render_chip
+from .view_grid import ViewGrid
 
 if TYPE_CHECKING:
     from ...processing_algorithms.point_session.adjusted import AdjustmentView
     from ...processing_algorithms.point_session.pictures import PointPicture
 
-VIEW_NUMBERS = (1, 2, 3, 4, 6, 9)
+MOST_VIEWS = 9
 FIRST_VIEWS = 2
 EMPTY = "New… begins a block with images and points; Open… continues with the block.gpkg of a result or of a session."
 PAGES = "Points", "Residuals", "Verdict"  #: titles of the tabs
 SHOWN_LETTERS = 9  # of a model in the box; the list has the complete name
-PICTURE_SIDE_PX = 110  # of a photograph or chip next to the images
+TABLES_WIDTH_PX = 430  # three images of 300 px are next to the tables on a screen of 1366 px
+PICTURE_SIDE_PX = 80  # of a photograph or chip below the tables
+PICTURE_HEIGHT_PX = PICTURE_SIDE_PX + 50  # with its title and a scroll bar
 PHOTO_WIDTH_PX = 600  # of a photograph in a tool tip
 SIZED_ROWS = 30  # rows that determine the widths of columns
 KIND_TIP = "What is clicked: a round or closed object, two straight edges, or only this position"
@@ -81,7 +83,7 @@ class PanelLayout(QWidget):
         self.model.setMinimumContentsLength(SHOWN_LETTERS)
         self.kind.addItems(CLICK_KINDS)
         self.kind.setToolTip(tr(KIND_TIP))
-        self.number.addItems([str(number) for number in VIEW_NUMBERS])
+        self.number.addItems([str(number) for number in range(1, MOST_VIEWS + 1)])
         self.number.setCurrentText(str(FIRST_VIEWS))
         self.message, self.progress = QLabel(), QProgressBar()
         self.message.setWordWrap(True)
@@ -91,10 +93,8 @@ class PanelLayout(QWidget):
         self.filter, self.rmse, self.verdict, self.tabs = QComboBox(), QLabel(), QListWidget(), QTabWidget()
         self.filter.setToolTip(tr("Show the residuals of one image, or of what a reason of the verdict concerns"))
         self.pictures = QListWidget()
-        self.views: list[ImageView] = []
         self._verdict_of: tuple[AdjustmentView | None, str] = None, ""
-        self.gammas: dict[str, float] = {}  # of the images, by id
-        self.empty, self.grid = QLabel(tr(EMPTY)), QWidget()
+        self.empty, self.grid = QLabel(tr(EMPTY)), ViewGrid()
         self.bar, self.second_bar = self._tool_bar(), self._second_bar()
         for toggle in (self.live, self.pick, self.go_to, self.tie, self.linked, self.north):
             toggle.setCheckable(True)
@@ -178,26 +178,26 @@ class PanelLayout(QWidget):
             table.horizontalHeader().setResizeContentsPrecision(SIZED_ROWS)
             table.horizontalHeader().setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
             table.setSortingEnabled(True)
-        tables.addWidget(self.tabs)
-        tables.addWidget(self.measurements)
-        tables.setSizes([300, 150])
+        for widget in (self.tabs, self.measurements, self.pictures):
+            tables.addWidget(widget)
+        tables.setSizes([300, 150, PICTURE_HEIGHT_PX])
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.empty.setWordWrap(True)
         self.empty.setMargin(20)
-        self.places = QGridLayout(self.grid)
-        self.places.setContentsMargins(0, 0, 0, 0)
         self.whole = QSplitter(Qt.Orientation.Horizontal)
         self.pictures.setViewMode(QListWidget.ViewMode.IconMode)
         self.pictures.setMovement(QListWidget.Movement.Static)
         self.pictures.setResizeMode(QListWidget.ResizeMode.Adjust)
         self.pictures.setIconSize(QSize(PICTURE_SIDE_PX, PICTURE_SIDE_PX))
-        self.pictures.setMinimumWidth(PICTURE_SIDE_PX + 30)
+        self.pictures.setFlow(QListWidget.Flow.LeftToRight)
+        self.pictures.setWrapping(False)
+        self.pictures.setMinimumHeight(PICTURE_HEIGHT_PX)
         self.pictures.setToolTip(
             tr("Photographs of the survey, and where the point was measured; a double click opens one")
         )
-        for widget in (tables, self.grid, self.pictures):
+        for widget in (tables, self.grid):
             self.whole.addWidget(widget)
-        self.whole.setSizes([470, 600, PICTURE_SIDE_PX + 30])
+        self.whole.setSizes([TABLES_WIDTH_PX, 900])
         self.whole.setCollapsible(0, False)
         self.whole.setStretchFactor(1, 1)
         layout = QVBoxLayout(self)
@@ -206,39 +206,20 @@ class PanelLayout(QWidget):
             layout.addWidget(bar)
         layout.addWidget(self.whole, 1)
         layout.addWidget(self.empty, 1)
-        # Two lines for messages, next to the progress: with a variable height the images would jump
-        self.message.setMinimumHeight(2 * self.message.fontMetrics().lineSpacing())
+        # Two lines for messages, more with the wheel, and the progress: with variable sizes the images would move
+        scrolled = QScrollArea()
+        scrolled.setFrameShape(QScrollArea.Shape.NoFrame)
+        scrolled.setWidgetResizable(True)
+        scrolled.setFixedHeight(2 * self.message.fontMetrics().lineSpacing() + 4)
+        scrolled.setWidget(self.message)
         self.progress.setMaximumWidth(150)
+        policy = self.progress.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        self.progress.setSizePolicy(policy)
         bottom = QHBoxLayout()
-        bottom.addWidget(self.message, 1)
+        bottom.addWidget(scrolled, 1)
         bottom.addWidget(self.progress)
         layout.addLayout(bottom)
-
-    def action_of(self, event: QKeyEvent) -> QAction | None:
-        """Return the enabled action whose keys are pressed, None if there is none."""
-        is_qt6 = hasattr(event, "keyCombination")
-        keys = QKeySequence(event.keyCombination() if is_qt6 else int(event.modifiers()) | event.key())
-        return next((one for one in self.actions() if one.isEnabled() and one.shortcut() == keys), None)
-
-    def show_views(self, number: int) -> list[ImageView]:
-        """Arrange ``number`` images in a grid, about as wide as high; return the new views."""
-        new = [ImageView(self.grid, self.gammas) for _ in range(len(self.views), number)]
-        self.views += new
-        grid = self.places
-        columns = max(math.ceil(math.sqrt(number)), 1)
-        for index, view in enumerate(self.views):
-            grid.removeWidget(view)
-            view.setVisible(index < number)
-            if index < number:
-                grid.addWidget(view, index // columns, index % columns)
-        for row in range(grid.rowCount()):  # equal sizes; 0 for unused rows
-            grid.setRowStretch(row, int(row * columns < number))
-        for column in range(grid.columnCount()):
-            grid.setColumnStretch(column, int(column < columns))
-        return new
-
-    def list_views(self) -> list[ImageView]:
-        return [view for view in self.views if view.isVisibleTo(self.grid)]
 
     def show_models(self, points: Any, measurements: Any, residuals: Any) -> None:
         """Show these tables, with a choice of words for cells that have one."""
@@ -264,8 +245,8 @@ class PanelLayout(QWidget):
         title, lines = tr("Verdict"), list[tuple[str, Any]]([(remark, None)] if remark else [])
         if adjusted is not None:
             verdict, warnings = adjusted.verdict, adjusted.warnings
-            title = f"{title}: {tr(verdict.level.label)}"
-            lines.append((verdict.sentence, None))
+            title = f"{title}: {tr(adjusted.level)}"
+            lines += [(text, None) for text in (adjusted.uncontrolled, verdict.sentence) if text]
             lines += [(f"{one.level.label}: {one.message} [{one.code}]\n{one.advice}", one) for one in verdict.reasons]
             lines += [(f"{tr('warning')}: {text}", None) for text in warnings]
         self.tabs.setTabText(self.tabs.indexOf(self.verdict), title)
@@ -275,7 +256,7 @@ class PanelLayout(QWidget):
             item.setData(Qt.ItemDataRole.UserRole, reason)
 
     def show_pictures(self, pictures: Iterable[PointPicture]) -> None:
-        """Show photographs and chips next to the images; without any, the images get their space."""
+        """Show photographs and chips below the tables."""
         self.pictures.clear()
         for one in pictures:
             if one.path:  # read at the size of an icon: photographs are large
@@ -289,7 +270,6 @@ class PanelLayout(QWidget):
             item.setData(Qt.ItemDataRole.UserRole, one.path)
             larger = f'<img src="{escape(QUrl.fromLocalFile(one.path).toString())}" width="{PHOTO_WIDTH_PX}">'
             item.setToolTip(larger if one.path else one.title)
-        self.pictures.setVisible(self.pictures.count() > 0)
 
     def show_progress(self, percent: float) -> None:
         self.progress.setVisible(percent > 0.0)

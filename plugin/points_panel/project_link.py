@@ -1,17 +1,26 @@
 """The panel and the main window: positions on its map, and the panel's block, stored in the project."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from qgis.core import QgsPointXY, QgsProject
 from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint, QgsVertexMarker
 from qgis.PyQt.QtCore import Qt
 from qgis.PyQt.QtGui import QColor
+from qgis.PyQt.QtWidgets import QAction
 
 from ...processing_algorithms import point_session
 from ..layer_sources import crs_text
+from ..translation import tr
+from .actions import show_errors
+from .dialogs import NewPointDialog
+
+if TYPE_CHECKING:
+    from .dock import PointsDock
 
 _MARK = QColor(255, 176, 0)
 
@@ -19,21 +28,52 @@ _MARK = QColor(255, 176, 0)
 class MapLink:
     """Asks for a position by a click on the map, and marks the chosen point there; ``canvas`` None: there is no map."""
 
-    def __init__(self, canvas: QgsMapCanvas | None) -> None:
-        self.canvas = canvas
+    def __init__(self, dock: PointsDock, canvas: QgsMapCanvas | None) -> None:
+        self._dock, self.canvas = dock, canvas
         self._tool: QgsMapToolEmitPoint | None = None
         self._before: Any = None
         self._mark: QgsVertexMarker | None = None
 
-    def ask(self, told: Callable[[tuple[float, float]], None]) -> None:
-        """Call ``told`` with longitude and latitude of every left click, until `stop`."""
+    def pick_point(self) -> None:
+        """Ask for a position on the map, and add a ground point there."""
+        text = tr("Click in the map where the new point is")
+        self._ask_map(self._dock.ui.pick, self._dock.ui.go_to, text, self._add_point_at)
+
+    def go_to_place(self) -> None:
+        """Ask for positions on the map, and show them in all images."""
+        text = tr("Click in the map: the images show that place, at the points' middle height")
+        self._ask_map(self._dock.ui.go_to, self._dock.ui.pick, text, self._dock.ui.grid.show_ground)
+
+    def _ask_map(
+        self, asked: QAction, other: QAction, text: str, on_click: Callable[[tuple[float, float]], None]
+    ) -> None:
+        other.setChecked(False)
+        if asked.isChecked():
+            self.tell(text)
+            self.ask(on_click)
+        else:
+            self.stop()
+
+    @show_errors
+    def _add_point_at(self, lonlat: tuple[float, float]) -> None:
+        dialog = NewPointDialog(lonlat, self._dock.new_name("P"), self._dock.session.middle_height_m(), self._dock)
+        if dialog.exec() and dialog.point().id:
+            self._dock.session.add_points([dialog.point()])
+            self._dock.show_edit()
+            self._dock.choose(dialog.point().id)
+
+    def tell(self, text: str, is_error: bool = False) -> None:
+        self._dock.tell(text, is_error)
+
+    def ask(self, on_click: Callable[[tuple[float, float]], None]) -> None:
+        """Call ``on_click`` with longitude and latitude of every left click, until `stop`."""
         canvas = self.canvas
         if canvas is None:
             return
         self.stop()
         self._before, self._tool = canvas.mapTool(), QgsMapToolEmitPoint(canvas)
         self._tool.canvasClicked.connect(
-            lambda point, button: told(lonlat_of(canvas, point)) if button == Qt.MouseButton.LeftButton else None
+            lambda point, button: on_click(lonlat_of(canvas, point)) if button == Qt.MouseButton.LeftButton else None
         )
         canvas.setMapTool(self._tool)
 

@@ -12,8 +12,10 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.following import BlockUpdater
 from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block
+from ...hrsi_engine.block.points import Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, silent, stage
 from ...hrsi_engine.foundation.workers.threads import one_thread_calls
@@ -68,8 +70,24 @@ def adjust_block(
         image_suspicions={keys[row]: describe_outlier(keys[row][1], statistics[row])
                           for row in rows[outlying[rows]].tolist()},
         point_suspicions=suspects, verdict=judged.verdict, check=judged.figures["check"], warnings=judged.warnings,
-        result=result, left=residuals, follower=follower, listed=listed,
+        uncontrolled=explain_missing_control(result), result=result, left=residuals, follower=follower, listed=listed,
     )  # fmt: skip
+
+
+def explain_missing_control(result: Adjustment) -> str:
+    """Return the text "1 GCP: no check possible" if no residual can show an error of the GCPs, otherwise empty.
+
+    That is so without a measured check point, if there is one GCP, or if the measurements of all GCPs together have
+    less than one redundant observation.
+    """
+    role, point = result.block.points.role, result.block.measurements.point
+    if (role[point] == Role.CHECK).any():
+        return ""
+    rows = role[point] == Role.GCP
+    gcps = len(np.unique(point[rows]))
+    if gcps > 1 and np.nansum(result.redundancy_numbers[rows]) >= 1.0:
+        return ""
+    return f"{gcps or 'no'} GCP{'s' if gcps > 1 else ''}: no check possible"
 
 
 def follow(session: PointSession) -> CurrentView:

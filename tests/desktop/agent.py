@@ -18,14 +18,16 @@ import sys
 import traceback
 from typing import Any
 
-from qgis.core import QgsPointXY
-from qgis.PyQt.QtCore import QAbstractNativeEventFilter, QPoint, QTimer
+import numpy as np
+from qgis.core import QgsPointXY, QgsProject
+from qgis.PyQt.QtCore import QAbstractNativeEventFilter, QEventLoop, QPoint, QTimer
 from qgis.PyQt.QtNetwork import QLocalServer
 from qgis.PyQt.QtWidgets import QAbstractButton, QApplication, QLabel, QTextBrowser, QToolBar, QWidget  # noqa: F401
 from qgis.utils import iface, plugins
 
 SOCKET_VARIABLE = "HRSI_DESKTOP_SOCKET"
 UNCAUGHT: list[str] = []
+EXTENTS: dict[str, Any] = {}  # of layers on the map when they were drawn first, by id
 
 
 def install(zip_file: str) -> None:
@@ -77,7 +79,7 @@ def cell_of(table: Any, row: int, column: int) -> list[int]:
 
 def view_of(image: str) -> Any:
     """Return the panel's view of an image."""
-    return next(view for view in panel().ui.list_views() if view.image() == image)
+    return next(view for view in panel().ui.grid.list_views() if view.image() == image)
 
 
 def place_in(view: Any, sample: float, line: float) -> list[int]:
@@ -92,7 +94,7 @@ def place_in(view: Any, sample: float, line: float) -> list[int]:
 
 def save(path: str) -> None:
     """Save the panel's block under a name, as *Save as…* does after its dialog."""
-    panel().save_as(path)
+    panel().files.save_as(path)
 
 
 def later(action: Any) -> None:
@@ -109,6 +111,35 @@ def screenshot(path: str) -> bool:
     """Write a picture of the whole screen."""
     QApplication.processEvents()
     return bool(QApplication.primaryScreen().grabWindow(0).save(path))
+
+
+def pixels() -> int:
+    """Draw the map anew, and return how many of its pixels are not background."""
+    canvas, loop = iface.mapCanvas(), QEventLoop()
+    canvas.mapCanvasRefreshed.connect(loop.quit)
+    QTimer.singleShot(20_000, loop.quit)
+    canvas.refreshAllLayers()
+    loop.exec()
+    shown = canvas.grab().toImage().convertToFormat(4)
+    bits = shown.bits()
+    bits.setsize(shown.byteCount())
+    colours = np.frombuffer(bits, np.uint32).reshape(shown.height(), -1)[4:-4, 4:-4] & 0xFFFFFF
+    return int(np.sum(colours != 0xFFFFFF))
+
+
+def seen(layers: dict[str, Any]) -> dict[str, int]:
+    """Return how many pixels each layer draws alone, in a map of its extent."""
+    canvas, found = iface.mapCanvas(), {}
+    for name, layer in layers.items():
+        for node in QgsProject.instance().layerTreeRoot().findLayers():
+            node.setItemVisibilityCheckedParentRecursive(True) if node.layer() is layer else None
+            node.setItemVisibilityChecked(node.layer() is layer)
+        QApplication.processEvents()
+        canvas.setExtent(
+            EXTENTS.setdefault(layer.id(), canvas.mapSettings().layerExtentToOutputExtent(layer, layer.extent()))
+        )
+        found[name] = pixels()
+    return found
 
 
 def _text(widget: Any) -> str:

@@ -71,11 +71,11 @@ def show_block(desktop: Desktop, block: Path, ground_points: str = "ground_point
         f"panel().show_session(files.new_session({images}, {str(block / ground_points)!r}))\n"
         "panel().show()"
     )
-    desktop.wait("panel().ui.views[0].isVisible() and not panel().ui.views[0].canvas.isDrawing()")
+    desktop.wait("panel().ui.grid.views[0].isVisible() and not panel().ui.grid.views[0].canvas.isDrawing()")
 
 
 def float_panel(desktop: Desktop) -> None:
     """Let the panel float over the whole screen."""
     width, height = desktop.screen.size_px
     desktop.ask(f"panel().setFloating(True), panel().setGeometry(0, 20, {width}, {height - 20})")
-    desktop.wait("not any(view.canvas.isDrawing() for view in panel().ui.list_views())")
+    desktop.wait("not any(view.canvas.isDrawing() for view in panel().ui.grid.list_views())")

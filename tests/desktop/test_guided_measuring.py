@@ -24,8 +24,8 @@ images = [
 panel().show_session(PointSession(images, list(old.points.values())[:{points}]))
 """
 AT_REST = (
-    "not (panel()._searched or panel()._search.isActive() or panel()._again.isActive() or panel().is_adjusting() or "
-    "any(view.canvas.isDrawing() for view in panel().ui.list_views()))"
+    "not (panel().search.is_running() or panel().adjustment.is_waiting() or panel().adjustment.is_running() or "
+    "any(view.canvas.isDrawing() for view in panel().ui.grid.list_views()))"
 )
 
 
@@ -39,15 +39,15 @@ def test_ten_gcps_on_three_images(desktop: Desktop, block: Path, truth) -> None:
     desktop.picture("empty")
     before = desktop.actions
     for number in range(POINTS):
-        point, image = desktop.ask("[panel().point(), panel()._active.image()]")
+        point, image = desktop.ask("[panel().point(), panel().ui.grid.active_image()]")
         sample, line = truth[(point, image)]
         desktop.click(f"place_in(view_of({image!r}), {sample + HAND_PX[0]}, {line + HAND_PX[1]})")
         desktop.wait(f"({point!r}, {image!r}) in panel().session.measured and {AT_REST}", 120.0)
-        if desktop.ask("bool(panel().proposals)"):
+        if desktop.ask("bool(panel().search.proposals)"):
             if number == 0:
                 desktop.picture("proposed")
             desktop.press("Shift+y")
-            desktop.wait(f"not panel().proposals and {AT_REST}", 120.0)
+            desktop.wait(f"not panel().search.proposals and {AT_REST}", 120.0)
     actions = desktop.actions - before
     desktop.picture("measured")
     made = desktop.ask("[[*key, one.sample, one.line] for key, one in panel().session.measured.items()]")

@@ -22,8 +22,8 @@ session.measured[key] = replace(session.measured[key], sample=session.measured[k
 panel().show_session(session)
 """
 AT_REST = (
-    "not (panel().is_adjusting() or panel()._again.isActive() or panel()._search.isActive() or "
-    "any(view.canvas.isDrawing() for view in panel().ui.list_views()))"
+    "not (panel().adjustment.is_running() or panel().adjustment.is_waiting() or panel().search.is_running() or "
+    "any(view.canvas.isDrawing() for view in panel().ui.grid.list_views()))"
 )
 #: Columns, by table, whose heading or text is cut, of those that a table of its width shows.
 CUT = """
@@ -42,7 +42,7 @@ def share_of_images(desktop: Desktop) -> float:
     """Return the share of the panel that shows pixels of images."""
     return float(
         desktop.ask(
-            "sum(one.canvas.width() * one.canvas.height() for one in panel().ui.list_views())"
+            "sum(one.canvas.width() * one.canvas.height() for one in panel().ui.grid.list_views())"
             " / (panel().width() * panel().height())"
         )
     )
@@ -96,7 +96,7 @@ def test_nine_images_in_rows_of_one_height(desktop: Desktop, block: Path) -> Non
     """New views are as large as the old ones, each has its contrast; fewer again leave no gaps."""
     show_block(desktop, block)
     float_panel(desktop)
-    heights = "[[one.canvas.width(), one.canvas.height()] for one in panel().ui.list_views()]"
+    heights = "[[one.canvas.width(), one.canvas.height()] for one in panel().ui.grid.list_views()]"
     for number, rows in (("9", 3), ("4", 2), ("2", 1), ("9", 3)):
         desktop.ask(f"panel().ui.number.setCurrentText({number!r})")
         desktop.wait(AT_REST, 60.0)
@@ -107,7 +107,7 @@ def test_nine_images_in_rows_of_one_height(desktop: Desktop, block: Path) -> Non
         used = rows * sizes[0][1] / desktop.ask("panel().ui.grid.height()")
         assert used > 0.75, f"{number} images use {used:.2f} of the height"
         desktop.picture(f"images_{number}")
-        assert desktop.ask("[len(middle_of(one.gamma)) for one in panel().ui.list_views()]") == [2] * int(number)
+        assert desktop.ask("[len(middle_of(one.gamma)) for one in panel().ui.grid.list_views()]") == [2] * int(number)
 
 
 def test_german_panel_has_all_its_buttons(start, installed: Path) -> None:

@@ -14,7 +14,6 @@ import pytest
 from hrsi.processing_algorithms import run
 from hrsi.tests.desktop.conftest import float_panel
 from hrsi.tests.desktop.desktop import Desktop
-from hrsi.tests.desktop.test_styles import DRAWN
 
 pytestmark = pytest.mark.programs
 ACTIONS, WARM_UP, SEED = 300, 60, 17
@@ -38,20 +37,10 @@ for path in %r:
         layer.loadDefaultStyle()
         QgsProject.instance().addMapLayer(layer)
         LAYERS[layer.name()] = layer
-
-def seen():
-    canvas, found = iface.mapCanvas(), {}
-    for name, layer in LAYERS.items():
-        for other in LAYERS.values():
-            QgsProject.instance().layerTreeRoot().findLayer(other).setItemVisibilityChecked(other is layer)
-        QApplication.processEvents()
-        canvas.setExtent(canvas.mapSettings().layerExtentToOutputExtent(layer, layer.extent()))
-        found[name] = pixels()
-    return found
 """
 BUSY = (
-    "panel()._searched or panel()._search.isActive() or panel()._again.isActive() or panel().is_adjusting() or "
-    "any(view.canvas.isDrawing() for view in panel().ui.list_views())"
+    "panel().search.is_running() or panel().adjustment.is_waiting() or panel().adjustment.is_running() or "
+    "any(view.canvas.isDrawing() for view in panel().ui.grid.list_views())"
 )
 
 
@@ -78,8 +67,8 @@ def memory_mb(desktop: Desktop) -> float:
 
 def act(desktop: Desktop, what: str, chance: random.Random, blocks: list[str]) -> None:
     """Do one thing as a user does it."""
-    views = desktop.ask("len(panel().ui.list_views())")
-    view = f"panel().ui.list_views()[{chance.randrange(views)}]"
+    views = desktop.ask("len(panel().ui.grid.list_views())")
+    view = f"panel().ui.grid.list_views()[{chance.randrange(views)}]"
     if what in KEYS:
         desktop.press(what)
     elif what == "click" or what in WHEEL:
@@ -99,7 +88,7 @@ def act(desktop: Desktop, what: str, chance: random.Random, blocks: list[str]) -
     elif what == "block":
         desktop.press("Ctrl+s")
         desktop.wait("not panel().session.changed")
-        desktop.ask(f"panel().open({chance.choice(blocks)!r})")
+        desktop.ask(f"panel().files.open({chance.choice(blocks)!r})")
     else:
         desktop.ask("panel().hide(), panel().show()")
     desktop.wait(f"not ({BUSY})")
@@ -107,11 +96,10 @@ def act(desktop: Desktop, what: str, chance: random.Random, blocks: list[str]) -
 
 def test_all_still_draws_after_hundreds_of_actions(desktop: Desktop, blocks: list[str]) -> None:
     """No Python error, no dialog, no layer or marker gone, no memory kept."""
-    desktop.ask(DRAWN)
     desktop.ask(LOAD % (blocks, LAYERS))
-    before = desktop.ask("seen()")
+    before = desktop.ask("seen(LAYERS)")
     assert all(before.values()), before
-    desktop.ask(f"panel().show(), panel().open({blocks[0]!r})")
+    desktop.ask(f"panel().show(), panel().files.open({blocks[0]!r})")
     desktop.wait("len(panel().session.images)")
     float_panel(desktop)
     desktop.wait(f"not ({BUSY})")
@@ -134,7 +122,7 @@ def test_all_still_draws_after_hundreds_of_actions(desktop: Desktop, blocks: lis
         if (number + 1) % 100 == 0:
             desktop.picture(f"after_{number + 1}")
     leak_mb = (memory_mb(desktop) - kept_mb) / (ACTIONS - WARM_UP)
-    after = desktop.ask("seen()")
+    after = desktop.ask("seen(LAYERS)")
     print(f"{ACTIONS} actions: {leak_mb:.3f} MB an action stay; pixels of layers before and after:")
     for name, pixels in before.items():
         print(f"  {name}: {pixels}, {after[name]}")
@@ -142,12 +130,12 @@ def test_all_still_draws_after_hundreds_of_actions(desktop: Desktop, blocks: lis
     desktop.ask("panel().choose(next(iter(panel().session.points)))")
     desktop.wait(f"not ({BUSY})")
     desktop.picture("after_all")
-    plain = "[view.canvas.grab().toImage() for view in panel().ui.list_views()]"
+    plain = "[view.canvas.grab().toImage() for view in panel().ui.grid.list_views()]"
     desktop.ask(
         f"with_markers = {plain}\n"
-        "[view.markers.hide() for view in panel().ui.list_views()]\n"
+        "[view.markers.hide() for view in panel().ui.grid.list_views()]\n"
         f"without = {plain}\n"
-        "[view.markers.show() for view in panel().ui.list_views()]\n"
+        "[view.markers.show() for view in panel().ui.grid.list_views()]\n"
         "result = [one != other for one, other in zip(with_markers, without)]"
     )
     assert desktop.ask("all(one != other for one, other in zip(with_markers, without))"), "markers are gone"

@@ -42,8 +42,8 @@ def test_new_block_by_mouse_and_keyboard(desktop: Desktop, block: Path, truth) -
     desktop.picture("new_block")
     desktop.click("button_named('OK')")
     assert desktop.wait("len(panel().session.images)") == 3
-    desktop.wait("not any(view.canvas.isDrawing() for view in panel().ui.list_views())")
-    point, image = desktop.ask("[panel().point(), panel().ui.list_views()[0].image()]")
+    desktop.wait("not any(view.canvas.isDrawing() for view in panel().ui.grid.list_views())")
+    point, image = desktop.ask("[panel().point(), panel().ui.grid.list_views()[0].image()]")
     assert click_point(desktop, truth, point, image) < SUBPIXEL
     desktop.picture("measured")
 
@@ -53,8 +53,8 @@ def show_first_point(desktop: Desktop, block: Path, name: str = "G000001") -> st
     show_block(desktop, block)
     float_panel(desktop)
     desktop.click(f"cell_of(panel().ui.points, panel().points_model.row_of({name!r}), 0)")
-    desktop.wait(f"panel().point() == {name!r} and not panel().ui.views[0].canvas.isDrawing()")
-    return str(desktop.ask("panel().ui.views[0].image()"))
+    desktop.wait(f"panel().point() == {name!r} and not panel().ui.grid.views[0].canvas.isDrawing()")
+    return str(desktop.ask("panel().ui.grid.views[0].image()"))
 
 
 def test_keys_of_the_panel_beside_those_of_qgis(desktop: Desktop, block: Path, truth, tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_keys_of_the_panel_beside_those_of_qgis(desktop: Desktop, block: Path, t
         assert desktop.wait("not panel().session.changed", 5.0)
     desktop.press("n")
     assert desktop.ask("panel().point()") == "G000002"
-    desktop.ask("ADJUSTED = []\npanel().adjusted.connect(ADJUSTED.append)\npanel().ui.views[0].canvas.setFocus()")
+    desktop.ask("ADJUSTED = []\npanel().adjusted.connect(ADJUSTED.append)\npanel().ui.grid.views[0].canvas.setFocus()")
     desktop.press("F5")
     assert desktop.wait("ADJUSTED", 60.0)  # or why not: that it was tried is what counts here
     desktop.picture("adjusted")
@@ -120,7 +120,7 @@ def extent_of_views(desktop: Desktop) -> list[list[float]]:
     """Return middle (sample, line) and width of what the views show."""
     return desktop.ask(
         "[[round(view.canvas.extent().center().x(), 1), round(-view.canvas.extent().center().y(), 1), "
-        "round(view.canvas.extent().width(), 1)] for view in panel().ui.list_views()]"
+        "round(view.canvas.extent().width(), 1)] for view in panel().ui.grid.list_views()]"
     )
 
 
@@ -139,7 +139,7 @@ def test_projects_leave_the_image_views_alone(desktop: Desktop, block: Path, tru
     desktop.picture("opened")
     assert extent_of_views(desktop) == shown
     assert desktop.ask("panel().point()") == "G000001"
-    other = desktop.ask("panel().ui.views[1].image()")
+    other = desktop.ask("panel().ui.grid.views[1].image()")
     assert click_point(desktop, truth, "G000001", other) < SUBPIXEL
     with zipfile.ZipFile(project) as archive:
         text = archive.read("saved.qgs").decode()

@@ -24,24 +24,9 @@ WORDS = {
     "outcome": ("matched", "no texture"), "reason": ("", "cloud", "water"),
 }  # fmt: skip
 
-#: Statements for QGIS: draw each rule of a layer alone, and count the pixels that are not the background.
+#: Statements for QGIS: draw each rule of a layer alone, and count its pixels.
 DRAWN = """
 from qgis.core import QgsPointXY, QgsRectangle, QgsRuleBasedRenderer, QgsVectorLayer
-from qgis.PyQt.QtCore import QEventLoop
-import numpy as np
-
-def pixels():
-    canvas = iface.mapCanvas()
-    loop = QEventLoop()
-    canvas.mapCanvasRefreshed.connect(loop.quit)
-    QTimer.singleShot(20000, loop.quit)
-    canvas.refreshAllLayers()
-    loop.exec()
-    shown = canvas.grab().toImage().convertToFormat(4)
-    bits = shown.bits()
-    bits.setsize(shown.byteCount())
-    colours = np.frombuffer(bits, np.uint32).reshape(shown.height(), -1)[4:-4, 4:-4] & 0xFFFFFF
-    return int(np.sum(colours != 0xFFFFFF))
 
 def drawn(source, name, scale):
     layer = QgsVectorLayer(source, name, "ogr")

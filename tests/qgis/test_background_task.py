@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import gc
 import threading
 import time
@@ -9,13 +10,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from qgis.core import QgsApplication, QgsProcessingAlgRunnerTask, QgsProcessingContext, QgsProcessingFeedback
+from qgis.core import QgsApplication, QgsProcessingFeedback
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.progress import advance
-from hrsi.plugin.background_task import BackgroundTask, run_apart
+from hrsi.plugin.background_task import BackgroundTask, in_main_thread, run_apart
 from hrsi.plugin.provider import PluginAlgorithm
+from hrsi.tests.parsed_sources import walk_sources
 from hrsi.tests.qgis import tiny
+from hrsi.tests.qgis.panels import WITH_CRS, run_in_background, wait_for
+
+#: Qt makes these in the main thread only.
+WIDGETS = {"QWidget", "QDialog", "QDockWidget", "QgsMapCanvas", "QgsAbstractProcessingParameterWidgetWrapper"}
 
 
 class Work(BackgroundTask):
@@ -36,13 +42,6 @@ class Work(BackgroundTask):
             time.sleep(0.002)
 
 
-def wait_for(task: Work) -> None:
-    end = time.monotonic() + 30.0
-    while not task.ended:
-        assert time.monotonic() < end, "waited in vain"
-        QgsApplication.processEvents()
-
-
 @pytest.mark.parametrize(
     ("error", "told"),
     [
@@ -54,7 +53,7 @@ def wait_for(task: Work) -> None:
 def test_failures_are_told(qgis_app, error: Exception, told: str) -> None:
     task = Work(error)
     task.start()
-    wait_for(task)
+    wait_for(lambda: bool(task.ended))
     assert task.ended == "terminated" and told in task.failure
 
 
@@ -64,7 +63,7 @@ def test_cancelled_says_nothing(qgis_app) -> None:
     while not task.isActive():
         QgsApplication.processEvents()
     task.cancel()
-    wait_for(task)
+    wait_for(lambda: bool(task.ended))
     assert (task.ended, task.failure) == ("terminated", "")
 
 
@@ -78,7 +77,7 @@ def test_work_is_done_in_a_thread_of_python(qgis_app) -> None:
 
     task = Noting()
     task.start()
-    wait_for(task)
+    wait_for(lambda: bool(task.ended))
     assert task.ended == "completed"
     (thread,) = threads
     assert thread is not threading.main_thread() and not isinstance(thread, threading._DummyThread)
@@ -88,17 +87,10 @@ def test_work_is_done_in_a_thread_of_python(qgis_app) -> None:
 def test_algorithms_do_so_too(qgis_processing, monkeypatch, tmp_path: Path) -> None:
     threads: list[threading.Thread] = []
     monkeypatch.setattr(tiny, "_fail_as_asked", lambda _text: threads.append(threading.current_thread()))
-    context, feedback = QgsProcessingContext(), QgsProcessingFeedback()
     given = {"IMAGES": ["/data/a_RPC.TXT"], "OUTPUT_DIR": str(tmp_path / "out")}
-    algorithm, ended = PluginAlgorithm(tiny.TINY).create(), list[bool]()
-    task = QgsProcessingAlgRunnerTask(algorithm, given, context, feedback)
-    task.executed.connect(lambda is_done, _results: ended.append(is_done))
-    QgsApplication.taskManager().addTask(task)
-    end = time.monotonic() + 30.0
-    while not ended:
-        assert time.monotonic() < end, "waited in vain"
-        QgsApplication.processEvents()
-    assert ended == [True], feedback.textLog()
+    feedback = QgsProcessingFeedback()
+    is_done, _results = run_in_background(PluginAlgorithm(tiny.TINY).create(), given, feedback)
+    assert is_done, feedback.textLog()
     (thread,) = threads
     assert thread is not threading.main_thread() and not isinstance(thread, threading._DummyThread)
 
@@ -109,9 +101,50 @@ def test_nobody_needs_to_hold_a_task(qgis_app) -> None:
     for number in range(3):
         Work(InputError(str(number)), on_end=lambda task: failures.append(task.failure)).start()
         gc.collect()
-    end = time.monotonic() + 30.0
-    while len(failures) < 3:
-        assert time.monotonic() < end, "waited in vain"
-        QgsApplication.processEvents()
-        gc.collect()
+    wait_for(lambda: gc.collect() >= 0 and len(failures) == 3)
     assert sorted(failures) == ["0", "1", "2"]
+
+
+def test_work_is_handed_to_the_main_thread(qgis_app) -> None:
+    """Its result, or its error, comes back to the thread that waits."""
+    threads = list[threading.Thread]()
+
+    @in_main_thread
+    def work(number: int) -> float:
+        threads.append(threading.current_thread())
+        return 1.0 / number
+
+    results = []
+    BackgroundTask("work", lambda _progress: work(4), results.append).start()
+    BackgroundTask("work", lambda _progress: work(0), results.append).start()
+    wait_for(lambda: len(results) == 2)
+    assert threads == [threading.main_thread()] * 2
+    assert {task.outcome for task in results} == {0.25, None}
+    assert {task.failure for task in results} == {"", "ZeroDivisionError: float division by zero"}
+
+
+def test_what_has_a_crs_is_made_in_the_main_thread() -> None:
+    """In the sources: each use of such a class is in a widget, or in a function that always runs there."""
+    uses, allowed = [], 0
+    for path, node in walk_sources(WITH_CRS, ["plugin"]):
+        if isinstance(node, ast.Module):
+            scopes = [part for part in node.body if isinstance(part, (ast.FunctionDef, ast.ClassDef))]
+        elif isinstance(node, ast.ClassDef) and WIDGETS.isdisjoint(
+            base.id for base in node.bases if hasattr(base, "id")
+        ):
+            scopes = [part for part in node.body if isinstance(part, ast.FunctionDef)]
+        else:
+            continue
+        for scope in scopes:
+            if isinstance(scope, ast.ClassDef):
+                continue
+            makers = [
+                call.func.value if isinstance(call.func, ast.Attribute) else call.func
+                for call in ast.walk(scope) if isinstance(call, ast.Call)
+            ]  # fmt: skip
+            used = {maker.id for maker in makers if isinstance(maker, ast.Name)} & set(WITH_CRS)
+            if any(getattr(mark, "id", "") == "in_main_thread" for mark in scope.decorator_list):
+                allowed += bool(used)
+            elif used:
+                uses.append((path.name, scope.name, used))
+    assert uses == [] and allowed >= 3

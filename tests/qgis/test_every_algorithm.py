@@ -28,8 +28,10 @@ from qgis.core import (
 from qgis.PyQt.QtCore import QEvent, QTimer
 
 from hrsi.plugin.icons import icon_path
+from hrsi.plugin.parameters import NO_THREADING
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.declare import Kind
+from hrsi.tests.qgis.panels import guarded_threads, run_in_background
 from hrsi.tests.qgis.profile import REPOSITORY
 
 CANCEL_S = 1.0
@@ -155,12 +157,19 @@ def test_dialog(hrsi_provider, qgis_new_project, monkeypatch, name: str) -> None
 
 @pytest.mark.parametrize("name", mark_beyond(len(RUNS) - 1, "thorough", sorted(RUNS, key="tie-points".__eq__)))
 def test_run(hrsi_provider, qgis_new_project, pixels: Path, grid: str, tmp_path: Path, name: str) -> None:
-    """A run leaves a report, and what it declares to show is on the map with a style or a default one."""
+    """A run in its task leaves a report, and what it declares to show is on the map with a style or a default one."""
     folder = tmp_path / "out"
-    given = RUNS[name](pixels, grid)
+    from processing.gui.Postprocessing import handleAlgorithmResults
+
+    given, context, feedback = RUNS[name](pixels, grid), QgsProcessingContext(), QgsProcessingFeedback()
+    context.setProject(QgsProject.instance())
     known = {param.key.upper() for param in REGISTRY[name].params}
     assert set(given) <= known
-    result = processing.runAndLoadResults(identifier(name), given | {"OUTPUT_DIR": str(folder)})
+    algorithm = QgsApplication.processingRegistry().createAlgorithmById(identifier(name))
+    with guarded_threads():
+        _, result = run_in_background(algorithm, given | {"OUTPUT_DIR": str(folder)}, feedback, context)
+    assert result, feedback.textLog()
+    assert handleAlgorithmResults(algorithm, context, feedback)
     report = json.loads(Path(result["REPORT"]).read_text(encoding="utf-8"))
     assert report["algorithm"] == name
     on_map = {layer.source() for layer in QgsProject.instance().mapLayers().values()}
@@ -190,9 +199,10 @@ def test_in_a_model(hrsi_provider, qgis_new_project, tmp_path: Path) -> None:
     for key, source in sources.items():
         second.addParameterSources(key, [source])
     model.addChildAlgorithm(second)
-    context, feedback = QgsProcessingContext(), QgsProcessingFeedback()
-    context.setProject(QgsProject.instance())
-    _results, successful = model.run({}, context, feedback)
+    feedback = QgsProcessingFeedback()
+    model.flags = lambda: QgsProcessingModelAlgorithm.flags(model) & ~NO_THREADING  # as the plugin's own
+    with guarded_threads():
+        successful, _results = run_in_background(model, {}, feedback)
     assert successful, feedback.textLog()
     layer = QgsVectorLayer(f"{tmp_path}/projected/points.gpkg|layername=image_points", "", "ogr")
     assert layer.featureCount() > 50

@@ -51,7 +51,7 @@ def test_tour_from_nothing_to_arrows(tour: FirstSteps) -> None:
     assert dock.isVisible() and tour.missing not in dock.session.measured
     press(tour.buttons[1])
     name, image = tour.missing
-    view = dock._active
+    view = dock.ui.grid.find_view(dock.ui.grid.active_image())
     assert (dock.point(), view.image()) == (name, image)
     wait_for(lambda: not view.canvas.isDrawing())
     sample, line = dock.session.predict_place(name, image)
@@ -64,7 +64,7 @@ def test_tour_from_nothing_to_arrows(tour: FirstSteps) -> None:
             break
     assert tour.step() == 2 and len(dock.session.measured) == len(before) + 1
     press(tour.buttons[2])
-    wait_for(lambda: tour.step() == 3 and not dock.is_adjusting())
+    wait_for(lambda: tour.step() == 3 and not dock.adjustment.is_running())
     assert "check" in dock.ui.message.text()
     press(tour.buttons[3])
     layers = {layer.name(): layer for layer in QgsProject.instance().mapLayers().values()}

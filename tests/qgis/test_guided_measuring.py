@@ -25,7 +25,7 @@ from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement
-from hrsi.tests.qgis.panels import close, wait_for
+from hrsi.tests.qgis.panels import close, is_at_rest, wait_for
 
 BIAS_PX = ((80.0, 0.0), (-57.0, 57.0), (0.0, -80.0))
 MOST_ACTIONS = 25  # the panel's issue: 10 GCPs on 3 images, where it were 56
@@ -77,17 +77,9 @@ def dock(qgis_app, qgis_new_project, tmp_path: Path):
     close(panel)
 
 
-def is_at_rest(panel: PointsDock) -> bool:
-    """Whether nothing is looked for, drawn or adjusted any more."""
-    drawing = any(view.canvas.isDrawing() for view in panel.ui.list_views())
-    return not (
-        panel._searched or panel._search.isActive() or panel._again.isActive() or panel.is_adjusting() or drawing
-    )
-
-
 def click(panel: PointsDock, image: str, place: np.ndarray) -> None:
     """Click over a place of an image as a mouse does; it must be in view."""
-    canvas = next(view.canvas for view in panel.ui.list_views() if view.image() == image)
+    canvas = next(view.canvas for view in panel.ui.grid.list_views() if view.image() == image)
     at = canvas.getCoordinateTransform().transform(QgsPointXY(place[0], -place[1]))
     where = QPoint(round(at.x()), round(at.y()))
     assert canvas.viewport().rect().contains(where), "what is to be clicked is out of view"
@@ -103,13 +95,13 @@ def test_ten_gcps_on_three_images(dock, block: Path, truth: Truth) -> None:
     for _ in range(len(dock.session.points)):
         name = dock.point()
         wanted = [row.image for row in dock.session.measurements(name) if (name, row.image) in truth]
-        image = dock._active.image()
+        image = dock.ui.grid.active_image()
         assert (name, image) not in dock.session.measured
         click(dock, image, truth[(name, image)] + (2.0, -1.5))
         actions += 1
         wait_for(lambda: is_at_rest(dock))
-        found += len(dock.proposals)
-        if dock.proposals:
+        found += len(dock.search.proposals)
+        if dock.search.proposals:
             dock.ui.points.setFocus()
             QTest.keyClick(dock.ui.points, Qt.Key.Key_Y, Qt.KeyboardModifier.ShiftModifier)
             actions += 1
@@ -164,7 +156,7 @@ def test_verdict_is_a_list_that_leads_to_the_points(adjusted) -> None:
     where = dock.ui.verdict.visualItemRect(concerned).center()
     QTest.mouseClick(dock.ui.verdict.viewport(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, where)
     assert dock.ui.residuals.isVisible()
-    assert dock.point() == WRONG[0] and dock._active.image() == WRONG[1]
+    assert dock.point() == WRONG[0] and dock.ui.grid.active_image() == WRONG[1]
     dock.show_session(PointSession())
     assert dock.ui.verdict.count() == 0 and dock.ui.tabs.tabText(page) == "Verdict"
 
@@ -188,7 +180,7 @@ def test_residuals_are_sorted_filtered_and_switched_off_in_one_table(adjusted) -
     assert sizes == sorted(sizes)
     dock.ui.residuals.selectRow(3)
     chosen = model.rows[3]
-    assert (dock.point(), dock._active.image()) == (chosen.point.id, "image_2")
+    assert (dock.point(), dock.ui.grid.active_image()) == (chosen.point.id, "image_2")
     dock.ui.filter.setCurrentIndex(0)
     dock.filter_residuals()
     at = model.index(model.row_of(*WRONG), model.titles.index("role"))
@@ -259,14 +251,14 @@ def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int, is
         name = names[0 if is_measured else step % (len(names) - 1)]
         dock.choose(name)
         wait_for(lambda: is_at_rest(dock))
-        view = dock.ui.list_views()[0]
+        view = dock.ui.grid.list_views()[0]
         place, before = made[(name, view.image())], dock.session.history.state
         work = work_as_a_click_does()
         began = time.process_time()
         click(dock, view.image(), np.array([place.sample + 0.3 * step, place.line]))
-        dock._searched = []  # looking for it in the others comes behind: an image at a time
+        dock.search._queue.clear()  # looking for it in the others comes behind: an image at a time
         QApplication.processEvents()
-        wait_for(lambda: not any(one.canvas.isDrawing() for one in dock.ui.list_views()))
+        wait_for(lambda: not any(one.canvas.isDrawing() for one in dock.ui.grid.list_views()))
         taken = time.process_time() - began
         took.append(taken * 2.0 * WORK_S / (work + work_as_a_click_does()))
         assert dock.session.history.state != before
@@ -279,14 +271,14 @@ def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int, is
 
 def test_views_have_north_on_top_and_zoom_together(adjusted) -> None:
     dock = adjusted
-    for view in dock.ui.list_views():
+    for view in dock.ui.grid.list_views():
         point, session = dock.session.points[dock.point()], dock.session
         places = [np.array([[point.lon, point.lat + step, point.height]]) for step in (0.0, 1e-4)]
         south, north = (session.project(view.image(), place)[0] for place in places)
         to_screen = view.canvas.getCoordinateTransform().transform
         low, high = (to_screen(QgsPointXY(xy[0], -xy[1])) for xy in (south, north))
         assert high.y() < low.y() and abs(high.x() - low.x()) < 0.03 * (low.y() - high.y())
-    first, second = dock.ui.list_views()[:2]
+    first, second = dock.ui.grid.list_views()[:2]
     before = second.canvas.mapUnitsPerPixel()
     first.canvas.zoomed.emit(0.5)
     assert second.canvas.mapUnitsPerPixel() == pytest.approx(0.5 * before, rel=0.01)
@@ -297,7 +289,7 @@ def test_views_have_north_on_top_and_zoom_together(adjusted) -> None:
 
 def test_contrast_is_that_of_the_view(adjusted) -> None:
     """Black and white are 2 and 98 % of the greys in view, by the pixels themselves; gamma stays with its image."""
-    view = adjusted.ui.list_views()[0]
+    view = adjusted.ui.grid.list_views()[0]
     adjusted.ui.north.setChecked(False)
     extent = view.canvas.extent()
     low, high = (round(v) for v in (extent.xMinimum(), extent.xMaximum()))
@@ -313,13 +305,13 @@ def test_contrast_is_that_of_the_view(adjusted) -> None:
     image, other = view.image(), next(name for name in adjusted.session.images if name != view.image())
     adjusted.ui.number.setCurrentText("1")
     for chosen, gamma in ((other, 1.0), (image, 1.8)):
-        adjusted.frame_image(chosen)
-        assert adjusted.ui.views[0].gamma.value() == gamma
+        adjusted.ui.grid.frame_image(chosen)
+        assert adjusted.ui.grid.views[0].gamma.value() == gamma
 
 
 def test_contrast_waits_for_an_extent(adjusted, monkeypatch) -> None:
     """A new canvas of QGIS 3.40 has an extent without end."""
-    view, nothing = adjusted.ui.list_views()[0], QgsRectangle()
+    view, nothing = adjusted.ui.grid.list_views()[0], QgsRectangle()
     nothing.setMinimal()
     before = view.grey_range
     with monkeypatch.context() as patched:

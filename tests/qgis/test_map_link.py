@@ -18,7 +18,7 @@ def test_mark_and_click_are_at_one_place(qgis_app, code: str) -> None:
     """The mark lies where PROJ has it, and a click there gives longitude and latitude back."""
     canvas = QgsMapCanvas()
     canvas.setDestinationCrs(QgsCoordinateReferenceSystem(code))
-    link = MapLink(canvas)
+    link = MapLink(None, canvas)
     link.mark(PLACE)
     centre = link._mark.center()
     expected = pyproj.Transformer.from_crs("EPSG:4326", code, always_xy=True).transform(*PLACE)

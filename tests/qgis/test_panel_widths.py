@@ -65,7 +65,7 @@ def test_no_text_is_cut(language: str, block: Path, qgis_new_project, tmp_path: 
     ended: list[bool] = []
     panel.adjusted.connect(ended.append)
     panel.adjust()
-    wait_for(lambda: bool(ended) and not any(view.canvas.isDrawing() for view in panel.ui.list_views()))
+    wait_for(lambda: bool(ended) and not any(view.canvas.isDrawing() for view in panel.ui.grid.list_views()))
     QgsApplication.processEvents()
     cut = []
     for tab in range(panel.ui.tabs.count()):

@@ -11,7 +11,8 @@ from qgis.core import QgsSettings
 from qgis.PyQt.QtGui import QColor, QImage
 from qgis.PyQt.QtWidgets import QApplication
 
-from hrsi.plugin.points_panel.dock import LIBRARY_SETTING, PointsDock
+from hrsi.plugin.points_panel.block_files import LIBRARY_SETTING
+from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import files
 from hrsi.tests.qgis.panels import close, wait_for
@@ -91,7 +92,7 @@ def test_photographs_and_chips_are_shown_beside_the_images(dock, block: Path, tm
     dock.choose(OTHER)
     assert list_shown(dock)[0] == f"{OTHER}_north.png"
     path = str(tmp_path / "block.gpkg")
-    dock.save_as(path)
+    dock.files.save_as(path)
     opened = files.open_block(path)
     assert point_session.list_photos(opened.points[NAME]) == [str(block / "field" / "first.jpg")]
     assert point_session.list_photos(opened.points[OTHER]) == [str(block / "photos" / f"{OTHER}_north.png")]
@@ -100,19 +101,19 @@ def test_photographs_and_chips_are_shown_beside_the_images(dock, block: Path, tm
 @pytest.mark.thorough  # what proposes is tested by tests/processing_algorithms/test_chip_library.py
 def test_library_proposes_in_a_new_project(dock, block: Path, tmp_path: Path) -> None:
     """Saved chips lead to measurements on the images of another day with one key a point; the setting is kept."""
-    dock.choose_library(str(tmp_path / "chips.gpkg"))
-    dock.save_as(str(tmp_path / "block.gpkg"))
+    dock.files.choose_library(str(tmp_path / "chips.gpkg"))
+    dock.files.save_as(str(tmp_path / "block.gpkg"))
     count = len(point_session.ChipLibrary(str(tmp_path / "chips.gpkg")))
     assert count == len(dock.session.measured) and f"{count} chips" in dock.ui.message.text()
     dock.show_session(open_day(block, 2, points=""))
     assert dock.session.library is not None and not dock.session.points
-    dock.choose_library(str(tmp_path / "chips.gpkg"))
+    dock.files.choose_library(str(tmp_path / "chips.gpkg"))
     for known in list(dock.session.points):  # those with a twin nearby are refused
         dock.choose(known)
-        wait_for(lambda: not dock._searched and not dock._search.isActive())
-        if dock.proposals:
+        wait_for(lambda: not dock.search.is_running())
+        if dock.search.proposals:
             break
-    name, found = dock.point(), dict(dock.proposals)
+    name, found = dock.point(), dict(dock.search.proposals)
     assert {title.split()[0] for title in list_shown(dock)} <= {"d1_1", "d1_2"} and list_shown(dock)
     dock.ui.accept_all.trigger()
     with (block / "image_points.csv").open(encoding="utf-8", newline="") as file:
@@ -121,6 +122,6 @@ def test_library_proposes_in_a_new_project(dock, block: Path, tmp_path: Path) ->
     for image in found:
         measured = dock.session.measured[(name, image)]
         assert np.hypot(*np.subtract((measured.sample, measured.line), truth[(name, image)])) < 0.3
-    dock.choose_library(str(tmp_path / "block.gpkg"))
+    dock.files.choose_library(str(tmp_path / "block.gpkg"))
     assert "has no layer 'chips'" in dock.ui.message.text()
     assert dock.session.library.path == str(tmp_path / "chips.gpkg")

@@ -76,7 +76,7 @@ def clicked(qgis_app, simulated: Path, truth):
     """Every point clicked on both images, once for all tests: the measurements, and how far they are from the truth."""
     panel = make_dock(simulated)
     distances = measure_all(panel, truth)
-    assert all(not view.chip.pixmap().isNull() for view in panel.ui.views)
+    assert all(not view.chip.pixmap().isNull() for view in panel.ui.grid.views)
     assert panel.session.changed and panel.windowTitle().endswith("*")
     measured = panel.session.measured
     panel.discard_edits()
@@ -94,7 +94,7 @@ def measured(dock, clicked) -> PointsDock:
 
 def click(panel: PointsDock, image: str, place: tuple[float, float]) -> None:
     """Press and release the left button over a place of the image, on its canvas."""
-    view = next(view for view in panel.ui.views if view.image() == image)
+    view = next(view for view in panel.ui.grid.views if view.image() == image)
     canvas = view.canvas
     at = canvas.getCoordinateTransform().transform(QgsPointXY(place[0], -place[1]))
     where = QPoint(round(at.x()), round(at.y()))
@@ -115,7 +115,7 @@ def measure_all(panel: PointsDock, truth: dict[tuple[str, str], tuple[float, flo
     distances = []
     for name in panel.session.points:
         panel.choose(name)
-        for view in panel.ui.views:
+        for view in panel.ui.grid.views:
             sample, line = truth[(name, view.image())]
             click(panel, view.image(), (sample + CLICK_OFF[0], line + CLICK_OFF[1]))
             made = panel.session.measured[(name, view.image())]
@@ -135,7 +135,7 @@ def adjust(panel: PointsDock) -> bool:
 def test_images_are_zoomed_to_the_predicted_position(dock) -> None:
     for name in list(dock.session.points)[:3]:
         dock.choose(name)
-        for view in dock.ui.views:
+        for view in dock.ui.grid.views:
             sample, line = dock.session.predict_place(name, view.image())
             middle = view.canvas.extent().center()
             assert middle.x() == pytest.approx(sample, abs=0.01)
@@ -145,7 +145,7 @@ def test_images_are_zoomed_to_the_predicted_position(dock) -> None:
 def test_map_coordinates_are_sample_and_minus_line(dock, simulated: Path) -> None:
     """The first pixel's middle is (0, 0), and the view has no RPC that QGIS would warp it by."""
     dock.choose(next(iter(dock.session.points)))
-    (layer,) = dock.ui.views[0].canvas.layers()
+    (layer,) = dock.ui.grid.views[0].canvas.layers()
     assert isinstance(layer, QgsRasterLayer) and layer.isValid()
     extent = layer.extent()
     assert (extent.xMinimum(), extent.yMaximum()) == (-0.5, 0.5)
@@ -166,7 +166,7 @@ def test_chip_shows_the_pixels(dock, truth) -> None:
     name = next(iter(dock.session.points))
     dock.choose(name)
     click(dock, IMAGE, truth[(name, IMAGE)])
-    chip = dock.ui.views[0].chip.pixmap().toImage()
+    chip = dock.ui.grid.views[0].chip.pixmap().toImage()
     colours = {chip.pixelColor(x, y).rgb() for x in range(0, chip.width(), 3) for y in range(0, chip.height(), 3)}
     assert len(colours) > 30
 
@@ -183,7 +183,7 @@ def test_nothing_there_is_refused_with_the_reason(dock, truth) -> None:
 
 def test_save_adjust_and_reopen(measured, tmp_path: Path) -> None:
     path = str(tmp_path / "block.gpkg")
-    measured.save_as(path)
+    measured.files.save_as(path)
     assert not measured.session.changed
     assert adjust(measured)
     rows = measured.points_model.rows
@@ -195,7 +195,7 @@ def test_save_adjust_and_reopen(measured, tmp_path: Path) -> None:
     columns = measured.points_model.titles
     texts = [measured.points_model.index(0, columns.index(title)).data() for title in ("dE m", "dN m", "dH m")]
     assert all(texts)  # the residuals appear next to the point
-    assert any(marker.residual_px for marker in measured.ui.views[0].markers.markers)
+    assert any(marker.residual_px for marker in measured.ui.grid.views[0].markers.markers)
     assert not any(row.suspicion for row in rows)
     again = files.open_block(path)
     assert again.measured.keys() == measured.session.measured.keys()
@@ -235,7 +235,7 @@ def test_suspicious_point_is_red(measured) -> None:
     assert red == [wrong]
     tip = measured.points_model.index(measured.points_model.row_of(wrong), 0).data(Qt.ItemDataRole.ToolTipRole)
     assert tip
-    assert any(marker.is_suspicious for marker in measured.ui.views[0].markers.markers)
+    assert any(marker.is_suspicious for marker in measured.ui.grid.views[0].markers.markers)
 
 
 def test_role_and_sigma_are_edited_in_the_table(dock) -> None:
@@ -280,7 +280,7 @@ def test_nothing_measured_is_told(dock) -> None:
 
 
 def test_project_keeps_the_block(measured, tmp_path: Path) -> None:
-    measured.save_as(str(tmp_path / "block.gpkg"))
+    measured.files.save_as(str(tmp_path / "block.gpkg"))
     measured.choose("G000002")
     project = tmp_path / "project.qgz"
     assert QgsProject.instance().write(str(project))
@@ -295,15 +295,15 @@ def test_a_panel_is_closed_while_it_adjusts(measured) -> None:
     """Nobody but QGIS knows the task then: collecting what nobody holds must not take it away from under it."""
     task_manager = QgsApplication.taskManager()
     for _ in range(5):
-        measured.adjust(save=False)
-        assert measured.is_adjusting()
+        measured.adjust(is_asked=False)
+        assert measured.adjustment.is_running()
         end = time.monotonic() + 0.05  # some have begun, some have not
         while time.monotonic() < end:
             QgsApplication.processEvents()
         measured.show_session(measured.session)  # which gives the adjustment up
         gc.collect()
         wait_for(lambda: task_manager.count() == 0, 60.0)
-        assert not measured.is_adjusting()
+        assert not measured.adjustment.is_running()
     assert adjust(measured)
 
 
@@ -319,11 +319,11 @@ def test_rpc_files_without_pixels(qgis_app, qgis_new_project, tmp_path: Path) ->
     )
     name = panel.session.rows()[0].point.id
     panel.choose(name)
-    assert panel.ui.views[0].note.text() == "no pixels"
-    panel.measure(panel.ui.views[0].image(), 100.0, 100.0)
+    assert panel.ui.grid.views[0].note.text() == "no pixels"
+    panel.measure(panel.ui.grid.views[0].image(), 100.0, 100.0)
     assert "no pixels" in panel.ui.message.text()
     path = str(tmp_path / "block.gpkg")
-    panel.save_as(path)
+    panel.files.save_as(path)
     assert adjust(panel)
     dataset = ogr.Open(path)
     assert dataset.GetLayerByName("residuals_utm").GetFeatureCount() > len(panel.session.measured)

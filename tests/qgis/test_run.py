@@ -15,8 +15,6 @@ import pytest
 from qgis.core import (
     Qgis,
     QgsApplication,
-    QgsProcessingAlgRunnerTask,
-    QgsProcessingContext,
     QgsProcessingException,
     QgsProcessingFeedback,
     QgsProject,
@@ -28,6 +26,7 @@ from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import fill_options, settings_of
 from hrsi.tests.qgis import answer
+from hrsi.tests.qgis.panels import run_in_background
 from hrsi.tests.qgis.profile import REPOSITORY
 from hrsi.tests.qgis.tiny import TINY, TinyFields
 
@@ -101,22 +100,15 @@ def test_report_of_an_algorithm_without_output_folder(qgis_processing) -> None:
     assert json.loads(Path(result["REPORT"]).read_text(encoding="utf-8"))["answer"] == 42
 
 
-def run_in_background(parameters: dict[str, Any], feedback: QgsProcessingFeedback) -> tuple[bool, dict[str, Any]]:
-    """Run the tiny algorithm as the dialog does: a task of the task manager, while the event loop turns."""
+def run_tiny_in_background(parameters: dict[str, Any], feedback: QgsProcessingFeedback) -> tuple[bool, dict[str, Any]]:
     algorithm = QgsApplication.processingRegistry().createAlgorithmById("hrsi:tinytest")
-    context = QgsProcessingContext()
-    task = QgsProcessingAlgRunnerTask(algorithm, parameters, context, feedback)
-    ended: list[tuple[bool, dict[str, Any]]] = []
-    task.executed.connect(lambda successful, results: ended.append((successful, results)))
-    QgsApplication.taskManager().addTask(task)
-    while not ended:
-        QgsApplication.processEvents()
-        time.sleep(0.005)
-    return ended[0]
+    return run_in_background(algorithm, parameters, feedback)
 
 
 def test_runs_in_a_background_thread(tiny_provider, tmp_path: Path) -> None:
-    successful, results = run_in_background({"IMAGES": ["a"], "OUTPUT_DIR": str(tmp_path)}, QgsProcessingFeedback())
+    successful, results = run_tiny_in_background(
+        {"IMAGES": ["a"], "OUTPUT_DIR": str(tmp_path)}, QgsProcessingFeedback()
+    )
     assert successful
     assert results["OUTPUT_DIR"] == str(tmp_path)
 
@@ -126,7 +118,7 @@ def test_cancel_within_a_second(tiny_provider, tmp_path: Path) -> None:
     listener.canceled.connect(lambda: cancelled_at.append(time.monotonic()))
     QTimer.singleShot(300, listener.cancel)
     parameters = {"IMAGES": ["a"], "WAIT": 60.0, "OUTPUT_DIR": str(tmp_path / "out")}
-    successful, results = run_in_background(parameters, listener)
+    successful, results = run_tiny_in_background(parameters, listener)
     assert time.monotonic() - cancelled_at[0] < CANCEL_S
     assert not successful
     assert results == {}

@@ -21,6 +21,7 @@ from qgis.core import (
     QgsProject,
     QgsRasterLayer,
     QgsRectangle,
+    QgsSettings,
     QgsVectorLayer,
 )
 from qgis.gui import QgsMapCanvas, QgsMessageBar
@@ -31,6 +32,7 @@ from qgis.PyQt.QtWidgets import QApplication, QDialogButtonBox, QMessageBox, QPu
 
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.plugin.points_panel.block_files import LIBRARY_SETTING
 from hrsi.plugin.points_panel.dialogs import NewBlockDialog, NewPointDialog
 from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.plugin.points_panel.guards import ExitGuard, RecoveryOffer
@@ -38,7 +40,7 @@ from hrsi.plugin.points_panel.image_view import marker_label
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement, SurveyPoint
-from hrsi.tests.qgis.panels import close, wait_for
+from hrsi.tests.qgis.panels import close, is_at_rest, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "G000001"
@@ -127,7 +129,7 @@ def test_keys_lead_through_the_points(dock) -> None:
     assert dock.point() == names[1]
     press(dock, Qt.Key.Key_P)
     assert dock.point() == names[0]
-    image = dock.ui.views[0].image()
+    image = dock.ui.grid.views[0].image()
     dock.ui.kind.setCurrentText("point")
     press(dock, Qt.Key.Key_A)
     measured = dock.session.measured[(names[0], image)]
@@ -139,7 +141,7 @@ def test_keys_lead_through_the_points(dock) -> None:
 def test_keys_undo_and_redo(dock) -> None:
     before = dict(dock.session.measured)
     dock.choose(NAME)
-    dock.activate(dock.ui.views[0])
+    dock.ui.grid.activate(dock.ui.grid.views[0])
     press(dock, Qt.Key.Key_Delete)
     after = dict(dock.session.measured)
     assert len(after) == len(before) - 1
@@ -175,7 +177,7 @@ def test_new_block_by_the_dialog(dock, sources) -> None:
     dock.ui.new.trigger()
     assert list(dock.session.images) == ["image_1", "image_2", "image_3"]
     assert NAME in dock.session.points and any(name == NAME for name, _ in dock.session.measured)
-    wait_for(lambda: not dock.is_adjusting())
+    wait_for(lambda: not dock.adjustment.is_running())
 
 
 def test_a_new_block_of_layers(dock, sources: dict) -> None:
@@ -234,14 +236,14 @@ def test_views_are_as_many_as_wanted(dock) -> None:
     dock.choose(NAME)
     for number in ("4", "1", "3"):
         dock.ui.number.setCurrentText(number)
-        shown = [view.image() for view in dock.ui.list_views()]
+        shown = [view.image() for view in dock.ui.grid.list_views()]
         assert len(shown) == int(number)
         assert sorted(filter(None, shown)) == [f"image_{k}" for k in range(1, min(int(number), 3) + 1)] or number == "1"
 
 
 def test_whole_image_and_back(dock) -> None:
     dock.choose(NAME)
-    view = dock.ui.views[0]
+    view = dock.ui.grid.views[0]
     QTest.mouseClick(view.whole, Qt.MouseButton.LeftButton)
     assert min(view.canvas.extent().width(), view.canvas.extent().height()) >= 399.0
     dock.choose(next(name for name in dock.session.points if name != NAME))
@@ -252,16 +254,130 @@ def test_whole_image_and_back(dock) -> None:
     assert view.canvas.extent().center().y() == pytest.approx(-line, abs=0.01)
 
 
+#: Actions that go to another point, place or block; the others leave all views as they are.
+NAVIGATION = {"New…", "Open…", "Add points…", "Remove", "Previous", "Next", "Transfer", "Accept all"}
+ASKING = {"Save as…", "Chip library…"}  # actions with a dialog of files, which are called with a path below
+
+
+def places_under_pixels(dock) -> list[object]:
+    """Return for each view its image, its place and size on the screen, and the image positions under two pixels."""
+    seen = []
+    for view in dock.ui.grid.list_views():
+        canvas, corner = view.canvas, view.canvas.mapTo(dock.ui, QPoint(0, 0))
+        to_image = canvas.getCoordinateTransform().toMapCoordinates
+        places = [to_image(*pixel) for pixel in ((20, 30), (110, 90))]
+        seen.append((view.image(), corner.x(), corner.y(), canvas.width(), canvas.height(),
+                     *(round(part, 6) for place in places for part in (place.x(), place.y()))))  # fmt: skip
+    return seen
+
+
+@pytest.mark.parametrize("number", ["2", "3"])
+def test_nothing_moves_under_the_pointer(dock, number: str, tmp_path: Path) -> None:
+    """What lies under a pixel of the screen stays there through every action that goes nowhere, such as a click."""
+    dock.session.measured.clear()  # the first click brings the first chip, proposals and a verdict
+    dock.ui.number.setCurrentText(number)
+    dock.ui.kind.setCurrentText("point")
+    dock.choose(NAME)
+    first, second = (view.image() for view in dock.ui.grid.list_views()[:2])
+    roles, sigmas = (dock.points_model.titles.index(title) for title in ("role", "sigma h m"))
+    row = dock.points_model.row_of(NAME)
+    steps = {
+        "click": lambda: dock.measure(first, *dock.session.predict_place(NAME, first)),
+        "other click": lambda: dock.measure(second, *dock.session.predict_place(NAME, second)),
+        "refused": lambda: (dock.ui.kind.setCurrentText("corner"), dock.measure(first, 1e5, 1e5)),
+        "role": lambda: dock.points_model.setData(dock.points_model.index(row, roles), "check"),
+        "sigma": lambda: dock.points_model.setData(dock.points_model.index(row, sigmas), "0.5"),
+        "long text": lambda: dock.tell("a long reason of a doubtful verdict " * 40),
+        "progress": lambda: dock.ui.show_progress(50.0),
+        "save as": lambda: dock.files.save_as(str(tmp_path / "block")),
+        "library": lambda: dock.files.choose_library(str(tmp_path / "chips.gpkg")),
+    }
+    steps |= {f"tab {tab}": lambda tab=tab: dock.ui.tabs.setCurrentIndex(tab) for tab in (1, 2, 0)}
+    actions = [one for bar in (dock.ui.bar, dock.ui.second_bar) for one in bar.actions() if one.text()]
+    steps |= {one.text(): one.trigger for one in actions if one.text() not in NAVIGATION | ASKING | {"North up"}}
+    steps |= {"again adjusted": dock.adjust, "undo": dock.undo, "undo more": dock.undo, "redo": lambda: dock.undo(True)}
+    QgsApplication.processEvents()
+    wait_for(lambda: is_at_rest(dock))
+    before = places_under_pixels(dock)
+    for name, act in steps.items():
+        act()
+        wait_for(lambda: is_at_rest(dock))
+        assert places_under_pixels(dock) == before, name
+    assert len(steps) > 25 and Path(dock.session.path).name == "block.gpkg"
+    dock.ui.kind.setCurrentText("point")
+    dock.ui.tie.setChecked(True)
+    view = dock.ui.grid.find_view(second)
+    click_on(view.canvas, (view.canvas.extent().center().x() + 5.0, view.canvas.extent().center().y()))
+    wait_for(lambda: is_at_rest(dock))
+    assert dock.session.points[dock.point()].role == "tie"
+    assert places_under_pixels(dock)[1] == before[1]  # where the tie point was clicked
+    middles = [view.canvas.extent().center() for view in dock.ui.grid.list_views()]
+    dock.ui.north.trigger()
+    assert all(
+        (view.canvas.extent().center().x(), view.canvas.extent().center().y())
+        == pytest.approx((at.x(), at.y()), abs=1e-6)
+        for view, at in zip(dock.ui.grid.list_views(), middles, strict=True)
+    )
+    QgsSettings().remove(LIBRARY_SETTING)
+
+
+@pytest.mark.parametrize("number", range(1, 10))
+def test_views_fill_the_space(dock, number: int) -> None:
+    """One to nine views have equal heights, equal widths in a row, and leave no cell empty."""
+    dock.ui.number.setCurrentText(str(number))
+    for _ in range(3):
+        QgsApplication.processEvents()
+    views, grid = dock.ui.grid.list_views(), dock.ui.grid
+    assert len(views) == number
+    assert sum(view.width() * view.height() for view in views) > 0.95 * grid.width() * grid.height() - 8e3 * number
+    assert max(view.height() for view in views) - min(view.height() for view in views) <= 2
+    rows: dict[int, list[int]] = {}
+    for view in views:
+        rows.setdefault(view.y(), []).append(view.width())
+    assert all(max(widths) - min(widths) <= 2 for widths in rows.values()), rows
+
+
+def test_fits_disappear_with_their_measurements(dock) -> None:
+    """The chip of a fit goes when the measurement is undone, deleted or replaced."""
+    dock.session.measured.clear()
+    dock.ui.kind.setCurrentText("point")
+    dock.choose(NAME)
+    view = dock.ui.grid.list_views()[0]
+    for take_back in (dock.undo, dock.forget_measurement):
+        dock.measure(view.image(), *dock.session.predict_place(NAME, view.image()))
+        assert view.chip.isVisible()
+        take_back()
+        assert not view.chip.isVisible()
+
+
+def test_one_gcp_is_no_check(dock) -> None:
+    """With one GCP the verdict is not ok, in the message and in the tab; with all points it is one of the three."""
+    everything = dict(dock.session.measured)
+    for key in list(dock.session.measured):
+        if key[0] != NAME:
+            del dock.session.measured[key]
+    page = dock.ui.tabs.indexOf(dock.ui.verdict)
+    for measured, expected in ((dict(dock.session.measured), True), (everything, False)):
+        dock.session.restore(dock.session.points, measured)
+        dock.adjust()
+        wait_for(lambda: dock.session.is_adjusted and is_at_rest(dock))
+        text = "1 GCP: no check possible"
+        assert (text in dock.ui.message.text()) is expected
+        assert (dock.ui.verdict.item(0).text() == text) is expected
+        assert dock.ui.tabs.tabText(page) != "Verdict: ok" or not expected
+    dock.session.note_save("")
+
+
 def test_role_off_takes_a_point_out(dock) -> None:
     """Its residuals tell nothing, its marker fades, it is passed over."""
     model = dock.points_model
     row = model.row_of(NAME)
     assert model.setData(model.index(row, model.titles.index("role")), "off")
     assert dock.session.points[NAME].role == "off"
-    shown = {marker.name: marker for view in dock.ui.list_views() for marker in view.markers.markers}
+    shown = {marker.name: marker for view in dock.ui.grid.list_views() for marker in view.markers.markers}
     assert shown[NAME].is_off
     dock.adjust()
-    wait_for(lambda: not dock.is_adjusting())
+    wait_for(lambda: not dock.adjustment.is_running())
     assert NAME not in dock.session.adjusted.residual_m
 
 
@@ -303,7 +419,7 @@ def test_images_follow_the_map(dock, canvas) -> None:
     canvas.show()
     dock.ui.go_to.trigger()
     click_on(canvas, (known.lon, known.lat))
-    for view in dock.ui.list_views():
+    for view in dock.ui.grid.list_views():
         middle = view.canvas.extent().center()
         sample, line = dock.session.predict_place(NAME, view.image())
         assert abs(middle.x() - sample) < 40.0 and abs(-middle.y() - line) < 40.0  # the middle height, not the point's
@@ -315,17 +431,17 @@ def test_residuals_are_live(dock) -> None:
     """With "Live" a click is followed by its residuals before anything else happens; the tests of all come later."""
     assert dock.ui.live.isChecked()
     dock.refresh()
-    dock.adjust(save=False)
-    wait_for(lambda: dock.session.is_adjusted and not dock.is_adjusting())
+    dock.adjust(is_asked=False)
+    wait_for(lambda: dock.session.is_adjusted and not dock.adjustment.is_running())
     dock.ui.kind.setCurrentText("point")
     dock.choose(NAME)
-    view = dock.ui.views[0]
+    view = dock.ui.grid.views[0]
     made = dock.session.measured[(NAME, view.image())]
     click_on(view.canvas, (made.sample + 3.0, -made.line))
     shown = dock.session.measurement(NAME, view.image()).residual_px
     assert not dock.session.is_adjusted and shown[0] > 1.0
     assert f"{shown[0]:+.2f}" in marker_label(next(one for one in view.markers.markers if one.name == NAME))
-    wait_for(lambda: dock.session.is_adjusted and not dock.is_adjusting())
+    wait_for(lambda: dock.session.is_adjusted and not dock.adjustment.is_running())
     assert dock.session.measurement(NAME, view.image()).residual_px[0] > 1.0
     assert dock.session.changed
 
@@ -335,8 +451,8 @@ def test_opened_result_shows_residuals_and_predicts_with_refined_cameras(dock, s
     run("adjust", **sources, model="shift-drift", output_dir=str(tmp_path / "result"), write="none")
     path = tmp_path / "result" / "block.gpkg"
     stamp = path.stat().st_mtime_ns
-    dock.open(str(path))
-    wait_for(lambda: not dock.is_adjusting())
+    dock.files.open(str(path))
+    wait_for(lambda: not dock.adjustment.is_running())
     assert dock.ui.model.currentText() == "shift-drift"
     assert dock.session.is_adjusted and not dock.session.changed
     assert path.stat().st_mtime_ns == stamp  # looking at a result does not change it
@@ -373,8 +489,8 @@ def test_other_project_asks_first(dock, sources, tmp_path: Path, choice: str) ->
     """A project that names another block: saved, given up by a clear answer, or kept."""
     other = files.new_session(**sources)
     files.save(other, str(tmp_path / "other.gpkg"))
-    dock.save_as(str(tmp_path / "mine.gpkg"))
-    wait_for(lambda: not dock.is_adjusting())
+    dock.files.save_as(str(tmp_path / "mine.gpkg"))
+    wait_for(lambda: not dock.adjustment.is_running())
     project = QgsProject.instance()
     project.writeEntry("hrsi", "/points/path", str(tmp_path / "other.gpkg"))
     project.write(str(tmp_path / "other.qgs"))
@@ -382,7 +498,7 @@ def test_other_project_asks_first(dock, sources, tmp_path: Path, choice: str) ->
     asked = answer(getattr(QMessageBox.StandardButton, choice))
     assert project.read(str(tmp_path / "other.qgs"))
     assert len(asked) == 1 and "Save the measurements" in asked[0]
-    wait_for(lambda: not dock.is_adjusting())
+    wait_for(lambda: not dock.adjustment.is_running())
     expected = "mine.gpkg" if choice == "Cancel" else "other.gpkg"
     assert Path(dock.session.path).name == expected
     assert dock.session.changed == (choice == "Cancel")
@@ -431,7 +547,7 @@ def test_killed_program_loses_nothing(dock, sources, tmp_path: Path) -> None:
         line = process.stdout.readline()
         assert line, "the other program has not measured"
         words = line.split()
-    assert dock.find_journals() == []  # it lives
+    assert dock.files.find_journals() == []  # it lives
     process.send_signal(signal.SIGKILL)
     process.wait()
     bar = QgsMessageBar()
@@ -443,9 +559,9 @@ def test_killed_program_loses_nothing(dock, sources, tmp_path: Path) -> None:
     QTest.mouseClick(buttons["Recover"], Qt.MouseButton.LeftButton)
     assert dock.session.measured[(words[1], words[2])] == ImageMeasurement(123.25, 45.5, 0.2, "center", 0.9)
     assert dock.session.changed
-    assert dock.find_journals() == []  # this program keeps it now
-    wait_for(lambda: not dock.is_adjusting())
-    dock.save_as(str(tmp_path / "block.gpkg"))
+    assert dock.files.find_journals() == []  # this program keeps it now
+    wait_for(lambda: not dock.adjustment.is_running())
+    dock.files.save_as(str(tmp_path / "block.gpkg"))
     assert list(Path(root).glob("*/*.jsonl")) == []
 
 
@@ -479,11 +595,11 @@ def test_many_images_and_points_answer_at_once(dock, large: PointSession, live: 
     dock.show_session(large)
     if live:
         dock.session.accept(point_session.adjust_block(point_session.block_of(large), "shift"))
-        dock._adjusted_in_s = 60.0  # as if it had taken long: the tests of all points wait for "Adjust"
+        dock.adjustment.duration_s = 60.0  # as if it had taken long: the tests of all points wait for "Adjust"
         dock.ui.live.setChecked(True)
     dock.choose("P7")
     QgsApplication.processEvents()
-    view = dock.ui.views[0]
+    view = dock.ui.grid.views[0]
     wait_for(lambda: not view.canvas.isDrawing())
     key = ("P7", view.image())
     place = large.measured[key]
@@ -528,7 +644,7 @@ def test_tie_points_are_clicked_once_and_found_in_the_other_images(dock, rendere
     dock.ui.number.setCurrentText("3")
     dock.ui.kind.setCurrentText("point")
     dock.choose(next(iter(dock.session.points)))
-    views = {view.image(): view for view in dock.ui.list_views()}
+    views = {view.image(): view for view in dock.ui.grid.list_views()}
     off = []
     for number, name in enumerate([name for name in dict.fromkeys(rows.ids.tolist())][:6]):
         if any((name, image) not in truth for image in views):
@@ -540,20 +656,19 @@ def test_tie_points_are_clicked_once_and_found_in_the_other_images(dock, rendere
         tie = dock.point()
         assert dock.session.points[tie].role == "tie" and not dock.ui.tie.isChecked()
         assert abs(dock.session.measured[(tie, "image_2")].sample - sample) < 0.6  # a pixel of the screen
-        wait_for(lambda: not dock._searched and not dock._search.isActive())
-        if len(dock.proposals) < 2:
+        wait_for(lambda: not dock.search.is_running())
+        if len(dock.search.proposals) < 2:
             continue
-        proposed = dict(dock.proposals)
+        proposed = dict(dock.search.proposals)
         for image, one in proposed.items():
-            middle = views[image].canvas.extent().center()
-            assert (middle.x(), -middle.y()) == pytest.approx(one.xy, abs=0.01)
+            assert views[image].is_in_view(one.xy)
             assert any(marker.proposed for marker in views[image].markers.markers)
         if number % 2 == 0:
             press(dock, Qt.Key.Key_Y, Qt.KeyboardModifier.ShiftModifier)
         else:
-            first = dock.find_active_image()
+            first = dock.ui.grid.activate_proposal()
             press(dock, Qt.Key.Key_X)
-            assert first not in dock.proposals and (tie, first) not in dock.session.measured
+            assert first not in dock.search.proposals and (tie, first) not in dock.session.measured
             press(dock, Qt.Key.Key_Y)
             del proposed[first]
         clicked = dock.session.measured[(tie, "image_2")]
