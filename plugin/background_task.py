@@ -19,7 +19,7 @@ from typing import Any, ParamSpec, TypeVar
 from qgis.core import QgsApplication, QgsTask
 from qgis.PyQt.QtCore import QObject, QThreadPool, pyqtSignal
 
-from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
+from ..hrsi_engine.foundation.errors import Cancelled, HrsiError, MissingPackageError
 from ..hrsi_engine.foundation.progress import Progress
 from .dependencies import missing_package_message
 
@@ -109,10 +109,10 @@ class BackgroundTask(QgsTask):
             self.outcome = run_apart(lambda: self._work(self.progress))
         except Cancelled:
             return False
+        except (MissingPackageError, ImportError) as error:
+            self.failure = missing_package_message(error) or repr(error)
         except HrsiError as error:
             self.failure = str(error)
-        except ImportError as error:
-            self.failure = missing_package_message(error) or repr(error)
         except Exception as error:  # in a thread of QGIS it would not be shown
             self.failure = f"{type(error).__name__}: {error}"
         return not self.failure

@@ -1,36 +1,40 @@
-"""Messages for a user of QGIS whose Python lacks a package."""
+"""Packages that the Python of a QGIS lacks: messages, and the command that installs them into the user's profile."""
 
 import importlib.util
+import os
 import shlex
 import sys
-import sysconfig
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
-#: Import name of a package -> its name for pip, if they differ.
-PIP_NAMES = {"cv2": "opencv-python-headless"}
+from ..hrsi_engine.foundation.errors import MissingPackageError
+from ..hrsi_engine.foundation.packages import PIXEL_PACKAGES
+
 #: Packages whose wheels contain a second GEOS that conflicts with that of QGIS -> their name in Debian and OSGeo4W.
 SYSTEM_NAMES = {"shapely": "python3-shapely"}
 #: Packages whose version must not change: GDAL's bindings and SciPy are compiled for this NumPy.
 KEPT_NAMES = ("numpy",)
 #: pip's names -> Debian's, if these are not "python3-" and pip's.
 DEBIAN_NAMES = {"opencv-python-headless": "python3-opencv"}
+MENU_ENTRY = "Packages for matching"
 
 
-def missing_package_message(error: ImportError) -> str | None:
+def missing_package_message(error: ImportError | MissingPackageError) -> str | None:
     """Return which package is missing, and how to install it for the Python of QGIS.
 
     None if the failed import is one of HRSI's own modules: that is a fault of HRSI.
     """
+    if isinstance(error, MissingPackageError):
+        return f"Matching needs {error.package}, which this QGIS lacks: choose Plugins, HRSI, {MENU_ENTRY}"
     package = (error.name or "").partition(".")[0]
     if package in ("", __name__.partition(".")[0]):
         return None
     if package in SYSTEM_NAMES:
         return f"The Python package {package} cannot be loaded ({error}): {_system_advice(package)}"
-    pip_name = PIP_NAMES.get(package, package)
-    command = quote_command(install_command([pip_name]))
-    return f"The Python package {pip_name} cannot be loaded ({error}): run  {command}  and restart QGIS"
+    name = PIXEL_PACKAGES.get(package, package)
+    command = quote_command([python_executable(), "-m", "pip", "install", name])
+    return f"The Python package {name} cannot be loaded ({error}): run  {command}  and restart QGIS"
 
 
 def absence_note() -> str:
@@ -39,17 +43,9 @@ def absence_note() -> str:
     return " ".join(notes)
 
 
-def missing_fast_packages() -> list[str]:
-    """Return pip's names of missing packages that make matching faster."""
-    return [PIP_NAMES.get(name, name) for name in ("numba", "cv2") if _is_missing(name)]
-
-
-def speed_note() -> str:
-    """Return a note with the command that installs missing packages for faster matching; empty if there are none."""
-    missing = missing_fast_packages()
-    command = quote_command(install_command(missing))
-    told = f"Matching is two to three times as fast with {' and '.join(missing)}: run  {command}  once."
-    return told if missing else ""
+def list_missing_packages() -> list[str]:
+    """Return pip's names of the packages that matching needs and that are missing."""
+    return [name for module, name in PIXEL_PACKAGES.items() if _is_missing(module)]
 
 
 def _is_missing(package: str) -> bool:
@@ -61,20 +57,29 @@ def _system_advice(package: str) -> str:
     return f"install {SYSTEM_NAMES[package]} where your QGIS comes from (apt, OSGeo4W), not with pip, and restart QGIS"
 
 
+def package_folder(profile: str) -> Path:
+    """Return the folder of packages in a profile of QGIS, for this version of Python."""
+    return Path(profile, "python", "hrsi_packages", "{}.{}".format(*sys.version_info[:2]))
+
+
+def use_packages(folder: Path) -> None:
+    """Let Python find the packages of a folder; packages of QGIS, such as NumPy, have precedence."""
+    if folder.exists() and str(folder) not in sys.path:
+        sys.path.append(str(folder))
+    importlib.invalidate_caches()
+
+
 def can_install() -> bool:
     """Return whether pip is available, so that the user can install packages without further permissions."""
     return not _is_missing("pip")
 
 
-def install_command(pip_names: Sequence[str]) -> list[str]:
-    """Return the command that installs packages for the Python of QGIS: pip, or on a Debian without pip, apt."""
-    # Debian's Python, which is QGIS's there, accepts pip packages only with an option
-    is_managed = Path(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED").exists() and sys.prefix == sys.base_prefix
-    if is_managed and not can_install():
+def install_command(pip_names: Sequence[str], folder: Path) -> list[str]:
+    """Return the command that installs packages into a folder for the Python of QGIS; without pip, that of Debian."""
+    if not can_install():
         return ["sudo", "apt-get", "install", *(DEBIAN_NAMES.get(name, f"python3-{name}") for name in pip_names)]
-    managed = ["--user", "--break-system-packages"] if is_managed else []
     kept = [f"{name}=={metadata.version(name)}" for name in KEPT_NAMES if not _is_missing(name)]
-    return [python_executable(), "-m", "pip", "install", *managed, *pip_names, *kept]
+    return [python_executable(), "-m", "pip", "install", "--upgrade", "--target", str(folder), *pip_names, *kept]
 
 
 def quote_command(command: Sequence[str]) -> str:
@@ -85,8 +90,15 @@ def quote_command(command: Sequence[str]) -> str:
 
 
 def python_executable() -> str:
-    """Return the Python interpreter of this process: inside QGIS, ``sys.executable`` may be QGIS itself."""
-    if "python" in Path(sys.executable or "").name.lower():
+    """Return the Python interpreter of this process.
+
+    Inside QGIS, ``sys.executable`` is QGIS, or the first ``python3`` on PATH, which may be another Python. The loaded
+    standard library is that of the right one: its interpreter is in the same prefix.
+    """
+    if sys.prefix != sys.base_prefix:  # a virtual environment
         return sys.executable
-    candidates = (Path(sys.exec_prefix) / name for name in ("bin/python3", "python.exe", "python3.exe"))
-    return str(next((path for path in candidates if path.exists()), "python3"))
+    library = Path(os.__file__).resolve().parent
+    names = (f"python{'.'.join(map(str, sys.version_info[:2]))}", "python3", "python.exe", "python3.exe")
+    folders = (library.parent.parent / "bin", library.parent)
+    candidates = (folder / name for folder in folders for name in names)
+    return str(next((path for path in candidates if path.exists()), sys.executable))

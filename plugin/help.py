@@ -9,7 +9,7 @@ from qgis.PyQt.QtCore import QUrl
 
 from ..hrsi_engine.foundation.version import VERSION
 from ..processing_algorithms.interface.declare import Algorithm, Param, spell_arguments
-from .dependencies import absence_note, speed_note
+from .dependencies import absence_note
 from .parameters import field_choosers, label_of, qgis_name
 from .translation import tr
 
@@ -35,7 +35,7 @@ def short_help(declaration: Algorithm) -> str:
     # The arguments that a text names, with the labels of the dialog
     spell = partial(spell_arguments, params=declaration.params, spelling=label_of)
     paragraphs = [part for part in spell(declaration.help).split("\n\n") if part.strip()] or [declaration.summary]
-    notes = [note for note in (absence_note(), *paragraphs, speed_note()) if note]
+    notes = [note for note in (absence_note(), *paragraphs) if note]
     parts = [f"<p>{_text(part)}</p>" for part in notes]
     if name := HELP_PICTURES.get(declaration.name):
         url = QUrl.fromLocalFile(str(Path(__file__).parent / "pictures" / f"{name}.png")).toString()

@@ -1,58 +1,89 @@
-"""The offer to install packages for faster matching: the command is shown, and one click runs it."""
+"""The offer to install the packages that matching needs into the user's profile: one click runs the shown command."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from qgis.core import Qgis
+from qgis.core import Qgis, QgsApplication
 from qgis.gui import QgsMessageBar
 from qgis.PyQt.QtCore import QProcess, Qt
 from qgis.PyQt.QtWidgets import QMessageBox, QPushButton, QWidget
+from qgis.utils import iface
 
 from ..hrsi_engine.foundation.errors import InputError
-from .background_task import BackgroundTask
-from .dependencies import can_install, install_command, missing_fast_packages, quote_command
+from .background_task import BackgroundTask, in_main_thread
+from .dependencies import (
+    can_install,
+    install_command,
+    list_missing_packages,
+    package_folder,
+    quote_command,
+    use_packages,
+)
 from .translation import tr
 
-TOLD_LINES = 3  # last lines of the output of pip
+SHOWN_LINES = 3  # last lines of the output of pip
+
+
+@in_main_thread
+def offer_packages() -> None:
+    """Offer the packages that matching needs above the map, if there is a desktop and pip is there."""
+    if iface is not None and list_missing_packages():
+        PackageOffer(iface.messageBar(), iface.mainWindow()).push()
 
 
 class PackageOffer:
-    """A dialog with the command for QGIS's Python; the message bar shows the result of the installation."""
+    """Offers the missing packages in a dialog or in the message bar, which also shows the result."""
 
     def __init__(self, bar: QgsMessageBar, parent: QWidget | None = None) -> None:
         self._bar, self._parent = bar, parent
+        self.folder = package_folder(QgsApplication.qgisSettingsDirPath())
+        self._missing = list_missing_packages()
+        self._command = install_command(self._missing, self.folder)
+
+    def push(self) -> None:
+        """Offer the packages in the message bar, by one button."""
+        names = ", ".join(self._missing)
+        item = self._bar.createMessage("HRSI", tr("Matching needs {}, which this QGIS lacks.").format(names))
+        button = QPushButton(tr("Install") if can_install() else tr("Show the command"), item)
+        button.setToolTip(quote_command(self._command))
+        button.clicked.connect(lambda _checked=False: self.install() if can_install() else self.show())
+        item.layout().addWidget(button)
+        self._bar.pushWidget(item, Qgis.MessageLevel.Warning)
 
     def show(self) -> None:
-        """Offer the missing packages; show a message if none is missing."""
-        missing = missing_fast_packages()
-        if not missing:
-            self._bar.pushMessage("HRSI", tr("Matching is fast: numba and OpenCV are there."), Qgis.MessageLevel.Info)
+        """Offer the packages in a dialog with the command; show a message if none is missing."""
+        if not self._missing:
+            self._bar.pushMessage("HRSI", tr("All packages that matching needs are there."), Qgis.MessageLevel.Info)
             return
-        command = install_command(missing)
         box = QMessageBox(self._parent)
-        box.setWindowTitle(tr("HRSI: packages for speed"))
-        box.setText(tr("Matching is two to three times as fast with {}.").format(", ".join(missing)))
-        box.setInformativeText(f"{tr('The command for the Python of this QGIS is')}\n\n{quote_command(command)}")
+        box.setWindowTitle(tr("HRSI: packages for matching"))
+        box.setText(tr("Matching needs {}, which this QGIS lacks.").format(", ".join(self._missing)))
+        box.setInformativeText(f"{tr('The command for the Python of this QGIS is')}\n\n{quote_command(self._command)}")
         box.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         close: Any = box.addButton(QMessageBox.StandardButton.Close)
         box.setDefaultButton(close)
         if can_install():
             run: QPushButton = box.addButton(tr("Install"), QMessageBox.ButtonRole.AcceptRole)
-            run.clicked.connect(lambda _checked=False: self.install(command))
+            run.clicked.connect(lambda _checked=False: self.install())
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         box.open()
 
-    def install(self, command: Sequence[str]) -> None:
+    def install(self) -> None:
         """Run the command in the background."""
-        self._bar.pushMessage("HRSI", tr("installing packages …"), Qgis.MessageLevel.Info)
-        BackgroundTask(tr("HRSI: installing packages"), lambda _progress: run_installer(command), self._on_end).start()
+        self._bar.clearWidgets()
+        text = f"{tr('installing packages …')}  {quote_command(self._command)}"
+        self._bar.pushMessage("HRSI", text, Qgis.MessageLevel.Info, 0)
+        BackgroundTask(
+            tr("HRSI: installing packages"), lambda _progress: run_installer(self._command), self._on_end
+        ).start()
 
     def _on_end(self, task: BackgroundTask) -> None:
         self._bar.clearWidgets()
         if task.is_done:
-            self._bar.pushMessage("HRSI", tr("Installed. Restart QGIS to use the packages."), Qgis.MessageLevel.Success)
+            use_packages(self.folder)
+            self._bar.pushMessage("HRSI", tr("Installed. Matching works now."), Qgis.MessageLevel.Success)
         elif task.failure:
             self._bar.pushMessage("HRSI", task.failure, Qgis.MessageLevel.Warning)
 
@@ -64,6 +95,6 @@ def run_installer(command: Sequence[str]) -> None:
     process.start(command[0], list(command[1:]))
     is_run = process.waitForStarted() and process.waitForFinished(-1)
     if not is_run or process.exitCode() != 0:
-        said = bytes(process.readAll()).decode(errors="replace").strip().splitlines()[-TOLD_LINES:]
-        told = " ".join(said) or process.errorString()
-        raise InputError(f"the packages are not installed: {told}; run in a terminal  {quote_command(command)}")
+        lines = bytes(process.readAll()).decode(errors="replace").strip().splitlines()[-SHOWN_LINES:]
+        reason = " ".join(lines) or process.errorString()
+        raise InputError(f"the packages are not installed: {reason}; run in a terminal  {quote_command(command)}")

@@ -9,7 +9,7 @@ from qgis.PyQt.QtGui import QIcon
 from qgis.PyQt.QtWidgets import QAction
 
 from .background_task import keep_threads
-from .dependencies import missing_package_message
+from .dependencies import MENU_ENTRY, missing_package_message, package_folder, use_packages
 from .icons import icon_path
 from .provider import HrsiProvider
 from .translation import install_translator, tr
@@ -31,6 +31,7 @@ class HrsiPlugin:
 
     def initProcessing(self) -> None:
         """Register the provider; ``qgis_process`` calls only this."""
+        use_packages(package_folder(QgsApplication.qgisSettingsDirPath()))
         self.provider = HrsiProvider()
         QgsApplication.processingRegistry().addProvider(self.provider)
         self.provider.refreshAlgorithms()  # models can only be loaded when the algorithms of their steps are registered
@@ -58,10 +59,9 @@ class HrsiPlugin:
         self.iface.registerApplicationExitBlocker(self._exit_guard)
         self._steps = FirstSteps(self.dock, "", self.iface.mapCanvas(), self.iface.mainWindow())
         self._recovery = RecoveryOffer(self.dock, self.iface.messageBar())
-        packages = PackageOffer(self.iface.messageBar(), self.iface.mainWindow())
         for title, slot in (
             (tr("First steps"), self._steps.show),
-            (tr("Packages for speed"), packages.show),
+            (tr(MENU_ENTRY), lambda: PackageOffer(self.iface.messageBar(), self.iface.mainWindow()).show()),
             (tr("Recover unsaved measurements"), partial(self._recovery.show, is_asked=True)),
         ):
             action = QAction(title, self.iface.mainWindow())

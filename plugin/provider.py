@@ -23,7 +23,7 @@ from qgis.core import (
 )
 from qgis.PyQt.QtGui import QIcon
 
-from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
+from ..hrsi_engine.foundation.errors import Cancelled, HrsiError, MissingPackageError
 from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Context, Report, spell_arguments
 from ..processing_algorithms.interface.options import check_options
@@ -128,13 +128,16 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         except Cancelled:
             feedback.pushInfo(tr("Cancelled; nothing was written"))
             return {}
-        except (HrsiError, OSError) as error:
-            raise QgsProcessingException(self._name_options(str(error))) from None
-        except ImportError as error:
+        except (MissingPackageError, ImportError) as error:
+            from .package_offer import offer_packages  # there is no GUI in qgis_process
+
             missing = missing_package_message(error)
+            offer_packages()
             if missing is None:
                 raise
             raise QgsProcessingException(missing) from error
+        except (HrsiError, OSError) as error:
+            raise QgsProcessingException(self._name_options(str(error))) from None
         feedback.pushInfo(self._name_options(self.declaration.summarise(report)))
         if unsolved := report.get("unsolved"):
             feedback.reportError(self._name_options(unsolved))

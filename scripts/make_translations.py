@@ -37,11 +37,16 @@ def texts_in(path: Path) -> list[str]:
 def declared_texts() -> list[str]:
     """Return the texts of dialogs, tables and the tour that stand as values and are translated when they are shown."""
     from hrsi.hrsi_engine.foundation.reasons import Level
-    from hrsi.plugin import first_steps, parameters, provider
+    from hrsi.plugin import dependencies, first_steps, parameters, provider
     from hrsi.plugin.points_panel import layout, table_models
     from hrsi.processing_algorithms import REGISTRY
 
-    found = [layout.EMPTY, layout.KIND_TIP, *(text for step in first_steps.STEPS for text in step)]
+    found = [
+        layout.EMPTY,
+        layout.KIND_TIP,
+        dependencies.MENU_ENTRY,
+        *(text for step in first_steps.STEPS for text in step),
+    ]
     tables = table_models.PointsModel, table_models.MeasurementsModel, table_models.ResidualsModel
     found += [*(title for table in tables for title in table.titles), *layout.PAGES]
     found += [level.label for level in Level]

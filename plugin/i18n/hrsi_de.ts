@@ -132,6 +132,10 @@
       <translation>Alle Bilder</translation>
     </message>
     <message>
+      <source>All packages that matching needs are there.</source>
+      <translation>Alle Pakete für die Bildzuordnung sind da.</translation>
+    </message>
+    <message>
       <source>All steps of a project: triangulate, orthorectify, check and evaluate, with one report</source>
       <translation>Alle Schritte eines Projekts: triangulieren, orthorektifizieren, prüfen und bewerten, mit einem Bericht</translation>
     </message>
@@ -588,8 +592,8 @@
       <translation>HRSI: Beispiel wird erzeugt</translation>
     </message>
     <message>
-      <source>HRSI: packages for speed</source>
-      <translation>HRSI: Pakete für mehr Geschwindigkeit</translation>
+      <source>HRSI: packages for matching</source>
+      <translation>HRSI: Pakete für die Bildzuordnung</translation>
     </message>
     <message>
       <source>Hand over to another program</source>
@@ -708,8 +712,8 @@
       <translation>Installieren</translation>
     </message>
     <message>
-      <source>Installed. Restart QGIS to use the packages.</source>
-      <translation>Installiert. Ein Neustart von QGIS nimmt die Pakete in Gebrauch.</translation>
+      <source>Installed. Matching works now.</source>
+      <translation>Installiert. Die Bildzuordnung geht jetzt.</translation>
     </message>
     <message>
       <source>Jitter</source>
@@ -840,12 +844,8 @@
       <translation>Zuordnungen</translation>
     </message>
     <message>
-      <source>Matching is fast: numba and OpenCV are there.</source>
-      <translation>Die Bildzuordnung ist schnell: numba und OpenCV sind vorhanden.</translation>
-    </message>
-    <message>
-      <source>Matching is two to three times as fast with {}.</source>
-      <translation>Die Bildzuordnung ist zwei- bis dreimal so schnell mit {}.</translation>
+      <source>Matching needs {}, which this QGIS lacks.</source>
+      <translation>Die Bildzuordnung braucht {}; das fehlt diesem QGIS.</translation>
     </message>
     <message>
       <source>Matching with the reference</source>
@@ -1008,8 +1008,8 @@
       <translation>Überschreiben</translation>
     </message>
     <message>
-      <source>Packages for speed</source>
-      <translation>Pakete für mehr Geschwindigkeit</translation>
+      <source>Packages for matching</source>
+      <translation>Pakete für die Bildzuordnung</translation>
     </message>
     <message>
       <source>Parameters</source>
@@ -1302,6 +1302,10 @@
     <message>
       <source>Show the arrows</source>
       <translation>Pfeile zeigen</translation>
+    </message>
+    <message>
+      <source>Show the command</source>
+      <translation>Befehl zeigen</translation>
     </message>
     <message>
       <source>Show the residuals of one image, or of what a reason of the verdict concerns</source>

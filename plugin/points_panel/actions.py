@@ -8,8 +8,9 @@ from qgis.PyQt.QtCore import QCoreApplication, QEvent, QObject
 from qgis.PyQt.QtGui import QKeyEvent, QKeySequence
 from qgis.PyQt.QtWidgets import QAction
 
-from ...hrsi_engine.foundation.errors import HrsiError
+from ...hrsi_engine.foundation.errors import HrsiError, MissingPackageError
 from ..dependencies import missing_package_message
+from ..package_offer import offer_packages
 
 
 def show_errors(method: Callable[..., Any]) -> Callable[..., Any]:
@@ -19,13 +20,14 @@ def show_errors(method: Callable[..., Any]) -> Callable[..., Any]:
     def run(self: Any, *arguments: Any, **options: Any) -> Any:
         try:
             return method(self, *arguments, **options)
-        except HrsiError as error:
-            self.tell(str(error), is_error=True)
-        except ImportError as error:
+        except (MissingPackageError, ImportError) as error:
             message = missing_package_message(error)
             if message is None:
                 raise
             self.tell(message, is_error=True)
+            offer_packages()
+        except HrsiError as error:
+            self.tell(str(error), is_error=True)
         return None
 
     return run

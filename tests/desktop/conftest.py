@@ -15,6 +15,13 @@ from hrsi.tests.desktop.desktop import Desktop, build_zip
 
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "desktop"  #: of every step, to be looked at
 BLOCK = {"images": 3, "size": 700, "gcps": 9, "checks": 3, "ties": 30, "seed": 5, "noise_image": 0.0}
+RUN_S = 300.0  # of an algorithm, on cores that others keep busy
+DIALOG = """
+import processing
+dialog = processing.createAlgorithmDialog({name!r}, {given})
+dialog.setGeometry(150, 20, 1100, 900)
+dialog.show()
+"""
 
 
 @pytest.fixture(scope="session")
@@ -79,3 +86,16 @@ def float_panel(desktop: Desktop) -> None:
     width, height = desktop.screen.size_px
     desktop.ask(f"panel().setFloating(True), panel().setGeometry(0, 20, {width}, {height - 20})")
     desktop.wait("not any(view.canvas.isDrawing() for view in panel().ui.grid.list_views())")
+
+
+def run_in_dialog(desktop: Desktop, name: str, given: dict[str, object], cancel: bool = False) -> None:
+    """Run an algorithm by the button of its dialog; with ``cancel``, end it by the other button."""
+    desktop.ask(DIALOG.format(name=name, given=given))
+    desktop.wait("dialog.runButton().isVisible()")
+    desktop.click("middle_of(dialog.runButton())")
+    desktop.wait("not dialog.runButton().isEnabled() or dialog.txtLog.toPlainText()")
+    if cancel:
+        desktop.wait("dialog.cancelButton().isEnabled()")
+        desktop.click("middle_of(dialog.cancelButton())")
+    desktop.wait("dialog.runButton().isEnabled()", RUN_S)
+    desktop.ask("dialog.close()")

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from hrsi.tests.desktop.conftest import show_block
+from hrsi.tests.desktop.conftest import run_in_dialog, show_block
 from hrsi.tests.desktop.desktop import Desktop
 
 pytestmark = pytest.mark.programs
 ENDED_S = 45.0  # Qt's pool ends a thread that was idle for 30 s
 LEAST_SHARE = 0.95  # of the pixels of the first drawing
-RUN_S = 300.0
 #: Statements for QGIS: a layer of the user's that needs a transformation, in a map with the CRS of web maps.
 OWN = """
 import processing
@@ -25,25 +24,7 @@ QgsProject.instance().addMapLayer(QgsVectorLayer({path!r}, 'mine', 'delimitedtex
 QgsProject.instance().setCrs(QgsCoordinateReferenceSystem('EPSG:3857'))
 iface.mapCanvas().setParallelRenderingEnabled(True)
 """
-DIALOG = """
-dialog = processing.createAlgorithmDialog({name!r}, {given})
-dialog.setGeometry(150, 20, 1100, 900)
-dialog.show()
-"""
 LAYERS = "{layer.name(): layer for layer in QgsProject.instance().mapLayers().values() if layer.isSpatial()}"
-
-
-def run_in_dialog(desktop: Desktop, name: str, given: dict[str, object], cancel: bool = False) -> None:
-    """Run an algorithm by the button of its dialog; with ``cancel``, end it by the other button."""
-    desktop.ask(DIALOG.format(name=name, given=given))
-    desktop.wait("dialog.runButton().isVisible()")
-    desktop.click("middle_of(dialog.runButton())")
-    desktop.wait("not dialog.runButton().isEnabled() or dialog.txtLog.toPlainText()")
-    if cancel:
-        desktop.wait("dialog.cancelButton().isEnabled()")
-        desktop.click("middle_of(dialog.cancelButton())")
-    desktop.wait("dialog.runButton().isEnabled()", RUN_S)
-    desktop.ask("dialog.close()")
 
 
 def check_drawn(desktop: Desktop, before: dict[str, int], picture: str) -> None:

@@ -1,4 +1,4 @@
-"""The offer of packages for speed: what a bare QGIS shows is installed by one click, and used after the next start."""
+"""Packages for matching: what a bare QGIS lacks is installed into its profile by one click, and used at once."""
 
 from __future__ import annotations
 
@@ -6,44 +6,47 @@ from pathlib import Path
 
 import pytest
 
+from hrsi.tests.desktop.conftest import run_in_dialog
+
 pytestmark = pytest.mark.programs
 INSTALL_S = 900.0  # pip loads 100 MB
 FIND = "from importlib.util import find_spec"
 PLACES = "[find_spec(name).origin if find_spec(name) else None for name in ('numba', 'cv2', 'numpy')]"
 
 
-def test_one_click_installs_packages(start, tmp_path: Path) -> None:
-    """Into the user's folder of a fresh profile; NumPy stays that of QGIS."""
-    home = tmp_path / "home"
-    home.mkdir()
-    desktop = start(HOME=str(home))
+def test_one_click_installs_packages(start, block: Path, tmp_path: Path) -> None:
+    """Matching asks for them by a button; then it works, now and after the next start, with the NumPy of QGIS."""
+    desktop = start()
     desktop.ask(FIND)
     before = desktop.ask(PLACES)
     if before[:2] != [None, None]:
         pytest.skip("the Python of this QGIS has numba or OpenCV already")
-    choose = "[action.trigger() for action in plugins['hrsi']._actions if action.text() == 'Packages for speed']"
+    choose = "[action.trigger() for action in plugins['hrsi']._actions if action.text() == 'Packages for matching']"
     desktop.ask(choose)
-    desktop.wait("any('packages for speed' in title for title in windows())")
+    desktop.wait("any('packages for matching' in title for title in windows())")
     desktop.picture("offer")
     offered = desktop.ask("QApplication.activeModalWidget().informativeText()")
     print(offered)
+    desktop.click("button_named('Close')")
+    images = [str(path) for path in sorted(block.glob("image_?.tif"))]
+    given = {"IMAGES": images, "OUTPUT_DIR": str(tmp_path / "ties"), "CELLS": 3}
+    run_in_dialog(desktop, "hrsi:tiepoints", given)
+    desktop.picture("asked")
     if "apt-get" in offered:
         pytest.skip("this system has no pip: its own packages are offered")
     desktop.click("button_named('Install')")
-    told = "[label.toPlainText() for label in iface.messageBar().findChildren(QTextBrowser)]"
-    desktop.wait(f"any('Installed. Restart' in text or 'not installed' in text for text in {told})", INSTALL_S)
+    text = "[label.toPlainText() for label in iface.messageBar().findChildren(QTextBrowser)]"
+    desktop.wait(f"any('Installed. Matching' in text or 'not installed' in text for text in {text})", INSTALL_S)
     desktop.picture("installed")
-    assert any("Installed. Restart" in text for text in desktop.ask(told)), desktop.ask(told)
+    assert any("Installed. Matching" in text for text in desktop.ask(text)), desktop.ask(text)
+    run_in_dialog(desktop, "hrsi:tiepoints", given)
+    assert (tmp_path / "ties" / "report.json").exists()
     desktop.kill()
-    desktop = start(HOME=str(home))
+    desktop = start()
     desktop.ask(FIND)
     numba, opencv, numpy = desktop.ask(PLACES)
-    assert numba.startswith(str(home)) and opencv.startswith(str(home)) and numpy == before[2]
-    desktop.ask(
-        "from hrsi.hrsi_engine.foundation import compiled_code, pixel_filters\n"
-        "from hrsi.plugin.dependencies import speed_note\nimport cv2, numba"
-    )
-    assert desktop.ask("speed_note()") == ""
+    profile = desktop.ask("iface.userProfileManager().userProfile().folder()")
+    assert numba.startswith(profile) and opencv.startswith(profile) and numpy == before[2]
+    desktop.ask("import cv2, numba")
     desktop.ask(choose)
-    desktop.wait(f"any('Matching is fast' in text for text in {told})")
-    desktop.picture("fast")
+    desktop.wait(f"any('All packages' in text for text in {text})")

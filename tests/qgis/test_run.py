@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import processing
 import pytest
@@ -19,9 +20,10 @@ from qgis.core import (
     QgsProcessingFeedback,
     QgsProject,
 )
+from qgis.gui import QgsMessageBar
 from qgis.PyQt.QtCore import QTimer
+from qgis.PyQt.QtWidgets import QPushButton
 
-from hrsi.plugin.dependencies import install_command, python_executable, quote_command
 from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import fill_options, settings_of
@@ -134,11 +136,17 @@ def test_input_error_is_its_one_line(run_tiny) -> None:
     assert len(message.strip().splitlines()) == 1
 
 
-def test_missing_package_says_what_to_run(run_tiny) -> None:
-    with pytest.raises(QgsProcessingException, match="opencv-python-headless") as caught:
+def test_missing_package_is_offered(run_tiny, monkeypatch) -> None:
+    """The error names the package and the menu; above the map there is a button, with the command as its tip."""
+    bar, desktop = QgsMessageBar(), MagicMock()
+    desktop.messageBar.return_value, desktop.mainWindow.return_value = bar, None
+    monkeypatch.setattr("hrsi.plugin.package_offer.iface", desktop)
+    monkeypatch.setattr("hrsi.plugin.package_offer.list_missing_packages", lambda: ["opencv-python-headless"])
+    with pytest.raises(QgsProcessingException, match=r"Matching needs opencv-python-headless.*Packages for matching"):
         run_tiny(TEXT="no opencv")
-    assert quote_command(install_command(["opencv-python-headless"])) in str(caught.value)
-    assert Path(python_executable()).exists()
+    (button,) = (one for one in bar.currentItem().findChildren(QPushButton) if one.text() == "Install")
+    assert f"--target {QgsApplication.qgisSettingsDirPath()}" in button.toolTip()
+    assert "opencv-python-headless" in button.toolTip()
 
 
 def test_provider_loads_without_heavy_packages() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from osgeo import ogr, osr
 
-from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError, MissingPackageError
 from hrsi.hrsi_engine.foundation.options import nest_options, option
 from hrsi.hrsi_engine.foundation.progress import advance
 from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Kind, Report, settings_of
@@ -34,7 +34,7 @@ def _fail_as_asked(text: str) -> None:
     if text == "input error":
         raise InputError("gcps.gpkg, layer gcps: no field 'id': rename the field that holds the point ids")
     if text == "no opencv":
-        raise ModuleNotFoundError("No module named 'cv2'", name="cv2")
+        raise MissingPackageError("run pip", "opencv-python-headless")
     if text == "bug":
         raise ZeroDivisionError("a bug")
 
