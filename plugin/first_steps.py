@@ -85,6 +85,12 @@ class FirstSteps(QDialog):
         dock.adjusted.connect(lambda _well: self.refresh())
         self.refresh()
 
+    def show_in_front(self) -> None:
+        """Show the window in front of the main window."""
+        self.show()
+        self.raise_()
+        self.activateWindow()
+
     def step(self) -> int:
         """Return the next step: 0 to 3, 4 at the end."""
         session = self._dock.session

@@ -12,6 +12,7 @@ from .background_task import keep_threads
 from .dependencies import MENU_ENTRY, missing_package_message, package_folder, use_packages
 from .icons import icon_path
 from .provider import HrsiProvider
+from .quick_looks import Comparison, make_print_layout
 from .translation import install_translator, tr
 
 
@@ -50,7 +51,7 @@ class HrsiPlugin:
             return
         self.dock = PointsDock(self.iface.mainWindow(), self.iface.mapCanvas())
         self.iface.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.dock)
-        self.dock.hide()
+        self.dock.open_as_window()
         self._action = self.dock.toggleViewAction()
         self._action.setIcon(QIcon(str(icon_path("measure-targets"))))
         self.iface.addPluginToMenu("HRSI", self._action)
@@ -60,17 +61,31 @@ class HrsiPlugin:
         self._steps = FirstSteps(self.dock, "", self.iface.mapCanvas(), self.iface.mainWindow())
         self._recovery = RecoveryOffer(self.dock, self.iface.messageBar())
         for title, slot in (
-            (tr("First steps"), self._steps.show),
+            (tr("First steps"), self._steps.show_in_front),
             (tr(MENU_ENTRY), lambda: PackageOffer(self.iface.messageBar(), self.iface.mainWindow()).show()),
+            (tr("Print layout"), self.print_layout),
             (tr("Recover unsaved measurements"), partial(self._recovery.show, is_asked=True)),
         ):
             action = QAction(title, self.iface.mainWindow())
             action.triggered.connect(lambda _checked=False, slot=slot: slot())
             self.iface.addPluginToMenu("HRSI", action)
             self._actions.append(action)
+        compare = QAction(tr("Compare before and after"), self.iface.mainWindow())
+        compare.setCheckable(True)
+        compare.setIcon(QIcon(str(icon_path("ortho-check"))))
+        comparison = Comparison(compare)
+        compare.toggled.connect(comparison.switch)
+        self.iface.addPluginToMenu("HRSI", compare)
+        self._actions.append(compare)
         self._recovery.show()
-        if is_tour_wanted():
-            self._steps.show()
+        if is_tour_wanted() and self.iface.mainWindow().isVisible():
+            self._steps.show_in_front()
+        elif is_tour_wanted():  # some window managers put it behind a main window that comes later
+            self.iface.initializationCompleted.connect(self._steps.show_in_front)
+
+    def print_layout(self) -> None:
+        """Open a new layout of the map."""
+        self.iface.openLayoutDesigner(make_print_layout(self.iface.mapCanvas()))
 
     def unload(self) -> None:
         """Remove the provider, which the registry deletes, and the panel."""

@@ -6,7 +6,10 @@ of `processAlgorithm` and uses no QGIS object except the feedback.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +53,9 @@ from .results import (
     show_layers,
 )
 from .translation import tr
+
+QUICK_LOOK_SOURCE = "block.gpkg|layername=images"  # of algorithms that adjust a block
+REMAINING_FROM, REMAINING_EVERY_S = 0.1, 5.0  # share of the work, and time, after which the remaining time is shown
 
 
 class PluginAlgorithm(QgsProcessingAlgorithm):
@@ -138,7 +144,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
             raise QgsProcessingException(missing) from error
         except (HrsiError, OSError) as error:
             raise QgsProcessingException(self._name_options(str(error))) from None
-        feedback.pushInfo(self._name_options(self.declaration.summarise(report)))
+        feedback.pushConsoleInfo(keep_columns(self._name_options(self.declaration.summarise(report))))
         if unsolved := report.get("unsolved"):
             feedback.reportError(self._name_options(unsolved))
         if verdict := report.get("verdict"):
@@ -148,6 +154,11 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
             elif verdict["level"] == Level.DOUBTFUL.label:
                 feedback.pushWarning(told_verdict)
         self._report = report
+        if QUICK_LOOK_SOURCE in self.declaration.layers and self._options["output_dir"] and context.project():
+            from ..processing_algorithms.files.map_layers import write_quick_looks
+
+            with suppress(HrsiError, OSError):  # the result itself is written
+                run_apart(lambda: write_quick_looks(report, self._options["output_dir"]))
         show_layers(self.declaration, self._options, report, context)
         made = collect_results(self.declaration, self._options, report)
         return drop_unlistable_outputs(made, feedback)
@@ -156,7 +167,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
         """Show the verdict in the message bar above the map."""
         if verdict := self._report.get("verdict"):
-            show_in_message_bar(verdict, self.displayName(), self._name_options(headline(verdict)))
+            show_in_message_bar(verdict, self.displayName(), self._name_options)
         return {}
 
     def _name_options(self, message: str) -> str:
@@ -165,18 +176,41 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
 
 
 def progress_to(feedback: QgsProcessingFeedback) -> Callable[[float, str], bool]:
-    """Return the engine's progress callback for a QGIS feedback: it returns False if the user has cancelled."""
-    shown = ""
+    """Return the engine's progress callback for a QGIS feedback: it returns False if the user has cancelled.
+
+    From the first tenth on, the text above the progress bar has the time that remains at the present average speed.
+    """
+    began_s, shown, told_s = time.monotonic(), "", -math.inf
 
     def progress(fraction: float, message: str = "") -> bool:
-        nonlocal shown
+        nonlocal shown, told_s
         feedback.setProgress(100.0 * fraction)
-        if message and message != shown:
-            shown = message
-            feedback.setProgressText(message)
+        passed_s = time.monotonic() - began_s
+        is_due = passed_s - told_s > REMAINING_EVERY_S and passed_s > REMAINING_EVERY_S
+        if (message and message != shown) or (is_due and fraction > REMAINING_FROM):
+            shown, told_s = message or shown, passed_s
+            text = describe_remaining(fraction, passed_s) if is_due else ""
+            feedback.setProgressText(f"{shown} {text}".strip())
         return not feedback.isCanceled()
 
     return progress
+
+
+def describe_remaining(fraction: float, passed_s: float) -> str:
+    """Return the remaining time as text, empty before the first tenth."""
+    if not REMAINING_FROM < fraction < 1.0:
+        return ""
+    left_s = passed_s * (1.0 - fraction) / fraction
+    return (
+        tr("(about {} min left)").format(round(left_s / 60.0))
+        if left_s > 90.0
+        else (tr("(about {} s left)").format(max(round(left_s), 1)))
+    )
+
+
+def keep_columns(text: str) -> str:
+    """Return a table whose columns remain aligned in the log, which joins spaces."""
+    return text.replace("  ", "\u00a0\u00a0")
 
 
 CHAINS = Path(__file__).resolve().parent / "models"  #: models, made by ``scripts/make_models.py``

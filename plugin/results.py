@@ -1,7 +1,9 @@
 """Results of an algorithm for QGIS: its files, the layers for the map, and the verdict."""
 
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 from qgis.core import (
@@ -28,6 +30,8 @@ from qgis.utils import iface
 from ..hrsi_engine.foundation.json_values import json_text
 from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
+from .help import as_rich_text
+from .quick_looks import AFTER
 from .translation import tr
 
 BATCH_LISTS_REPORTS = 32800  #: version of QGIS since which a batch can list reports; QGIS 3.22 raises a TypeError
@@ -91,14 +95,15 @@ def _list_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
 
     OGR is asked: a layer of QGIS must not be made in this thread (`background_task`).
     """
-    from ..hrsi_engine.io.geopackage.layer_tables import layer_names  # loads Shapely: the provider works without it
+    from ..processing_algorithms.files.map_layers import list_written_layers  # loads the engine
 
-    sources = []
-    for layer in declaration.layers:
-        path, _, name = str(Path(options["output_dir"]) / layer).partition("|layername=")
-        if Path(path).exists() and name in layer_names(path):
-            sources.append(f"{path}|layername={name}")
-    return sources
+    return list_written_layers(options["output_dir"], declaration.layers)
+
+
+def list_quick_looks(options: dict[str, Any]) -> list[str]:
+    """Return the quick-looks of a run, those after the adjustment last, which are above the others."""
+    paths = Path(options["output_dir"], "quick_looks").glob("*.tif")
+    return sorted(map(str, paths), key=lambda path: path.endswith(f"_{AFTER}.tif"))
 
 
 def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report, context: QgsProcessingContext) -> None:
@@ -110,7 +115,7 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
         return
     folder = Path(options["output_dir"]).name
     group = f"HRSI {tr(declaration.title)}" + (f": {folder}" if folder != TEMPORARY else "")
-    rasters = list_written_images(report) if declaration.are_maps else []
+    rasters = list_written_images(report) if declaration.are_maps else list_quick_looks(options)
     for source in [*rasters, *_list_layers(declaration, options)]:
         name = layer_name(source)
         details = QgsProcessingContext.LayerDetails(name, context.project(), name)
@@ -156,6 +161,7 @@ def _rank(node: QgsLayerTreeNode) -> int:
 _ALIVE: list[Placement] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
 
 
+SHOWN_LETTERS = 140  # of a verdict in the message bar, which cuts longer texts
 #: Level and duration (s) of the message by the level of a verdict; 0: until it is closed.
 SIGNAL = {
     Level.OK.label: (Qgis.MessageLevel.Success, 8),
@@ -173,10 +179,17 @@ def headline(verdict: dict[str, Any]) -> str:
     return f"{tr('Verdict')}: {tr(verdict['level'])}. {reasons[0]['message']}; {reasons[0]['advice']}{more}"
 
 
-def show_in_message_bar(verdict: dict[str, Any], title: str, text: str) -> None:
-    """Show the headline in the message bar, if there is a desktop; to be called in the main thread.
+def show_in_message_bar(verdict: dict[str, Any], title: str, spell: Callable[[str], str]) -> None:
+    """Show the verdict in the message bar, if there is a desktop, in one line with all reasons behind *Show more*.
 
-    The text is escaped: the bar interprets it as HTML, and ids of points may contain any characters.
+    To be called in the main thread. ``spell`` replaces arguments by labels. The bar interprets texts as HTML, and ids
+    of points may contain any characters: they are escaped.
     """
-    if iface is not None:
-        iface.messageBar().pushMessage(title, escape(text, quote=False), *SIGNAL[verdict["level"]])
+    if iface is None:
+        return
+    reasons = [f"{one['level']}: {one['message']} [{one['code']}]\n{one['advice']}" for one in verdict["reasons"]]
+    line = f"{tr('Verdict')}: {tr(verdict['level'])}. "
+    line += f"{verdict['reasons'][0]['message']}" if reasons else verdict["sentence"]
+    more = "\n\n".join([verdict["sentence"], *reasons])
+    short = escape(shorten(spell(line), SHOWN_LETTERS, placeholder=" …"), quote=False)
+    iface.messageBar().pushMessage(title, short, as_rich_text(spell(more)), *SIGNAL[verdict["level"]])

@@ -4,6 +4,14 @@
   <context>
     <name>HRSI</name>
     <message>
+      <source>(about {} min left)</source>
+      <translation>(noch etwa {} min)</translation>
+    </message>
+    <message>
+      <source>(about {} s left)</source>
+      <translation>(noch etwa {} s)</translation>
+    </message>
+    <message>
       <source>({} more in the report)</source>
       <translation>({} weitere im Bericht)</translation>
     </message>
@@ -172,6 +180,10 @@
       <translation>Einen Block mit Bildern und Punkten beginnen</translation>
     </message>
     <message>
+      <source>Block adjustment</source>
+      <translation>Blockausgleichung</translation>
+    </message>
+    <message>
       <source>Blunder size</source>
       <translation>Größe grober Fehler</translation>
     </message>
@@ -294,6 +306,10 @@
     <message>
       <source>Compare</source>
       <translation>Vergleichen</translation>
+    </message>
+    <message>
+      <source>Compare before and after</source>
+      <translation>Vorher und nachher vergleichen</translation>
     </message>
     <message>
       <source>Compression</source>
@@ -1050,6 +1066,10 @@
     <message>
       <source>Previous</source>
       <translation>Voriger</translation>
+    </message>
+    <message>
+      <source>Print layout</source>
+      <translation>Drucklayout</translation>
     </message>
     <message>
       <source>Project</source>

@@ -34,6 +34,8 @@ from .project_link import MapLink
 from .table_models import MeasurementsModel, PointsModel, ResidualsModel
 from .transfer_search import TransferSearch
 
+TITLE_BAR_PX = 30  # of a window
+
 
 class PointsDock(QDockWidget):
     """Displays a `PointSession` and passes the user's edits to it.
@@ -96,6 +98,16 @@ class PointsDock(QDockWidget):
         self.adjustment.due.connect(self._adjust_live)
         self.adjustment.progressed.connect(ui.show_progress)
         self.adjustment.ended.connect(self._on_adjustment_end)
+
+    def open_as_window(self) -> None:
+        """Make the panel a window of its own, nearly as large as the screen, and hide it until it is asked for.
+
+        Docked in a common window, three images have a fifth of this size.
+        """
+        self.setFloating(True)
+        free = self.screen().availableGeometry()
+        self.setGeometry(free.adjusted(0, TITLE_BAR_PX, 0, 0))
+        self.hide()
 
     def event(self, event: QEvent) -> bool:
         is_claimed = self._shortcuts is not None and self._shortcuts.claim(event)

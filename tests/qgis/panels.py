@@ -60,7 +60,8 @@ def run_in_background(
     if context is None:
         context = QgsProcessingContext()
         context.setProject(QgsProject.instance())
-    task = QgsProcessingAlgRunnerTask(algorithm, parameters, context, feedback or QgsProcessingFeedback())
+    feedback = feedback or QgsProcessingFeedback()  # the task does not own it
+    task = QgsProcessingAlgRunnerTask(algorithm, parameters, context, feedback)
     ended: list[tuple[bool, dict[str, Any]]] = []
     task.executed.connect(lambda successful, results: ended.append((successful, results)))
     QgsApplication.taskManager().addTask(task)

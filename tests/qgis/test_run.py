@@ -24,7 +24,7 @@ from qgis.gui import QgsMessageBar
 from qgis.PyQt.QtCore import QTimer
 from qgis.PyQt.QtWidgets import QPushButton
 
-from hrsi.plugin.provider import PluginAlgorithm
+from hrsi.plugin.provider import PluginAlgorithm, describe_remaining, keep_columns
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import fill_options, settings_of
 from hrsi.tests.qgis import answer
@@ -49,6 +49,9 @@ class Listener(QgsProcessingFeedback):
 
     def setProgressText(self, text: str) -> None:
         self.lines.append(text)
+
+    def pushConsoleInfo(self, info: str) -> None:
+        self.lines.append(info)
 
     def pushWarning(self, warning: str) -> None:
         self.warnings.append(warning)
@@ -79,6 +82,14 @@ def test_given_values_reach_the_engine(run_tiny) -> None:
 
 def test_images_as_one_text(run_tiny) -> None:
     assert run_tiny(IMAGES="a_RPC.TXT;b.tif")["images"] == ["a_RPC.TXT", "b.tif"]
+
+
+def test_remaining_time_and_columns() -> None:
+    """From the first tenth on; columns of tables in the log are kept by spaces that it does not join."""
+    assert describe_remaining(0.05, 60.0) == ""
+    assert describe_remaining(0.25, 20.0) == "(about 60 s left)"
+    assert describe_remaining(0.5, 600.0) == "(about 10 min left)"
+    assert keep_columns("a    b c") == "a\u00a0\u00a0\u00a0\u00a0b c"
 
 
 def test_progress_and_messages(run_tiny, tmp_path: Path) -> None:
@@ -176,13 +187,13 @@ class MessageBar:
     """A desktop that keeps what is shown above its map."""
 
     def __init__(self) -> None:
-        self.shown: list[tuple[str, str, int, int]] = []
+        self.shown: list[tuple[str, str, str, int, int]] = []
 
     def messageBar(self) -> MessageBar:
         return self
 
-    def pushMessage(self, title: str, text: str, level: int, duration: int) -> None:
-        self.shown.append((title, text, level, duration))
+    def pushMessage(self, title: str, text: str, more: str, level: int, duration: int) -> None:
+        self.shown.append((title, text, more, level, duration))
 
 
 @pytest.mark.parametrize(
@@ -199,14 +210,14 @@ def test_verdict_is_seen_and_layers_are_loaded(
     result = processing.runAndLoadResults("hrsi:tinytest", given, feedback=listener)
     assert result["VERDICT"] == level
     assert [layer.name() for layer in QgsProject.instance().mapLayers().values()] == ["points"]
-    ((_title, text, shown, duration),) = desktop.shown
+    ((_title, text, more, shown, duration),) = desktop.shown
     assert shown == signal
     assert text.startswith(f"Verdict: {level}. ")
     assert (duration == 0) == (level == "unusable")
-    assert listener.errors == ([text] if level == "unusable" else [])
-    assert listener.warnings == ([text] if level == "doubtful" else [])
+    assert [line.partition(";")[0] for line in listener.errors] == ([text] if level == "unusable" else [])
+    assert [line.partition(";")[0] for line in listener.warnings] == ([text] if level == "doubtful" else [])
     if level == "unusable":
-        assert text == "Verdict: unusable. all is wrong; look at GCPs"
+        assert text == "Verdict: unusable. all is wrong" and "look at GCPs" in more
 
 
 def test_result_layers_are_loaded_with_their_stored_style(tiny_provider, qgis_new_project, tmp_path: Path) -> None:
@@ -226,8 +237,10 @@ def test_hostile_ids_are_text_in_the_message_bar_and_in_tips(monkeypatch) -> Non
 
     desktop, evil = MessageBar(), '<img src="http://x/y.png"><b>P1</b> & <a href="file:///etc">GCP</a>'
     monkeypatch.setattr("hrsi.plugin.results.iface", desktop)
-    show_in_message_bar({"level": "doubtful"}, "Adjust", evil)
-    for shown in (desktop.shown[0][1], as_rich_text(evil)):
+    reason = {"level": "doubtful", "message": evil, "code": "x", "advice": evil}
+    show_in_message_bar({"level": "doubtful", "reasons": [reason], "sentence": "2 images"}, "Adjust", str)
+    _, text, more, *_ = desktop.shown[0]
+    for shown, wanted in ((text, f"Verdict: doubtful. {evil}"), (more, evil), (as_rich_text(evil), evil)):
         document = QTextDocument()
         document.setHtml(shown)
-        assert document.toPlainText() == evil
+        assert wanted in document.toPlainText()

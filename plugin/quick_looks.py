@@ -1,0 +1,105 @@
+"""What to do with the layers of an adjustment: images before and after it in turn, and a print layout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from qgis.core import (
+    QgsLayoutFrame,
+    QgsLayoutItemAttributeTable,
+    QgsLayoutItemLabel,
+    QgsLayoutItemLegend,
+    QgsLayoutItemMap,
+    QgsLayoutItemScaleBar,
+    QgsLayoutPoint,
+    QgsLayoutSize,
+    QgsPrintLayout,
+    QgsProject,
+    QgsVectorLayer,
+)
+from qgis.PyQt.QtCore import QObject, QTimer
+from qgis.PyQt.QtGui import QFont
+
+from .translation import tr
+
+BEFORE, AFTER = "before", "after"  # ends of the names of quick-looks
+FLICKER_MS = 800
+TABLE_FIELDS = ("id", "role", "residual_east_m", "residual_north_m", "residual_height_m")
+TABLE_ROWS = 18  # of points, the first control and check points
+
+
+class Comparison(QObject):
+    """Shows the images before and after an adjustment in turn, as long as it is switched on."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.shown = AFTER
+        self._timer = QTimer(self)
+        self._timer.setInterval(FLICKER_MS)
+        self._timer.timeout.connect(self.swap)
+
+    def switch(self, is_on: bool) -> None:
+        """Begin or end; at the end the images after the adjustment are shown."""
+        self.shown = BEFORE
+        if is_on:
+            self._timer.start()
+        else:
+            self._timer.stop()
+        self.swap()
+
+    def swap(self) -> None:
+        """Show the other images: the layers whose names end with the state."""
+        self.shown = AFTER if self.shown == BEFORE else BEFORE
+        for node in QgsProject.instance().layerTreeRoot().findLayers():
+            state = node.name().rpartition("_")[2]
+            if state in (BEFORE, AFTER):
+                node.setItemVisibilityChecked(state == self.shown)
+
+
+def make_print_layout(canvas: Any) -> QgsPrintLayout:
+    """Add a layout to the project, A4: title, map as on the screen, legend, scale bar, and a table of the points."""
+    project = QgsProject.instance()
+    layout = QgsPrintLayout(project)
+    layout.initializeDefaults()  # A4, landscape
+    names = {one.name() for one in project.layoutManager().layouts()}
+    number = next(k for k in range(1, len(names) + 2) if f"HRSI {k}" not in names)
+    layout.setName(f"HRSI {number}")
+
+    def place(item: Any, x: float, y: float, width: float, height: float) -> None:
+        layout.addLayoutItem(item)
+        item.attemptMove(QgsLayoutPoint(x, y))
+        item.attemptResize(QgsLayoutSize(width, height))
+
+    title = QgsLayoutItemLabel(layout)
+    title.setText(f"{tr('Block adjustment')}: {Path(project.fileName()).stem or 'HRSI'}")
+    title.setFont(QFont("", 18))
+    place(title, 10.0, 8.0, 190.0, 12.0)
+    drawn = QgsLayoutItemMap(layout)
+    place(drawn, 10.0, 22.0, 180.0, 165.0)
+    drawn.setLayers(canvas.layers())
+    drawn.zoomToExtent(canvas.extent())
+    drawn.setFrameEnabled(True)
+    scale_bar = QgsLayoutItemScaleBar(layout)
+    scale_bar.setLinkedMap(drawn)
+    scale_bar.applyDefaultSize()
+    place(scale_bar, 10.0, 190.0, 80.0, 12.0)
+    legend = QgsLayoutItemLegend(layout)
+    legend.setLinkedMap(drawn)
+    legend.setLegendFilterByMapEnabled(True)
+    place(legend, 195.0, 20.0, 90.0, 80.0)
+    layers = [one for one in project.mapLayers().values() if isinstance(one, QgsVectorLayer)]
+    points = next((one for one in layers if set(TABLE_FIELDS) <= set(one.fields().names())), None)
+    if points is not None:
+        table = QgsLayoutItemAttributeTable.create(layout)
+        layout.addMultiFrame(table)
+        table.setVectorLayer(points)
+        table.setDisplayedFields(list(TABLE_FIELDS))
+        table.setFeatureFilter("\"role\" IN ('gcp', 'check') AND \"residual_east_m\" IS NOT NULL")
+        table.setFilterFeatures(True)
+        table.setMaximumNumberOfFeatures(TABLE_ROWS)
+        frame = QgsLayoutFrame(layout, table)
+        place(frame, 195.0, 105.0, 92.0, 95.0)
+        table.addFrame(frame)
+    project.layoutManager().addLayout(layout)
+    return layout
