@@ -23,8 +23,8 @@ from ..hrsi_engine.foundation.errors import Cancelled, HrsiError, MissingPackage
 from ..hrsi_engine.foundation.progress import Progress
 from .dependencies import missing_package_message
 
-P = ParamSpec("P")
-T = TypeVar("T")
+CallArguments = ParamSpec("CallArguments")
+CallResult = TypeVar("CallResult")
 NEVER_MS = -1  # threads of Qt's pool do not end
 _BEGUN: set[BackgroundTask] = set()  # QGIS keeps only the C++ half of a task: the Python half must exist as long
 
@@ -48,17 +48,17 @@ class _MainThread(QObject):
 _MAIN = _MainThread()
 
 
-def in_main_thread(function: Callable[P, T]) -> Callable[P, T]:
+def in_main_thread(function: Callable[CallArguments, CallResult]) -> Callable[CallArguments, CallResult]:
     """Return the function so that it always runs in the main thread; other threads wait for its result.
 
     QGIS prepares and ends the steps of a model in the model's thread.
     """
 
     @wraps(function)
-    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+    def call(*args: CallArguments.args, **kwargs: CallArguments.kwargs) -> CallResult:
         if threading.current_thread() is threading.main_thread():
             return function(*args, **kwargs)
-        result: Future[T] = Future()
+        result: Future[CallResult] = Future()
         _MAIN.handed_over.emit(partial(function, *args, **kwargs), result)
         return result.result()
 

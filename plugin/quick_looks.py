@@ -23,7 +23,7 @@ from qgis.PyQt.QtGui import QFont
 
 from .translation import tr
 
-BEFORE, AFTER = "before", "after"  # ends of the names of quick-looks
+STATE_BEFORE, STATE_AFTER = "before", "after"  # ends of the names of quick-looks
 FLICKER_MS = 800
 TABLE_FIELDS = ("id", "role", "residual_east_m", "residual_north_m", "residual_height_m")
 TABLE_ROWS = 18  # of points, the first control and check points
@@ -34,14 +34,14 @@ class Comparison(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.shown = AFTER
+        self.shown = STATE_AFTER
         self._timer = QTimer(self)
         self._timer.setInterval(FLICKER_MS)
         self._timer.timeout.connect(self.swap)
 
     def switch(self, is_on: bool) -> None:
         """Begin or end; at the end the images after the adjustment are shown."""
-        self.shown = BEFORE
+        self.shown = STATE_BEFORE
         if is_on:
             self._timer.start()
         else:
@@ -50,10 +50,10 @@ class Comparison(QObject):
 
     def swap(self) -> None:
         """Show the other images: the layers whose names end with the state."""
-        self.shown = AFTER if self.shown == BEFORE else BEFORE
+        self.shown = STATE_AFTER if self.shown == STATE_BEFORE else STATE_BEFORE
         for node in QgsProject.instance().layerTreeRoot().findLayers():
             state = node.name().rpartition("_")[2]
-            if state in (BEFORE, AFTER):
+            if state in (STATE_BEFORE, STATE_AFTER):
                 node.setItemVisibilityChecked(state == self.shown)
 
 

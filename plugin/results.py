@@ -31,7 +31,7 @@ from ..hrsi_engine.foundation.json_values import json_text
 from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 from .help import as_rich_text
-from .quick_looks import AFTER
+from .quick_looks import STATE_AFTER
 from .translation import tr
 
 BATCH_LISTS_REPORTS = 32800  #: version of QGIS since which a batch can list reports; QGIS 3.22 raises a TypeError
@@ -103,7 +103,7 @@ def _list_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
 def list_quick_looks(options: dict[str, Any]) -> list[str]:
     """Return the quick-looks of a run, those after the adjustment last, which are above the others."""
     paths = Path(options["output_dir"], "quick_looks").glob("*.tif")
-    return sorted(map(str, paths), key=lambda path: path.endswith(f"_{AFTER}.tif"))
+    return sorted(map(str, paths), key=lambda path: path.endswith(f"_{STATE_AFTER}.tif"))
 
 
 def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report, context: QgsProcessingContext) -> None:
@@ -161,7 +161,7 @@ def _rank(node: QgsLayerTreeNode) -> int:
 _ALIVE: list[Placement] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
 
 
-SHOWN_LETTERS = 140  # of a verdict in the message bar, which cuts longer texts
+VERDICT_LETTERS = 140  # of a verdict in the message bar, which cuts longer texts
 #: Level and duration (s) of the message by the level of a verdict; 0: until it is closed.
 SIGNAL = {
     Level.OK.label: (Qgis.MessageLevel.Success, 8),
@@ -191,5 +191,5 @@ def show_in_message_bar(verdict: dict[str, Any], title: str, spell: Callable[[st
     line = f"{tr('Verdict')}: {tr(verdict['level'])}. "
     line += f"{verdict['reasons'][0]['message']}" if reasons else verdict["sentence"]
     more = "\n\n".join([verdict["sentence"], *reasons])
-    short = escape(shorten(spell(line), SHOWN_LETTERS, placeholder=" …"), quote=False)
+    short = escape(shorten(spell(line), VERDICT_LETTERS, placeholder=" …"), quote=False)
     iface.messageBar().pushMessage(title, short, as_rich_text(spell(more)), *SIGNAL[verdict["level"]])

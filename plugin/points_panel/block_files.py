@@ -1,9 +1,7 @@
 """The panel's block as a file: new, opened, saved; in the project; recovered after a crash; and the chip library."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from qgis.core import QgsProject, QgsSettings, QgsVectorLayer
 from qgis.PyQt.QtWidgets import QFileDialog, QMessageBox
@@ -15,17 +13,14 @@ from .actions import show_errors
 from .dialogs import NewBlockDialog
 from .project_link import PanelState, restore_state, store
 
-if TYPE_CHECKING:
-    from .dock import PointsDock
-
 BLOCK_FILTER, BLOCK_SUFFIX = "GeoPackage (*.gpkg)", ".gpkg"
 LIBRARY_SETTING = "hrsi/chip_library"  # path of the library, for all projects of the user
 
 
 class BlockFiles:
-    """Opens and saves the block that a panel shows."""
+    """Opens and saves the block that a `PointsDock` shows."""
 
-    def __init__(self, dock: PointsDock) -> None:
+    def __init__(self, dock: Any) -> None:
         self.dock = dock
         project = QgsProject.instance()
         project.readProject.connect(self._on_project)

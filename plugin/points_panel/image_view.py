@@ -181,7 +181,7 @@ if TYPE_CHECKING:
 
 CANVAS_NAME = "hrsi image view"  # by which QGIS stores canvases in projects
 LEAST_SIZE_PX = 160, 150
-SHOWN_LETTERS = 6  # of an image's id at least; a longer one would widen its view
+IMAGE_LETTERS = 6  # of an image's id at least; a longer one would widen its view
 SETTLE_MS = 250  # time after a zoom until the contrast is updated
 STRETCH_PIXELS = 20_000
 ACTIVE = "#ffb000"  # frame of the active view, visible in bright and dark themes
@@ -247,7 +247,7 @@ class ImageView(QWidget):
 
     def _arrange(self) -> None:
         self.chooser.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.chooser.setMinimumContentsLength(SHOWN_LETTERS)
+        self.chooser.setMinimumContentsLength(IMAGE_LETTERS)
         self.band.setMinimum(1)
         self.band.setPrefix(f"{tr('band')} ")
         self.band.setToolTip(tr("The band that is shown; targets are measured on the first"))

@@ -1,10 +1,8 @@
 """The panel and the main window: positions on its map, and the panel's block, stored in the project."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from qgis.core import QgsPointXY, QgsProject
@@ -19,16 +17,13 @@ from ..translation import tr
 from .actions import show_errors
 from .dialogs import NewPointDialog
 
-if TYPE_CHECKING:
-    from .dock import PointsDock
-
 _MARK = QColor(255, 176, 0)
 
 
 class MapLink:
     """Asks for a position by a click on the map, and marks the chosen point there; ``canvas`` None: there is no map."""
 
-    def __init__(self, dock: PointsDock, canvas: QgsMapCanvas | None) -> None:
+    def __init__(self, dock: Any, canvas: QgsMapCanvas | None) -> None:
         self._dock, self.canvas = dock, canvas
         self._tool: QgsMapToolEmitPoint | None = None
         self._before: Any = None

@@ -8,7 +8,7 @@ from ...hrsi_engine.io.geopackage.layer_tables import layer_names, text_columns
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.io.rasters.quick_looks import write_quick_look
 
-FOLDER, STATES = "quick_looks", ("before", "after")
+QUICK_LOOKS, STATES = "quick_looks", ("before", "after")
 MOST_IMAGES = 12  # of a block: more would cover each other
 
 
@@ -24,7 +24,7 @@ def list_written_layers(folder: str, layers: Iterable[str]) -> list[str]:
 
 
 def write_quick_looks(report: dict[str, Any], folder: str) -> None:
-    """Write quick-looks of the adjusted images with pixels into ``FOLDER``, by the given and by the refined RPCs.
+    """Write quick-looks of the adjusted images with pixels into ``QUICK_LOOKS``, by the given and by the refined RPCs.
 
     Without refined RPCs there are none. Raises `OutputError` if GDAL fails.
     """
@@ -36,7 +36,7 @@ def write_quick_looks(report: dict[str, Any], folder: str) -> None:
     for name, entry in list(entries.items())[:MOST_IMAGES]:
         image = open_image(entry["path"])
         if image.raster is not None:
-            os.makedirs(os.path.join(folder, FOLDER), exist_ok=True)
+            os.makedirs(os.path.join(folder, QUICK_LOOKS), exist_ok=True)
             for state, rpc in zip(STATES, (image.rpc, open_image(entry["output"]).rpc), strict=True):
-                path = os.path.join(folder, FOLDER, f"{name}_{state}.tif")
+                path = os.path.join(folder, QUICK_LOOKS, f"{name}_{state}.tif")
                 write_quick_look(image, rpc, heights[name], path)
