@@ -214,7 +214,7 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
     geometry = TilePairGeometry(
         first, second, min(low, float(grid.heights_m.min())) - reach, max(high, float(grid.heights_m.max())) + reach,
         (across * normal[0], across * normal[1]), (noise_px, COARSE.safety * across_sigma + noise_px), grid, sigma,
-        contrasts,
+        contrasts, np.column_stack([first_xy, second_xy]),
     )  # fmt: skip
     return PairEstimate(geometry, len(first_xy))
 

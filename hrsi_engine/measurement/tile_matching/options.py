@@ -19,11 +19,12 @@ class TILE_MATCH:
     spread: float = threshold(0.7, "", "half length of the search over the range of the neighbours' parallax")
     slope: float = threshold(0.02, "px/px", "half length of the search per distance of the seeds")
     search_margin_px: int = threshold(3, "px", "margin between search and matching windows")
-    trial: int = threshold(150, "matches", "number of matches on which the bands are compared")
+    seed_margin_px: float = threshold(64.0, "px", "distance from a window up to which known matches are its seeds")
+    fewest_seeds: int = threshold(20, "seeds", "number of known matches below which features are detected in a window")
+    trial: int = threshold(60, "matches", "number of matches on which the bands are compared")
     fewest_trial: int = threshold(20, "matches", "smallest number of matches for the choice of a band")
-    inner: float = threshold(2.0 / 3.0, "", "smaller window of the second matching, relative to the first")
     change_weight: float = threshold(
-        0.35, "", "weight of the shift between both in the sigma of a match", "errors of simulated pairs, 2026-11-21"
+        0.35, "", "weight of the inner part's shift in the sigma of a match", "errors of simulated pairs, 2026-11-21"
     )
     half_quality_px: float = threshold(0.1, "px", "standard deviation at which quality is one half")
     normalised: float = threshold(4.0, "sigma", "largest error of a match across its epipolar line")
@@ -33,8 +34,8 @@ class TILE_MATCH:
 class TileMatchOptions:
     """Options of the matching of two windows. Lengths are in pixels of the first tile unless stated otherwise.
 
-    features : largest number of SIFT features of a tile, whose matches determine the bias and the heights; 0 for none:
-    points are searched at the positions predicted by the geometry of the pair
+    features : largest number of SIFT features of a tile without sufficient known matches; their matches determine the
+    bias and the heights; 0 for none: points are searched at the positions predicted by the geometry of the pair
     windows_px : sides (odd) of the windows of least-squares matching, one round of search and matching after the other;
     each round searches the points not found so far, with the matches found as knowledge of the ground
     bands : names in `MATCHING_BANDS`, filters of the grey values of which the best one for the pair is used

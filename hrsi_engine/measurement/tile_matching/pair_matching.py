@@ -1,8 +1,8 @@
 """Matching of two windows with RPC geometry: interest points of the first, measured in the second to about 0.05 px.
 
-1. The second window is resampled to the geometry of the first (`TileFrame`). SIFT features (Lowe 2004) with
-   square-rooted descriptors that are mutual nearest neighbours are candidates; the test against the RPC geometry, which
-   permits a bias, selects the correct ones: the seeds.
+1. The second window is resampled to the geometry of the first (`TileFrame`). Matches of the overviews in the window are
+   the seeds. If there are few, SIFT features (Lowe 2004) with square-rooted descriptors that are mutual nearest
+   neighbours are candidates, and the test against the RPC geometry, which permits a bias, selects the correct ones.
 2. Every interest point of the first window (`features`) is searched at the position predicted by neighbouring seeds,
    in a box along the epipolar line (`window_search`), and measured by least-squares matching of the original pixels of
    both windows. The matches found are the seeds of the next round.
@@ -192,10 +192,22 @@ class _MatchTable:
 
 
 def _find_seeds(task: _Task) -> _Seeds:
-    """Return the SIFT matches consistent with the RPCs; without features, all points with displacement 0."""
+    """Return known matches in or near the first window, or its SIFT matches consistent with the RPCs if these are few.
+
+    Without features, all points are returned with displacement 0.
+    """
     frame, most = task.frame, task.options.features
     if not most:
         return _Seeds(task.points, np.zeros((len(task.points), 2)))
+    known = frame.geometry.seeds
+    if known is not None:
+        points = frame.first.to_tile(known[:, :2])
+        margin, size = TILE_MATCH.seed_margin_px, np.array(frame.first.pixels.shape[::-1])
+        near = np.flatnonzero(((points >= -margin) & (points < size + margin)).all(axis=1))
+        if len(near) >= TILE_MATCH.fewest_seeds:
+            return _Seeds(
+                points[near], frame.compute_displacements(points[near], frame.second.to_tile(known[near, 2:]))
+            )
     # features of the first tile are used for all partners; the ratio test is lenient, since the geometry is tested
     own, other = frame.first, frame.resampled
     here = own.compute_once(("sift", most), lambda: detect_sift_features(own.pixels, own.valid, most))
@@ -248,14 +260,9 @@ def _match_points(
     fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _make_lsm_options(task, window))
     own = band.sigma_factor * fine.sigma_px
     alike = (fine.status == DONE) & (fine.correlation > options.min_correlation)
-    kept = np.flatnonzero(alike & (own < options.largest_sigma_px))
-    smaller = _make_lsm_options(task, int(window * TILE_MATCH.inner))
-    inner = match_patches(*images, points[hits[kept]], fine.xy[kept], fine.affine[kept], smaller)
-    change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy[kept], axis=1), np.inf)
-    sigma = np.hypot(own[kept], TILE_MATCH.change_weight * change)
-    good = sigma < options.largest_sigma_px
-    found = kept[good]
-    return hits[found], fine.xy[found], fine.correlation[found], sigma[good]
+    sigma = np.hypot(own, TILE_MATCH.change_weight * fine.inner_shift)
+    good = np.flatnonzero(alike & (sigma < options.largest_sigma_px))
+    return hits[good], fine.xy[good], fine.correlation[good], sigma[good]
 
 
 def _make_lsm_options(task: _Task, window: int) -> LsmOptions:

@@ -82,6 +82,7 @@ class TilePairGeometry:
     to the effect of heights between ``lowest_m`` and ``highest_m``
     heights : approximate heights over the first image; None: the mean of lowest and highest
     height_sigma_m : standard deviation of ``heights``; None: any height between lowest and highest is possible
+    seeds : (n, 4) sample and line in the first image, then in the second, of matches that are already known
     contrasts : signs of the grey values of the second image relative to the first: -1 if bright objects of the first
     are dark in the second, both signs if this is true for some objects only, as for another band
     """
@@ -95,6 +96,7 @@ class TilePairGeometry:
     heights: HeightGrid | None = None
     height_sigma_m: float | None = None
     contrasts: tuple[int, ...] = (1,)
+    seeds: np.ndarray | None = None
 
     def heights_at(self, xy: np.ndarray) -> np.ndarray:
         """Return approximate heights ``(n,)`` at positions of the first image."""
