@@ -77,4 +77,5 @@ def match_patches(
     # The order of sums in compiled loops depends on memory addresses. Differences far below a millionth of a pixel are
     # rounded off, so that threads, processes and interrupted runs give equal points
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
-    return PatchMatches(xy, shape, covariance, *figures.T, status)
+    correlation, gain, rms, inner_shift = figures.T
+    return PatchMatches(xy, shape, covariance, correlation, gain, rms, inner_shift, status)
