@@ -87,6 +87,10 @@ test-all: set-up-test lint scan speed-guard  ## lint, the scan, the guard of spe
 speed-guard: set-up-test  ## whether a command has become slower than recorded in benchmarks/speed_guard.csv
 	@$(BIN)/python benchmarks/speed_guard.py
 
+.PHONY: first-contact
+first-contact: set-up-test  ## init and run on folders as people have them, simulated and real: roles, exit codes, verdicts, true errors
+	@$(BIN)/python tests/first_contact/contact.py
+
 .PHONY: test-desktop
 test-desktop: set-up-test  ## the plugin in the real window of QGIS, by mouse and keyboard; pictures in build/desktop
 	@$(PYTEST) -p no:pytest_qgis tests/desktop

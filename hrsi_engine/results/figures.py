@@ -12,6 +12,7 @@ from ..adjustment.observations import Observations
 from ..adjustment.result import Adjustment, DatumPart, Decision
 from ..adjustment.statistics.precision import errors_90, predict_accuracy
 from ..block.block import Role
+from ..block.control_visibility import find_weak_control
 from ..block.pointing import estimate_pointing
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefitRPC
@@ -128,7 +129,8 @@ def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
     check["predicted"] = predict_accuracy(
         result.covariance_to_surveys_m2(np.flatnonzero(points)), result.survey_covariance_m2(np.flatnonzero(points))
     )
-    return {"control": _survey_entry(result, left, Role.GCP), "check": check}
+    control = _survey_entry(result, left, Role.GCP) | {"weak": find_weak_control(result.block)}
+    return {"control": control, "check": check}
 
 
 def _image_entry(

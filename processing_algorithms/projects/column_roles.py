@@ -167,28 +167,37 @@ def find_image_columns(
     ``known`` has positions (3,) of ground points by id.
     """
     name = table.id_column
-    if name is None:
+    if name is None or len(set(table.columns[name])) < len(table.columns[name]):
         return []
     columns = [k for k in range(len(table.names)) if k != name and np.isfinite(table.numbers[:, k]).any()]
-    pairs = [(a, b) for a, b in pairwise(columns) if b == a + 1]
     half = len(columns) // 2
-    layouts = [pairs, [(columns[k], columns[half + k]) for k in range(half)]] if half > 1 else [pairs]
+    layouts = [list(zip(columns[k::2], columns[k + 1 :: 2], strict=False)) for k in (0, 1)]  # fmt: skip
+    layouts.append([(columns[k], columns[half + k]) for k in range(half)])
+    by_name = _name_columns(table, path, images, layouts)
+    if len(by_name) > 1:
+        return by_name
     ids = np.array(table.columns[name])
     rows = np.flatnonzero([one in known for one in ids])
     if len(rows) >= COLUMN_ROLES.fewest_points:
         ground = np.array([known[one] for one in ids[rows]])
-        fits = list(_fit_columns(table.numbers[rows], ground, {pair for one in layouts for pair in one}, images))
-        chosen: dict[str, ImageColumns] = {}
-        for fit in sorted(fits, key=lambda one: one.scatter_px):
-            used = {k for one in chosen.values() for k in (one.sample, one.line)}
-            if fit.image not in chosen and not used & {fit.sample, fit.line}:
-                chosen[fit.image] = fit
-        return list(chosen.values())
-    return _name_columns(table, path, images, layouts)
+        fits = [_assign_columns(table.numbers[rows], ground, layout, images) for layout in layouts]
+        return max(fits, key=lambda one: (len(one), -sum(fit.scatter_px for fit in one)))
+    return by_name
+
+
+def _assign_columns(
+    numbers: np.ndarray, ground: np.ndarray, pairs: Sequence[tuple[int, int]], images: Mapping[str, Image]
+) -> list[ImageColumns]:
+    """Return the pairs of columns that fit images best, each pair and each image once."""
+    chosen: dict[str, ImageColumns] = {}
+    for fit in sorted(_fit_columns(numbers, ground, pairs, images), key=lambda one: one.scatter_px):
+        if fit.image not in chosen and all(fit.sample not in (one.sample, one.line) for one in chosen.values()):
+            chosen[fit.image] = fit
+    return list(chosen.values())
 
 
 def _fit_columns(
-    numbers: np.ndarray, ground: np.ndarray, pairs: set[tuple[int, int]], images: Mapping[str, Image]
+    numbers: np.ndarray, ground: np.ndarray, pairs: Sequence[tuple[int, int]], images: Mapping[str, Image]
 ) -> Iterator[ImageColumns]:
     """Yield the column pairs that agree with the projections of ground points (n, 3), for each image."""
     for image in images.values():

@@ -194,8 +194,12 @@ def _add_points(
 ) -> None:  # fmt: skip
     """Add laser points, point clouds and point files."""
     rpc_files = set(_rpc_files(paths))
-    content.roles += [FileRole(path, "RPC", "not used: its image is not here, or has another RPC") for path in
-                      sorted(rpc_files)]  # fmt: skip
+    for path in sorted(rpc_files):
+        owner = next((one.path for one in content.roles if os.path.basename(path) in one.reason), None)
+        belongs = (
+            "not used: its image is not here, or has another RPC" if owner is None else f"of {os.path.basename(owner)}"
+        )
+        content.roles.append(FileRole(path, "RPC", belongs))
     points = []
     for path in (one for one in paths if one not in rpc_files):
         if path.lower().endswith(CLOUD_ENDINGS):

@@ -17,6 +17,7 @@ from ...hrsi_engine.block.block import Image, ImagePoints
 from ...hrsi_engine.block.pointing import compute_gsd_m, estimate_pointing
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.io.rasters.dems import open_geoid
 from ...hrsi_engine.measurement.point_transfer import transfer_point
 from ...hrsi_engine.plausibility.mistakes import find_undulations
 
@@ -25,7 +26,8 @@ from ...hrsi_engine.plausibility.mistakes import find_undulations
 class HEIGHT_EVIDENCE:
     """Limits for the decision on a height datum."""
 
-    coincidence: float = threshold(0.05, "", "largest probability of an agreement by chance that decides")
+    decisive_ratio: float = threshold(20.0, "", "smallest ratio of the likelihoods of both hypotheses that decides")
+    related_share: float = threshold(0.2, "", "a priori share of surfaces that were made from the images' RPCs")
     dem_sigma_m: float = threshold(2.0, "m", "smallest sigma of the median difference from a DEM: canopy, coarse cells")
     fewest: int = threshold(3, "points", "fewest points of a comparison")
     reach_m: float = threshold(
@@ -58,21 +60,29 @@ def weigh_hypotheses(
     sigma_m : standard deviation that the differences have in common; what : names the comparison in the reason
     """
     known = np.isfinite(ellipsoidal_m) & np.isfinite(unknown_m)
-    geoid = find_undulations(np.pad(lonlat[known], ((0, 0), (0, 1))))
+    geoid = find_installed_geoid(lonlat[known])
     if known.sum() < HEIGHT_EVIDENCE.fewest or geoid is None:
         return DatumEvidence(None, "")
     difference = (ellipsoidal_m - unknown_m)[known]
     spread = float(robust_sigma(difference)) / np.sqrt(known.sum())
     sigma = float(np.hypot(np.hypot(sigma_m, spread), HEIGHT_EVIDENCE.dem_sigma_m))
     middle = [float(np.median(difference)), float(np.median(difference - geoid[1]))]
-    best = int(abs(middle[1]) < abs(middle[0]))
-    agreement, other = max(abs(middle[best]), HEIGHT_EVIDENCE.dem_sigma_m), middle[1 - best]
-    chance = norm.cdf((agreement - other) / sigma) - norm.cdf((-agreement - other) / sigma)
+    # Surfaces often come from such images, so that heights agree better than their a priori errors let expect
+    share, close = HEIGHT_EVIDENCE.related_share, HEIGHT_EVIDENCE.dem_sigma_m
+    likelihoods = share * norm.pdf(middle, scale=close) + (1.0 - share) * norm.pdf(middle, scale=sigma)
+    best = int(np.argmax(likelihoods))
+    is_decisive = likelihoods[best] > HEIGHT_EVIDENCE.decisive_ratio * likelihoods[1 - best]
     figures = (
         f"{what} differ by {middle[0]:+.1f} m from it if its heights are ellipsoidal, and by {middle[1]:+.1f} m if "
         f"they refer to the geoid ({known.sum()} points, sigma {sigma:.1f} m)"
     )
-    return DatumEvidence(("ellipsoidal", geoid[0])[best] if chance < HEIGHT_EVIDENCE.coincidence else None, figures)
+    return DatumEvidence(("ellipsoidal", geoid[0])[best] if is_decisive else None, figures)
+
+
+def find_installed_geoid(lonlat: np.ndarray) -> tuple[str, np.ndarray] | None:
+    """Return the name of the finest installed geoid model, and its undulations (m) at positions (n, 2 or 3)."""
+    found = find_undulations(np.pad(lonlat[:, :2], ((0, 0), (0, 1))))
+    return None if found is None else (open_geoid(found[0]).name, found[1])
 
 
 def _trace(first: Image, second: Image, xy: np.ndarray, low_m: float, high_m: float) -> np.ndarray:

@@ -100,10 +100,10 @@ def _read_source(
     path: str, spec: str, images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
 ) -> PointSource | None:
     """Return a file that is read by the names or the usual order of its columns, or by the content of columns."""
-    for crs in ("", *crs_names):
+    for crs in ("", *crs_names, "EPSG:4326"):
         tables = _try(spec, images, crs)
         if tables is not None and _is_plausible(tables, images, region):
-            return _make_source(path, _with_roles(spec, tables), tables, crs)
+            return _make_source(path, *_with_roles(spec, tables, images, crs), crs)
     table = column_roles.read_text_table(path) if _is_text(path) else None
     found = None if table is None else column_roles.find_ground_columns(table, region, crs_names)
     if table is None or found is None:
@@ -146,21 +146,18 @@ def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSo
     )  # fmt: skip
 
 
-def _with_roles(spec: str, tables: PointTables) -> str:
-    """Return the text for a file whose roles are in a field of another name, ``type``."""
+def _with_roles(spec: str, tables: PointTables, images: Mapping[str, Image], crs: str) -> tuple[str, PointTables]:
+    """Return the text and the points of a file whose roles are in a field of another name, ``type``."""
     if tables.ground is None or (tables.ground.role >= 0).any() or "|" in spec:
-        return spec
+        return spec, tables
     table = read_table(spec)
     for name in table.field_names:
         if ROLE_FIELD.fullmatch(name.strip()) and "role" not in table.columns:
             chosen = f"{spec}|columns=role={name}"
-            try:
-                read_points(chosen, ground_crs="EPSG:4326", surface=lambda lonlat: np.zeros(len(lonlat)))
-            except HrsiError as error:
-                if "role" in str(error) or "no field" in str(error):
-                    continue
-            return chosen
-    return spec
+            found = _try(chosen, images, crs)
+            if found is not None and found.ground is not None and (found.ground.role == Role.GCP).any():
+                return chosen, found
+    return spec, tables
 
 
 def _is_text(path: str) -> bool:

@@ -13,12 +13,18 @@ import numpy as np
 from ...hrsi_engine.block.block import GroundPoints
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.io.rasters.dems import fill_gaps, open_dem, open_geoid, read_geoid_heights
-from ...hrsi_engine.plausibility.mistakes import find_undulations
+from ...hrsi_engine.io.rasters.dems import fill_gaps, open_geoid, read_geoid_heights
 from ...hrsi_engine.plausibility.places import compute_coverage
 from ...hrsi_engine.surface.dem import surface_heights
 from .folder_files import FileRole, FolderContent, HeightRaster
-from .height_evidence import DatumEvidence, RayHeights, intersect_tracks, measure_rays, weigh_hypotheses
+from .height_evidence import (
+    DatumEvidence,
+    RayHeights,
+    find_installed_geoid,
+    intersect_tracks,
+    measure_rays,
+    weigh_hypotheses,
+)
 from .point_sources import PointRoles, PointSource, decide_roles
 from .project_file import ASK
 
@@ -148,7 +154,7 @@ def _weigh_evidence(
     told = list[str]()
     images = made.content.images
     middle = images[0].rpc.localize(images[0].centre_px[None], images[0].middle_height_m).ground
-    geoid = find_undulations(middle)
+    geoid = find_installed_geoid(middle)
     if geoid is not None and abs(float(geoid[1][0])) < UNDERSTANDING.flat_geoid_m:
         told.append(f"the geoid is {geoid[1][0]:+.1f} m from the ellipsoid here: heights without datum taken above it")
         return of_points or geoid[0], of_dem or (geoid[0] if dem else None), told
@@ -158,7 +164,7 @@ def _weigh_evidence(
     if dem is not None and len(surveyed):
         of_cells = surface_heights(dem.surface, surveyed[:, :2])
         if of_points is None and of_dem is not None:
-            cells = of_cells + _offset(surveyed, dem, of_dem)
+            cells = of_cells + _geoid_offset(surveyed, of_dem)
             found = weigh_hypotheses(surveyed[:, :2], cells, surveyed[:, 2], 0.0, f"{file}: heights")
             told += _tell(found, _names(open_points))
             of_points = found.datum
@@ -207,13 +213,6 @@ def _weigh_rays(
 
 def _tell(found: DatumEvidence, file: str) -> list[str]:
     return [f"{file}: heights {found.datum or 'undecided'}: {found.reason}"] if found.reason else []
-
-
-def _offset(ground: np.ndarray, dem: HeightRaster, datum: str) -> np.ndarray:
-    """Return what turns heights of a DEM into ellipsoidal ones (n,)."""
-    if datum != LAYER:
-        return _geoid_offset(ground, datum)
-    return surface_heights(open_dem(dem.path), ground[:, :2]) - surface_heights(dem.surface, ground[:, :2])
 
 
 def _geoid_offset(ground: np.ndarray, datum: str) -> np.ndarray:

@@ -48,8 +48,8 @@ def write_project(made: Understanding, path: str) -> None:
     for step in FOLDERS:
         lines += ["", f"[{step}]"]
         if step in made.steps:
-            given = [*_assign(made.steps[step], here)]
-            lines += given or OFFERED.get(step, [])
+            lines += [*_assign(made.steps[step], here)]
+            lines += [line for line in OFFERED.get(step, []) if line.split()[1] not in made.steps[step]]
         else:
             lines.append(f"{SKIP} = {json_text(made.left_out[step])}")
     write_text(path, "\n".join(lines) + "\n")

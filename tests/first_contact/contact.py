@@ -1,6 +1,7 @@
 """The first contact with a folder: init, the dry run and the run, as the README prints them; what a newcomer gets.
 
-``python tests/first_contact/contact.py [NAME...]`` prints the table of all folders, simulated and real.
+``python tests/first_contact/contact.py [--plan] [NAME...]`` prints the table of all folders, simulated and real;
+with ``--plan`` without the runs.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import shutil
 import sys
 import tempfile
@@ -58,7 +60,9 @@ class Contact:
 
     def line(self) -> str:
         """Return a row of the table."""
-        steps = "".join({"done": "+", "failed": "!", "left out": "-"}.get(one, "?") for one in (self.steps or {}).values())
+        steps = "".join(
+            {"done": "+", "failed": "!", "left out": "-"}.get(one, "?") for one in (self.steps or {}).values()
+        )
         asked = int(bool(self.question))
         return (f"{self.name:34} {asked:2} {' '.join(map(str, self.codes)):8} {self.verdict:9} {steps:5} "
                 f"{self.error_px:8.2f} {self.seconds:6.1f}  {'; '.join(self.faults)}")  # fmt: skip
@@ -115,7 +119,7 @@ def true_error_px(source: Source, folder: Path) -> float:
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
-def print_table(names: list[str], data: Path | None) -> int:
+def print_table(names: list[str], data: Path | None, run: bool = True) -> int:
     """Meet all folders, print the table, and return the number of faults."""
     print(HEAD, flush=True)
     faults = 0
@@ -125,7 +129,7 @@ def print_table(names: list[str], data: Path | None) -> int:
             if not names or layout.__name__ in names:
                 folder = Path(place) / layout.__name__
                 layout(source, folder)
-                met = meet(layout.__name__, folder)
+                met = meet(layout.__name__, folder, run=run)
                 met.error_px = true_error_px(source, folder)
                 print(met.line(), flush=True)
                 if met.faults or names:
@@ -135,7 +139,7 @@ def print_table(names: list[str], data: Path | None) -> int:
             if not names or name in names:
                 folder = Path(place) / name
                 shutil.copytree(data / name, folder)
-                met = meet(name, folder)
+                met = meet(name, folder, run=run)
                 print(met.line(), flush=True)
                 if met.faults or names:
                     print(met.text)
@@ -144,6 +148,7 @@ def print_table(names: list[str], data: Path | None) -> int:
 
 
 if __name__ == "__main__":
-    shared = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
-    shared = shared if shared.is_dir() else Path("/work/shared/data/real")
-    sys.exit(min(print_table(sys.argv[1:], shared), 1))
+    root = os.environ.get("HRSI_TEST_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data"
+    shared = Path(root) / "real" if (Path(root) / "real").is_dir() else None
+    words = [word for word in sys.argv[1:] if word != "--plan"]
+    sys.exit(min(print_table(words, shared, "--plan" not in sys.argv), 1))

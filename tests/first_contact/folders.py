@@ -34,8 +34,8 @@ class Source:
 def simulate(folder: Path) -> Source:
     """Return the block: three small images, 6 GCPs, 12 check points, ellipsoidal heights near 50 m of undulation."""
     run(
-        "simulate", images=3, along="-12,0,12", size=320, gcps=6, checks=12, ties=0, relief=60.0, free_ortho=1.0,
-        laser_passes=4, output_dir=str(folder),
+        "simulate", images=3, along="-12,0,12", size=256, gcps=6, checks=12, ties=0, relief=60.0, free_ortho=1.0,
+        laser_passes=2, output_dir=str(folder),
     )  # fmt: skip
     ground, measured = (list(csv.DictReader((folder / f"{name}.csv").open())) for name in
                         ("ground_points", "image_points"))  # fmt: skip
@@ -113,7 +113,9 @@ def write_dem(source: Source, path: Path, change: Callable[[np.ndarray], np.ndar
     if epsg is not None:
         dataset = gdal.Warp("", dataset, format="MEM", dstSRS=f"EPSG:{epsg}", dstNodata=-32768.0,
                             resampleAlg="bilinear")  # fmt: skip
-    made = gdal.Translate(str(path), dataset, noData=nodata) if nodata is not None else gdal.Translate(str(path), dataset)
+    made = (
+        gdal.Translate(str(path), dataset, noData=nodata) if nodata is not None else gdal.Translate(str(path), dataset)
+    )
     del made
 
 

@@ -11,6 +11,7 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
+from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import GROUND_HEIGHTS
 from ..opening.datasets import open_dataset
@@ -41,7 +42,7 @@ class RasterFacts:
     """Kind of a raster, its columns and rows, number of bands, CRS, and the surface of its heights.
 
     nodata : value that is no height and is not declared as nodata, None if there is none
-    surface : the heights as ellipsoidal ones; None for other kinds
+    surface : ellipsoidal heights, as stored if the CRS does not state their datum; None for other kinds
     """
 
     kind: RasterKind
@@ -67,11 +68,11 @@ def find_raster_kind(path: str) -> RasterFacts | None:
         return RasterFacts(RasterKind.GEOID, size, bands, crs)
     values = _sample_values(band)
     if bands == 1 and band.DataType not in (gdal.GDT_Byte, gdal.GDT_UInt16):
-        nodata = None if band.GetNoDataValue() is not None else _find_fill_value(values)
+        nodata = _find_fill_value(values[values != band.GetNoDataValue()])
         heights = dataset if nodata is None else gdal.Translate("", dataset, format="VRT", noData=nodata)
-        return RasterFacts(
-            RasterKind.HEIGHTS, size, bands, crs, nodata, surface_of_dataset(heights, path, "ellipsoidal", None)
-        )
+        datum = "layer" if has_heights(crs) else "ellipsoidal"
+        surface = surface_of_dataset(heights, path, datum, None)
+        return RasterFacts(RasterKind.HEIGHTS, size, bands, crs, nodata, surface)
     is_mask = bands == 1 and len(np.unique(values)) <= RASTER_KINDS.mask_values
     return RasterFacts(RasterKind.MASK if is_mask else RasterKind.PICTURE, size, bands, crs)
 

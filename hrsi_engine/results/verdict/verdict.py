@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from math import floor, log10
 from typing import Any
 
+from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ..lineage import add_untested_error
 from . import common_deformation, connections, datums, ground_truth, jitter, solution, surfaces, systematic
@@ -132,8 +133,10 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     tied = ties["images"]
     text = f"{tied} of {images} images" if 0 < tied < images else _format_count(images, "image")
     text += f", tie points {format_figure(ties['rmse_px'])} px RMSE" if tied else ""
-    gcps = report["control"]["points"]
-    text += f"; {_format_count(gcps, 'GCP')}, {_format_count(check['points'], 'check point')}"
+    gcps, weak = report["control"]["points"], report["control"].get("weak") or {}
+    limits = "; ".join(f"{len(ids)} {what}: {list_ids(ids)}" for what, ids in weak.items() if ids)
+    text += f"; {_format_count(gcps, 'GCP')}{f' ({limits})' if limits else ''}"
+    text += f", {_format_count(check['points'], 'check point')}"
     accuracy = _describe_check_points(check) if check["points"] else _describe_prediction(report)
     accuracy += _describe_operation_error(check, report.get("untested_by_check_points"))
     return f"{text}: {accuracy}" if accuracy else text

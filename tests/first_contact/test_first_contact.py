@@ -1,0 +1,121 @@
+"""Folders as people have them: init, dry run and run end in a result, or in the one question that init asked.
+
+The block is simulated, so that the roles of all files, the answer to each question and the errors of the refined RPCs
+are known. ``make first-contact`` prints the table of all folders.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import folders
+from contact import REAL, Contact, meet, true_error_px
+from folders import FOLDERS, Source
+
+from hrsi.processing_algorithms.projects.height_evidence import find_installed_geoid, weigh_hypotheses
+
+MEASURED = {"measured.csv": "image measurements"}
+#: Roles of files, by folder; where nothing is written, the files of `folders.copy`.
+ROLES: dict[str, dict[str, str]] = {
+    "text_without_header": {"points.txt": "GCPs: 18", "measured.txt": "image measurements: 54", "dem.tif": "DEM"},
+    "geopackage_and_file_per_image": {"survey.gpkg": "GCPs: 18", "image_2_points.txt": "image measurements: 18"},
+    "shapefile_and_orthometric_dem": {"punkte.shp": "GCPs: 18", "dtm.tif": "DEM", **MEASURED},
+    "geojson_and_nan": {"gcps.geojson": "GCPs: 18", "dem.tif": "DEM", **MEASURED},
+    "excel": {"Passpunkte.csv": "GCPs: 18", **MEASURED},
+    "georeferencer": {"image_1.tif.points": "GCPs: 18"},
+    "control_and_check_apart": {"control_points.csv": "GCPs: 6", "check_points.csv": "check points: 12", **MEASURED},
+    "type_column": {"gcps.csv": "ground points with roles: 6 GCPs, 12 check points"},
+    "rpc_files_alone": {"image_1_RPC.TXT": "RPC without pixels", "gcps.csv": "GCPs: 18", **MEASURED},
+    "without_control": {"dem.tif": "DEM"},
+    "images_alone": {"image_1.tif": "image"},
+    "one_image_alone": {"image_1.tif": "image"},
+    "earlier_result": {"old": "earlier result", "gcps.csv": "GCPs: 18"},
+    "umlauts_and_blanks": {"Paß punkte (neu).csv": "GCPs: 18", **MEASURED},
+    "laser": {"atl06sr.csv": "laser points"},
+    "reference_orthoimage": {"orthophoto.tif": "reference orthoimage"},
+    "rpc_files_with_tie_points": {"measured.csv": "tie points: 54"},
+}
+AS_COPIED = {"gcps.csv": "GCPs: 18", **MEASURED}
+#: Folders whose heights nothing can show: the one question is asked.
+ASKED = {"rpc_files_alone"}
+WITHOUT_GCPS = {"without_control", "images_alone", "laser", "reference_orthoimage", "rpc_files_with_tie_points"}
+#: Largest error (px) with GCPs: the noise of 6 GCPs is 0.2 m and 0.3 px of 0.5 m; without them that of a vendor's RPC.
+MOST_PX = {True: 1.0, False: 60.0}
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
+    return folders.simulate(tmp_path_factory.mktemp("first") / "source")
+
+
+def check_contact(met: Contact) -> None:
+    """Nothing that must never happen, and all roles are there."""
+    assert met.faults == [], met.text
+    assert bool(met.question) == (met.name in ASKED), met.question
+    for file, role in ROLES.get(met.name, AS_COPIED).items():
+        assert (met.roles or {}).get(file, "").startswith(role), (file, met.roles)
+
+
+def lay_out(layout: Callable[[Source, Path], None], source: Source, folder: Path) -> Path:
+    layout(source, folder)
+    return folder
+
+
+PLANNED = (folders.text_without_header, folders.control_and_check_apart, folders.georeferencer, folders.type_column)
+RUN = (folders.one_image_with_control, folders.rpc_files_alone)
+
+
+@pytest.mark.parametrize("layout", PLANNED, ids=lambda one: one.__name__)
+def test_a_folder_is_understood_and_planned(layout, source: Source, tmp_path: Path):
+    met = meet(layout.__name__, lay_out(layout, source, tmp_path / "folder"), run=False)
+    check_contact(met)
+    assert met.codes == [0, 0]
+
+
+@pytest.mark.parametrize(
+    "layout", [*RUN, *(pytest.param(one, marks=pytest.mark.thorough) for one in FOLDERS if one not in RUN)],
+    ids=lambda one: one.__name__,
+)  # fmt: skip
+def test_a_folder_becomes_a_result(layout, source: Source, tmp_path: Path):
+    met = meet(layout.__name__, lay_out(layout, source, tmp_path / "folder"))
+    if layout is folders.nothing_usable:
+        assert met.codes == [2] and "contains no image with an RPC" in met.text and not met.faults
+        return
+    check_contact(met)
+    assert met.codes == [0, 0, 0], met.text
+    error = true_error_px(source, tmp_path / "folder")
+    if layout is folders.one_image_alone:
+        assert met.steps is not None and met.steps["triangulate"] == "left out" and met.steps["orthorectify"] == "done"
+        assert met.verdict == "doubtful"
+    else:
+        assert error < MOST_PX[met.name not in WITHOUT_GCPS], met.text
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("name", REAL)
+def test_a_real_folder_becomes_a_result(name: str, real_data: Path, tmp_path: Path):
+
+    shutil.copytree(real_data / name, tmp_path / name)
+    met = meet(name, tmp_path / name, run=name in ("qb2_gcp", "zy3_stereo_gcp"))
+    assert met.faults == [] and set(met.codes) == {0}, met.text
+    assert bool(met.question) == (name == "zy3_stereo_gcp")
+
+
+def test_heights_without_datum_are_weighed_with_the_chance_of_an_agreement():
+    """Differences of 0 and -N: decided where N is large for the common error, left open where it is not."""
+    lonlat = np.array([5.45, 43.53]) + np.random.default_rng(1).uniform(-0.01, 0.01, (20, 2))
+    geoid = find_installed_geoid(lonlat)
+    assert geoid is not None
+    heights = np.linspace(200.0, 300.0, 20)
+    for unknown, datum in ((heights, "ellipsoidal"), (heights - geoid[1], geoid[0])):
+        assert weigh_hypotheses(lonlat, heights, unknown, 10.0, "heights").datum == datum
+        assert weigh_hypotheses(lonlat, heights + 10.0, unknown, 200.0, "heights").datum is None
+    assert weigh_hypotheses(lonlat, heights, np.full(20, np.nan), 1.0, "heights").datum is None
