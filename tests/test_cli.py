@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import simulated_blocks as blocks
 from long_tests import mark_beyond
 from osgeo import gdal
+from rpc_samples import write_image
 
 from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.processing_algorithms import REGISTRY
@@ -345,6 +347,22 @@ def test_console_command_and_broken_pipe():
     command = Path(sys.executable).with_name("hrsi")
     done = subprocess.run(f"'{command}' --help | true", shell=True, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_rpc_info_loads_only_what_it_uses(tmp_path: Path):
+    """An image is described without SciPy, numba, OpenCV and Jinja2; the processor time of the command is printed."""
+    write_image(tmp_path / "image.tif", blocks.images(1)[0].rpc)
+    code = (
+        "import sys, time; from hrsi.processing_algorithms.command_line.cli import main; "
+        "code = main(['rpc-info', '--quiet', sys.argv[1]]); "
+        "print([m for m in ('scipy', 'numba', 'cv2', 'jinja2') if m in sys.modules], code, time.process_time())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "image.tif")], capture_output=True, text=True, check=True
+    )
+    modules, _, seconds = done.stdout.splitlines()[-1].rpartition(" ")
+    print(f"rpc-info of an image: {float(seconds):.2f} CPU s")
+    assert modules == "[] 0"
 
 
 def test_starts_quickly_without_heavy_libraries():

@@ -21,8 +21,6 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator, CubicSpline
-from scipy.spatial.transform import Rotation
 
 from ..camera.adjusted_rpc import AdjustedRpc
 from ..camera.linescan import LinescanCamera
@@ -72,6 +70,8 @@ def read_adjusted_rpc(spec: str) -> AdjustedRpc | None:
             f"{camera}: {f'is a {exact.source}' if exact else 'has no RPC'}, and {path} can only be applied to an RPC: "
             "name the adjusted_state.json that bundle_adjust writes for CSM cameras"
         )
+    from scipy.spatial.transform import Rotation
+
     rpc, turn = found.rpc, Rotation.from_quat(np.roll(numbers[3:7], -1)).as_matrix()
     size = found.size or (round(rpc.samp_off + abs(rpc.samp_scale)) + 1, round(rpc.line_off + abs(rpc.line_scale)) + 1)
     offset, scale = (numbers[7:9], float(numbers[9])) if len(numbers) > 7 else (np.zeros(2), 1.0)
@@ -103,12 +103,18 @@ def _numbers(root: Element, name: str) -> np.ndarray:
 
 def _turn(times: np.ndarray, quaternions: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """Return a function from times (m,) to rotations (m, 3, 3): splines of quaternions (n, 4) with the scalar last."""
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation
+
     same = np.cumprod(np.sign(np.r_[1.0, (quaternions[1:] * quaternions[:-1]).sum(axis=1)]))  # -q is q: equal signs
     between = CubicSpline(times, quaternions * same[:, None])
     return lambda time: Rotation.from_quat(between(time)).as_matrix()
 
 
 def _read_isd(path: str) -> LinescanCamera | None:
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation
+
     root = read_xml(path)
     eph, att, geo, image = (next(root.iter(name), None) for name in ("EPH", "ATT", "GEO", "IMAGE"))
     if eph is None or att is None or geo is None or image is None or not (
@@ -142,6 +148,9 @@ def _read_isd(path: str) -> LinescanCamera | None:
 
 def _read_dimap(path: str) -> LinescanCamera | None:
     root = read_xml(path)
+    from scipy.interpolate import BarycentricInterpolator
+    from scipy.spatial.transform import Rotation
+
     points, angles = [*root.iter("Point")], [*next(root.iter("Corrected_Attitudes")).iter("Angles")]
     times = np.array([_seconds(_require(point, "TIME")) for point in points])
     positions, velocities = (
@@ -181,6 +190,8 @@ def _read_dimap(path: str) -> LinescanCamera | None:
 
 
 def _read_csm(path: str) -> LinescanCamera | None:
+    from scipy.interpolate import CubicSpline
+
     name, _, body = read_bytes(path).decode("utf-8").partition("{")
     state: dict[str, Any] = json.loads("{" + body)
     model = name.strip() or str(state.get("m_modelName"))

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pyproj
 from osgeo import gdal
-from scipy.spatial import KDTree
 
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
@@ -66,6 +65,8 @@ def open_surface(
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     xy = ground[:, :2] * scale
     sample = xy[:: 1 + len(xy) // CLOUD.sample]
+    from scipy.spatial import KDTree
+
     spacing_m = float(np.median(KDTree(xy).query(sample, k=2)[0][:, 1])) if len(xy) > 1 else 0.0
     grid = _Grid(xy.min(axis=0), xy.max(axis=0), CLOUD.spacings * spacing_m, spec)
     grid.add(np.column_stack([xy, ground[:, 2]]))

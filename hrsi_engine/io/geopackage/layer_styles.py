@@ -12,7 +12,6 @@ from functools import cache
 from html import escape
 from typing import Any, NamedTuple
 
-import jinja2
 import numpy as np
 
 from .typed_rows import Column, is_any, write_titles
@@ -208,7 +207,9 @@ def _render_style(template: str, description: str, **values: Any) -> Style:
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def _environment() -> Any:
+    import jinja2
+
     folder = os.path.join(os.path.dirname(__file__), "styles")
     return jinja2.Environment(
         loader=jinja2.FileSystemLoader(folder), autoescape=True, undefined=jinja2.StrictUndefined,

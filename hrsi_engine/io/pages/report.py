@@ -17,7 +17,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import jinja2
 import numpy as np
 import pyproj
 from markupsafe import Markup
@@ -141,7 +140,9 @@ def write_text(path: str, text: str) -> None:
 
 
 @cache
-def _make_environment() -> jinja2.Environment:
+def _make_environment() -> Any:
+    import jinja2
+
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.ChainableUndefined,
         trim_blocks=True, lstrip_blocks=True,
@@ -199,7 +200,9 @@ def figure(value: Any, digits: int = 3, unit: str = "") -> str:
     With four decimals or more, a positive number that would be written as 0 is written as smaller than the last digit.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return "–" if value is None or isinstance(value, jinja2.Undefined) else str(value)
+        from jinja2 import Undefined
+
+        return "–" if value is None or isinstance(value, Undefined) else str(value)
     if isinstance(value, int) or abs(value) >= 1e15:
         text = f"{value:,.0f}"
     else:
