@@ -14,7 +14,7 @@ from ..hrsi_engine.io.rasters.cropping import CropWindow, open_window, read_line
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, read_back_px, set_aside_conflicting_rpcs, write_rpc_text
 from ..hrsi_engine.io.rpc_files.crop import crop_rpc
-from ..hrsi_engine.io.rpc_files.ignored_resampling import SIZE_ITEM, SIZE_TEXT
+from ..hrsi_engine.io.rpc_files.placement import SIZE_ITEM, SIZE_TEXT
 from ..hrsi_engine.io.safety.transactions import Transaction
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import ConstantHeight

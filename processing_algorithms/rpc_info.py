@@ -14,7 +14,7 @@ from ..hrsi_engine.ground.operation_uses import CrsOperation, OperationUse
 from ..hrsi_engine.io.exact_cameras import find_exact_camera
 from ..hrsi_engine.io.geopackage.declared_layers import PairRows, ViewRows
 from ..hrsi_engine.io.geopackage.layers import Layer
-from ..hrsi_engine.io.rasters.images import resampling_doubt
+from ..hrsi_engine.io.rasters.images import placement_doubt
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
@@ -36,7 +36,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
             "Footprints and overlaps depend on it: give `dem` or `height`"
         )
     tell(warnings, context)
-    warnings += [f"{image.id}: {ignored}" for image in images if (ignored := resampling_doubt(image))]  # logged already
+    warnings += [f"{image.id}: {doubt}" for image in images if (doubt := placement_doubt(image))]  # logged already
     views = [ViewDirection(image, surface) for image in images]
     if context.dry_run:
         return plan_folder(options.folder, RPC_INFO_FILE, {"images": len(images)}, warnings, context)

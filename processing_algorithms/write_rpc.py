@@ -10,6 +10,7 @@ from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import Progress, advance, stage
 from ..hrsi_engine.io import rpc_files
 from ..hrsi_engine.io.jitter_files import JitterFile, find_jitter_file
+from ..hrsi_engine.io.opening.files import open_raster
 from ..hrsi_engine.io.output_dir import require_no_input
 from ..hrsi_engine.io.rasters.images import image_id
 from ..hrsi_engine.io.safety.transactions import Transaction
@@ -107,9 +108,9 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
                 f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
             )
         file = rpc_files.rpc_in_folder(given, path) if given and os.path.isdir(given) else given
-        jobs.append(
-            WriteJob(path, output, how, rpc_files.rpc_for_image(file, path) if file else rpc_files.read_rpc(path))
-        )
+        found = rpc_files.rpc_for_image(file, path) if file else rpc_files.read_rpc(path)
+        _require_place(path, found, is_given=bool(file))
+        jobs.append(WriteJob(path, output, how, found))
     for job in jobs:
         if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:
             raise InputError(f"{job.output} exists already: add `overwrite`, or choose another `output_dir`")
@@ -122,6 +123,18 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
                 f"{first} and {job.path} have the same id, so that one result would replace the other: rename one"
             )
     return jobs
+
+
+def _require_place(path: str, found: rpc_files.FoundRpc, is_given: bool) -> None:
+    """Raise `InputError` if an RPC contradicts the pixels of an image.
+
+    is_given : True for the RPC of another file, which may be that of an image with smaller pixels (PAN of MS)
+    """
+    if rpc_files.rpc_reader_of(path) is not None:
+        return
+    doubt = rpc_files.find_placement_doubt(path, open_raster(path), found)
+    if doubt is not None and doubt.is_gross and (doubt.contradictory or (is_given and doubt.factor != 1.0)):
+        raise InputError(f"{path}: the RPC from {found.source} is not written: {doubt}")
 
 
 def summarise(report: Report) -> str:

@@ -134,11 +134,8 @@ class GEOMETRY:
     volume_grid: int = threshold(11, "points", "nodes along each side of an image, for the check of its RPC")
     volume_heights: int = threshold(7, "points", "number of heights at which an RPC is checked")
     least_denominator: float = threshold(0.1, "", "smallest denominator of an RPC relative to its median")
-    ground_reach: float = threshold(1.5, "", "largest normalised longitude and latitude without a message")
     lowest_height_m: float = threshold(-600.0, "m", "lowest land, with a margin", "theory: Dead Sea shore, -430 m")
     highest_height_m: float = threshold(9500.0, "m", "highest land, with a margin", "theory: Mount Everest, 8849 m")
-    crop_share: float = threshold(0.5, "", "image over the extent of its RPC, below which it is a crop")
-    crop_origin: float = threshold(0.02, "", "distance of the RPC's origin from the image's in half extents, at most")
 
 
 @dataclass(frozen=True)
@@ -325,34 +322,4 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
                 "the image lies mirrored on the ground: latitude and longitude may be swapped in the RPC, or lines "
                 "reversed"
             )
-        warnings += _check_size(image, ground[converged])
     return [f"{image.id}: {text}" for text in warnings]
-
-
-def _check_size(image: Image, ground: np.ndarray) -> list[str]:
-    if image.size is None:
-        return []
-    rpc, warnings = image.rpc, []
-    reach = np.abs(rpc.normalise(ground)[:2]).max()
-    if reach > GEOMETRY.ground_reach:
-        warnings.append(
-            f"the image of {image.size[0]} x {image.size[1]} px is {reach:.1f} times as large as the area of its RPC: "
-            "check that they belong together"
-        )
-    if is_crop(image):
-        extent = 2.0 * np.array([rpc.samp_scale, rpc.line_scale])
-        warnings.append(
-            f"the image has {image.size[0]} x {image.size[1]} px, its RPC about {extent[0]:.0f} x {extent[1]:.0f}: it "
-            "is probably a crop of unknown origin; shift the RPC to the crop"
-        )
-    return warnings
-
-
-def is_crop(image: Image, share: float = GEOMETRY.crop_share) -> bool:
-    """Return whether an image is smaller than ``share`` of its RPC's extent, which begins at the first pixel."""
-    rpc = image.rpc
-    if image.size is None:
-        return False
-    start = np.array([-rpc.samp_off / rpc.samp_scale, -rpc.line_off / rpc.line_scale])
-    extent = 2.0 * np.abs([rpc.samp_scale, rpc.line_scale])
-    return bool(np.abs(start + 1.0).max() < GEOMETRY.crop_origin and (np.array(image.size) < share * extent).any())

@@ -22,8 +22,8 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import WGS84_3D
 from ..io.opening.datasets import gdal_messages
 from ..io.point_files.csv_text import write_csv, write_measurements
-from ..io.rpc_files.crop import Geotransform
 from ..io.rpc_files.fields import gdal_metadata
+from ..io.rpc_files.placement import Geotransform
 from ..io.safety.replacing import replacing
 
 

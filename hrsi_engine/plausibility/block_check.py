@@ -46,7 +46,9 @@ def check_block(
     reasons += places.find_height_reasons(block, contradicted=bool(reasons))
     reasons += find_tie_reasons(block, accuracies)
     reasons += [] if surface is None else places.find_dem_reasons(block, surface)
-    reasons += places.find_points_outside(block) + places.find_crops(block) + places.find_reordered_rpcs(block)
+    reasons += (
+        places.find_points_outside(block) + places.find_placement_reasons(block) + places.find_reordered_rpcs(block)
+    )
     reasons += places.find_duplicate_images(block)
     # Leave out reasons that follow from others, and repeated codes (one input error found in GCPs and in tie points)
     codes = {reason.code for reason in reasons}

@@ -1,6 +1,6 @@
 """Points outside their images, rounded or copied surveys, heights outside RPC ranges, wrong DEMs, duplicate images."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..block.block import Block, Image
-from ..block.imaging_geometry import is_crop
+from ..block.placement import PlacementDoubt, judge_size
 from ..block.points import Role, are_apart
 from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
@@ -29,7 +29,6 @@ class PLACEMENT:
     far_outside: float = threshold(0.5, "", "distance of a point outside an image, over its size, that is an error")
     edge_slack_px: float = threshold(1.5, "px", "tolerance at the edge, for coordinates that begin at 1")
     many_outside: float = threshold(0.5, "", "share of an image's points outside it that is reported")
-    cut_share: float = threshold(0.95, "", "share of an RPC's extent below which an image without surveys is a crop")
     bent_px: float = threshold(
         0.01, "px", "curvature of rays beyond which the order of RPC00A is tested", "60 vendor RPCs of 12 sensors: "
         "medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25"
@@ -95,24 +94,26 @@ def find_points_outside(block: Block) -> list[Reason]:
     return reasons
 
 
-def find_crops(block: Block) -> list[Reason]:
-    """Return the reason for crops of unknown origin: images smaller than their RPC's extent, which begins at pixel 0.
+def find_placement_reasons(block: Block) -> list[Reason]:
+    """Return the reason for images without file that are not those of their RPCs, by their sizes.
 
-    The extents of vendors' RPCs exceed their images equally on both sides. Surveyed points on an image show its origin.
+    Readers of files know more (`io.rpc_files.placement`).
     """
-    surveyed = np.unique(block.measurements.image[block.known[block.measurements.point]]).tolist()
-    ids = tuple(
-        image.id for index, image in enumerate(block.images)
-        if is_crop(image) or (index not in surveyed and is_crop(image, PLACEMENT.cut_share))
-    )  # fmt: skip
-    if not ids:
+    doubts = {image.id: judge_size(image.rpc, image.size) for image in block.images if image.size and not image.path}
+    return list_placement_reasons({name: doubt for name, doubt in doubts.items() if doubt is not None})
+
+
+def list_placement_reasons(doubts: Mapping[str, PlacementDoubt]) -> list[Reason]:
+    """Return the reason for images whose RPC may not be that of their pixels, from the doubts by image."""
+    gross = {name: doubt for name, doubt in doubts.items() if doubt.is_gross}
+    if not gross:
         return []
-    message = (
-        f"image {list_ids(ids)} is smaller than the scene of its RPC, and its origin in the scene is not known: it is "
-        "treated as the upper left corner"
-    )
-    advice = "name the image with its geotransform, or write the RPC of these pixels into it (write-rpc)"
-    return [Reason("crop-origin", Level.DOUBTFUL, message, advice, ids)]
+    worst = max(gross, key=lambda name: gross[name].offset_px)
+    advice = "use the RPC of these pixels: make the image again with 'crop', or write their RPC into it (write-rpc)"
+    message = f"image {list_ids(gross)}: {gross[worst]}" if len(gross) == 1 else (
+        f"images {list_ids(gross)} may not have the RPCs of their pixels; {worst}: {gross[worst]}"
+    )  # fmt: skip
+    return [Reason("rpc-placement", Level.DOUBTFUL, message, advice, tuple(gross))]
 
 
 def find_reordered_rpcs(block: Block) -> list[Reason]:

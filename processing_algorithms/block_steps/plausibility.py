@@ -9,12 +9,13 @@ from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Role
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
-from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.io.rasters.images import pixel_doubt, resampling_doubt
+from ...hrsi_engine.io.rasters.images import placement_doubt
 from ...hrsi_engine.plausibility import check_block
 from ...hrsi_engine.plausibility.accuracy import estimate_accuracies
+from ...hrsi_engine.plausibility.places import list_placement_reasons
 from ...hrsi_engine.plausibility.relief import find_relief_reasons
 from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
 
@@ -27,15 +28,8 @@ def input_reasons(
     The sigmas are a priori standard deviations of the RPCs, if the user gives them.
     """
     found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
-    for code, find_doubt, advice in (
-        ("orthoimage-rpc", pixel_doubt, "name the image as it was taken"),
-        ("resampled-rpc", resampling_doubt, "make the image again with 'crop', or put the RPC of its pixels into it"),
-    ):
-        for image in block.images:
-            doubt = find_doubt(image)
-            if doubt and getattr(doubt, "is_gross", True):
-                text = f"image {image.id}: {doubt}"
-                return [*found, Reason(code, Level.DOUBTFUL, text, advice, (image.id,))]
+    doubts = {image.id: placement_doubt(image) for image in block.images if image.path}
+    found += list_placement_reasons({name: doubt for name, doubt in doubts.items() if doubt is not None})
     return found
 
 

@@ -23,7 +23,7 @@ from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.foundation.progress import Progress, silent
 from ...hrsi_engine.io.output_dir import find_image_outputs
 from ...hrsi_engine.io.point_files import PointsInMemory
-from ...hrsi_engine.io.rasters.images import ImageInMemory, open_image, path_of, resampling_doubt
+from ...hrsi_engine.io.rasters.images import ImageInMemory, open_image, path_of, placement_doubt
 from ...hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
 from .. import REGISTRY
@@ -73,8 +73,8 @@ def open(source: Any, rpc: Any = None, id: str | None = None) -> Any:
             raise InputError(f"an image given as an array {source.shape} needs `rpc`, and the shape (lines, samples)")
         return Image(id or "image", camera, (source.shape[1], source.shape[0]), raster=ArrayRaster(source))
     image = source if isinstance(source, Image) else open_image(source)
-    if camera is None and (ignored := resampling_doubt(image)):
-        _log.warning(f"{image.id}: {ignored}")
+    if camera is None and (doubt := placement_doubt(image)):
+        _log.warning(f"{image.id}: {doubt}")
     return replace(image, rpc=camera or image.rpc, id=id or image.id)
 
 

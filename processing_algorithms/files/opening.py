@@ -11,7 +11,7 @@ from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.operation_uses import require_strict_datums
 from ...hrsi_engine.io.rasters.dems import open_dem
-from ...hrsi_engine.io.rasters.images import GdalRaster, image_id, open_image_and_source, pixel_doubt, resampling_doubt
+from ...hrsi_engine.io.rasters.images import GdalRaster, image_id, open_image_and_source, placement_doubt
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
 from ...hrsi_engine.io.surfaces import open_surface
 from ...hrsi_engine.measurement.interest_points.windows import Area
@@ -36,7 +36,7 @@ def open_images(paths: Sequence[str], context: Context, always: bool = True) -> 
         images.append(image)
     images = join_exposures(images)
     for image in images:
-        tell([f"{image.id}: {doubt}" for doubt in (pixel_doubt(image), resampling_doubt(image)) if doubt], context)
+        tell([f"{image.id}: {doubt}"] if (doubt := placement_doubt(image)) else [], context)
     return images
 
 

@@ -20,7 +20,7 @@ from hrsi.hrsi_engine.io.rasters.images import (
     image_id,
     open_image,
     open_image_and_source,
-    pixel_doubt,
+    placement_doubt,
 )
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text
 
@@ -70,15 +70,16 @@ def test_other_rpcs_are_told_with_how_far_off_they_are(tmp_path: Path) -> None:
 def test_an_orthoimage_that_kept_the_rpc_of_the_raw_image_is_doubted(tmp_path: Path) -> None:
     """Warped by GDAL and given the raw image's RPC; an image on a map's grid with an RPC of its own is not."""
     write_image(tmp_path / "raw.tif", RPC)
-    assert not pixel_doubt(open_image(str(tmp_path / "raw.tif")))
+    assert not placement_doubt(open_image(str(tmp_path / "raw.tif")))
     gdal.Warp(str(tmp_path / "ortho.tif"), str(tmp_path / "raw.tif"), dstSRS="EPSG:4326", rpc=True)
     ortho = gdal.Open(str(tmp_path / "ortho.tif"), gdal.GA_Update)
     ortho.SetMetadata(gdal.Open(str(tmp_path / "raw.tif")).GetMetadata("RPC"), "RPC")
     size = np.array([ortho.RasterXSize, ortho.RasterYSize])
     geotransform, crs = ortho.GetGeoTransform(), ortho.GetProjection()
     ortho = None
-    doubt = pixel_doubt(open_image(str(tmp_path / "ortho.tif")))
-    assert "does not follow" in doubt and "WGS 84" in doubt
+    doubt = placement_doubt(open_image(str(tmp_path / "ortho.tif")))
+    assert doubt is not None and doubt.contradictory
+    assert "does not follow" in doubt.message and "WGS 84" in doubt.message
     # an RPC that is the map's grid, 40 pixels off as RPCs are
     own = fit_grid_rpc(geotransform, size)
     write_image(tmp_path / "geo.tif", own.shift(40.0, -25.0))
@@ -86,7 +87,7 @@ def test_an_orthoimage_that_kept_the_rpc_of_the_raw_image_is_doubted(tmp_path: P
     geo.SetGeoTransform(geotransform)
     geo.SetProjection(crs)
     geo = None
-    assert not pixel_doubt(open_image(str(tmp_path / "geo.tif")))
+    assert not placement_doubt(open_image(str(tmp_path / "geo.tif")))
 
 
 def fit_grid_rpc(geotransform: tuple[float, ...], size: np.ndarray) -> camera.RPC:

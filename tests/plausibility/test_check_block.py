@@ -248,7 +248,7 @@ def test_heights_all_alike():
 def test_a_crop_of_unknown_origin():
     right = block()
     small = replace(right.images[0], size=(900, 900))
-    assert codes(replace(right, images=(small, *right.images[1:])))["crop-origin"] is Level.DOUBTFUL
+    assert codes(replace(right, images=(small, *right.images[1:])))["rpc-placement"] is Level.DOUBTFUL
 
 
 @pytest.mark.parametrize(("decimals", "sigma_m", "told"), [(4, 0.1, True), (4, 5.0, False), (6, 0.1, False)])

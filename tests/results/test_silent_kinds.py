@@ -15,11 +15,11 @@ from hrsi.benchmarks.wrong_kinds import TRUE_KINDS
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.plausibility.places import find_crops, find_reordered_rpcs
+from hrsi.hrsi_engine.plausibility.places import find_placement_reasons, find_reordered_rpcs
 
 KINDS = (
     ("one of 2 heights", "spot5", "control-ambiguous"),
-    ("crops of all images (1000, 700 px), no", "ikonos", "crop-origin"),
+    ("crops of all images (1000, 700 px), no", "ikonos", "rpc-placement"),
     ("coefficients in the order", "spot5", "rpc-order"),
     ("laser points moved by 500 m", "worldview-2", "laser-few"),
 )  # fmt: skip
@@ -35,7 +35,7 @@ def test_a_silent_kind_is_told(name: str, sensor: str, code: str) -> None:
 
 def _with_rpc(inputs: Inputs, **changed) -> list:
     images = [replace(image, rpc=replace(image.rpc, **changed)) for image in inputs.images]
-    return find_crops(assemble(images, [], [inputs.measured.select(~inputs.of_gcps)]))
+    return find_placement_reasons(assemble(images, [], [inputs.measured.select(~inputs.of_gcps)]))
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.02, 0.1])

@@ -1,11 +1,4 @@
-"""Georeference of a raster: longitude and latitude to column and row, and back.
-
-An image on a map grid may have the RPC of its own pixels, or one that was kept in an orthorectification
-(`map_grid_doubt`). Products in map projection (IKONOS Geo, ORStandard, QuickBird Standard) have an RPC of their own
-pixels: from the pixel to the map, and from there through the RPC, the result is the same pixel, except for a shift.
-With the RPC of the raw image, which programs copy into orthoimages, the result differs: it is rotated by the
-direction of flight and scaled by the pixel size.
-"""
+"""Georeference of a raster: longitude and latitude to column and row, and back."""
 
 import threading
 
@@ -13,7 +6,6 @@ import numpy as np
 import pyproj
 from osgeo import gdal
 
-from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.crs_operations import operations_of
@@ -24,12 +16,9 @@ from ..opening.budgets import RASTER_BUDGETS
 
 @thresholds
 class MAP_GRID:
-    """Conditions for a raster to extend around the Earth, and for an RPC to agree with an image's map grid."""
+    """Condition for a raster to extend around the Earth."""
 
     turn_columns: float = threshold(1e-3, "columns", "largest difference of a raster's columns from a full circle")
-    step_share: float = threshold(
-        0.03, "", "largest relative difference of a pixel's step on the map and by the RPC", "map products: 0.002"
-    )
 
 
 class Georeference:
@@ -134,28 +123,3 @@ class Georeference:
 
 def _at_height_0(xy: np.ndarray) -> np.ndarray:
     return np.column_stack([xy, np.zeros(len(xy))])
-
-
-def map_grid_doubt(path: str, dataset: gdal.Dataset, rpc: RPC) -> str:
-    """Return a warning if the pixels of an image are on a map grid that its RPC does not follow, else an empty text."""
-    if dataset.GetGeoTransform(can_return_null=True) is None or not dataset.GetProjection():
-        return ""
-    try:
-        grid = Georeference(dataset, path, "image")
-    except InputError:
-        return ""
-    half = 0.25 * np.array([dataset.RasterXSize, dataset.RasterYSize])
-    middle = 2.0 * half - 0.5
-    pixels = middle + half * [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]
-    lonlat = grid.to_lonlat(pixels)
-    seen = rpc.project(np.column_stack([lonlat, np.full(4, rpc.height_off)]))
-    steps = np.column_stack([seen[1] - seen[0], seen[3] - seen[2]]) / (2.0 * half)  # sample, line of a step of a pixel
-    if not np.isfinite(steps).all() or np.abs(steps - np.eye(2)).max() < MAP_GRID.step_share:
-        return ""
-    turn = np.degrees(np.arctan2(steps[1, 0] - steps[0, 1], steps[0, 0] + steps[1, 1]))
-    size = float(np.sqrt(abs(np.linalg.det(steps))))
-    return (
-        f"its pixels are on the grid of a map ({grid.horizontal.name}) that its RPC does not follow: turned by "
-        f"{abs(turn):.0f} degrees, {size:.3g} of its pixels long. If it is an orthoimage that kept the RPC of the "
-        "raw image, name the raw image"
-    )

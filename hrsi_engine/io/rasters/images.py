@@ -8,6 +8,7 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,6 +16,7 @@ import numpy as np
 from osgeo import gdal
 
 from ...block.block import Image
+from ...block.placement import PlacementDoubt, judge_size
 from ...foundation.errors import InputError
 from ...foundation.options import InMemory
 from ...foundation.thresholds import threshold, thresholds
@@ -23,9 +25,8 @@ from ..opening.files import open_raster
 from ..opening.item_images import item_of
 from ..rpc_files.fields import FoundRpc
 from ..rpc_files.find import read_rpc_file, rpc_of_dataset
-from ..rpc_files.ignored_resampling import IgnoredResampling, find_ignored_resampling
+from ..rpc_files.placement import find_placement_doubt
 from ..safety.content_marks import content_mark
-from .georeference import map_grid_doubt
 
 RPC_SUFFIX = "_rpc"
 
@@ -143,25 +144,19 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
         ), alone
     raster = GdalRaster(path)
     found = rpc_of_dataset(path, raster.dataset)
-    raster.stated_size = found.stated_size
+    raster.found = found
     item = item_of(path)
     sensor = found.sensor or ("" if item is None else item.platform)
     image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, sensor)
     return image, found
 
 
-def pixel_doubt(image: Image) -> str:
-    """Return a message why an image's RPC may not belong to its pixels; empty if there is no sign of that."""
+def placement_doubt(image: Image) -> PlacementDoubt | None:
+    """Return why an image's RPC may not be that of its pixels; None if there is no sign of that."""
     raster = image.raster
-    return map_grid_doubt(raster.path, raster.dataset, image.rpc) if isinstance(raster, GdalRaster) else ""
-
-
-def resampling_doubt(image: Image) -> IgnoredResampling | None:
-    """Return the error of an image's RPC that ignores a resampling of the image; None if there is no sign of that."""
-    raster = image.raster
-    if not isinstance(raster, GdalRaster):
-        return None
-    return find_ignored_resampling(raster.path, raster.dataset, image.rpc, raster.stated_size)
+    if not isinstance(raster, GdalRaster) or raster.found is None:
+        return None if image.path or image.size is None else judge_size(image.rpc, image.size)
+    return find_placement_doubt(raster.path, raster.dataset, replace(raster.found, rpc=image.rpc))
 
 
 def file_stamp(path: str) -> tuple[int, ...]:
@@ -202,7 +197,7 @@ class GdalRaster:
     def __init__(self, path: str, band: int = 1) -> None:
         self.path, self._band = str(path), band
         self.stamp = file_stamp(path)
-        self.stated_size: tuple[int, int] | None = None  #: size of the image for which the RPC was delivered
+        self.found: FoundRpc | None = None  #: the RPC with which the image was opened
         self.size: tuple[int, int] = (self.dataset.RasterXSize, self.dataset.RasterYSize)
         if not 1 <= band <= self.dataset.RasterCount:
             raise InputError(f"{path}: has {self.dataset.RasterCount} bands, band {band} is wanted: name another image")

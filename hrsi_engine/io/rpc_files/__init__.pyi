@@ -11,7 +11,6 @@ from .fields import FoundRpc as FoundRpc
 from .fields import RpcReader as RpcReader
 from .fields import RpcReading as RpcReading
 from .find import RPC_READERS as RPC_READERS
-from .find import difference_px as difference_px
 from .find import read_back_px as read_back_px
 from .find import read_rpc as read_rpc
 from .find import read_rpc_or_none as read_rpc_or_none
@@ -26,6 +25,8 @@ from .in_place import prepare_sidecar as prepare_sidecar
 from .in_place import require_in_place as require_in_place
 from .in_place import restore as restore
 from .in_place import write_in_place as write_in_place
+from .placement import difference_px as difference_px
+from .placement import find_placement_doubt as find_placement_doubt
 from .sidecars import set_aside_conflicting_rpcs as set_aside_conflicting_rpcs
 from .write import Lineage as Lineage
 from .write import prepare_geotiff_copy as prepare_geotiff_copy

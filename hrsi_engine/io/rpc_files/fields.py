@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...block.block import Tile
+from ...block.placement import PlacementDoubt
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ..opening.budgets import RPC_BUDGETS, RPC_RANGES
@@ -274,6 +275,10 @@ class FoundRpc:
         Name of the satellite in the source; empty if it has none.
     stated_size : tuple of int, optional
         Samples and lines that the source states for the image of the RPC, if the RPC was not moved.
+    is_placed : bool
+        Whether the position of the image in that of the source's RPC is known; then ``rpc`` is that of its pixels.
+    doubt : PlacementDoubt, optional
+        Contradiction in the position of the image, found when the RPC was read.
     """
 
     rpc: RPC
@@ -284,6 +289,8 @@ class FoundRpc:
     height_m: float | None = None
     sensor: str = ""
     stated_size: tuple[int, int] | None = None
+    is_placed: bool = False
+    doubt: PlacementDoubt | None = None
 
     @property
     def summary(self) -> str:

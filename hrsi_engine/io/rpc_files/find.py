@@ -6,12 +6,11 @@ there the RPC that GDAL reports is used if there is one. ``.geom`` and rpcm JSON
 An image therefore has the same RPC here as in GDAL if GDAL finds one, except that a scene's RPC is moved to the crop
 and ICHIPB is applied. If the first source is damaged, this is an error; it is never skipped.
 
-`difference_px` is the largest difference of two RPCs on the image, and `require_same` checks that a file returns what
-was written.
+`require_same` checks that a file returns what was written.
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -20,7 +19,7 @@ from itertools import islice
 import numpy as np
 from osgeo import gdal
 
-from ...block.block import Image, Tile
+from ...block.block import Tile
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
@@ -31,6 +30,7 @@ from ..opening.numbers import parse_finite
 from . import crop, fields, text_formats, tiff_tag, xml_formats
 from .content import finite_number, siblings
 from .fields import FoundRpc, RpcReader
+from .placement import difference_px, find_placement_doubt, place_by_other_rpc, place_in_scene, same_numbers
 
 #: Formats of files with an RPC and no pixels, in the order of their precedence next to an image.
 RPC_READERS: dict[str, RpcReader] = {
@@ -126,15 +126,30 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
     sources = _rank_sources(path, dataset)
     if not sources:
         raise InputError(
-            f"{path}: has no RPC: copy its _RPC.TXT, .RPB, XML or .geom file into the same folder, with the same name"
+            f"{path}: has no RPC: copy its _RPC.TXT, .RPB, XML or .geom file into the same folder, with the same name, "
+            "if the image was not cut or resampled; otherwise make it again from the original with 'crop'"
         )
-    found = sources[0][1]()
+    found = _compare_sources(path, dataset, [read for _, read in sources])
     ignored = tuple(title + _describe_difference(found.rpc, read) for title, read in sources[1:])
     told = metadata_of(dataset)
     sensor = found.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "") or told.get(SENSOR_ITEM, "")
     height_m = finite_number(told.get(HEIGHT_ITEM)) if found.height_m is None else found.height_m
     size = (dataset.RasterXSize, dataset.RasterYSize)
     return replace(found, ignored=ignored, size=size, sensor=sensor, height_m=height_m)
+
+
+def _compare_sources(path: str, dataset: gdal.Dataset, readers: Sequence[Callable[[], FoundRpc]]) -> FoundRpc:
+    """Return the RPC of the first source, moved to where the image was cut if another source shows that."""
+    found, size = readers[0](), (dataset.RasterXSize, dataset.RasterYSize)
+    if len(readers) < 2 or found.is_placed or not find_placement_doubt(path, dataset, found):
+        return found
+    for read in readers[1:]:
+        with suppress(InputError):
+            other = read()
+            place = place_by_other_rpc(found.rpc, other.rpc)
+            if place is not None and place.moves and not find_placement_doubt(path, dataset, other):
+                return replace(_move_to(found, place, size), doubt=None)
+    return found
 
 
 def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
@@ -221,7 +236,10 @@ def _rank_of_tiff(path: str, dataset: gdal.Dataset) -> list[Source]:
     for key, files in side_files(path).items():
         ranked = before if key in ("rpb", "isd", "rpc-txt", "dimap", "kompsat") else after  # … before the tag inside
         ranked += [_side_source(RPC_READERS[key], file, path, dataset) for file in files]
-    return [*before, *_sources_inside(path, dataset), *after]
+    inside = _sources_inside(path, dataset)
+    if before:  # what GDAL reports is then that of the first side file
+        inside = [source for source in inside if not source[0].startswith("GTiff ")]
+    return [*before, *inside, *after]
 
 
 def _rank_as_gdal(path: str, dataset: gdal.Dataset) -> list[Source]:
@@ -257,24 +275,30 @@ def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: g
     """Return the RPC of a side file, moved from the scene to the crop or tile that the image shows."""
     reading = reader.read(file) if reader.read_beside is None else reader.read_beside(path, file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
-    geotransform, has_crs = dataset.GetGeoTransform(can_return_null=True), bool(dataset.GetProjection())
+    found = FoundRpc(reading.rpc, title, height_m=reading.height_m, sensor=reading.sensor, stated_size=reading.size)
     try:
-        place = crop.crop_place(geotransform, has_crs)
-        if place is None:
-            crop.require_place_in_scene(reading.rpc, geotransform, has_crs, size)
-        origin = None if place is not None and place.moves else reader.tile_origin(path, file)
-        if place is None or not place.moves:
-            place = crop.CropPlace(np.eye(2), np.array(origin or (0.0, 0.0)))
-        tile = None if origin is None or reading.size == size else Tile(os.path.abspath(file), origin, reading.size)
-        whole = not place.moves or (reading.size == size and not place.mirrored)
-        if whole or not crop.is_of_full_scene(reading.rpc, place, size):
-            stated = None if place.moves else reading.size
-            found = FoundRpc(reading.rpc, title, tile=tile, height_m=reading.height_m, sensor=reading.sensor)
-            return replace(found, stated_size=stated)
-        moved, told = crop.crop_rpc(reading.rpc, place, size), f"{title}, moved to the crop {place}"
-        return FoundRpc(moved, told, tile=tile, height_m=reading.height_m, sensor=reading.sensor)
+        found = _move(found, dataset, inside=False)
+        origin = None if found.is_placed or found.doubt else reader.tile_origin(path, file)
+        if origin is None or reading.size == size:
+            return found
+        found = replace(found, tile=Tile(os.path.abspath(file), origin, reading.size), stated_size=None, is_placed=True)
+        return _move_to(found, crop.CropPlace(np.eye(2), np.array(origin)), size) if any(origin) else found
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def _move(found: FoundRpc, dataset: gdal.Dataset, inside: bool) -> FoundRpc:
+    """Return an RPC moved to the place in its scene that an image's geotransform gives, or with the doubt about it."""
+    place, doubt = place_in_scene(dataset, found.rpc, found.stated_size, inside)
+    if place is None:
+        return replace(found, doubt=doubt)
+    return _move_to(found, place, (dataset.RasterXSize, dataset.RasterYSize))
+
+
+def _move_to(found: FoundRpc, place: crop.CropPlace, size: tuple[int, int]) -> FoundRpc:
+    source = f"{found.source}, moved to the crop {place}"
+    rpc = crop.crop_rpc(found.rpc, place, size)
+    return replace(found, rpc=rpc, source=source, stated_size=None, is_placed=True)
 
 
 def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
@@ -284,11 +308,11 @@ def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
     directory = tiff_tag.read_directory(path)
     if directory is not None and directory.entry(tiff_tag.TAG_RPC) is not None:
         title = f"GeoTIFF tag of {name}"
-        found.append((title, partial(_read_tag, path, title)))
+        found.append((title, partial(_read_tag, path, title, dataset)))
     auxiliary = f"{path}.aux.xml"
     if os.path.isfile(auxiliary) and (kept := xml_formats.read_domain(auxiliary, "RPC")):
         title = f"PAM {os.path.basename(auxiliary)}"
-        found.append((title, partial(_read_metadata, auxiliary, kept, title, {})))
+        found.append((title, partial(_read_metadata, auxiliary, kept, title, {}, dataset)))
     if not found and (metadata := metadata_of(dataset, "RPC")):
         driver = dataset.GetDriver().ShortName
         title, tags = f"{driver} {name}", metadata_of(dataset) if driver == "NITF" else {}
@@ -305,47 +329,26 @@ def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
                     raise InputError(
                         f"{path}: field {number + 1} of its {tre} is {field!r}, no number: obtain the file again"
                     )
-        found.append((title, partial(_read_metadata, path, metadata, title, tags)))
+        found.append((title, partial(_read_metadata, path, metadata, title, tags, dataset)))
     return found
 
 
-def _read_tag(path: str, title: str) -> FoundRpc:
+def _read_tag(path: str, title: str, dataset: gdal.Dataset) -> FoundRpc:
     reading = tiff_tag.read(path)
     if reading is None:
         raise InputError(f"{path}: its RPC tag was there a moment ago: do not change the file meanwhile")
-    return FoundRpc(reading.rpc, title)
+    return _move(FoundRpc(reading.rpc, title), dataset, inside=True)
 
 
-def _read_metadata(path: str, metadata: Mapping[str, str], title: str, tags: Mapping[str, str]) -> FoundRpc:
+def _read_metadata(
+    path: str, metadata: Mapping[str, str], title: str, tags: Mapping[str, str], dataset: gdal.Dataset
+) -> FoundRpc:
     """Return the RPC of GDAL's metadata domain, changed for a chip by ICHIPB in the ``tags`` of a NITF file."""
     rpc, note = crop.apply_ichipb(path, fields.rpc_from_gdal(path, metadata), tags)
-    return FoundRpc(rpc, f"{title}, {note}" if note else title)
+    return _move(FoundRpc(rpc, f"{title}, {note}" if note else title, is_placed=bool(note)), dataset, inside=True)
 
 
 # ---- comparison ----------------------------------------------------------------------------------------------------
-
-
-def difference_px(reference: RPC, other: RPC, size: tuple[int, int] | None = None) -> float:
-    """Return the largest distance (px) between the image points of two RPCs.
-
-    They are compared on a 9 x 9 grid over the image (its ``size``, else OFF and SCALE) at lowest, middle and highest
-    height of ``reference``; infinite if ``reference`` cannot be inverted and the two differ.
-    """
-    if same_numbers(reference, other):
-        return 0.0
-    grid = Image("", reference, size).grid_px(9, 9)
-    largest = -np.inf
-    for height in (*reference.height_range, reference.height_off):
-        ground, converged = reference.localize(grid, height)
-        if converged.any():
-            apart = other.project(ground[converged]) - reference.project(ground[converged])
-            largest = max(largest, float(np.hypot(*apart.T).max()))
-    return largest if np.isfinite(largest) else float("inf")
-
-
-def same_numbers(wanted: RPC, found: RPC) -> bool:
-    """Return whether the 90 numbers of two RPCs, without their stated errors, are the same doubles."""
-    return fields.numbers_of(wanted)[len(fields.ERRORS) :] == fields.numbers_of(found)[len(fields.ERRORS) :]
 
 
 def require_same(path: str, wanted: RPC, found: RPC) -> None:

@@ -13,7 +13,8 @@ from ..opening.datasets import read_head
 from ..safety.replacing import copy_bytes, take_permissions
 from ..safety.transactions import Transaction
 from .content import siblings
-from .find import read_rpc, rpc_reader_of, same_numbers, side_files
+from .find import read_rpc, rpc_reader_of, side_files
+from .placement import same_numbers
 from .text_formats import MARKS
 from .xml_formats import ISD_MARK
 
@@ -51,8 +52,7 @@ def is_only_rpc(path: str) -> bool:
         if other != name and name.startswith(os.path.splitext(other)[0]) and not is_rpc_file(image):
             with contextlib.suppress(InputError):  # no image, or the image of another RPC file
                 if any(path in found for found in side_files(image).values()):
-                    others = read_rpc(image).ignored  # among them GDAL's reading of this file
-                    return all(title.startswith("GTiff ") for title in others)
+                    return not read_rpc(image).ignored
     return False
 
 

@@ -9,6 +9,7 @@
 """
 
 import json
+import os
 import re
 from collections.abc import Mapping
 
@@ -16,7 +17,7 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
 from . import fields
-from .content import positive_size, read_text
+from .content import positive_size, read_text, siblings
 from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, RpcReader, RpcReading, Text, values_by_number
 
 #: RPC field -> its name in the file.
@@ -46,7 +47,16 @@ def read_rpb(path: str) -> RpcReading:
     for name in POLYNOMIALS:
         listed = entries.get(keys[name])
         values[name] = None if listed is None else [item.strip() for item in listed.split(",")]
-    return RpcReading(fields.rpc_from_text(path, values, RPB_NAMES), sensor=entries.get("satid", "").strip(' "'))
+    rpc, sensor = fields.rpc_from_text(path, values, RPB_NAMES), entries.get("satid", "").strip(' "')
+    return RpcReading(rpc, _read_imd_size(path), sensor=sensor)
+
+
+def _read_imd_size(path: str) -> tuple[int, int] | None:
+    """Return samples and lines from the ``.IMD`` file of the same product; None if there is none."""
+    imd = siblings(path).get(os.path.splitext(os.path.basename(path))[0].lower() + ".imd")
+    text = "" if imd is None else read_text(imd)
+    stated = (re.search(rf"\b{name}\s*=\s*(\d+)", text) for name in ("numColumns", "numRows"))
+    return positive_size(*(None if match is None else match[1] for match in stated))
 
 
 def rpb_text(rpc: RPC) -> str:
