@@ -2,7 +2,7 @@
 
 OFF and SCALE describe the image for which an RPC was made: vendors centre it, so that this image has 2 OFF + 1 samples
 and lines, and OFF - SCALE, the first sample and line of its range, is near 0. The RPC of a crop has an OFF that was
-moved, and its range begins far from 0: then sizes say nothing. The RPCs of 15 SkySat frames, which are the worst, give
+moved, and its range begins far from 0: then sizes show nothing. The RPCs of 15 SkySat frames, which are the worst, give
 0.89 to 1.08 of the size, and begin at -0.04 to 0.07 of the range; those of other sensors give 0.98 to 1.02.
 """
 

@@ -1,4 +1,4 @@
-"""Where the pixels of an image lie in the image of its RPC, from all that image, files and names say about it.
+"""Where the pixels of an image lie in the image of its RPC, from all that image, files and names show.
 
 The result is an RPC of the image's pixels, and a doubt (`PlacementDoubt`) if the facts contradict each other or do not
 determine the position. The evidence, in the order in which it is used:
@@ -108,7 +108,7 @@ def place_in_scene(
     if of_scene is not None:
         return (place if of_scene else None), None
     message = (
-        f"its geotransform says that it is {place}, which does not agree with the size of its RPC's image: the two "
+        f"its geotransform states that it is {place}, which does not agree with the size of its RPC's image: the two "
         f"positions differ by up to {format_offset(rpc, distance)}; the geotransform is not used. Correct it, or write "
         "the RPC of these pixels into the image with 'write-rpc'"
     )
