@@ -13,6 +13,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial, wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -25,6 +26,7 @@ from .dependencies import missing_package_message
 
 CallArguments = ParamSpec("CallArguments")
 CallResult = TypeVar("CallResult")
+PATIENCE_S, POLL_S = 1.0, 0.1
 NEVER_MS = -1  # threads of Qt's pool do not end
 _BEGUN: set[BackgroundTask] = set()  # QGIS keeps only the C++ half of a task: the Python half must exist as long
 
@@ -71,16 +73,27 @@ def keep_threads() -> None:
     pool.setExpiryTimeout(NEVER_MS)
 
 
-def run_apart(work: Callable[[], Any]) -> Any:
+def run_apart(work: Callable[[], Any], is_cancelled: Callable[[], bool] = lambda: False) -> Any:
     """Return the result of ``work``; if the caller is a thread of QGIS, run it in a thread made by Python.
 
     For a thread of QGIS, Python has a thread state during one call only. pyproj 3.7 frees its context with that state,
     and uses the freed one in the next call of that thread, which crashes QGIS (pyproj4/pyproj, issue 1622).
+
+    Raises `Cancelled` if the work goes on for `PATIENCE_S` after the user has cancelled, as while loops are compiled:
+    it ends itself at its next report of progress, which must return False then.
     """
     if threading.get_ident() == threading.main_thread().ident:
         return work()
-    with ThreadPoolExecutor(1) as apart:
-        return apart.submit(work).result()
+    apart, patience_s = ThreadPoolExecutor(1), PATIENCE_S
+    result = apart.submit(work)
+    apart.shutdown(wait=False)
+    while patience_s > 0.0:
+        with suppress(TimeoutError):
+            return result.result(timeout=POLL_S)
+        if result.done():
+            return result.result()  # work that has raised a TimeoutError
+        patience_s -= POLL_S if is_cancelled() else 0.0
+    raise Cancelled("cancelled; nothing was written")
 
 
 class BackgroundTask(QgsTask):
@@ -95,7 +108,7 @@ class BackgroundTask(QgsTask):
     def __init__(self, title: str, work: Callable[[Progress], Any], on_end: Callable[[Any], None]) -> None:
         super().__init__(title, QgsTask.Flag.CanCancel)
         self.failure = ""
-        self.is_done = False
+        self.is_done = self._is_given_up = False
         self.outcome: Any = None
         self._work, self._on_end = work, on_end
 
@@ -106,8 +119,9 @@ class BackgroundTask(QgsTask):
 
     def run(self) -> bool:
         try:
-            self.outcome = run_apart(lambda: self._work(self.progress))
+            self.outcome = run_apart(lambda: self._work(self.progress), self.isCanceled)
         except Cancelled:
+            self._is_given_up = True  # the work may still go on
             return False
         except (MissingPackageError, ImportError) as error:
             self.failure = missing_package_message(error) or repr(error)
@@ -125,5 +139,7 @@ class BackgroundTask(QgsTask):
 
     def progress(self, fraction: float, message: str = "") -> bool:
         """Set the progress of the task; return False if the user has cancelled."""
+        if self._is_given_up:  # QGIS may have deleted its half of the task
+            return False
         self.setProgress(100.0 * fraction)
         return not self.isCanceled()

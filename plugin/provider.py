@@ -7,6 +7,7 @@ of `processAlgorithm` and uses no QGIS object except the feedback.
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -127,11 +128,18 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> dict[str, Any]:
         """Run the engine; return an empty result if the user has cancelled."""
-        told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._name_options(message)))
+        is_given_up = threading.Event()  # the engine may still compute, but not reach the feedback
+
+        def log(message: str) -> None:
+            if not is_given_up.is_set():
+                feedback.pushInfo(self._name_options(message))
+
+        told = Context(progress_to(feedback, is_given_up), log)
         try:  # errors become one line, unexpected ones keep their traceback
             options = check_options(self.declaration, self._options)
-            report = run_apart(lambda: self.declaration.execute(options, told))
+            report = run_apart(lambda: self.declaration.execute(options, told), feedback.isCanceled)
         except Cancelled:
+            is_given_up.set()
             feedback.pushInfo(tr("Cancelled; nothing was written"))
             return {}
         except (MissingPackageError, ImportError) as error:
@@ -175,7 +183,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         return spell_arguments(message, self.declaration.params, label_of)
 
 
-def progress_to(feedback: QgsProcessingFeedback) -> Callable[[float, str], bool]:
+def progress_to(feedback: QgsProcessingFeedback, is_given_up: threading.Event) -> Callable[[float, str], bool]:
     """Return the engine's progress callback for a QGIS feedback: it returns False if the user has cancelled.
 
     From the first tenth on, the text above the progress bar has the time that remains at the present average speed.
@@ -184,6 +192,8 @@ def progress_to(feedback: QgsProcessingFeedback) -> Callable[[float, str], bool]
 
     def progress(fraction: float, message: str = "") -> bool:
         nonlocal shown, told_s
+        if is_given_up.is_set():
+            return False
         feedback.setProgress(100.0 * fraction)
         passed_s = time.monotonic() - began_s
         is_due = passed_s - told_s > REMAINING_EVERY_S and passed_s > REMAINING_EVERY_S

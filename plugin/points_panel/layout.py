@@ -181,6 +181,7 @@ class PanelLayout(QWidget):
         for widget in (self.tabs, self.measurements, self.pictures):
             tables.addWidget(widget)
         tables.setSizes([300, 150, PICTURE_HEIGHT_PX])
+        tables.setStretchFactor(0, 1)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.empty.setWordWrap(True)
         self.empty.setMargin(20)

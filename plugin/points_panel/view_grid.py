@@ -34,6 +34,7 @@ class ViewGrid(QWidget):
         self.is_linked, self.is_north_up = True, True
         self._active: ImageView | None = None
         self._gammas: dict[str, float] = {}  # of the images, by id
+        self._most = 1  # number of views that the user has chosen
         self._arrangement = 0, 0  # number of views and of rows
         self._rows = QVBoxLayout(self)
         self._rows.setContentsMargins(0, 0, 0, 0)
@@ -53,10 +54,11 @@ class ViewGrid(QWidget):
         """Show the images of another session."""
         self.session, self.point = session, ""
         self._gammas.clear()
-        self._choose_images()
+        self.set_number(self._most)
 
     def set_number(self, number: int) -> None:
-        """Show this number of views."""
+        """Show this number of views, or as many as there are images."""
+        self._most, number = number, max(min(number, len(self.session.images)), 1)
         for _ in range(len(self.views), number):
             self._add_view()
         for index, view in enumerate(self.views):

@@ -19,7 +19,7 @@ import traceback
 from typing import Any
 
 import numpy as np
-from qgis.core import QgsPointXY, QgsProject
+from qgis.core import Qgis, QgsApplication, QgsPointXY, QgsProject
 from qgis.PyQt.QtCore import QAbstractNativeEventFilter, QEventLoop, QPoint, QTimer
 from qgis.PyQt.QtNetwork import QLocalServer
 from qgis.PyQt.QtWidgets import QAbstractButton, QApplication, QLabel, QTextBrowser, QToolBar, QWidget  # noqa: F401
@@ -27,6 +27,7 @@ from qgis.utils import iface, plugins
 
 SOCKET_VARIABLE = "HRSI_DESKTOP_SOCKET"
 UNCAUGHT: list[str] = []
+CRITICAL: list[str] = []  # messages of this level in QGIS's log
 EXTENTS: dict[str, Any] = {}  # of layers on the map when they were drawn first, by id
 
 
@@ -213,7 +214,14 @@ def watch_exceptions() -> None:
     sys.excepthook = note
 
 
+def note_message(text: str, tag: str, level: int) -> None:
+    """Note a critical message of QGIS's log."""
+    if level == Qgis.MessageLevel.Critical:
+        CRITICAL.append(f"{tag}: {text}")
+
+
 if SOCKET_VARIABLE in os.environ:
+    QgsApplication.messageLog().messageReceived.connect(note_message)
     iface.mainWindow().setGeometry(0, 0, *map(int, os.environ["HRSI_DESKTOP_SIZE"].split("x")))
     watch_exceptions()
     faulthandler.enable()  # what every thread does, into the log: at a crash, and when it is asked for

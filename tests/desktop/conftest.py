@@ -85,6 +85,7 @@ def float_panel(desktop: Desktop) -> None:
     """Let the panel float over the whole screen."""
     width, height = desktop.screen.size_px
     desktop.ask(f"panel().setFloating(True), panel().setGeometry(0, 20, {width}, {height - 20})")
+    desktop.ask("panel().activateWindow()")  # there is no window manager
     desktop.wait("not any(view.canvas.isDrawing() for view in panel().ui.grid.list_views())")
 
 

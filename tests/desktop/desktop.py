@@ -26,7 +26,7 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 import make_plugin
 
-from hrsi.tests.desktop.screen import Screen
+from hrsi.tests.desktop.screen import SIZE_PX, Screen
 
 HERE = Path(__file__).resolve().parent
 PROGRAM = "qgis.bin"
@@ -73,17 +73,18 @@ class Desktop:
         pictures: Path | None = None,
         path: str = "",
         settings: str = "",
+        size_px: tuple[int, int] = SIZE_PX,
         **variables: str,
     ) -> None:
         self.work, self.pictures = work, pictures or work / "pictures"
         self.pictures.mkdir(parents=True, exist_ok=True)
-        self.path = path or SYSTEM_PATH
+        self.path, self.size_px = path or SYSTEM_PATH, size_px
         self._zip, self._settings, self._variables = zip_file, settings, variables
         self._socket_folder = tempfile.mkdtemp(prefix="hrsi-desktop-")  # its path must be short
         self.actions = 0  # clicks and keys so far
 
     def __enter__(self) -> Desktop:
-        self.screen = Screen()
+        self.screen = Screen(self.size_px)
         try:
             self._start()
         except BaseException:

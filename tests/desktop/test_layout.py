@@ -11,7 +11,7 @@ from hrsi.tests.desktop.desktop import Desktop
 
 pytestmark = pytest.mark.programs
 IMAGES_SHARE = 0.5  # of the panel: measuring is done in them
-SAME_PX = 2  # rows and columns of the grid differ by rounding
+SMALLEST_PX = 300  # side of a view
 #: Statements for QGIS: fill a block with everything that was measured, one point 9 px off.
 BLUNDER = """
 from dataclasses import replace
@@ -92,22 +92,26 @@ def test_room_for_what_is_looked_at(desktop: Desktop, block: Path) -> None:
     desktop.picture("verdict")
 
 
-def test_nine_images_in_rows_of_one_height(desktop: Desktop, block: Path) -> None:
-    """New views are as large as the old ones, each has its contrast; fewer again leave no gaps."""
+@pytest.mark.parametrize("size_px", [(1366, 768)])
+def test_views_of_300_px_on_a_small_screen(start, block: Path, size_px: tuple[int, int]) -> None:
+    """The panel opens as a window of its own: up to three images of at least 300 x 300 px on a common notebook."""
+    desktop = start(size_px=size_px)
+    desktop.ask("panel().toggleViewAction().trigger()")
     show_block(desktop, block)
-    float_panel(desktop)
-    heights = "[[one.canvas.width(), one.canvas.height()] for one in panel().ui.grid.list_views()]"
-    for number, rows in (("9", 3), ("4", 2), ("2", 1), ("9", 3)):
-        desktop.ask(f"panel().ui.number.setCurrentText({number!r})")
+    assert desktop.ask("panel().isFloating()")
+    desktop.ask(
+        "from dataclasses import replace\nfrom hrsi.processing_algorithms.point_session import PointSession\n"
+        "images = [replace(one, id=f'{one.id}_{k}') for one in panel().session.images.values() for k in range(3)]\n"
+        "panel().show_session(PointSession(images, list(panel().session.points.values())))"
+    )
+    for number in range(1, 10):
+        desktop.ask(f"panel().ui.number.setCurrentText('{number}')")
         desktop.wait(AT_REST, 60.0)
-        sizes = desktop.ask(heights)
-        assert len(sizes) == int(number)
-        for side in (0, 1):
-            assert max(size[side] for size in sizes) - min(size[side] for size in sizes) <= SAME_PX
-        used = rows * sizes[0][1] / desktop.ask("panel().ui.grid.height()")
-        assert used > 0.75, f"{number} images use {used:.2f} of the height"
         desktop.picture(f"images_{number}")
-        assert desktop.ask("[len(middle_of(one.gamma)) for one in panel().ui.grid.list_views()]") == [2] * int(number)
+        sizes = desktop.ask("[[one.canvas.width(), one.canvas.height()] for one in panel().ui.grid.list_views()]")
+        assert len(sizes) == number and (number > 3 or min(map(min, sizes)) >= SMALLEST_PX), sizes
+        used = sum(width * height for width, height in sizes)
+        assert used > 0.75 * desktop.ask("panel().ui.grid.width() * panel().ui.grid.height()")
 
 
 def test_german_panel_has_all_its_buttons(start, installed: Path) -> None:

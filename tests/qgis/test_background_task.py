@@ -67,6 +67,27 @@ def test_cancelled_says_nothing(qgis_app) -> None:
     assert (task.ended, task.failure) == ("terminated", "")
 
 
+def test_cancel_does_not_wait_for_work_without_reports(qgis_app) -> None:
+    """As while loops are compiled: the task ends within two seconds, the work at its next report, which is refused."""
+    answers = []
+
+    class Compiling(Work):
+        def work(self) -> None:
+            time.sleep(4.0)
+            answers.append(self.progress(0.5))
+
+    task = Compiling()
+    task.start()
+    while not task.isActive():
+        QgsApplication.processEvents()
+    began = time.monotonic()
+    task.cancel()
+    wait_for(lambda: bool(task.ended))
+    assert time.monotonic() - began < 2.0 and (task.ended, task.failure) == ("terminated", "")
+    wait_for(lambda: bool(answers))
+    assert answers == [False]
+
+
 def test_work_is_done_in_a_thread_of_python(qgis_app) -> None:
     """A thread of QGIS has a new state in Python at each call, and pyproj 3.7 has freed what it kept there."""
     threads: list[threading.Thread] = []
