@@ -79,7 +79,7 @@ def run_apart(work: Callable[[], Any], is_cancelled: Callable[[], bool] = lambda
     For a thread of QGIS, Python has a thread state during one call only. pyproj 3.7 frees its context with that state,
     and uses the freed one in the next call of that thread, which crashes QGIS (pyproj4/pyproj, issue 1622).
 
-    Raises `Cancelled` if the work goes on for `PATIENCE_S` after the user has cancelled, as while loops are compiled:
+    Raises `Cancelled` if the work continues for `PATIENCE_S` after the user has cancelled, as while loops are compiled:
     it ends itself at its next report of progress, which must return False then.
     """
     if threading.get_ident() == threading.main_thread().ident:
@@ -121,7 +121,7 @@ class BackgroundTask(QgsTask):
         try:
             self.outcome = run_apart(lambda: self._work(self.progress), self.isCanceled)
         except Cancelled:
-            self._is_given_up = True  # the work may still go on
+            self._is_given_up = True  # the work may still continue
             return False
         except (MissingPackageError, ImportError) as error:
             self.failure = missing_package_message(error) or repr(error)

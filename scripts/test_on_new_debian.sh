@@ -9,7 +9,7 @@ readonly SUITE=trixie
 FOLDER=$(realpath -m "${1:-build/$SUITE}"); readonly FOLDER
 shift || true
 readonly PACKAGES="qgis python3-qgis python3-gdal python3-numpy python3-scipy python3-shapely python3-pyproj python3-jinja2
-  python3-pytest python3-hypothesis xvfb libxtst6 git ca-certificates fonts-dejavu-core"
+  python3-opencv python3-numba python3-pytest python3-hypothesis xvfb libxtst6 git ca-certificates fonts-dejavu-core"
 
 inside() {
   chroot "$FOLDER" /usr/bin/env -i HOME=/root LANG=C.UTF-8 DEBIAN_FRONTEND=noninteractive OPENBLAS_NUM_THREADS=1 \

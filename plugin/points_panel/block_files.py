@@ -3,11 +3,13 @@
 import os
 from typing import Any
 
-from qgis.core import QgsProject, QgsSettings, QgsVectorLayer
-from qgis.PyQt.QtWidgets import QFileDialog, QMessageBox
+from qgis.core import QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsSettings, QgsVectorLayer
+from qgis.PyQt.QtWidgets import QFileDialog, QInputDialog, QMessageBox
 
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
+from ..dialog_fields import LayerOrFile
+from ..layer_sources import point_source
 from ..translation import tr
 from .actions import show_errors
 from .dialogs import NewBlockDialog
@@ -72,6 +74,21 @@ class BlockFiles:
         path = path or QFileDialog.getOpenFileName(self.dock, tr("Open block"), "", BLOCK_FILTER)[0]
         if path and self.may_leave():
             self._open(path)
+
+    @show_errors
+    def add_points(self) -> None:
+        """Add the ground points of a layer of the project."""
+        layers = [one for one in QgsProject.instance().mapLayers().values() if isinstance(one, QgsVectorLayer)]
+        names = [layer.name() for layer in layers]
+        name, chosen = QInputDialog.getItem(self.dock, tr("Add ground points"), tr("Layer or file"), names, 0, True)
+        if chosen and name:
+            field = LayerOrFile()
+            field.box.setEditText(name)
+            context = QgsProcessingContext()
+            context.setProject(QgsProject.instance())
+            source = point_source(field.value(), "gcps", context, QgsProcessingFeedback())
+            self.dock.session.add_points(point_session.read_ground_points(source))
+            self.dock.show_edit()
 
     def save(self) -> bool:
         """Save the block; return True if it was saved."""

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 from typing import Any
 
 from qgis.core import (
     QgsApplication,
-    QgsProcessingContext,
-    QgsProcessingFeedback,
-    QgsProject,
-    QgsVectorLayer,
 )
 from qgis.PyQt.QtCore import QEvent, QModelIndex, Qt, pyqtSignal
-from qgis.PyQt.QtWidgets import QDockWidget, QInputDialog
+from qgis.PyQt.QtWidgets import QDockWidget
 
 from ...hrsi_engine.foundation.reasons import Level
 from ...hrsi_engine.foundation.workers.threads import one_thread_calls
@@ -23,8 +18,6 @@ from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
 from ...processing_algorithms.point_session.rows import TIE
 from ..background_task import BackgroundTask
-from ..dialog_fields import LayerOrFile
-from ..layer_sources import point_source
 from ..translation import tr
 from .actions import ShortcutMap, show_errors
 from .block_files import BlockFiles
@@ -72,7 +65,7 @@ class PointsDock(QDockWidget):
     def _connect(self) -> None:
         ui, grid, files = self.ui, self.ui.grid, self.files
         actions = {
-            ui.new: files.new, ui.open: files.open, ui.add: self.add_points, ui.remove: self.remove_point,
+            ui.new: files.new, ui.open: files.open, ui.add: files.add_points, ui.remove: self.remove_point,
             ui.save: files.save, ui.save_as: files.save_as, ui.adjust: self.adjust, ui.cancel: self.adjustment.cancel,
             ui.undo: self.undo, ui.redo: lambda: self.undo(again=True), ui.next: lambda: self.step_to_gap(1),
             ui.previous: lambda: self.step_to_gap(-1), ui.take: self.take_prediction,
@@ -266,7 +259,7 @@ class PointsDock(QDockWidget):
         if fit.refusal:
             self.tell(tr("tie point on {}: {}").format(image, fit.refusal), is_error=True)
             return
-        name = self.new_name("T")
+        name = self.session.find_free_id("T")
         tie = point_session.new_tie(self.session, name, image, (fit.measured.sample, fit.measured.line))
         self.session.add_tie(tie, image, fit.measured)
         self.show_edit()
@@ -278,12 +271,6 @@ class PointsDock(QDockWidget):
         self._show_point(name, image)
         self._clicked = name
         self.search.begin(self.ui.grid.list_images())
-
-    def new_name(self, letter: str) -> str:
-        """Return an id that is neither in the list nor among the tie points in the background."""
-        ties = self.session.ties
-        taken = set(self.session.points) | set([] if ties is None else ties.ids.tolist())
-        return next(name for name in (f"{letter}{number}" for number in itertools.count(1)) if name not in taken)
 
     def _place_tie(self) -> None:
         """Move the chosen point, if it is a tie point, to the present intersection of its rays."""
@@ -403,21 +390,6 @@ class PointsDock(QDockWidget):
             self._on_residual(self.residuals_model.index(0, 0))
         elif reason.points:
             self.choose(reason.points[0])
-
-    @show_errors
-    def add_points(self) -> None:
-        """Add the ground points of a layer of the project."""
-        layers = [one for one in QgsProject.instance().mapLayers().values() if isinstance(one, QgsVectorLayer)]
-        names = [layer.name() for layer in layers]
-        name, chosen = QInputDialog.getItem(self, tr("Add ground points"), tr("Layer or file"), names, 0, True)
-        if chosen and name:
-            field = LayerOrFile()
-            field.box.setEditText(name)
-            context = QgsProcessingContext()
-            context.setProject(QgsProject.instance())
-            source = point_source(field.value(), "gcps", context, QgsProcessingFeedback())
-            self.session.add_points(point_session.read_ground_points(source))
-            self.show_edit()
 
     @show_errors
     def remove_point(self) -> None:

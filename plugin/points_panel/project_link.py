@@ -51,9 +51,10 @@ class MapLink:
 
     @show_errors
     def _add_point_at(self, lonlat: tuple[float, float]) -> None:
-        dialog = NewPointDialog(lonlat, self._dock.new_name("P"), self._dock.session.middle_height_m(), self._dock)
+        session = self._dock.session
+        dialog = NewPointDialog(lonlat, session.find_free_id("P"), session.middle_height_m(), self._dock)
         if dialog.exec() and dialog.point().id:
-            self._dock.session.add_points([dialog.point()])
+            session.add_points([dialog.point()])
             self._dock.show_edit()
             self._dock.choose(dialog.point().id)
 

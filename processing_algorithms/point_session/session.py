@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
@@ -250,6 +251,11 @@ class PointSession:
             names |= {name for name, point in self.points.items() if before.points.get(name) is not point}
             names |= before.points.keys() - self.points.keys()
         return names
+
+    def find_free_id(self, letter: str) -> str:
+        """Return an id that is neither in the list nor among the tie points in the background."""
+        taken = self.points.keys() | set([] if self.ties is None else self.ties.ids.tolist())
+        return next(name for name in (f"{letter}{number}" for number in count(1)) if name not in taken)
 
     # ---- edits -------------------------------------------------------------------------------------------------
 

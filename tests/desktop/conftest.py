@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import shutil
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hrsi.plugin.dependencies import package_folder
 from hrsi.processing_algorithms import run
 from hrsi.tests.desktop.desktop import Desktop, build_zip
 
@@ -33,14 +35,27 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return work
 
 
+def link_packages(profile: Path) -> None:
+    """Put the packages of this environment that matching needs into a profile, as the plugin installs them."""
+    folder = package_folder(str(profile))
+    folder.mkdir(parents=True)
+    for name in ("cv2", "numba", "llvmlite"):
+        place = Path(find_spec(name).origin).parent
+        for path in (place, *place.parent.glob("opencv_python_headless.libs")):
+            if not (folder / path.name).exists():
+                (folder / path.name).symlink_to(path)
+
+
 @pytest.fixture
 def start(installed: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Callable[..., Desktop]]:
-    """Start QGIS with a copy of the profile; again after it was killed: with the same."""
+    """Start QGIS with a copy of the profile, with packages for matching or without; after a kill: with the same one."""
     work, running = tmp_path / "qgis", []
 
-    def begin(**options: Any) -> Desktop:
+    def begin(packages: bool = True, **options: Any) -> Desktop:
         if not work.exists():
             shutil.copytree(installed, work)
+            if packages:
+                link_packages(work / "profiles" / "default")
         running.append(Desktop(work, pictures=PICTURES / request.node.name, **options).__enter__())
         return running[-1]
 

@@ -24,7 +24,10 @@ QgsProject.instance().addMapLayer(QgsVectorLayer({path!r}, 'mine', 'delimitedtex
 QgsProject.instance().setCrs(QgsCoordinateReferenceSystem('EPSG:3857'))
 iface.mapCanvas().setParallelRenderingEnabled(True)
 """
-LAYERS = "{layer.name(): layer for layer in QgsProject.instance().mapLayers().values() if layer.isSpatial()}"
+LAYERS = "{layer.name(): layer for layer in QgsProject.instance().mapLayers().values()}"
+EXPECTED = {"mine", "images", "ground_points", "residuals_utm"} | {
+    f"image_{number}_{state}" for number in (1, 2, 3) for state in ("before", "after")
+}
 
 
 def check_drawn(desktop: Desktop, before: dict[str, int], picture: str) -> None:
@@ -46,10 +49,10 @@ def test_layers_stay_after_runs(desktop: Desktop, block: Path, tmp_path: Path) -
     }  # fmt: skip
     desktop.ask("QThreadPool.globalInstance().setExpiryTimeout(30000)")  # Qt's own: nothing of the plugin needs more
     run_in_dialog(desktop, "hrsi:triangulate", given)
-    desktop.wait(f"len({LAYERS}) == 4")
+    desktop.wait(f"len({LAYERS}) == {len(EXPECTED)}")
     before = desktop.ask(f"LAYERS = {LAYERS}\nresult = seen(LAYERS)")
     desktop.picture("first")
-    assert set(before) == {"mine", "images", "ground_points", "residuals_utm"} and all(before.values()), before
+    assert set(before) == EXPECTED and all(before.values()), before
     run_in_dialog(desktop, "hrsi:triangulate", given | {"GCPS": str(tmp_path / "missing.csv")})
     run_in_dialog(desktop, "hrsi:simulate", {"SIZE": 6000, "OUTPUT_DIR": str(tmp_path / "other")}, cancel=True)
     show_block(desktop, block)
@@ -60,7 +63,7 @@ def test_layers_stay_after_runs(desktop: Desktop, block: Path, tmp_path: Path) -
     project = tmp_path / "second.qgz"
     desktop.ask(f"QgsProject.instance().write({str(project)!r})\nEXTENTS.clear()\niface.newProject(False)")
     desktop.ask(f"later(lambda: iface.addProject({str(project)!r}))")
-    desktop.wait(f"QgsProject.instance().fileName() == {str(project)!r} and len({LAYERS}) == 4")
+    desktop.wait(f"QgsProject.instance().fileName() == {str(project)!r} and len({LAYERS}) == {len(EXPECTED)}")
     for old, new in (("image_1.tif", "a.tif"), ("image_2.tif", "b.tif")):
         shutil.copy(block / old, tmp_path / new)
     measured = (block / "image_points.csv").read_text(encoding="utf-8").replace("image_1", "a").replace("image_2", "b")
@@ -71,7 +74,7 @@ def test_layers_stay_after_runs(desktop: Desktop, block: Path, tmp_path: Path) -
         "orthorectify:FOLDER": str(tmp_path / "ortho"),
     }  # fmt: skip
     run_in_dialog(desktop, "hrsi:triangulatetoorthoimages", chain)
-    desktop.wait(f"len({LAYERS}) > 5")
+    desktop.wait(f"len({LAYERS}) > {len(EXPECTED)}")
     before = desktop.ask(f"LAYERS = {LAYERS}\nresult = seen(LAYERS)")
     assert all(before.values()), before
     check_drawn(desktop, before, "after_model")

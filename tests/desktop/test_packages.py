@@ -16,7 +16,7 @@ PLACES = "[find_spec(name).origin if find_spec(name) else None for name in ('num
 
 def test_one_click_installs_packages(start, block: Path, tmp_path: Path) -> None:
     """Matching asks for them by a button; then it works, now and after the next start, with the NumPy of QGIS."""
-    desktop = start()
+    desktop = start(packages=False)
     desktop.ask(FIND)
     before = desktop.ask(PLACES)
     if before[:2] != [None, None]:

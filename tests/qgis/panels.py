@@ -13,13 +13,16 @@ from unittest.mock import patch
 from qgis import core
 from qgis.core import (
     QgsApplication,
+    QgsPointXY,
     QgsProcessingAlgorithm,
     QgsProcessingAlgRunnerTask,
     QgsProcessingContext,
     QgsProcessingFeedback,
     QgsProject,
 )
-from qgis.PyQt.QtCore import QEvent
+from qgis.gui import QgsMapCanvas
+from qgis.PyQt.QtCore import QEvent, QPoint, Qt
+from qgis.PyQt.QtTest import QTest
 
 from hrsi.plugin.points_panel.dock import PointsDock
 
@@ -43,6 +46,19 @@ def is_at_rest(panel: PointsDock) -> bool:
     """Whether nothing is looked for, drawn or adjusted any more."""
     drawing = any(view.canvas.isDrawing() for view in panel.ui.grid.list_views())
     return not (panel.search.is_running() or panel.adjustment.is_waiting() or panel.adjustment.is_running() or drawing)
+
+
+def click_on(canvas: QgsMapCanvas, place: tuple[float, float]) -> None:
+    """Click over a place in map coordinates as a mouse does; it must be in view."""
+    at = canvas.getCoordinateTransform().transform(QgsPointXY(*place))
+    where = QPoint(round(at.x()), round(at.y()))
+    assert canvas.viewport().rect().contains(where), "what is to be clicked is out of view"
+    QTest.mouseClick(canvas.viewport(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, where)
+
+
+def click_in_image(panel: PointsDock, image: str, place: tuple[float, float]) -> None:
+    """Click over a place (sample, line) of an image that the panel shows."""
+    click_on(panel.ui.grid.find_view(image).canvas, (float(place[0]), -float(place[1])))
 
 
 def close(panel: PointsDock) -> None:

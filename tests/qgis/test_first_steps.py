@@ -14,7 +14,7 @@ from qgis.PyQt.QtWidgets import QPushButton
 
 from hrsi.plugin.first_steps import SKIPPED_FOR_EVER, FirstSteps, is_tour_wanted
 from hrsi.plugin.points_panel.dock import PointsDock
-from hrsi.tests.qgis.test_workstation import click_on, wait_for
+from hrsi.tests.qgis.panels import click_on, wait_for
 
 
 @pytest.fixture

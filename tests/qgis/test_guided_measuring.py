@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from long_tests import mark_beyond
 from qgis.core import QgsPointXY, QgsRectangle
-from qgis.PyQt.QtCore import QPoint, Qt
+from qgis.PyQt.QtCore import Qt
 from qgis.PyQt.QtGui import QImage
 from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QApplication
@@ -25,7 +25,7 @@ from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement
-from hrsi.tests.qgis.panels import close, is_at_rest, wait_for
+from hrsi.tests.qgis.panels import click_in_image, close, is_at_rest, wait_for
 
 BIAS_PX = ((80.0, 0.0), (-57.0, 57.0), (0.0, -80.0))
 MOST_ACTIONS = 25  # the panel's issue: 10 GCPs on 3 images, where it were 56
@@ -77,15 +77,6 @@ def dock(qgis_app, qgis_new_project, tmp_path: Path):
     close(panel)
 
 
-def click(panel: PointsDock, image: str, place: np.ndarray) -> None:
-    """Click over a place of an image as a mouse does; it must be in view."""
-    canvas = next(view.canvas for view in panel.ui.grid.list_views() if view.image() == image)
-    at = canvas.getCoordinateTransform().transform(QgsPointXY(place[0], -place[1]))
-    where = QPoint(round(at.x()), round(at.y()))
-    assert canvas.viewport().rect().contains(where), "what is to be clicked is out of view"
-    QTest.mouseClick(canvas.viewport(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, where)
-
-
 @pytest.mark.rendered
 def test_ten_gcps_on_three_images(dock, block: Path, truth: Truth) -> None:
     """A click in one image, a key for what is found in the others, on to the next point; adjusted all along."""
@@ -97,7 +88,7 @@ def test_ten_gcps_on_three_images(dock, block: Path, truth: Truth) -> None:
         wanted = [row.image for row in dock.session.measurements(name) if (name, row.image) in truth]
         image = dock.ui.grid.active_image()
         assert (name, image) not in dock.session.measured
-        click(dock, image, truth[(name, image)] + (2.0, -1.5))
+        click_in_image(dock, image, truth[(name, image)] + (2.0, -1.5))
         actions += 1
         wait_for(lambda: is_at_rest(dock))
         found += len(dock.search.proposals)
@@ -255,7 +246,7 @@ def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int, is
         place, before = made[(name, view.image())], dock.session.history.state
         work = work_as_a_click_does()
         began = time.process_time()
-        click(dock, view.image(), np.array([place.sample + 0.3 * step, place.line]))
+        click_in_image(dock, view.image(), (place.sample + 0.3 * step, place.line))
         dock.search._queue.clear()  # looking for it in the others comes behind: an image at a time
         QApplication.processEvents()
         wait_for(lambda: not any(one.canvas.isDrawing() for one in dock.ui.grid.list_views()))

@@ -13,16 +13,15 @@ from pathlib import Path
 
 import pytest
 from osgeo import ogr
-from qgis.core import QgsApplication, QgsPointXY, QgsProject, QgsRasterLayer
+from qgis.core import QgsApplication, QgsProject, QgsRasterLayer
 from qgis.gui import QgsMapCanvas
-from qgis.PyQt.QtCore import QEvent, QPoint, QPointF, Qt
-from qgis.PyQt.QtGui import QMouseEvent
+from qgis.PyQt.QtCore import Qt
 
 from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.plugin.points_panel.table_models import SUSPICIOUS
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import files
-from hrsi.tests.qgis.panels import wait_for
+from hrsi.tests.qgis.panels import click_in_image, close, wait_for
 from hrsi.tests.qgis.profile import REPOSITORY
 
 SUBPIXEL = 0.1  # px: what a click must come to, as the issue of the panel asks
@@ -57,18 +56,12 @@ def make_dock(simulated: Path, canvas: QgsMapCanvas | None = None) -> PointsDock
     return panel
 
 
-def remove(panel: PointsDock) -> None:
-    panel.shut_down()
-    panel.deleteLater()
-    QgsApplication.sendPostedEvents(panel, QEvent.Type.DeferredDelete)
-
-
 @pytest.fixture
 def dock(qgis_app, qgis_new_project, simulated: Path):
     panel = make_dock(simulated)
     yield panel
     panel.discard_edits()
-    remove(panel)
+    close(panel)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +73,7 @@ def clicked(qgis_app, simulated: Path, truth):
     assert panel.session.changed and panel.windowTitle().endswith("*")
     measured = panel.session.measured
     panel.discard_edits()
-    remove(panel)
+    close(panel)
     return measured, distances
 
 
@@ -92,24 +85,6 @@ def measured(dock, clicked) -> PointsDock:
     return dock
 
 
-def click(panel: PointsDock, image: str, place: tuple[float, float]) -> None:
-    """Press and release the left button over a place of the image, on its canvas."""
-    view = next(view for view in panel.ui.grid.views if view.image() == image)
-    canvas = view.canvas
-    at = canvas.getCoordinateTransform().transform(QgsPointXY(place[0], -place[1]))
-    where = QPoint(round(at.x()), round(at.y()))
-    assert canvas.viewport().rect().contains(where), "the click is not on the canvas: it shows another place"
-    for kind, buttons in (
-        (QEvent.Type.MouseButtonPress, Qt.MouseButton.LeftButton),
-        (QEvent.Type.MouseButtonRelease, Qt.MouseButton.NoButton),
-    ):
-        event = QMouseEvent(
-            kind, QPointF(where), QPointF(canvas.viewport().mapToGlobal(where)), Qt.MouseButton.LeftButton, buttons,
-            Qt.KeyboardModifier.NoModifier,
-        )  # fmt: skip
-        QgsApplication.sendEvent(canvas.viewport(), event)
-
-
 def measure_all(panel: PointsDock, truth: dict[tuple[str, str], tuple[float, float]]) -> list[float]:
     """Click every known point on both images; return how far from the truth the measurements are (px)."""
     distances = []
@@ -117,7 +92,7 @@ def measure_all(panel: PointsDock, truth: dict[tuple[str, str], tuple[float, flo
         panel.choose(name)
         for view in panel.ui.grid.views:
             sample, line = truth[(name, view.image())]
-            click(panel, view.image(), (sample + CLICK_OFF[0], line + CLICK_OFF[1]))
+            click_in_image(panel, view.image(), (sample + CLICK_OFF[0], line + CLICK_OFF[1]))
             made = panel.session.measured[(name, view.image())]
             distances.append(((made.sample - sample) ** 2 + (made.line - line) ** 2) ** 0.5)
     return distances
@@ -165,7 +140,7 @@ def test_chip_shows_the_pixels(dock, truth) -> None:
     """The chip has the image's grey values under the fitted curve, not only lines."""
     name = next(iter(dock.session.points))
     dock.choose(name)
-    click(dock, IMAGE, truth[(name, IMAGE)])
+    click_in_image(dock, IMAGE, truth[(name, IMAGE)])
     chip = dock.ui.grid.views[0].chip.pixmap().toImage()
     colours = {chip.pixelColor(x, y).rgb() for x in range(0, chip.width(), 3) for y in range(0, chip.height(), 3)}
     assert len(colours) > 30
@@ -327,4 +302,4 @@ def test_rpc_files_without_pixels(qgis_app, qgis_new_project, tmp_path: Path) ->
     assert adjust(panel)
     dataset = ogr.Open(path)
     assert dataset.GetLayerByName("residuals_utm").GetFeatureCount() > len(panel.session.measured)
-    remove(panel)
+    close(panel)

@@ -17,7 +17,6 @@ from qgis.core import (
     Qgis,
     QgsApplication,
     QgsCoordinateReferenceSystem,
-    QgsPointXY,
     QgsProject,
     QgsRasterLayer,
     QgsRectangle,
@@ -25,8 +24,7 @@ from qgis.core import (
     QgsVectorLayer,
 )
 from qgis.gui import QgsMapCanvas, QgsMessageBar
-from qgis.PyQt.QtCore import QEvent, QPoint, QPointF, Qt, QTimer
-from qgis.PyQt.QtGui import QMouseEvent
+from qgis.PyQt.QtCore import QPoint, Qt, QTimer
 from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QApplication, QDialogButtonBox, QMessageBox, QPushButton
 
@@ -40,7 +38,7 @@ from hrsi.plugin.points_panel.image_view import marker_label
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement, SurveyPoint
-from hrsi.tests.qgis.panels import close, is_at_rest, wait_for
+from hrsi.tests.qgis.panels import click_on, close, is_at_rest, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "G000001"
@@ -86,22 +84,6 @@ def press(panel: PointsDock, keys: Qt.Key, modifier: Qt.KeyboardModifier = Qt.Ke
     panel.ui.points.setFocus()
     QTest.keyClick(panel.ui.points, keys, modifier)
     QgsApplication.processEvents()
-
-
-def click_on(canvas: QgsMapCanvas, place: tuple[float, float]) -> None:
-    """Press and release the left button over a place in map coordinates."""
-    at = canvas.getCoordinateTransform().transform(QgsPointXY(*place))
-    where = QPoint(round(at.x()), round(at.y()))
-    assert canvas.viewport().rect().contains(where)
-    for kind, buttons in (
-        (QEvent.Type.MouseButtonPress, Qt.MouseButton.LeftButton),
-        (QEvent.Type.MouseButtonRelease, Qt.MouseButton.NoButton),
-    ):
-        event = QMouseEvent(
-            kind, QPointF(where), QPointF(canvas.viewport().mapToGlobal(where)), Qt.MouseButton.LeftButton, buttons,
-            Qt.KeyboardModifier.NoModifier,
-        )  # fmt: skip
-        QgsApplication.sendEvent(canvas.viewport(), event)
 
 
 def answer(button: QMessageBox.StandardButton) -> list[str]:
