@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -36,14 +37,23 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def link_packages(profile: Path) -> None:
-    """Put the packages of this environment that matching needs into a profile, as the plugin installs them."""
+    """Put the packages of this environment that matching needs into a profile, as the plugin installs them.
+
+    By links to their files: OpenCV does not load from a folder that is a link itself.
+    """
     folder = package_folder(str(profile))
-    folder.mkdir(parents=True)
-    for name in ("cv2", "numba", "llvmlite"):
-        place = Path(find_spec(name).origin).parent
-        for path in (place, *place.parent.glob("opencv_python_headless.libs")):
-            if not (folder / path.name).exists():
-                (folder / path.name).symlink_to(path)
+    places = [Path(find_spec(name).origin).parent for name in ("cv2", "numba", "llvmlite")]
+    places += places[0].parent.glob("opencv_python_headless.libs")
+    for place in places:
+        shutil.copytree(place, folder / place.name, copy_function=link_file)
+
+
+def link_file(source: str, target: str) -> None:
+    """Make a hard link, or a copy on another disk."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
 
 
 @pytest.fixture

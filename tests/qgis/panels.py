@@ -33,7 +33,7 @@ WITH_CRS = (
 )  # fmt: skip
 
 
-def wait_for(condition: Callable[[], bool], seconds: float = 60.0) -> None:
+def wait_for(condition: Callable[[], bool], seconds: float = 240.0) -> None:
     """Let QGIS work until a condition holds."""
     end = time.monotonic() + seconds
     while not condition():
