@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
+from hrsi.hrsi_engine.measurement.tile_matching import pair_matching
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
     check_rpc_consistency,
     compute_epipolar_deviation,
@@ -20,6 +21,7 @@ from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
     transfer,
 )
 from hrsi.hrsi_engine.measurement.tile_matching.features import detect_tile_points
+from hrsi.hrsi_engine.measurement.tile_matching.options import TILE_MATCH
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
     TileMatchOptions,
@@ -118,6 +120,21 @@ def test_matches_are_true_and_as_precise_as_they_say(found):
     assert np.abs(error.mean(axis=0)).max() < 0.02
     assert 0.4 < ratio < 2.0  # the rendering itself puts grey values to 1/32 of a cell (OpenCV's remap)
     assert (np.ptp(found.first_xy, axis=0) > 0.7 * SIZE).all()
+
+
+def test_known_matches_are_the_seeds(pair, found, monkeypatch: pytest.MonkeyPatch):
+    """With enough of them no features are detected, and the points are as many and as precise; with few they are."""
+    seeds = np.column_stack([found.first_xy, np.round(found.second_xy)])[:: len(found) // 60]  # as coarse as overviews
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("features are detected")
+
+    monkeypatch.setattr(pair_matching, "detect_sift_features", refuse)
+    matches = match_tile(*pair, geometry(seeds=seeds))
+    assert len(matches) > 0.97 * len(found)
+    assert np.sqrt(np.mean(errors(matches) ** 2)) < 1.03 * np.sqrt(np.mean(errors(found) ** 2))
+    with pytest.raises(AssertionError):
+        match_tile(*pair, geometry(seeds=seeds[: TILE_MATCH.fewest_seeds - 1]))
 
 
 def test_bias_and_height_come_out(found):

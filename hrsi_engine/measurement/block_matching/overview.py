@@ -48,14 +48,15 @@ class OverviewJob:
     step: int
 
 
-def choose_overview_step(size: tuple[int, int]) -> int:
+def choose_overview_step(size: tuple[int, int], probed: bool = True) -> int:
     """Return the reduction factor of an image's overview: about 8, limited by the sizes in `OVERVIEW`.
 
-    Features at half resolution are sufficient, and are found in a quarter of the time.
+    If all pairs are matched, without being probed for the best ones, features at half resolution are sufficient and
+    are found in a quarter of the time.
     """
     longest = max(size)
-    step = round(longest / min(max(longest / 8.0, OVERVIEW.smallest_px), OVERVIEW.largest_px))
-    return max(step, 2 if longest >= OVERVIEW.halved_px else 1)
+    step = max(1, round(longest / min(max(longest / 8.0, OVERVIEW.smallest_px), OVERVIEW.largest_px)))
+    return step if probed or longest < OVERVIEW.halved_px else max(step, 2)
 
 
 def detect_overview_features(job: OverviewJob) -> PartResult:

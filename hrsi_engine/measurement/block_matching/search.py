@@ -108,8 +108,9 @@ class TieSearch:
         found = self.find_overlaps_of_images()
         images = [self.images[index] for index in self.usable]
         self._coarseness = [overlaps.rank_resolution(image) for image in images]
-        self._steps = [choose_overview_step(image.known_size) for image in images]
-        if 2 * len(found) <= self.options.most_partners * len(images):
+        probed = 2 * len(found) > self.options.most_partners * len(images)
+        self._steps = [choose_overview_step(image.known_size, probed) for image in images]
+        if not probed:
             self._estimate_pairs([self._order_pair(pair.first, pair.second) for pair in found], progress)
             return
         self.choice = self._probe_overlaps(found, stage(progress, 0.0, 0.5))

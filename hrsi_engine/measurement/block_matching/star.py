@@ -19,12 +19,12 @@ points are searched in the images without them, at positions predicted from all 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from ...block.block import Image
-from ...camera.rpc import RPC, Localization
+from ...camera.rpc import Localization
 from ...camera.rpc_terms import monomials
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import transfer
@@ -74,7 +74,7 @@ def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: 
     coefficients = _FIT @ positions
     if np.abs(_TERMS.T @ coefficients - positions).max() > TIE_WINDOWS.miss_px:
         return geometry
-    both = cast(RPC, _LocalTransfer(geometry.first.height_range, middle, reach, coefficients))
+    both = _LocalTransfer(geometry.first.height_range, middle, reach, coefficients)
     return replace(geometry, first=both, second=both)
 
 

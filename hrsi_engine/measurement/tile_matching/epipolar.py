@@ -10,12 +10,12 @@ lines, around which a trend is then fitted. Along the lines the parallax is arbi
 match is wrong if its parallax differs from the median of its neighbours by more than buildings can cause.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...camera.rpc import RPC
+from ...camera.rpc import Localization
 from ...foundation.robust_scale import ROBUST, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 
@@ -35,6 +35,20 @@ class EPIPOLAR:
     jump_px: float = threshold(8.0, "px", "largest deviation from that median: buildings, trees")
 
 
+class LocalizingCamera(Protocol):
+    """What epipolar lines need of a camera: an RPC, or a polynomial in its place."""
+
+    @property
+    def height_range(self) -> tuple[float, float]:
+        """Lowest and highest ellipsoidal height (m) for which the camera is valid."""
+
+    def localize(self, image: np.ndarray, height_m: np.ndarray | float) -> Localization:
+        """As `RPC.localize`."""
+
+    def project(self, ground: np.ndarray) -> np.ndarray:
+        """As `RPC.project`."""
+
+
 class EpipolarDeviation(NamedTuple):
     """For each match: signed distance across the epipolar line (px), height (m), parallax along the line (px per metre
     of height), and distance along the line (px) from the position at the initial height.
@@ -48,14 +62,16 @@ class EpipolarDeviation(NamedTuple):
     along_px: np.ndarray
 
 
-def transfer(source: RPC, target: RPC, xy: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
+def transfer(
+    source: LocalizingCamera, target: LocalizingCamera, xy: np.ndarray, height_m: np.ndarray | float
+) -> np.ndarray:
     """Return the positions in the other image of points at given heights, ``(n, 2)``; NaN if there is none."""
     return target.project(source.localize(xy, height_m).ground)
 
 
 def compute_epipolar_deviation(
-    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: np.ndarray | float,
-    iterations: int = 3,
+    first: LocalizingCamera, second: LocalizingCamera, first_xy: np.ndarray, second_xy: np.ndarray,
+    height_m: np.ndarray | float, iterations: int = 3,
 ) -> EpipolarDeviation:  # fmt: skip
     """Return distance across the line and height of matches; ``height_m`` is the initial height of the iteration."""
     lowest, highest = first.height_range
@@ -116,8 +132,8 @@ class Consistency(NamedTuple):
 
 
 def check_rpc_consistency(
-    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: np.ndarray | float,
-    floor_px: float = 0.5, unit_px: float = 1.0,
+    first: LocalizingCamera, second: LocalizingCamera, first_xy: np.ndarray, second_xy: np.ndarray,
+    height_m: np.ndarray | float, floor_px: float = 0.5, unit_px: float = 1.0,
 ) -> Consistency:  # fmt: skip
     """Test matches for consistency with the RPC geometry, for any relative bias of the RPCs.
 

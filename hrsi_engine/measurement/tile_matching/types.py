@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from ...camera.rpc import RPC
 from ...foundation.pixel_filters import blur, interpolate
 from ..window_matching.windows import ResultCache
-from .epipolar import EPIPOLAR, transfer
+from .epipolar import EPIPOLAR, LocalizingCamera, transfer
 from .options import TILE_MATCH
 
 
@@ -87,8 +86,8 @@ class TilePairGeometry:
     are dark in the second, both signs if this is true for some objects only, as for another band
     """
 
-    first: RPC
-    second: RPC
+    first: LocalizingCamera
+    second: LocalizingCamera
     lowest_m: float
     highest_m: float
     bias_px: tuple[float, float] = (0.0, 0.0)
