@@ -42,6 +42,7 @@ class PREDICTION:
 
 
 TREND_ROUNDS = 6
+SINGULAR = 1e-12  # determinant of a point's normal equations over that of a sphere: rays that are parallel to 1e-6
 PARALLEL_SINE = 1e-5  # of the angle below which rays count as parallel: 0.1 px of 0.5 m is 5 km in height
 
 
@@ -81,21 +82,48 @@ class PairFit:
     epipolar_px: np.ndarray
 
 
-def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit]:
+def fit_tracks(
+    block: Block, chosen: np.ndarray, predict: bool = True, start: np.ndarray | None = None
+) -> tuple[Observations, TrackFit]:
     """Intersect points with the block's cameras and predict each of their image points from the others.
 
     Returns the observations that the fit's rows refer to, and the fit. Surveyed positions are not used; ``chosen
-    (points,)`` is True for the points that are used, each on two images or more.
+    (points,)`` is True for the points that are used, each on two images or more. Without ``predict`` the predictions
+    and their enlargements are NaN. ``start (points, 3)`` are positions within a few metres, if they are known.
     """
     observations = select_points(block, chosen)
     none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
-    ground = intersect_points(observations, none, no_values, estimate_start_positions(observations))
+    if start is None:
+        ground = intersect_points(observations, none, no_values, estimate_start_positions(observations))
+    else:
+        ground = start[observations.points]
     fit, by_ground = np.full((observations.count, 2), np.nan), np.full((observations.count, 2, 3), np.nan)
     there = finite_rows(ground)
     for image, rows in zip(block.images, observations.by_image, strict=True):
         here = rows[there[observations.point[rows]]]
         computed, by_ground[here] = image.rpc.project_with_metric_jacobian(ground[observations.point[here]])
         fit[here] = observations.xy[here] - computed
+    if start is not None and len(ground):  # the cameras are linear over the metres that are left
+        step = _find_steps(observations, by_ground, fit)
+        ground, fit = move_ground(ground, step), fit - np.einsum("nki,ni->nk", by_ground, step[observations.point])
+    unknown = np.full_like(fit, np.nan), np.full(len(fit), np.nan)
+    predicted, enlargement = _predict(observations, by_ground, fit) if predict else unknown
+    return observations, TrackFit(ground, by_ground, fit, predicted, enlargement)
+
+
+def _find_steps(observations: Observations, by_ground: np.ndarray, fit: np.ndarray) -> np.ndarray:
+    """Return the Gauss-Newton steps (B' W B)^-1 B' W e ``(m, 3)`` in metres; NaN for parallel rays."""
+    weight, first = observations.sigma_px**-2.0, observations.first[:-1]
+    normal = np.add.reduceat(np.einsum("n,nki,nkj->nij", weight, by_ground, by_ground), first)
+    right = np.add.reduceat(np.einsum("n,nki,nk->ni", weight, by_ground, fit), first)
+    with np.errstate(invalid="ignore"):
+        regular = np.linalg.det(normal) > SINGULAR * (np.trace(normal, axis1=1, axis2=2) / 3.0) ** 3
+    normal[~regular], right[~regular] = np.eye(3), np.nan
+    return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
+
+
+def _predict(observations: Observations, by_ground: np.ndarray, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``predicted_px`` and ``enlargement`` of `TrackFit` from the fit of all rays."""
     # B' W B of each point, and the part of each image point's noise that its own prediction contains
     weight = observations.sigma_px**-2.0
     own = np.einsum("n,nki,nkj->nij", weight, by_ground, by_ground)
@@ -113,7 +141,7 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
     cofactor = np.linalg.inv(left[predictable])
     predicted[predictable] = (cofactor @ fit[predictable, :, None])[:, :, 0]
     enlargement[predictable] = np.sqrt(0.5 * np.trace(cofactor, axis1=1, axis2=2))
-    return observations, TrackFit(ground, by_ground, fit, predicted, enlargement)
+    return predicted, enlargement
 
 
 def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
@@ -134,15 +162,16 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     crossing = apart > PARALLEL_SINE * np.linalg.norm(ray[first], axis=1) * np.linalg.norm(ray[second], axis=1)
     first, second = first[crossing], second[crossing]
     key = observations.image[first].astype(np.int64) * count + observations.image[second]
-    order = np.lexsort((observations.point[first], key))
+    order = np.argsort(key * len(observations.points) + observations.point[first], kind="stable")
     if not len(order):
         return []
     first, second, key = first[order], second[order], key[order]
     begin = np.flatnonzero(np.diff(key, prepend=-1))
     group = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(key)))
-    # The left null vectors, signed 3 x 3 minors of B (n, 4, 3), with the same sign for all points of a pair of images
-    both = np.concatenate([fit.by_ground[first], fit.by_ground[second]], axis=1)
-    normal = np.stack([(-1.0) ** row * np.linalg.det(np.delete(both, row, axis=1)) for row in range(4)], axis=1)
+    # The left null vectors: signed 3 x 3 minors of B (n, 4, 3), with the same sign for all points of a pair of images
+    a, b = (fit.by_ground[rows] for rows in (first, second))
+    minors = [np.einsum("nki,ni->nk", one[:, ::-1], ray[rows]) for one, rows in ((a, second), (b, first))]
+    normal = np.concatenate(minors, axis=1) * [1.0, -1.0, 1.0, -1.0]
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     normal *= np.where(np.einsum("nk,nk->n", normal, normal[begin][group]) < 0.0, -1.0, 1.0)[:, None]
     middle = np.add.reduceat(normal[:, :2], begin)
@@ -157,18 +186,23 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     terms[:, 1:] *= (size >= PREDICTION.least_of_trend)[group, None]
 
     def find_medians(values: np.ndarray) -> np.ndarray:
-        ordered = values[np.lexsort((values, group))]
+        ordered = values.copy()
+        for part in parts:
+            ordered[part].sort()
         return np.asarray(0.5 * (ordered[begin + (size - 1) // 2] + ordered[begin + size // 2]))
 
-    left = across - find_medians(across)[group]
+    parts = [slice(here, there) for here, there in pairwise([*begin.tolist(), len(key)])]
+    left, near = across - find_medians(across)[group], np.zeros(len(across), dtype=bool)
     for _ in range(TREND_ROUNDS):
         limit = PREDICTION.trend_limit * np.maximum(MAD_TO_SIGMA * find_medians(np.abs(left)), 1e-9)
-        kept = terms * (np.abs(left) <= limit[group])[:, None]
+        before, near = near, np.abs(left) <= limit[group]
+        if (near == before).all():
+            break
+        kept = terms * near[:, None]
         normal = np.add.reduceat(kept[:, :, None] * kept[:, None, :], begin)
         right = np.add.reduceat(kept * across[:, None], begin)
         trend = (np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ right[:, :, None])[:, :, 0]
         left = across - np.einsum("nt,nt->n", terms, trend[group])
-    parts = [slice(here, there) for here, there in pairwise([*begin.tolist(), len(key)])]
     return [
         PairFit(
             *divmod(int(key[part.start]), count), observations.point[first[part]], across[part], left[part],

@@ -15,8 +15,10 @@ degrees, its longitudes continue beyond 180, so that two polygons can differ by 
 module shift them together.
 """
 
+from __future__ import annotations
+
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -29,11 +31,13 @@ from shapely.strtree import STRtree
 
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import make_virtual_grid
+from ..camera.rpc_stack import RPCStack
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import continuous_longitudes, ground_difference_m
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
+from ..surface.grid_surface import ConstantHeight
 from .block import Image, stack_rpcs
 
 OUTLINE_PER_SIDE = 8
@@ -47,13 +51,16 @@ def compute_footprint(image: Image, height_m: float | np.ndarray, per_side: int 
     return make_polygon(image.rpc.localize(image.outline_px(per_side), height_m).ground)
 
 
-def compute_footprints(images: Sequence[Image], height_m: float, per_side: int = OUTLINE_PER_SIDE) -> list[Polygon]:
-    """Return the outlines of many images on the ground at one height, see `compute_footprint`."""
+def compute_footprints(
+    images: Sequence[Image], height_m: float | Sequence[float], per_side: int = OUTLINE_PER_SIDE
+) -> list[Polygon]:
+    """Return the outlines of images on the ground at one height, or one for each; see `compute_footprint`."""
     if not images:
         return []
     outlines = np.concatenate([image.outline_px(per_side) for image in images])
     which = np.repeat(np.arange(len(images)), 4 * per_side)
-    ground = stack_rpcs(images).localize(which, outlines, height_m)
+    heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(images),))
+    ground = stack_rpcs(images).localize(which, outlines, heights[which])
     return [make_polygon(ring) for ring in ground.reshape(len(images), -1, 3)]
 
 
@@ -184,6 +191,28 @@ class ViewDirection:
     def __init__(self, image: Image, surface: HeightSurface) -> None:
         self.image, self.surface = image, surface
 
+    @classmethod
+    def at_heights(cls, images: Sequence[Image], heights_m: Sequence[float]) -> list[ViewDirection]:
+        """Return views of horizontal ground at a height for each image, with all centres and footprints at once.
+
+        Views of images whose centre has no position compute theirs, and raise the error, when asked.
+        """
+        views = [cls(image, ConstantHeight(height)) for image, height in zip(images, heights_m, strict=True)]
+        middle = np.array([image.centre_px for image in images])
+        centres = stack_rpcs(images).localize(np.arange(len(images)), middle, np.asarray(heights_m))
+        for view, centre, footprint in zip(views, centres, compute_footprints(images, heights_m), strict=True):
+            if np.isfinite(centre).all():
+                view.centre, view.footprint = centre[None], footprint
+        return views
+
+    @property
+    def is_sound(self) -> bool:
+        """False if the image's centre has no position on the terrain: its RPC is damaged, or the DEM too small."""
+        try:
+            return bool(np.isfinite(self.centre).all())
+        except SolveError:
+            return False
+
     @cached_property
     def terrain(self) -> np.ndarray:
         """Ground points ``(n, 3)`` of a grid over the image, those that intersect the terrain."""
@@ -218,13 +247,24 @@ class ViewDirection:
         Result: centre, GSD, incidence, azimuth and footprint.
         Raises `SolveError`: the image's centre has no position on the terrain.
         """
-        gsd_sample_m, gsd_line_m = measure_pixel_m(self.image.rpc, self.centre)
-        east, north, up = compute_view_directions(self.image.rpc, self.centre)[0]
-        return ViewGeometry(
-            centre=self.centre[0], gsd_sample_m=gsd_sample_m, gsd_line_m=gsd_line_m,
-            incidence_deg=float(np.degrees(np.arctan2(np.hypot(east, north), up))),
-            azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0), footprint=list_corners(self.footprint),
-        )  # fmt: skip
+        return describe_views([self.image], self.centre, [self.footprint])[0]
+
+
+def describe_views(images: Sequence[Image], centres: np.ndarray, footprints: Sequence[Polygon]) -> list[ViewGeometry]:
+    """Return the imaging geometry of images at their centres ``(n, 3)`` on the ground."""
+    if not images:
+        return []
+    stack, which = stack_rpcs(images), np.arange(len(images))
+    _, by_ground = stack.project_with_metric_jacobian(which, centres)
+    steps = np.linalg.inv(by_ground[:, :, :2])  # columns: metres east and north of one sample, one line
+    east, north, up = _find_stacked_directions(stack, which, centres).T
+    angles = np.degrees([np.arctan2(np.hypot(east, north), up), np.arctan2(east, north) % (2.0 * np.pi)])
+    return [
+        ViewGeometry(centre, *step, *angle, list_corners(footprint))
+        for centre, step, angle, footprint in zip(
+            centres, np.hypot(steps[:, 0], steps[:, 1]).tolist(), angles.T.tolist(), footprints, strict=True
+        )
+    ]
 
 
 def measure_pixel_m(rpc: RPC, ground: np.ndarray) -> tuple[float, float]:
@@ -237,25 +277,52 @@ def measure_pixel_m(rpc: RPC, ground: np.ndarray) -> tuple[float, float]:
 def compute_view_directions(rpc: RPC, ground: np.ndarray) -> np.ndarray:
     """Return unit vectors ``(n, 3)`` east, north, up from ground points to the satellite."""
     image = rpc.project(ground)
-    upper = rpc.localize(image, ground[:, 2] + GEOMETRY.ray_reach_m).ground
-    lower = rpc.localize(image, ground[:, 2] - GEOMETRY.ray_reach_m).ground
-    ray = ground_difference_m(upper, lower)
+    return _find_directions(ground, lambda height_m: rpc.localize(image, height_m).ground)
+
+
+def _find_stacked_directions(stack: RPCStack, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """Return `compute_view_directions` of ground points, each for its camera ``which (n,)`` of a stack."""
+    image = stack.project(which, ground)
+    return _find_directions(ground, lambda height_m: stack.localize(which, image, height_m))
+
+
+def _find_directions(ground: np.ndarray, ray_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Return the unit vectors ``(n, 3)`` of rays, from their positions ``(n, 3)`` at heights ``(n,)``."""
+    ray = ground_difference_m(
+        *(ray_at(ground[:, 2] + reach) for reach in (GEOMETRY.ray_reach_m, -GEOMETRY.ray_reach_m))
+    )
     return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True))
 
 
-def compute_pair_geometry(first: ViewDirection, second: ViewDirection) -> PairGeometry:
-    """Return overlap, convergence and base-to-height ratio of two views."""
-    common = intersect_footprints(first.footprint, second.footprint)
-    overlap = compute_overlap(first.footprint, second.footprint)
-    if not common.area > 0.0:
-        return PairGeometry(first.image.id, second.image.id, overlap, None, None)
-    lonlat = np.array([[common.centroid.x, common.centroid.y]])
-    height = surface_heights(first.surface, lonlat)
-    middle = np.column_stack([lonlat, np.where(np.isfinite(height), height, first.centre[0, 2])])
-    rays = [compute_view_directions(view.image.rpc, middle)[0] for view in (first, second)]
-    base = rays[0] / rays[0][2] - rays[1] / rays[1][2]
-    angle = np.arctan2(np.linalg.norm(np.cross(*rays)), np.dot(*rays))
-    return PairGeometry(first.image.id, second.image.id, overlap, float(np.degrees(angle)), float(np.linalg.norm(base)))
+def compute_pair_geometries(views: Sequence[ViewDirection], pairs: Sequence[tuple[int, int]]) -> list[PairGeometry]:
+    """Return overlap, convergence and base-to-height ratio of pairs of views (indices)."""
+    middles, overlaps = np.full((len(pairs), 3), np.nan), list[tuple[float, float]]()
+    for middle, (first, second) in zip(middles, pairs, strict=True):
+        one, other = views[first].footprint, views[second].footprint
+        common = intersect_footprints(one, other)
+        overlaps.append((common.area / one.area, common.area / other.area) if common.area > 0.0 else (0.0, 0.0))
+        if common.area > 0.0:
+            middle[:2] = common.centroid.x, common.centroid.y
+            height = float(surface_heights(views[first].surface, middle[None, :2])[0])
+            middle[2] = height if np.isfinite(height) else views[first].centre[0, 2]
+    # Rays of both images at the middle of their common ground
+    meeting = np.flatnonzero(np.isfinite(middles[:, 2]))
+    angles, bases = np.full(len(pairs), np.nan), np.full(len(pairs), np.nan)
+    if len(meeting):
+        stack = stack_rpcs([view.image for view in views])
+        rays = [_find_stacked_directions(stack, images, middles[meeting]) for images in np.array(pairs)[meeting].T]
+        cross, dot = np.cross(*rays), np.einsum("nk,nk->n", *rays)
+        angles[meeting] = np.degrees(np.arctan2(np.linalg.norm(cross, axis=1), dot))
+        bases[meeting] = np.linalg.norm(rays[0] / rays[0][:, 2:] - rays[1] / rays[1][:, 2:], axis=1)
+    return [
+        PairGeometry(
+            views[first].image.id,
+            views[second].image.id,
+            overlap,
+            *((angle, base) if np.isfinite(angle) else (None,) * 2),
+        )
+        for (first, second), overlap, angle, base in zip(pairs, overlaps, angles.tolist(), bases.tolist(), strict=True)
+    ]
 
 
 def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
@@ -264,11 +331,12 @@ def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
     views : the images with their terrain
     Result: one for each pair, in the order of the images.
     """
-    touching = set(find_touching_pairs([view.footprint for view in views]))
+    footprints = [view.footprint for view in views]
+    touching = find_touching_pairs(footprints)
+    found = dict(zip(touching, compute_pair_geometries(views, touching), strict=True))
+    ids = [view.image.id for view in views]
     return [
-        compute_pair_geometry(views[i], views[j])
-        if (i, j) in touching
-        else PairGeometry(views[i].image.id, views[j].image.id, (0.0, 0.0), None, None)
+        found.get((i, j)) or PairGeometry(ids[i], ids[j], (0.0, 0.0), None, None)
         for i, j in combinations(range(len(views)), 2)
     ]
 

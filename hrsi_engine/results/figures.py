@@ -267,7 +267,7 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
     ties, held = several & ~held, several & held
     chosen = np.zeros(len(held), dtype=bool)
     chosen[sample_tracks(seen, ties, min(1.0, held.sum() / max(ties.sum(), 1)))] = True
-    observations, fit = fit_tracks(seen, held | chosen)
+    observations, fit = fit_tracks(seen, held | chosen, predict=False, start=result.ground)
     pairs = fit_pairs(observations, fit)
     wrong = find_wrong_tracks(observations, [pairs], HELD_OUT.wrong_match)
     figures = [

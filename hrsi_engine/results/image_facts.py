@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from shapely.geometry import Polygon
 
 from ..adjustment.result import Adjustment
-from ..block.block import Image, Role
-from ..block.imaging_geometry import ViewDirection, compute_footprint, compute_pair_geometry, find_touching_pairs
+from ..block.block import Image, Role, stack_rpcs
+from ..block.imaging_geometry import ViewDirection, compute_pair_geometries, describe_views, find_touching_pairs
 from ..block.pointing import find_image_sensor
-from ..foundation.errors import SolveError
+from ..camera.rpc import RPC
+from ..camera.rpc_stack import RPCStack
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
@@ -23,7 +25,6 @@ from ..ground.map_crs import middle_position
 from ..io.rasters.sun_angles import read_time
 from ..refinement.model import RefitRPC
 from ..refinement.parameter_names import describe_parameter
-from ..surface.grid_surface import ConstantHeight
 from .residuals import Residuals, by_image, radial_rmse
 from .tables import choose_positions
 
@@ -45,33 +46,21 @@ def add_image_facts(
     images = result.block.images
     middle = middle_position(place) if known else np.array([images[0].rpc.long_off, images[0].rpc.lat_off, np.nan])
     heights = [float(middle[2]) if known else image.middle_height_m for image in images]
-    views = [ViewDirection(image, ConstantHeight(h)) for image, h in zip(images, heights, strict=True)]
+    views = ViewDirection.at_heights(images, heights)
+    sound = [index for index, view in enumerate(views) if view.is_sound]  # damaged RPCs are reported by the verdict
+    centres, footprints = ([getattr(views[k], what) for k in sound] for what in ("centre", "footprint"))
+    described = describe_views([images[k] for k in sound], np.concatenate([np.zeros((0, 3)), *centres]), footprints)
+    geometry = dict(zip(sound, described, strict=True))
+    corrections = _describe_corrections(images, [new.rpc for new in refined], np.array(heights))
     ties = dict(by_image(result.block, _tie_rows(result)))
-    for index, (image, view) in enumerate(zip(images, views, strict=True)):
+    for index, image in enumerate(images):
         here = ties.get(index, np.zeros(0, dtype=np.int64))
-        # Mean and root mean square of the correction, in the image (px) and on the ground (m); None if undefined
-        height_m = heights[index]
-        grid = image.grid_px(IMAGE_FACTS.grid, IMAGE_FACTS.grid)
-        after, before = refined[index].rpc.localize(grid, height_m).ground, image.rpc.localize(grid, height_m).ground
-        finite = finite_rows(after) & finite_rows(before)
-        pixels = grid[finite] - image.rpc.project(after[finite])
-        metres = ground_difference_m(after[finite], before[finite])[:, :2]
-        told = {"mean_sample_px": pixels[:, 0], "mean_line_px": pixels[:, 1],
-                "mean_east_m": metres[:, 0], "mean_north_m": metres[:, 1]}  # fmt: skip
-        correction = {
-            **{name: float(np.mean(values)) if finite.any() else None for name, values in told.items()},
-            "rms_px": radial_rmse(pixels), "rms_m": radial_rmse(metres),
-        }  # fmt: skip
-        try:
-            geometry: Any = view.geometry()
-        except SolveError:  # a damaged RPC, reported by the verdict
-            geometry = None
         names = ("gsd_sample_m", "gsd_line_m", "incidence_deg", "azimuth_deg")
         report["images"][image.id] |= {
-            **describe_acquisition(image), **{name: getattr(geometry, name, None) for name in names},
+            **describe_acquisition(image), **{name: getattr(geometry.get(index), name, None) for name in names},
             "tie_points": len(here), "tie_before_rmse_px": radial_rmse(left.tie_before_px[here]),
             "tie_rmse_px": radial_rmse(result.residual_px[here]),
-            "correction": correction,
+            "correction": corrections[index],
         }  # fmt: skip
         if result.jitter is not None and image.id in result.jitter.curves:
             curve = result.jitter.curves[image.id]
@@ -81,11 +70,35 @@ def add_image_facts(
             report["images"][image.id]["jitter"] = dict(zip(names, rms, strict=True))
     return report | {
         "place": {"lon": float(middle[0]), "lat": float(middle[1]), "height_m": float(middle[2]) if known else None},
-        "pairs": describe_pairs(result, views, heights),
+        "pairs": describe_pairs(result, views),
         "parameters": {
             name: describe_parameter(name) for entry in report["images"].values() for name in entry["parameters"]
         },
     }
+
+
+def _describe_corrections(
+    images: Sequence[Image], refined: Sequence[RPC], heights_m: np.ndarray
+) -> list[dict[str, float | None]]:
+    """Return mean and root mean square of each image's correction, in px and on the ground in m; None if undefined."""
+    grids = np.stack([image.grid_px(IMAGE_FACTS.grid, IMAGE_FACTS.grid) for image in images])
+    grid, which = grids.reshape(-1, 2), np.repeat(np.arange(len(images)), grids.shape[1])
+    original = stack_rpcs(images)
+    after, before = (stack.localize(which, grid, heights_m[which]) for stack in (RPCStack(refined), original))
+    finite = finite_rows(after) & finite_rows(before)
+    pixels, metres = np.full((len(grid), 2), np.nan), np.full((len(grid), 2), np.nan)
+    pixels[finite] = grid[finite] - original.project(which[finite], after[finite])
+    metres[finite] = ground_difference_m(after[finite], before[finite])[:, :2]
+    found = []
+    for px, m in zip(pixels.reshape(grids.shape), metres.reshape(grids.shape), strict=True):
+        means = (
+            np.concatenate([one[finite_rows(one)].mean(axis=0) for one in (px, m)]).tolist()
+            if finite_rows(px).any()
+            else [None] * 4
+        )
+        names = ("mean_sample_px", "mean_line_px", "mean_east_m", "mean_north_m")
+        found.append(dict(zip(names, means, strict=True)) | {"rms_px": radial_rmse(px), "rms_m": radial_rmse(m)})
+    return found
 
 
 def describe_acquisition(image: Image) -> dict[str, Any]:
@@ -104,33 +117,34 @@ def _tie_rows(result: Adjustment) -> np.ndarray:
     return np.asarray(result.has_residual & tie)
 
 
-def describe_pairs(
-    result: Adjustment, views: Sequence[ViewDirection], heights_m: Sequence[float]
-) -> list[dict[str, Any]]:
+def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[dict[str, Any]]:
     """Return overlap, geometry, common tie points and their RMSE of pairs that overlap or share tie points."""
     rows, used = result.block.measurements, np.flatnonzero(_tie_rows(result))
     at, shape = (rows.point[used], rows.image[used]), (len(result.block.points), len(views))
     seen = sparse.csr_matrix((np.ones(len(used)), at), shape)
     square = sparse.csr_matrix((np.sum(result.residual_px[used] ** 2, axis=1), at), shape)
-    common = sparse.triu(seen.T @ seen, 1).tocsr()
-    squares = (square.T @ seen + seen.T @ square).tocsr()
-    touching = find_touching_pairs([compute_footprint(view.image, h) for view, h in zip(views, heights_m, strict=True)])
-    pairs = {*zip(*(index.tolist() for index in common.nonzero()), strict=True), *touching}
-    chosen = sorted(sorted(pairs, key=lambda pair: (-common[pair], pair))[: IMAGE_FACTS.most_pairs])
+    shared = sparse.triu(seen.T @ seen, 1).tocoo()
+    squares = square.T @ seen
+    squares = sparse.triu(squares + squares.T, 1).tocoo()
+    sound = [view.is_sound for view in views]
+    touching = find_touching_pairs([view.footprint if ok else Polygon() for view, ok in zip(views, sound, strict=True)])
+    common, square_px = (
+        dict(zip(zip(one.row.tolist(), one.col.tolist(), strict=True), one.data.tolist(), strict=True))
+        for one in (shared, squares)
+    )
+    order = sorted({*common, *touching}, key=lambda pair: (-common.get(pair, 0), pair))
+    chosen = sorted(order[: IMAGE_FACTS.most_pairs])
+    known = [pair for pair in chosen if all(sound[index] for index in pair)]
+    geometries = dict(zip(known, compute_pair_geometries(views, known), strict=True))
     found = []
     for first, second in chosen:
-        count = int(common[first, second])
-        try:
-            pair = compute_pair_geometry(views[first], views[second])
-            geometry: tuple[float | None, ...] = (*pair.overlap, pair.convergence_deg, pair.base_to_height)
-        except SolveError:  # a damaged RPC
-            geometry = (None,) * 4
-        names = ("overlap_first", "overlap_second", "convergence_deg", "base_to_height")
-        found.append(
-            {
-                "first": views[first].image.id, "second": views[second].image.id, "tie_points": count,
-                "tie_rmse_px": float(np.sqrt(squares[first, second] / (2 * count))) if count else None,
-                **dict(zip(names, geometry, strict=True)),
-            }
-        )  # fmt: skip
+        count, pair = int(common.get((first, second), 0)), geometries.get((first, second))
+        overlap = (None, None) if pair is None else pair.overlap
+        found.append({
+            "first": views[first].image.id, "second": views[second].image.id, "tie_points": count,
+            "tie_rmse_px": float(np.sqrt(square_px[first, second] / (2 * count))) if count else None,
+            "overlap_first": overlap[0], "overlap_second": overlap[1],
+            "convergence_deg": getattr(pair, "convergence_deg", None),
+            "base_to_height": getattr(pair, "base_to_height", None),
+        })  # fmt: skip
     return found

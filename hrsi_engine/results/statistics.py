@@ -58,15 +58,13 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     block = result.block
     rows = block.measurements
     used = result.has_residual & (block.points.role[rows.point] == Role.TIE)
-    counts = {
-        image.id: np.zeros((STATISTIC.coverage_cells, STATISTIC.coverage_cells), dtype=np.int64)
-        for image in block.images
-    }
-    for index, here in by_image(block, used):
-        image = block.images[index]
+    side, counts = STATISTIC.coverage_cells, dict[str, np.ndarray]()
+    parts = dict(by_image(block, used))
+    for index, image in enumerate(block.images):
+        here = parts.get(index, np.zeros(0, dtype=np.int64))
         share = (rows.xy[here] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
-        cell = np.clip((share * STATISTIC.coverage_cells).astype(np.int64), 0, STATISTIC.coverage_cells - 1)
-        np.add.at(counts[image.id], (cell[:, 1], cell[:, 0]), 1)
+        column, line = np.clip((share * side).astype(np.int64), 0, side - 1).T
+        counts[image.id] = np.bincount(line * side + column, minlength=side**2).reshape(side, side)
     return counts
 
 

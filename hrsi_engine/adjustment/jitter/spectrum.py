@@ -250,12 +250,13 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     # Strips with equal numbers of measurements
     limits = np.quantile(sample, np.arange(1, WAVES.strips) / WAVES.strips)
     strip = np.searchsorted(limits, sample)
-    cell = np.floor((line - line.min()) / _CELL_LINES).astype(np.int64)
-    _, number = np.unique(cell * WAVES.strips + strip, return_inverse=True)
-    total = np.bincount(number, weight)
-    if len(total) < WAVES.fewest_cells:
+    cell = np.floor((line - line.min()) / _CELL_LINES).astype(np.int64) * WAVES.strips + strip
+    sums = [np.bincount(cell, weight * x) for x in (1.0, line, sample, shift, strip)]
+    filled = np.flatnonzero(sums[0])
+    if len(filled) < WAVES.fewest_cells:
         return None
-    line, sample, value, strip = (np.bincount(number, weight * x) / total for x in (line, sample, shift, strip))
+    total = sums[0][filled]
+    line, sample, value, strip = (one[filled] / total for one in sums[1:])
     return _Cells(line, sample, value, total, np.rint(strip).astype(np.int64))
 
 
