@@ -248,6 +248,9 @@ def test_a_text_file_of_three_million_gcps_is_refused_with_the_figure(tmp_path: 
     assert _cpu_seconds() - before < MOST_CPU_S
     path.write_text("id,lon,lat,height\n" + "p,7.05,45.05,300\n" * 500_000)
     require_gcp_rows(str(path))
+    # Two million tie points, and what a block has of GCPs
+    path.write_text("id,role,lon,lat,height\n" + "p,tie,7.05,45.05,300\n" * 2_000_000 + "g,gcp,7.05,45.05,300\n" * 300)
+    require_gcp_rows(str(path))
 
 
 @pytest.mark.parametrize("size", [(1, 120), (160, 1), (1, 1)])

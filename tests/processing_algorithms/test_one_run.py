@@ -19,7 +19,7 @@ from osgeo import gdal
 
 import hrsi
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.interface.declare import is_unusable
 from hrsi.processing_algorithms.point_session import files
 from hrsi.processing_algorithms.point_session.adjusting import adjust_block, block_of

@@ -11,6 +11,7 @@ within a time limit (`datasets.HTTP_PATIENCE`).
 """
 
 import os
+import re
 import tarfile
 import zipfile
 import zlib
@@ -25,6 +26,7 @@ from .datasets import virtual_status
 from .plain_files import require_plain
 
 MIB = 2**20
+ROLE_OF_TIES = re.compile(rb"""[,;\t]["']?(?:tie|held[-_]out)["']?[,;\t\r\n]""", re.IGNORECASE)  #: in a line
 
 
 @thresholds
@@ -38,7 +40,7 @@ class FILE_BUDGETS:
         256 * MIB, "byte", "largest text file of points that is read line by line", "some millions of points"
     )
     gcp_rows: int = threshold(
-        600_000, "rows", "most rows of a text file of GCPs",
+        600_000, "rows", "most rows of a text file of GCPs, without tie points",
         "surveys have hundreds, matches with a reference about 1e5; image points and tie points may have more",
     )  # fmt: skip
     matches_bytes: int = threshold(2048 * MIB, "byte", "largest binary file of matches")
@@ -161,14 +163,17 @@ def require_size(path: str, kind: str) -> None:
 
 
 def require_gcp_rows(path: str) -> None:
-    """Raise `InputError` for a text file with more rows than any block has GCPs; databases and archives are skipped."""
+    """Raise `InputError` for a text file with more GCPs than any block has; databases and archives are skipped.
+
+    Rows with the role ``tie`` or ``held-out`` cost what an image point costs, and are not counted.
+    """
     if path.startswith("/vsi") or not path.lower().endswith((".csv", ".tsv", ".txt", ".tab")):
         return
     rows = 0
     if os.path.isfile(path):
         with open(path, "rb") as file:
-            while block := file.read(MIB):
-                rows += max(block.count(b"\n"), block.count(b"\r"))
+            while block := file.read(MIB) + file.readline():  # whole lines: no role is cut in two
+                rows += max(block.count(b"\n"), block.count(b"\r")) - len(ROLE_OF_TIES.findall(block))
     if rows > FILE_BUDGETS.gcp_rows:
         raise InputError(
             f"{path}: has {rows} rows, more than are read as GCPs ({FILE_BUDGETS.gcp_rows}): thin them out, give a "
