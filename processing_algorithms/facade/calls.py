@@ -156,9 +156,9 @@ class FolderOfRpcs(str):
 
 
 #: Algorithms whose results are files for later use: they need a folder of the caller.
-MAKES_FILES = frozenset({"orthorectify", "simulate", "crop", "strip"})
-#: Options of a temporary result: RPC files alone, no copies of images, no report page.
-BRIEF = {"write": "sidecar", "report": False}
+MAKES_FILES = frozenset({"simulate", "crop", "strip"})
+#: Options of a temporary result: virtual images with the refined RPCs, no copies of pixels, no report page.
+BRIEF = {"write": "vrt", "report": False}
 #: Options that give the height of the ground for points in arrays.
 TERRAIN = tuple(param.key for param in params_of(TerrainOptions))
 PYTHON = OptionSpelling(lambda param: param.key, "help(hrsi.{name})")

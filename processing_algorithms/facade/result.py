@@ -12,6 +12,7 @@ import numpy as np
 
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.catalogue.block_records import RECORD_FILE
 from ...hrsi_engine.io.geopackage.layer_tables import geopackage_layers, read_layer_table
 from ...hrsi_engine.io.opening.files import read_json
 from ...hrsi_engine.io.output_dir import find_image_outputs
@@ -175,6 +176,23 @@ class Result:
 
     def _spell_text(self, text: str) -> str:
         return spell_arguments(text, REGISTRY[self.algorithm].params, lambda param: param.key)
+
+    def plot(self) -> Any:
+        """Draw the image points of an adjusted block on a map, with their residuals before and after.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Two maps with arrows in pixels; notebooks show it.
+
+        Raises
+        ------
+        InputError
+            The result is no adjusted block, or matplotlib is not installed.
+        """
+        if self.folder is None or not (self.folder / RECORD_FILE).exists():
+            raise InputError(f"{self.algorithm} has no adjusted block to be drawn")
+        return import_module(".block_plot", __package__).plot_block(self.folder)
 
     # ---- display -----------------------------------------------------------------------------------------------------
 

@@ -22,6 +22,7 @@ from shapely.geometry import Point
 import hrsi
 from hrsi import hrsi_engine
 from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.facade.calls import function_name
 
 HOBART = Path(__file__).resolve().parents[2] / "examples" / "hobart"
@@ -240,7 +241,7 @@ def test_numbers_with_gaps_and_ids_as_floats():
         (TypeError, "hrsi.adjust has no parameter modle; did you mean model", lambda: hrsi.adjust(IMAGES, modle="x")),
         (TypeError, "hrsi.adjust: missing a required argument: 'images'", lambda: hrsi.adjust()),
         (hrsi.HrsiError, "^sigma_image 'x' is not a number", lambda: hrsi.adjust(IMAGES, sigma_image="x")),
-        (hrsi.HrsiError, "needs output_dir; see help", lambda: hrsi.orthorectify(IMAGES, dem="dem.tif")),
+        (hrsi.HrsiError, "needs output_dir; see help", lambda: hrsi.crop(IMAGES[0])),
         (hrsi.HrsiError, r"give image files, or measured points \(tie_points",
          lambda: hrsi.triangulate(IMAGES)),
         (hrsi.HrsiError, "sigma_dem needs a DEM: name it with dem",
@@ -311,3 +312,34 @@ def test_reprs_are_short(adjusted: hrsi.Result):
     block = hrsi_engine.assemble([image], [], [hrsi.ImagePoints(["A"], image.id, [[1.0, 2.0]])])
     for thing in (image, image.rpc, block, block.points, block.measurements, hrsi.read_rpc(IMAGES[0]), adjusted):
         assert len(repr(thing)) < 250
+
+
+def test_a_block_is_drawn_with_the_residuals_of_its_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The arrows after are those of the layer, those before are of the delivered RPCs; without matplotlib: the page."""
+    pytest.importorskip("matplotlib").use("Agg")
+    result = hrsi.adjust(IMAGES, gcps=GCPS, image_points=MEASURED, output_dir=tmp_path / "out", report=True)
+    before, after = (axis.collections[0] for axis in result.plot().axes)
+    table = result.image_points
+    length = np.hypot(table["residual_sample_px"], table["residual_line_px"])
+    np.testing.assert_allclose(np.hypot(after.U, after.V), length[length > 0.0])
+    image, rows = hrsi.open(IMAGES[0]), np.asarray(table["image"]) == "hobart_ikonos_1"
+    place = np.column_stack([np.asarray(table[name])[rows] for name in ("lon", "lat", "height")])
+    moved = np.asarray(table["sample"])[rows] - image.rpc.project(place)[:, 0]
+    assert np.isin(moved.round(6), np.round(before.U, 6)).all()
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    assert "control points" in result.plot()._repr_svg_()
+    with pytest.raises(hrsi.HrsiError, match="no adjusted block"):
+        hrsi.project(IMAGES[0], {"id": ["1"], "lon": [147.3], "lat": [-42.88], "height": [1.0]}).plot()
+
+
+def test_orthoimages_of_a_result_need_no_folder(tmp_path: Path):
+    """A result in memory goes on into orthoimages that go with their own result."""
+    words = "--images 2 --size 200 --gcps 6 --checks 4 --ties 0 --quiet --output-dir"
+    assert main(["simulate", *words.split(), str(tmp_path / "block")]) == 0
+    block, heights = tmp_path / "block", {"height_datum": "ellipsoidal"}
+    adjusted = hrsi.adjust(
+        sorted(block.glob("image_*.tif")), gcps=block / "ground_points.csv", image_points=block / "image_points.csv",
+        **heights,
+    )  # fmt: skip
+    made = hrsi.orthorectify(adjusted, dem=block / "dem.tif", **heights)
+    assert [file.name for file in made.files if file.suffix == ".tif"] == ["image_1_ortho.tif", "image_2_ortho.tif"]
