@@ -260,7 +260,7 @@ def describe_views(images: Sequence[Image], centres: np.ndarray, footprints: Seq
     east, north, up = _find_stacked_directions(stack, which, centres).T
     angles = np.degrees([np.arctan2(np.hypot(east, north), up), np.arctan2(east, north) % (2.0 * np.pi)])
     return [
-        ViewGeometry(centre, *step, *angle, list_corners(footprint))
+        ViewGeometry(centre, step[0], step[1], angle[0], angle[1], list_corners(footprint))
         for centre, step, angle, footprint in zip(
             centres, np.hypot(steps[:, 0], steps[:, 1]).tolist(), angles.T.tolist(), footprints, strict=True
         )
@@ -311,7 +311,7 @@ def compute_pair_geometries(views: Sequence[ViewDirection], pairs: Sequence[tupl
     if len(meeting):
         stack = stack_rpcs([view.image for view in views])
         rays = [_find_stacked_directions(stack, images, middles[meeting]) for images in np.array(pairs)[meeting].T]
-        cross, dot = np.cross(*rays), np.einsum("nk,nk->n", *rays)
+        cross, dot = np.cross(rays[0], rays[1]), np.einsum("nk,nk->n", *rays)
         angles[meeting] = np.degrees(np.arctan2(np.linalg.norm(cross, axis=1), dot))
         bases[meeting] = np.linalg.norm(rays[0] / rays[0][:, 2:] - rays[1] / rays[1][:, 2:], axis=1)
     return [
