@@ -6,6 +6,7 @@ the ground, the refined position of the pixel minus the original one. The RMS of
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,6 @@ from ..adjustment.result import Adjustment
 from ..block.block import Image, Role, stack_rpcs
 from ..block.imaging_geometry import ViewDirection, compute_pair_geometries, describe_views, find_touching_pairs
 from ..block.pointing import find_image_sensor
-from ..camera.rpc import RPC
-from ..camera.rpc_stack import RPCStack
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
@@ -51,7 +50,7 @@ def add_image_facts(
     centres, footprints = ([getattr(views[k], what) for k in sound] for what in ("centre", "footprint"))
     described = describe_views([images[k] for k in sound], np.concatenate([np.zeros((0, 3)), *centres]), footprints)
     geometry = dict(zip(sound, described, strict=True))
-    corrections = _describe_corrections(images, [new.rpc for new in refined], np.array(heights))
+    corrections = _describe_corrections(images, refined, np.array(heights))
     ties = dict(by_image(result.block, _tie_rows(result)))
     for index, image in enumerate(images):
         here = ties.get(index, np.zeros(0, dtype=np.int64))
@@ -78,13 +77,14 @@ def add_image_facts(
 
 
 def _describe_corrections(
-    images: Sequence[Image], refined: Sequence[RPC], heights_m: np.ndarray
+    images: Sequence[Image], refined: Sequence[RefitRPC], heights_m: np.ndarray
 ) -> list[dict[str, float | None]]:
     """Return mean and root mean square of each image's correction, in px and on the ground in m; None if undefined."""
     grids = np.stack([image.grid_px(IMAGE_FACTS.grid, IMAGE_FACTS.grid) for image in images])
     grid, which = grids.reshape(-1, 2), np.repeat(np.arange(len(images)), grids.shape[1])
     original = stack_rpcs(images)
-    after, before = (stack.localize(which, grid, heights_m[which]) for stack in (RPCStack(refined), original))
+    final = stack_rpcs([replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)])
+    after, before = (stack.localize(which, grid, heights_m[which]) for stack in (final, original))
     finite = finite_rows(after) & finite_rows(before)
     pixels, metres = np.full((len(grid), 2), np.nan), np.full((len(grid), 2), np.nan)
     pixels[finite] = grid[finite] - original.project(which[finite], after[finite])
