@@ -456,6 +456,10 @@
       <translation>Festgehaltene Bilder</translation>
     </message>
     <message>
+      <source>Folder</source>
+      <translation>Ordner</translation>
+    </message>
+    <message>
       <source>Footprint, GSD, incidence and azimuth, convergence and B/H of pairs, overlaps, check of the RPCs</source>
       <translation>Bildfläche, Bodenpixelgröße, Einfallswinkel und Azimut, Konvergenz und B/H von Paaren, Überdeckungen, Prüfung der RPCs</translation>
     </message>
@@ -920,6 +924,10 @@
       <translation>Name</translation>
     </message>
     <message>
+      <source>New block from a folder</source>
+      <translation>Neuer Block aus einem Ordner</translation>
+    </message>
+    <message>
       <source>New block of images</source>
       <translation>Neuer Bildblock</translation>
     </message>
@@ -1004,6 +1012,10 @@
       <translation>Block orthorektifizieren</translation>
     </message>
     <message>
+      <source>Output</source>
+      <translation>Ausgabe</translation>
+    </message>
+    <message>
       <source>Output directory</source>
       <translation>Ausgabeordner</translation>
     </message>
@@ -1074,6 +1086,10 @@
     <message>
       <source>Project</source>
       <translation>Projekt</translation>
+    </message>
+    <message>
+      <source>Project file for run from the images, points and DEM of a folder</source>
+      <translation>Projektdatei für „Projekt ausführen“ aus Bildern, Punkten und DHM eines Ordners</translation>
     </message>
     <message>
       <source>Project ground points</source>

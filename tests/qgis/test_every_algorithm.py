@@ -125,6 +125,7 @@ RUNS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
         "IMAGES": images(pixels)[:1], "REFERENCE": str(pixels / "orthophoto.tif"), "DEM": str(pixels / "dem.tif"),
     },
     "orthorectify": lambda pixels, grid: {"IMAGES": images(pixels)[:1], "DEM": str(pixels / "dem.tif")},
+    "init": lambda pixels, grid: {"FOLDER": str(pixels), "OUTPUT": str(pixels.parent / "init.toml"), "OVERWRITE": True},
     "run": lambda pixels, grid: {"PROJECT": str(HOBART / "project.toml")},
 }  # fmt: skip
 
