@@ -1971,8 +1971,8 @@ def ortho_check(
     ...
 
 def init(
-    *,
     folder: Path = ".",
+    *,
     height_datum: str | None = None,
     output: str | None = None,
     overwrite: bool = False,

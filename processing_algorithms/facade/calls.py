@@ -28,7 +28,17 @@ from ...hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
 from .. import REGISTRY
 from ..files.opening import open_terrain
-from ..interface.declare import Algorithm, Context, Kind, Param, fill_options, params_of, spell_arguments, value_facts
+from ..interface.declare import (
+    POSITIONAL_KINDS,
+    Algorithm,
+    Context,
+    Kind,
+    Param,
+    fill_options,
+    params_of,
+    spell_arguments,
+    value_facts,
+)
 from ..interface.option_groups import TerrainOptions
 from ..interface.options import KINDS, OptionSpelling, check_options, suggestion
 from .result import Result
@@ -346,7 +356,7 @@ def sort_parameters(algorithm: Algorithm) -> list[Param]:
 
 
 def _is_first(param: Param) -> bool:
-    return _is_needed(param) or param.kind is Kind.IMAGES
+    return _is_needed(param) or param.kind in POSITIONAL_KINDS
 
 
 def _is_needed(param: Param) -> bool:

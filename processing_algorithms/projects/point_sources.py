@@ -132,7 +132,7 @@ def _is_plausible(tables: PointTables, images: Mapping[str, Image], region: np.n
     """Return whether points lie on the ground of the images, or name images."""
     if tables.ground is not None and share_near(tables.ground.ground[:, :2], region) < COLUMN_ROLES.near_share:
         return False
-    return tables.image is None or bool(np.isin(tables.image.image_ids, list(images)).mean() >= COLUMN_ROLES.near_share)
+    return tables.image is None or bool(np.isin(tables.image.image_ids, list(images)).any())  # or of a larger block
 
 
 def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSource:

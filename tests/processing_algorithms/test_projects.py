@@ -144,9 +144,50 @@ def test_one_image_is_refined_by_itself(survey: Path, tmp_path: Path):
     assert (folder / "result" / "orthoimages" / "image_1_ortho.tif").exists()
 
 
+@pytest.fixture(scope="module")
+def single(survey: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of one image with GCPs and DEM, after `hrsi.run(hrsi.init(folder))`."""
+    folder = tmp_path_factory.mktemp("single") / "block"
+    shutil.copytree(survey, folder, ignore=shutil.ignore_patterns("result", "image_2*", "image_3*", "*.toml", "*.vrt"))
+    result = hrsi.run(hrsi.init(folder), report=False)
+    assert {step: entry["status"] for step, entry in result.report["steps"].items()} == {
+        "triangulate": "done", "orthorectify": "done", "ortho-check": "left out", "evaluate": "done",
+    }  # fmt: skip
+    return folder
+
+
+def test_a_copied_project_repeats_nothing(single: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    folder = shutil.copytree(single, tmp_path / "elsewhere" / "block copied")
+    assert main(["run", str(folder), "--no-report"]) == 0
+    assert capsys.readouterr().err.count("nothing has changed, kept") == 3
+    dem = gdal.Open(str(folder / "dem.tif"), gdal.GA_Update)
+    dem.GetRasterBand(1).WriteArray(dem.ReadAsArray() + 1.0)
+    del dem
+    assert main(["run", str(folder), "--no-report"]) == 0
+    kept = re.findall(r"^(\S+): nothing has changed", capsys.readouterr().err, re.MULTILINE)
+    assert kept == ["triangulate"], "orthoimages and evaluation read the DEM"
+
+
+def test_a_step_that_fails_is_a_failure_and_hides_no_other(single: Path, tmp_path: Path):
+    folder = shutil.copytree(single, tmp_path / "block", ignore=shutil.ignore_patterns("result"))
+    assert main(["run", str(folder), "--steps", "orthorectify"]) == 2  # there are no refined RPCs
+    report = json.loads((folder / "result" / "report.json").read_text())
+    assert report["verdict"]["level"] == "unusable" and "no refined RPCs" in report["verdict"]["sentence"]
+    project = folder / "project.toml"
+    project.write_text(project.read_text().replace('tracks = "none"', 'tracks = "nowhere.csv"'))
+    assert main(["run", str(folder), "--dry-run"]) == 2
+    assert main(["run", str(folder)]) == 2
+    report = json.loads((folder / "result" / "report.json").read_text())
+    statuses = {step: entry["status"] for step, entry in report["steps"].items()}
+    assert (statuses["triangulate"], statuses["orthorectify"], statuses["evaluate"]) == ("done", "done", "failed")
+    assert "nowhere.csv" in report["verdict"]["sentence"] and report["verdict"]["level"] != "ok"
+    assert (folder / "result" / "report.html").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "fragments"),
     [
+        ("images = ['a']\ndem_datum = 'ask'", ["ellipsoid or to the geoid", "dem_datum"]),
         ("images = [", ["cannot be read as a project file", "correct it"]),
         ("title = 'a'", ["names no images"]),
         ("imges = ['a']", ["'imges'", "did you mean images"]),
