@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, Any
 from .hrsi_engine.foundation.lazy_names import lazy_names
 from .hrsi_engine.foundation.version import VERSION
 
-if {f"{__name__}.processing_algorithms.command_line.cli", f"{sys.prefix}/bin/hrsi"} & set(getattr(sys, "orig_argv", ())):
+_PROGRAMS = {f"{__name__}.processing_algorithms.command_line.cli", f"{sys.prefix}/bin/hrsi"}
+if _PROGRAMS & set(getattr(sys, "orig_argv", ())):
     from .hrsi_engine.foundation.interruption import quit_on_signals
 
     quit_on_signals()  # the packages above a module are loaded before it runs
