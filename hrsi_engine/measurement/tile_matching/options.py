@@ -21,10 +21,11 @@ class TILE_MATCH:
     search_margin_px: int = threshold(3, "px", "margin between search and matching windows")
     seed_margin_px: float = threshold(64.0, "px", "distance from a window up to which known matches are its seeds")
     fewest_seeds: int = threshold(20, "seeds", "number of known matches below which features are detected in a window")
-    trial: int = threshold(60, "matches", "number of matches on which the bands are compared")
+    trial: int = threshold(150, "matches", "number of matches on which the bands are compared")
     fewest_trial: int = threshold(20, "matches", "smallest number of matches for the choice of a band")
+    inner: float = threshold(2.0 / 3.0, "", "smaller window of the second matching, relative to the first")
     change_weight: float = threshold(
-        0.35, "", "weight of the inner part's shift in the sigma of a match", "errors of simulated pairs, 2026-11-21"
+        0.35, "", "weight of the shift between both in the sigma of a match", "errors of simulated pairs, 2026-11-21"
     )
     half_quality_px: float = threshold(0.1, "px", "standard deviation at which quality is one half")
     normalised: float = threshold(4.0, "sigma", "largest error of a match across its epipolar line")

@@ -260,9 +260,14 @@ def _match_points(
     fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _make_lsm_options(task, window))
     own = band.sigma_factor * fine.sigma_px
     alike = (fine.status == DONE) & (fine.correlation > options.min_correlation)
-    sigma = np.hypot(own, TILE_MATCH.change_weight * fine.inner_shift)
-    good = np.flatnonzero(alike & (sigma < options.largest_sigma_px))
-    return hits[good], fine.xy[good], fine.correlation[good], sigma[good]
+    near = np.flatnonzero(alike & (own < options.largest_sigma_px))
+    smaller = _make_lsm_options(task, int(window * TILE_MATCH.inner))
+    inner = match_patches(*images, points[hits[near]], fine.xy[near], fine.affine[near], smaller)
+    change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy[near], axis=1), np.inf)
+    sigma = np.hypot(own[near], TILE_MATCH.change_weight * change)
+    good = sigma < options.largest_sigma_px
+    matched = near[good]
+    return hits[matched], fine.xy[matched], fine.correlation[matched], sigma[good]
 
 
 def _make_lsm_options(task: _Task, window: int) -> LsmOptions:

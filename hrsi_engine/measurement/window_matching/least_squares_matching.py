@@ -22,17 +22,7 @@ The loops over windows are compiled (`lsm_kernels`).
 
 import numpy as np
 
-from .windows import (
-    DONE,
-    ITERATIONS_USED_UP,
-    MATCHING,
-    OUTSIDE,
-    LsmOptions,
-    MatchImage,
-    PatchMatches,
-    Results,
-    load_kernels,
-)
+from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, PatchMatches, Results, load_kernels
 
 
 def match_patches(
@@ -49,7 +39,7 @@ def match_patches(
     count = len(centre)
     results: Results = (
         np.array(start, dtype=np.float64), np.array(affine, dtype=np.float64), np.full((count, 2, 2), np.nan),
-        np.zeros((count, 4)), np.full(count, OUTSIDE, dtype=np.int64),
+        np.zeros((count, 3)), np.full(count, OUTSIDE, dtype=np.int64),
     )  # fmt: skip
     # Templates inside the image, without invalid pixels
     half, usable = options.half, np.isfinite(start).all(axis=1)
@@ -60,7 +50,7 @@ def match_patches(
         part: Results = tuple(column[rows] for column in results)  # type: ignore[assignment]
         load_kernels().match_range(
             0, len(rows), (first.grey, *first.slopes, second.coefficients), centre[rows], options.make_weights(),
-            options.make_weights(MATCHING.inner), (options.iterations, options.closure_px, options.reach_px), part,
+            (options.iterations, options.closure_px, options.reach_px), part,
         )  # fmt: skip
         for column, values in zip(results, part, strict=True):
             column[rows] = values
@@ -77,5 +67,4 @@ def match_patches(
     # The order of sums in compiled loops depends on memory addresses. Differences far below a millionth of a pixel are
     # rounded off, so that threads, processes and interrupted runs give equal points
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
-    correlation, gain, rms, inner_shift = figures.T
-    return PatchMatches(xy, shape, covariance, correlation, gain, rms, inner_shift, status)
+    return PatchMatches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)

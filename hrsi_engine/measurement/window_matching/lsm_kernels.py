@@ -193,45 +193,21 @@ def _propagate_covariance(L: np.ndarray, variance: float, warp: tuple[float, ...
 
 
 @njit(**OPTIONS)
-def _compute_inner_shift(
-    A: np.ndarray, weight: np.ndarray, residual: np.ndarray, gain: float, warp: tuple[float, ...], N: np.ndarray,
-    b: np.ndarray,
-) -> float:  # fmt: skip
-    """Return how far the position (px) moves if the window is weighted by ``weight (pixels,)`` instead.
-
-    The residuals that remain of the complete window are adjusted once more, with new weights: the change is small, so
-    that one step is sufficient. ``N (8, 8)`` and ``b (8,)`` are work arrays; infinite without a solution.
-    """
-    for i in range(TERMS):
-        b[i] = _sum_products(A[i], residual, weight)
-        for j in range(i + 1):
-            N[i, j] = _sum_products(A[i], A[j], weight)
-    if not _factorise(N):
-        return np.inf
-    _solve(N, b)
-    _, _, a00, a01, a10, a11 = warp
-    return math.hypot(a00 * b[0] + a01 * b[1], a10 * b[0] + a11 * b[1]) / gain
-
-
-@njit(**OPTIONS)
 def match_range(
-    begin: int, end: int, images: Arrays, centre: np.ndarray, weight: np.ndarray, inner: np.ndarray, limits: Arrays,
-    results: Arrays,
+    begin: int, end: int, images: Arrays, centre: np.ndarray, weight: np.ndarray, limits: Arrays, results: Arrays,
 ) -> None:  # fmt: skip
     """Match the windows ``begin:end`` around pixels ``centre (n, 2)``, whose templates are inside the first image.
 
     images : grey values and slopes by column and row of the first, spline coefficients of the second
-    weight, inner : (side, side) weights of the pixels, and those of a smaller window
-    limits : number of iterations, smallest change, largest distance from the start
-    results : positions, affine maps (initial values, replaced), covariance, figures (correlation, gain, RMS, shift of
-    the smaller window), status
+    weight : (side, side); limits : number of iterations, smallest change, largest distance from the start
+    results : positions, affine maps (initial values, replaced), covariance, figures (correlation, gain, RMS), status
     """
     first, by_x, by_y, coefficients = images
     xy, affine, covariance, figures, status = results
     side = weight.shape[0]
-    A, N, N_inner = np.empty((TERMS, side * side)), np.empty((TERMS, TERMS)), np.empty((TERMS, TERMS))
-    b, b_inner, seen = np.empty(TERMS), np.empty(TERMS), np.empty(side * side)
-    weight, inner = weight.ravel(), inner.ravel()
+    A, N = np.empty((TERMS, side * side)), np.empty((TERMS, TERMS))
+    b, seen = np.empty(TERMS), np.empty(side * side)
+    weight = weight.ravel()
     total_weight = weight.sum()
     for n in range(begin, end):
         _make_template(first, by_x, by_y, centre[n, 0], centre[n, 1], side, weight, A, N)
@@ -248,7 +224,6 @@ def match_range(
             figures[n, 0] = product / math.sqrt(max(variance * spread, 1e-30))
             figures[n, 1] = b[6]
             figures[n, 2] = math.sqrt(squares)
-            figures[n, 3] = _compute_inner_shift(A, inner, seen, b[6], warp, N_inner, b_inner)
             _propagate_covariance(N, squares / (b[6] * b[6]), warp, covariance[n])
         xy[n, 0], xy[n, 1], affine[n, 0, 0], affine[n, 0, 1], affine[n, 1, 0], affine[n, 1, 1] = warp
 

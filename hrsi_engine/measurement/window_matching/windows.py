@@ -30,7 +30,6 @@ class MATCHING:
     rounding_share: float = threshold(1e-9, "", "smallest squared deviations in a window over its squares")
     rival_px: int = threshold(3, "px", "distance up to which peaks belong to the best one")
     spline_reach_px: int = threshold(12, "px", "half length of the spline's filter (error 1e-7)", "Unser 1999")
-    inner: float = threshold(2.0 / 3.0, "", "side of the window's inner part, relative to the window")
     taper: float = threshold(0.6, "", "sigma of the Gaussian weights relative to half the window")
     least_contrast: float = threshold(1e-9, "", "smallest contrast of a window over that of the search area")
     gradient_smoothing_px: float = threshold(0.8, "px", "standard deviation of the Gaussian before gradients")
@@ -54,20 +53,15 @@ class LsmOptions:
     def half(self) -> int:
         return self.window_px // 2
 
-    def make_weights(self, share: float = 1.0) -> np.ndarray:
-        """Return the weights of the template's pixels, ``(side, side)``: a Gaussian, 0.25 in the middle of a side.
-
-        share : side of a smaller window over that of the template; the weights outside are 0
-        """
-        half, distance = int(self.window_px * share) // 2, np.arange(-self.half, self.half + 1)
-        line = np.where(np.abs(distance) <= half, np.exp(-0.5 * (distance / (MATCHING.taper * half)) ** 2), 0.0)
+    def make_weights(self) -> np.ndarray:
+        """Return the weights of the template's pixels, ``(side, side)``: a Gaussian, 0.25 in the middle of a side."""
+        line = np.exp(-0.5 * (np.arange(-self.half, self.half + 1) / (MATCHING.taper * self.half)) ** 2)
         return line[:, None] * line
 
 
 class PatchMatches(NamedTuple):
     """Matched windows: positions ``xy (n, 2)`` and ``affine (n, 2, 2)`` in the second image, covariance (n, 2, 2) px²,
-    correlation, gain and RMS of the residual grey values (n,), shift (px) of the position if only the inner part of the
-    window is used (n,), status (n,)."""
+    correlation, gain and RMS of the residual grey values (n,), status (n,)."""
 
     xy: np.ndarray
     affine: np.ndarray
@@ -75,7 +69,6 @@ class PatchMatches(NamedTuple):
     correlation: np.ndarray
     gain: np.ndarray
     rms: np.ndarray
-    inner_shift: np.ndarray
     status: np.ndarray
 
     @property
