@@ -33,10 +33,11 @@ from hrsi.hrsi_engine.adjustment.preparation.problem import Problem
 from hrsi.hrsi_engine.block.block import Block, Image, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent
+from hrsi.hrsi_engine.foundation.statistical_limits import ITERATIONS
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
 from hrsi.hrsi_engine.refinement import MODELS
-from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, ESTIMATION, Control, estimate
+from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, Control, estimate
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 PAGE = DOCS / "protocols/convergence.md"
@@ -272,7 +273,7 @@ HEAD = ("model", "iterations", "status", "cost", "away, sigma", "check RMSE")
 INTRODUCTION = f"""# Convergence of all models
 
 Made by `python benchmarks/convergence.py --docs`. Every model is estimated on every real dataset, with
-{ESTIMATION.most_steps} iterations at most.
+{ITERATIONS.most} iterations at most.
 
 The column *away* is the distance from the minimum in standard deviations. SciPy's `least_squares` finds the minimum
 from two starts: the RPCs of the vendor, and the solution of HRSI. Its tolerances are 1e-13, and its residuals are those

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..foundation.statistical_limits import ITERATIONS, REDUNDANCY
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
 from .gauss_newton import GaussNewton, Solution
@@ -31,20 +32,7 @@ from .result import VarianceComponent
 class DRIFT:
     """Limits for the estimation of the drifts' standard deviations, and for its convergence."""
 
-    least_redundancy: float = threshold(1.0, "", "smallest redundancy of a drift that is reported as estimated")
-    settled: float = threshold(
-        0.05, "", "largest change of an image's drift sigma that needs no new solution (relative); it is known to a "
-        "quarter at best"
-    )  # fmt: skip
-    settled_within: float = threshold(0.001, "", "relative change of a sigma that ends its iteration at one solution")
-    corrections: int = threshold(25, "corrections", "largest number of iterations of the sigmas at one solution")
-    most_change: float = threshold(5.0, "", "largest factor by which an iteration changes a sigma")
     of_sensor: float = threshold(1.0, "observations", "weight of the sensor's usual drift in the block's drift sigma")
-    of_block: float = threshold(
-        6.0, "observations", "weight of the block's drift sigma in that of each term (inverse chi² prior, Gelman et "
-        "al. 2013, section 5.4)"
-    )  # fmt: skip
-    of_term: float = threshold(6.0, "observations", "weight of a term's drift sigma in that of each image")
 
 
 @dataclass(eq=False)
@@ -86,7 +74,8 @@ class DriftPrior:
     ) -> float:
         """Correct the factors and the drift priors of the loop; return the largest relative change, 0 if they stay.
 
-        A change below `DRIFT.settled` needs no further solution: all stays unchanged. ``cofactors (blocks, p, p)`` are
+        A change below `ITERATIONS.coarse` needs no further solution: all stays unchanged. ``cofactors (blocks, p, p)``
+        are
         those of the cameras on the pattern. If all observations are worse than stated, by the factor ``unit_variance``,
         the drift priors' weights are multiplied by it: otherwise the drifts would fit the noise. For the same reason
         all priors have k times the weight if only tie points determine the cameras and k of them share their errors
@@ -116,16 +105,16 @@ class DriftPrior:
 
         wanted = look_ahead(held, loop.common)
         by_solution = self._find_largest_change(wanted)
-        if by_solution < DRIFT.settled:
+        if by_solution < ITERATIONS.coarse:
             return 0.0
-        for _ in range(DRIFT.corrections):
-            self.factor = self.factor * np.clip(wanted / self.factor, 1.0 / DRIFT.most_change, DRIFT.most_change)
+        for _ in range(ITERATIONS.most):
+            self.factor = wanted
             weight = np.where(
                 self.free, unit_variance * self.points_per_error / (self.factor * self.prior_sigma) ** 2, 0.0
             )
             common = [one.balance_with(self.factor[one.place], unit_variance) for one in loop.common]
             wanted = look_ahead(weight, common)
-            if self._find_largest_change(wanted) < DRIFT.settled_within:
+            if self._find_largest_change(wanted) < ITERATIONS.fine:
                 break
         loop.set_prior_weight(np.where(self.free, weight, self.points_per_error * self.given), common)
         return by_solution
@@ -136,15 +125,13 @@ class DriftPrior:
         if not self.sums[1] > 0.0:
             return self.factor
         block = (DRIFT.of_sensor + self.sums[0]) / (DRIFT.of_sensor + self.sums[1])
-        term = (DRIFT.of_block * block + squares.sum(axis=0)) / (DRIFT.of_block + freedom.sum(axis=0))
-        own = np.sqrt((DRIFT.of_term * term + squares) / (DRIFT.of_term + freedom))
+        term = (REDUNDANCY.stated * block + squares.sum(axis=0)) / (REDUNDANCY.stated + freedom.sum(axis=0))
+        own = np.sqrt((REDUNDANCY.stated * term + squares) / (REDUNDANCY.stated + freedom))
         self.of_block = float(np.sqrt(block))
         return np.where(self.free, own, self.factor)
 
     def _find_largest_change(self, wanted: np.ndarray) -> float:
-        return float(
-            np.abs(np.clip(wanted / self.factor, 1.0 / DRIFT.most_change, DRIFT.most_change) - 1.0).max(initial=0.0)
-        )
+        return float(np.abs(wanted / self.factor - 1.0).max(initial=0.0))
 
     def list_components(self) -> tuple[VarianceComponent, ...]:
         """Return the variance component of the drifts; empty if the model has none."""
@@ -154,6 +141,6 @@ class DriftPrior:
         return (
             VarianceComponent(
                 "drift of the images", count, freedom, self.of_block, self.of_block * self.per_px, "px/px",
-                freedom >= DRIFT.least_redundancy,
+                freedom >= REDUNDANCY.estimated,
             ),
         )  # fmt: skip

@@ -24,7 +24,8 @@ import numpy as np
 
 from ..block.block import Block
 from ..foundation.large_arrays import finite_rows
-from ..foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
+from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST, robust_sigma
+from ..foundation.statistical_limits import SAMPLES
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m, move_ground
 from ..refinement.models import MODELS
@@ -37,8 +38,6 @@ class PREDICTION:
     """Limits for predictions of image points from the other images."""
 
     most_enlargement: float = threshold(10.0, "", "largest sigma of a prediction over that of a measurement")
-    trend_limit: float = threshold(3.0, "robust sigma", "largest deviation from a pair's trend in the trend's fit")
-    least_of_trend: int = threshold(8, "points", "fewest points for an affine trend; fewer give a mean")
 
 
 TREND_ROUNDS = 6
@@ -183,7 +182,7 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     # Without the affine trend of each group over the positions
     size = np.diff(begin, append=len(across))
     terms = np.column_stack([np.ones(len(across)), observations.places[first]])
-    terms[:, 1:] *= (size >= PREDICTION.least_of_trend)[group, None]
+    terms[:, 1:] *= (size >= SAMPLES.fewest)[group, None]
 
     def find_medians(values: np.ndarray) -> np.ndarray:
         ordered = values.copy()
@@ -194,7 +193,7 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     parts = [slice(here, there) for here, there in pairwise([*begin.tolist(), len(key)])]
     left, near = across - find_medians(across)[group], np.zeros(len(across), dtype=bool)
     for _ in range(TREND_ROUNDS):
-        limit = PREDICTION.trend_limit * np.maximum(MAD_TO_SIGMA * find_medians(np.abs(left)), 1e-9)
+        limit = ROBUST.outlier * np.maximum(MAD_TO_SIGMA * find_medians(np.abs(left)), 1e-9)
         before, near = near, np.abs(left) <= limit[group]
         if (near == before).all():
             break

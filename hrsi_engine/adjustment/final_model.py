@@ -19,6 +19,7 @@ import numpy as np
 from scipy import special
 
 from ..foundation.large_arrays import any_of_rows
+from ..foundation.statistical_limits import TESTS
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_parameters
 from ..refinement.selection import DRIFTING, NESTED_MODELS
@@ -38,7 +39,6 @@ class DELIVERY:
     most_left: float = threshold(
         0.05, "", "largest sum of squares of the drift that a simpler model omits, relative to that of residuals"
     )
-    risk: float = threshold(0.01, "", "error probability of the chi² test whether the omitted drift is significant")
 
 
 def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ def predict_left_out(
         left = np.zeros((*values.shape, len(rest)))  # omitted drift, in the camera's parameters
         left[:, own], left[:, rest] = -compute_gain(squares, loop.prior_weight, own, rest), np.eye(len(rest))
         drift = np.einsum("cpr,cr->cp", left, values[:, rest])
-        chance = unit_variance * special.chdtri(max(len(rest), 1) * len(values), DELIVERY.risk)
+        chance = unit_variance * special.chdtri(max(len(rest), 1) * len(values), TESTS.significance)
         if np.einsum("cp,cpq,cq->", drift, tie_squares, drift) > max(most_left, chance):
             too_simple.append(name)
         of_model = []

@@ -26,7 +26,6 @@ from .weights import WEIGHTS, least_squares
 class CONVERGENCE:
     """Decrease of the cost at which iterations before the final one end."""
 
-    before_snooping: float = threshold(0.05, "", "relative decrease before a round of data snooping")
     robust: float = threshold(1e-4, "", "relative decrease with robust weights: later changes move blunders only")
 
 

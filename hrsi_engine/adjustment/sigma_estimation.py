@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg, special
 
+from ..foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES, TESTS
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import estimate_priors
 from ..refinement.selection import can_estimate_drift
@@ -47,8 +48,6 @@ ROUNDS = 25
 class SIGMA:
     """Limits for the test of a priori sigmas, for their estimation and its convergence."""
 
-    settled: float = threshold(0.01, "", "relative change of a sigma that needs no new solution")
-    significance: float = threshold(0.01, "", "significance level of the two-sided chi² test of a sigma")
     material: float = threshold(1.25, "", "estimated over given sigma up to which no correction is made")
     most_plausible: float = threshold(20.0, "", "estimated over given sigma beyond which image points are wrong")
     of_camera_px: float = threshold(
@@ -56,11 +55,7 @@ class SIGMA:
     )
     beside_held: float = threshold(2.0, "", "the same without tie points, or with external heights or positions")
     alike: float = threshold(0.9, "", "correlation of two variance factors above which they are one")
-    most_gcps: int = threshold(
-        100, "GCPs", "largest number that determines the sigmas of surveys together with those of image points"
-    )
     hidden_by_drift: int = threshold(25, "GCPs", "number of GCPs up to which drifts of a few images can absorb errors")
-    of_stated_sigmas: float = threshold(4.0, "observations", "weight of the given sigmas in the joint test")
     least_share: float = threshold(0.04, "", "smallest ratio of a variance to that of the last step")
 
 
@@ -124,15 +119,15 @@ class SigmaEstimation:
         self.sums = components.compute_group_sums(self.groups, self.problem.observations, solution, precise)
         self.tests = []
         for name, (squares, freedom, _) in zip(self.groups.names, self.sums.tolist(), strict=True):
-            if freedom >= components.VARIANCE.least_redundancy:
+            if freedom >= REDUNDANCY.estimated:
                 chance = 2.0 * min(special.chdtrc(freedom, squares), special.chdtr(freedom, squares))
                 ratio = float(np.sqrt(squares / freedom))
-                failed = chance < SIGMA.significance and not 1.0 / SIGMA.material < ratio < SIGMA.material
+                failed = chance < TESTS.significance and not 1.0 / SIGMA.material < ratio < SIGMA.material
                 self.tests.append(ModelTest(name, ratio, freedom, bool(failed)))
         # Wrong points also cause residuals, and so do wrong external heights or places: larger sigmas would accept
         # them. With hardly any tie points sigma0 is the factor of all.
         redundancy = self.sums[: -components.SURVEYS : 2, 1].sum()
-        told = not self.problem.position_observations and redundancy >= components.VARIANCE.of_group
+        told = not self.problem.position_observations and redundancy >= REDUNDANCY.common
         most = SIGMA.most_plausible if told else SIGMA.beside_held
         least_px = SIGMA.of_camera_px if told else 0.0
         # RMS of the stated sigmas of the image points of each group that has any
@@ -152,7 +147,8 @@ class SigmaEstimation:
     ) -> float:
         """Correct the sigmas; return the largest relative change.
 
-        A change below `SIGMA.settled` needs no further solution: all stays unchanged. ``control`` is the function that
+        A change below `ITERATIONS.settled` needs no further solution: all stays unchanged. ``control`` is the function
+        that
         returns the discrepancies of some GCPs at a solution.
         """
         change, unit_variance = 0.0, 1.0
@@ -169,17 +165,17 @@ class SigmaEstimation:
             self.sigmas.correct_images(of_images, self.groups.sensor)
             changes = self.sigmas.factor / before - 1.0, self.sigmas.of_image / of_image - 1.0
             change = float(max(np.abs(one).max() for one in changes))
-            if change < SIGMA.settled:
+            if change < ITERATIONS.settled:
                 self.sigmas.factor, self.sigmas.of_image = before, of_image
         else:
             cofactors = loop.compute_camera_cofactors(solution)
             variances = cofactors[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
             freedom = max(compute_redundancy(self.problem, loop, solution, variances, cofactors), 0.0)
-            stated = SIGMA.of_stated_sigmas
+            stated = REDUNDANCY.stated
             unit_variance = max((stated + loop.sum_of_squares(solution)) / (stated + freedom), 1.0)
         if self.drifts:
             change = max(change, self.drift.correct_sigmas(loop, solution, cofactors, unit_variance))
-        if change >= SIGMA.settled:  # another solution follows
+        if change >= ITERATIONS.settled:  # another solution follows
             self._last = None
         return change
 
@@ -196,7 +192,7 @@ class SigmaEstimation:
         points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed & (rays > 1))
         if len(points) < (SIGMA.hidden_by_drift if self.drifts else 2) or observations.correlated[points].any():
             return
-        points = points[:: -(-len(points) // SIGMA.most_gcps)]
+        points = points[:: -(-len(points) // SAMPLES.dense)]
         control = control_at(solution, points)
         images, kinds = groups - components.SURVEYS, components.number_survey_groups(observations)[points]
         of_survey = images + kinds[control.point, control.axis]  # the last index, `groups`, means no group
@@ -219,7 +215,7 @@ class SigmaEstimation:
             factors = linalg.lu_factor(np.eye(len(u)) + s * (variance - 1.0), check_finite=False)
             left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
             own = left[:, 1:].diagonal()
-            telling = variance * own < 1.0 - components.VARIANCE.least_survey_share
+            telling = variance * own < 1.0 - REDUNDANCY.tested
             freedom = own @ (np.where(telling, group, groups)[:, None] == np.arange(groups))
             kind = np.where(telling, np.append(label, groups)[group], groups)[:, None] == np.arange(groups)
             excess = left[:, 0] ** 2 @ kind - own @ kind
@@ -227,7 +223,7 @@ class SigmaEstimation:
             ratio = (self.sigmas.factor / before) ** 2
             sums[told, 1] = (ratio * freedom)[told]
             sums[told, 0] = (np.maximum(ratio + step, SIGMA.least_share * ratio) * freedom)[told]
-            if self.sigmas.correct_factors(sums) < SIGMA.settled * SIGMA.settled:
+            if self.sigmas.correct_factors(sums) < ITERATIONS.settled * ITERATIONS.settled:
                 break
         self.sigmas.free = free
 

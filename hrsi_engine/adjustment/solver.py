@@ -10,6 +10,7 @@ from ..block.block import Block, Role
 from ..foundation.errors import SolveError, list_ids
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.progress import Progress, advance, silent, stage
+from ..foundation.statistical_limits import ITERATIONS
 from ..foundation.workers.threads import one_thread_calls
 from ..ground.geodesy import ground_difference_m
 from ..refinement.selection import NESTED_MODELS, select_simplest
@@ -23,7 +24,7 @@ from .outcome.final_cameras import compute_final_cameras
 from .preparation.preparation import prepare_problem
 from .preparation.problem import Problem
 from .result import Adjustment, CrossValidation
-from .sigma_estimation import ROUNDS, SIGMA, SigmaEstimation
+from .sigma_estimation import ROUNDS, SigmaEstimation
 from .statistics.precision import Precision, compute_precision
 
 
@@ -183,7 +184,7 @@ class Adjuster(Snooping):
                 break
             advance(progress, number / ROUNDS, "sigmas from the residuals")
             change = sigmas.correct_sigmas(self.loop, self.solution, self.compute_control)
-            if change < SIGMA.settled:
+            if change < ITERATIONS.settled:
                 if not sigmas.test_sigmas(self.loop, self.solution):
                     break
             elif sigmas.sigmas.free.any():

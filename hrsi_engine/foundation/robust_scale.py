@@ -9,11 +9,13 @@ from .thresholds import threshold, thresholds
 
 @thresholds
 class ROBUST:
-    """Outlier limit for deviations from a median or from a robust fit."""
+    """Limits for deviations from a median or from a robust fit, and for weights that fall with them (Hampel 1974)."""
 
     outlier: float = threshold(
         3.5, "sigma", "robust standard deviations beyond which a deviation is an outlier", "Iglewicz and Hoaglin 1993"
     )
+    full_weight: float = threshold(2.5, "sigma", "residual up to which an observation keeps its weight", "Hampel 1974")
+    rejected: float = threshold(4.0, "sigma", "residual from which an observation has no weight", "Hampel 1974")
 
 
 MAD_TO_SIGMA = 1.4826  #: standard deviation over median absolute deviation, for a normal distribution

@@ -23,6 +23,7 @@ from ..block.columns import Columns
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
+from ..foundation.statistical_limits import ITERATIONS
 from ..foundation.thresholds import threshold, thresholds
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
@@ -34,7 +35,6 @@ TUNED_ON = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/proto
 class ESTIMATION:
     """Limits of the iterations that estimate the parameters of one image."""
 
-    most_steps: int = threshold(30, "steps", "largest number of steps of an estimation, with rejected ones")
     scaled_steps: int = threshold(4, "steps", "most with reduced weights, while residuals are large", TUNED_ON)
     large_residual: float = threshold(100.0, "sigma", "RMS residual above which weights are reduced", TUNED_ON)
     gauss_newton_steps: int = threshold(8, "steps", "Gauss-Newton steps before second derivatives are used", TUNED_ON)
@@ -267,25 +267,27 @@ def iterate_least_squares(
     converge slowly or not at all, so that after `ESTIMATION.gauss_newton_steps` the full Hessian is used.
     """
     sigmas = equations.sigmas
-    lost: list[SolveError] = []
+    failures: list[SolveError] = []
     freedom = max(2 * len(equations.control) - int((sigmas > 0.0).sum()), 1)
     compute_hessian = lru_cache(maxsize=1)(equations.compute_hessian)  # a rejected step is repeated from the same state
 
-    def by_slopes(at: EquationState, damping: float) -> Step[EquationState]:
+    def step_gauss_newton(at: EquationState, damping: float) -> Step[EquationState]:
         return try_step(at, solve_step(at.matrix, at.right, at.values, sigmas, damping), damping)
 
-    def by_curvature(at: EquationState, damping: float) -> Step[EquationState]:
+    def step_newton(at: EquationState, damping: float) -> Step[EquationState]:
         normal = compute_hessian(at) + damping * np.diag(_diagonal(at.matrix))
         return try_step(at, np.linalg.solve(normal, equations.gradient(at)), damping)
 
     def try_step(at: EquationState, by_values: np.ndarray, damping: float) -> Step[EquationState]:
-        braked = 0.5 * damping * float(by_values @ (_diagonal(at.matrix) * by_values))
-        promised = 0.5 * float(by_values @ equations.gradient(at)) + braked
+        damping_term = 0.5 * damping * float(by_values @ (_diagonal(at.matrix) * by_values))
+        predicted_decrease = 0.5 * float(by_values @ equations.gradient(at)) + damping_term
         try:
-            return Step(equations.linearise_at(at.values + sigmas * by_values, at.roots), promised, braked)
+            return Step(
+                equations.linearise_at(at.values + sigmas * by_values, at.roots), predicted_decrease, damping_term
+            )
         except SolveError as error:
-            lost.append(error)
-            return Step(replace(at, cost=np.inf), promised, braked)
+            failures.append(error)
+            return Step(replace(at, cost=np.inf), predicted_decrease, damping_term)
 
     def variance(at: EquationState) -> float:
         return max(1.0, 2.0 * at.cost / freedom)
@@ -296,26 +298,28 @@ def iterate_least_squares(
         steps < first + ESTIMATION.scaled_steps
         and (misfit := float(np.sqrt(np.mean(at.right**2)))) > ESTIMATION.large_residual
     ):
-        nearer = try_step(at, solve_step(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
+        candidate = try_step(at, solve_step(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
         steps += 1
-        if not nearer.cost < at.cost:
+        if not candidate.cost < at.cost:
             break
-        at = nearer
-    values, slopes_do, settled = at.values, True, np.inf
+        at = candidate
+    values, gauss_newton_converges, previous_cost = at.values, True, np.inf
     for _ in range(ESTIMATION.weightings):
         at = equations.linearise_at(values)
-        unsettled = at.cost > ESTIMATION.unsettled_ratio * settled
-        if slopes_do:
-            ended = descend(at, by_slopes, variance, min(ESTIMATION.gauss_newton_steps, ESTIMATION.most_steps - steps))
-            at, steps, slopes_do = ended.at, steps + ended.steps, ended.converged
-        if not slopes_do and steps < ESTIMATION.most_steps:
-            ended = descend(at, by_curvature, variance, ESTIMATION.most_steps - steps)
+        unsettled = at.cost > ESTIMATION.unsettled_ratio * previous_cost
+        if gauss_newton_converges:
+            ended = descend(
+                at, step_gauss_newton, variance, min(ESTIMATION.gauss_newton_steps, ITERATIONS.most - steps)
+            )
+            at, steps, gauss_newton_converges = ended.at, steps + ended.steps, ended.converged
+        if not gauss_newton_converges and steps < ITERATIONS.most:
+            ended = descend(at, step_newton, variance, ITERATIONS.most - steps)
             at, steps = ended.at, steps + ended.steps
-        values, settled = at.values, at.cost
-        if not ended.converged or steps >= ESTIMATION.most_steps:
+        values, previous_cost = at.values, at.cost
+        if not ended.converged or steps >= ITERATIONS.most:
             break
-    if lost and not ended.converged:
-        raise lost[0]
+    if failures and not ended.converged:
+        raise failures[0]
     why = ": the weights of the GCPs and the corrected RPC depend on each other, and do not converge"
     return values, steps, ended.status + (why if unsettled and not ended.converged else "")
 

@@ -41,7 +41,6 @@ class SENSOR:
     least_range_m: float = threshold(100.0, "m", "smallest difference of the two heights that define a ray")
     closure_px: float = threshold(1e-9, "px", "step of the projection at convergence")
     height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays at convergence")
-    most_steps: int = threshold(20, "steps", "largest number of steps of each of the two iterations")
 
 
 @dataclass(frozen=True)

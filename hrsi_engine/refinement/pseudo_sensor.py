@@ -31,6 +31,7 @@ import numpy as np
 from ..block.block import Image
 from ..camera.rpc_fit import FIT, best_fit, make_image_grid
 from ..foundation.large_arrays import finite_rows
+from ..foundation.statistical_limits import ITERATIONS
 from ..ground import ellipsoid
 from .corrected_rays import intersect_frame_height, linearise_by_rays
 from .ground_area import compute_ground_area, compute_px_per_m
@@ -130,7 +131,7 @@ class PseudoSensor:
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         place = frame.from_ground(ground)
         position = np.tile(image.camera_centre_px, (len(ground), 1))
-        for _ in range(SENSOR.most_steps):
+        for _ in range(ITERATIONS.most):
             rays = compute_pseudo_rays(image.rpc, frame, position)
             xy, by_image = self._intersect(constants, coefficients, rays, position, place[:, 2])
             # matrices with NaN are replaced by the identity: their right sides are NaN already
@@ -165,7 +166,7 @@ class PseudoSensor:
         rays = compute_pseudo_rays(image.rpc, frame, position)
         z = heights.copy()
         # The Earth is curved relative to the frame: iterate the frame height of each ellipsoidal height
-        for _ in range(SENSOR.most_steps):
+        for _ in range(ITERATIONS.most):
             xy, _ = self._intersect(constants, coefficients, rays, position, z)
             ground = frame.to_ground(np.column_stack([xy, z]))
             z = z + heights - ground[:, 2]

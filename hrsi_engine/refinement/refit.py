@@ -4,6 +4,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc_fit import make_image_grid, refit_rpc
+from ..foundation.statistical_limits import ITERATIONS
 from ..foundation.thresholds import threshold, thresholds
 from .model import RefinementModel, RefitRPC
 
@@ -12,7 +13,6 @@ from .model import RefinementModel, RefitRPC
 class REFIT:
     """Limits of the iteration for the image area of a refit."""
 
-    passes: int = threshold(6, "iterations", "largest number of iterations for the image area")
     settled_px: float = threshold(0.1, "px", "shift of the area at convergence")
 
 
@@ -27,7 +27,7 @@ def refit_camera(model: RefinementModel, image: Image, values: np.ndarray) -> Re
     # out of the vendor's area, and an RPC fitted there would extrapolate over a part of the image.
     wanted = vendors = make_image_grid(image.domain_px, (3, 3))
     area = image.domain_px
-    for _ in range(REFIT.passes):
+    for _ in range(ITERATIONS.most):
         away = wanted - model.project(image, values, image.rpc.localize(vendors, image.rpc.height_off).ground)
         if not np.isfinite(away).all():
             area = image.domain_px

@@ -29,6 +29,8 @@ from scipy import special  # not scipy.stats, which takes a quarter of a second 
 from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
+from ..foundation.robust_scale import ROBUST
+from ..foundation.statistical_limits import REDUNDANCY, TESTS
 from ..foundation.thresholds import threshold, thresholds
 from .estimate import Control, Estimate, estimate
 from .models import MODELS
@@ -45,14 +47,11 @@ JUDGES = ("shift", "shift-drift", "conformal", "affine", "generic-affine")
 class SELECTION:
     """Limits for the choice of a model by GCPs, and for the detection of wrong GCPs."""
 
-    significance: float = threshold(
-        0.05, "", "significance level at which a model with more parameters predicts better", "Breiman et al. 1984, "
-        "one standard error rule"
-    )  # fmt: skip
-    blunder_risk: float = threshold(1e-3, "", "error probability of the test of the worst GCP", "Rosner 1983")
-    least_redundancy: float = threshold(4.0, "", "smallest redundancy without a tested GCP")
-    least_deviation: float = threshold(4.0, "sigma", "smallest deviation of a rejected GCP from its prediction")
     expected_error: float = threshold(2.0, "sigma", "RMS prediction error of a good model", "accuracy_blunders.md")
+    significance: float = threshold(
+        0.05, "", "significance level at which a model with more parameters predicts better",
+        "Breiman et al. 1984, one standard error rule",
+    )  # fmt: skip
     large_error: float = threshold(5.0, "sigma", "largest RMS prediction error of a model that explains the GCPs")
     drift_measurements: int = threshold(
         25_000, "measurements", "most per image for an estimate of the drift: with more, treated as independent, small "
@@ -325,7 +324,7 @@ def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
         failed = 0
         for _ in range(max(1, (len(control) - 1) // 3)):
             found = _estimate_or_none(name, image, control.select(left))
-            if found is None or found.redundancy - 2.0 < SELECTION.least_redundancy:
+            if found is None or found.redundancy - 2.0 < REDUNDANCY.estimated:
                 break
             # The GCP with the largest F statistic, and the statistic over its critical value, of F(2, redundancy - 2)
             whitened, predicted = (
@@ -333,12 +332,12 @@ def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
             )
             q, freedom = np.sum(whitened * predicted, axis=1), found.redundancy - 2.0
             rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / freedom
-            critical = 1.0 / special.fdtri(freedom, 2, SELECTION.blunder_risk / len(control))
+            critical = 1.0 / special.fdtri(freedom, 2, TESTS.false_alarm / len(control))
             worst = int(np.argmax(q / rest))
             ratio = float(q[worst] / 2.0 / rest[worst] / critical)
             deviation = float(np.linalg.norm(found.left_out_px[worst]))
             removed.append((int(left[worst]), (deviation, ratio)))
-            if ratio > 1.0 and _normalize_errors(found)[worst] > SELECTION.least_deviation:
+            if ratio > 1.0 and _normalize_errors(found)[worst] > ROBUST.outlier:
                 failed = len(removed)
             left = np.delete(left, worst)
         if removed and not failed:  # no blunder by this model: the others, which take longer, are not needed

@@ -18,6 +18,7 @@ from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.block.laser import LASER_KIND
 from hrsi.hrsi_engine.block.pointing import compute_gsd_m
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.foundation.statistical_limits import REDUNDANCY
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
@@ -215,7 +216,7 @@ def test_redundancy_is_shared_out_as_a_dense_solution_shares_it():
     miss = ground_difference_m(block.points.ground[gcp], dense.ground[gcp])
     squares = np.sum((miss / block.points.sigma_m[gcp][:, [0, 0, 1]]) ** 2, axis=0)
     surveyor = squares.sum() / share.sum()  # the factor of all surveys, which counts for some observations of each
-    pooled = (VARIANCE.of_surveys * surveyor + squares[:2].sum()) / (VARIANCE.of_surveys + share[:, :2].sum())
+    pooled = (REDUNDANCY.stated * surveyor + squares[:2].sum()) / (REDUNDANCY.stated + share[:, :2].sum())
     assert plane.factor**2 == pytest.approx(pooled, rel=0.03)
 
 

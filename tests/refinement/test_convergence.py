@@ -11,6 +11,7 @@ from long_tests import mark_beyond
 from hrsi.benchmarks import convergence, real_blocks
 from hrsi.benchmarks.spot5 import read_spot5
 from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.foundation.statistical_limits import ITERATIONS
 from hrsi.hrsi_engine.refinement.estimate import ESTIMATION, estimate
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
@@ -32,7 +33,7 @@ def test_models_end_where_scipy_does(name, hobart):
     """A thousandth of a sigma is nothing that a result could show."""
     run = convergence.run_image(*hobart, name)
     assert run.converged, run.status
-    assert run.steps <= ESTIMATION.most_steps
+    assert run.steps <= ITERATIONS.most
     assert run.away < 1e-3
 
 
@@ -42,7 +43,7 @@ def test_large_errors_do_not_keep_them_from_it(name, thesis_data):
     spot5 = read_spot5(thesis_data)
     found = estimate(SINGLE_IMAGE_MODELS[name], spot5.image(1), spot5.control(7)[0])
     assert found.converged, found.status
-    assert found.iterations <= ESTIMATION.most_steps
+    assert found.iterations <= ITERATIONS.most
 
 
 def test_a_single_pass_says_how_far_it_got(thesis_data):

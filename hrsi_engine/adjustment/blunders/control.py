@@ -14,7 +14,7 @@ number of unknowns. If survey and measurement explain it equally well, or neithe
 add to them. The variance factor is that of the GCPs without the tested group; plan, heights and measurements have their
 own factors if they are significantly worse, so that surveys with overstated sigmas (1000 m in plan, for a point that is
 used for its height only) do not reduce the factor of the others. It is never below one, and stated sigmas have the
-weight of `GCP_TESTS.of_stated_sigmas` observations. A coordinate without weight is not tested.
+weight of `REDUNDANCY.stated` observations. A coordinate without weight is not tested.
 
 **Many GCPs**, distributed over a large block: each is compared with its neighbourhood, the GCPs whose discrepancies
 depend most on its own. The most suspicious one comes first; a rejected GCP is left out of all later tests, by the same
@@ -33,6 +33,7 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
+from ...foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES, TESTS
 from ...foundation.thresholds import threshold, thresholds
 from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 
@@ -41,17 +42,11 @@ from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 class GCP_TESTS:
     """Limits for the detection of wrong GCPs, of their wrong parts, and of ambiguity."""
 
-    of_stated_sigmas: float = threshold(2.0, "observations", "prior weight of the stated sigmas in a variance factor")
-    worse_significance: float = threshold(0.1, "", "significance level of a variance factor for a kind alone")
+    like: float = threshold(
+        0.02, "", "largest relative chi² difference of equally good explanations: the equations are not linear"
+    )
     all_subsets: int = threshold(1000, "subsets", "number of subsets up to which all of them are tested")
     starts: int = threshold(12, "starts", "random starts of the search for groups", "Rousseeuw and Van Driessen 1999")
-    group_steps: int = threshold(8, "steps", "concentration steps after each start", "Rousseeuw and Van Driessen 1999")
-    unexplained: float = threshold(15.0, "variance factors", "largest deficit in chi² of an equally good explanation")
-    like: float = threshold(0.02, "", "the same, relative to the best explanation: the equations are not linear")
-    simplicity: float = threshold(9.0, "variance factors", "decrease of chi² that justifies another unknown (3 sigma)")
-    undecided: float = threshold(6.0, "variance factors", "least lead in chi² of the explanation of a GCP's error")
-    most_together: int = threshold(40, "GCPs", "number of GCPs up to which all are tested together")
-    neighbourhood: int = threshold(20, "GCPs", "GCPs of a neighbourhood; its nearer half is tested")
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +99,7 @@ class VarianceFactor:
     @classmethod
     def estimate(cls, rest: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
         """Return the factors of the remaining GCPs, from their sum of squares and its degrees of freedom."""
-        stated = GCP_TESTS.of_stated_sigmas
+        stated = REDUNDANCY.stated
         pooled = max((max(squares, 0.0) + stated) / (freedom + stated), 1.0)
         worse = []
         for kind in (PLAN, HEIGHT, IMAGE):
@@ -113,7 +108,7 @@ class VarianceFactor:
             if shares < 0.5:
                 continue
             ratio = (total + stated) / (shares + stated)
-            if special.fdtrc(shares + stated, freedom + stated, ratio / pooled) < GCP_TESTS.worse_significance:
+            if special.fdtrc(shares + stated, freedom + stated, ratio / pooled) < TESTS.significance:
                 worse.append((ratio, shares + stated))
         return cls(pooled, freedom + stated, tuple(worse))
 
@@ -138,7 +133,7 @@ def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
     gcps = len(control.points)
     if gcps < 2:
         return []
-    if gcps <= GCP_TESTS.most_together:
+    if gcps <= SAMPLES.dense:
         return _SuspectSearch(control, sigmas, gcps).find_suspect_gcps()
     suspects = []  # one neighbourhood after the other
     first = np.flatnonzero(np.r_[True, control.point[1:] != control.point[:-1]])
@@ -150,8 +145,8 @@ def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
     while waiting.any():
         centre = int(np.argmax(np.where(waiting, suspicion, -1.0)))
         order = np.argsort(-np.where(present, related[centre], -1.0), kind="stable")
-        near = order[: min(GCP_TESTS.neighbourhood, int(present.sum()))]
-        judged, near = near[: GCP_TESTS.neighbourhood // 2], np.sort(near)
+        near = order[: min(SAMPLES.dense, int(present.sum()))]
+        judged, near = near[: SAMPLES.dense // 2], np.sort(near)
         waiting[judged] = False
         wrong = []
         for one in _SuspectSearch(control.select_gcps(near, out, inverse), sigmas, gcps).find_suspect_gcps():
@@ -194,7 +189,7 @@ class _SuspectSearch:
 
     def find_suspect_gcps(self) -> list[Suspect]:
         """Return the wrong or undecided GCPs; empty if the GCPs as a whole and each of their observations agree."""
-        whole = special.chdtrc(max(self.freedom, 1), self.squares) > 0.01
+        whole = special.chdtrc(max(self.freedom, 1), self.squares) > TESTS.significance
         factor = VarianceFactor(1.0, 1e9, ())
         if whole and all(
             factor.compute_surprise(*self.control.test_subset(one.out)) < self.limit
@@ -232,7 +227,7 @@ class _SuspectSearch:
 
         ``after`` stores the successor of each group.
         """
-        for _ in range(GCP_TESTS.group_steps):
+        for _ in range(ITERATIONS.most):
             if group not in after:
                 after[group] = self._take_worst(group)
             if after[group] == group:
@@ -298,7 +293,7 @@ class _SuspectSearch:
     def _list_alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:
         """Yield other groups of the same size that explain nearly as much."""
         best, _ = self.test_group(group)
-        needed = best - max(GCP_TESTS.unexplained * factor.largest, GCP_TESTS.like * best)
+        needed = best - max(TESTS.decisive * factor.largest, GCP_TESTS.like * best)
         others: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
         if special.binom(self.gcps, len(group)) > GCP_TESTS.all_subsets:  # only one GCP exchanged
             outside = sorted(set(range(self.gcps)) - set(group))
@@ -312,12 +307,12 @@ class _SuspectSearch:
         rest = self._leave_out_others(group, gcp)
         most, _ = rest.test_subset(rest.find_measurements((gcp,)))
         tests = {one: rest.test_subset(one.out) for one in _list_explanations(rest, gcp)}
-        score = {one: test / factor.largest - GCP_TESTS.simplicity * rank for one, (test, rank) in tests.items()}
+        score = {one: test / factor.largest - TESTS.decisive * rank for one, (test, rank) in tests.items()}
         best = max(score, key=lambda one: score[one])
-        alike = score[best] - max(GCP_TESTS.undecided, GCP_TESTS.like * score[best])
+        alike = score[best] - max(TESTS.decisive, GCP_TESTS.like * score[best])
         # height and ground position differ in size only; a measurement is a different explanation
         others = [one for one in score if score[one] >= alike and "image" in (one.what, best.what) and one is not best]
-        unexplained = most - tests[best][0] > max(GCP_TESTS.unexplained * factor.largest, GCP_TESTS.like * most)
+        unexplained = most - tests[best][0] > max(TESTS.decisive * factor.largest, GCP_TESTS.like * most)
         shown = best.out
         if others or unexplained:
             best = Explanation("all", rest.find_observations((gcp,)))

@@ -25,6 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import sparse
 
+from ...foundation.statistical_limits import REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import GaussNewton, Solution
 from ..preparation.problem import Problem
@@ -35,7 +36,6 @@ class DISCREPANCY:
     """Limits below which errors of GCPs do not appear in the residuals and cannot be tested."""
 
     least_inverse_share: float = threshold(1e-9, "", "smallest eigenvalue over the largest one", "rounding of float64")
-    least_share: float = threshold(1e-3, "", "smallest share of an error in its residual that is tested")
 
 
 PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, each with its own variance factor
@@ -67,7 +67,7 @@ class Discrepancies:
     def test_subset(self, chosen: np.ndarray) -> tuple[float, int]:
         """Return the decrease of the sum of squares without some observations (indices), and its dimensions."""
         values, vectors = np.linalg.eigh(self.s[chosen[:, None], chosen])
-        seen = values > DISCREPANCY.least_share
+        seen = values > REDUNDANCY.tested
         along = vectors[:, seen].T @ self.u[chosen]
         return float(np.sum(along**2 / values[seen])), int(seen.sum())
 
@@ -89,11 +89,11 @@ class Discrepancies:
         block = self.s[chosen[:, None], chosen]
         try:  # if norms prove a regular matrix: eight times as fast as eigenvalues
             inverse = np.linalg.inv(block)
-            if np.linalg.norm(block) * np.linalg.norm(inverse) * DISCREPANCY.least_share < 1.0:
+            if np.linalg.norm(block) * np.linalg.norm(inverse) * REDUNDANCY.tested < 1.0:
                 return np.asarray(inverse)
         except np.linalg.LinAlgError:
             pass
-        return np.asarray(np.linalg.pinv(block, rcond=DISCREPANCY.least_share, hermitian=True))
+        return np.asarray(np.linalg.pinv(block, rcond=REDUNDANCY.tested, hermitian=True))
 
     def estimate_errors(self, chosen: np.ndarray) -> np.ndarray:
         """Return the errors (m, px) of some observations, observed - true, as predicted by all other observations."""

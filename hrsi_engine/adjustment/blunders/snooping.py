@@ -16,9 +16,10 @@ import numpy as np
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import any_of_rows, finite_rows
 from ...foundation.progress import Progress, silent, stage
+from ...foundation.statistical_limits import ITERATIONS, REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ..equations import PointPriors, State
-from ..gauss_newton import CONVERGENCE, GaussNewton, Solution, Weighting
+from ..gauss_newton import GaussNewton, Solution, Weighting
 from ..outcome.assembly import RoundFindings
 from ..preparation.problem import Problem, find_determinable_points
 from ..result import Decision, Finding
@@ -32,11 +33,8 @@ from .ties import check_ties, compute_point_squares, estimate_tie_variance
 class SNOOPING:
     """Numbers of rounds of data snooping, and weights in them."""
 
-    tie_rounds: int = threshold(6, "rounds", "largest number of adjustments with new decisions on tie points")
-    control_rounds: int = threshold(3, "rounds", "largest number of rounds in which GCPs are tested")
     rare: float = threshold(2e-4, "", "share of changed decisions on measurements below which the rounds end")
     strong_drift: float = threshold(10.0, "", "factor of the a priori sigmas of drifts in a second test of GCPs")
-    survey_weight: float = threshold(1e-3, "", "factor of the survey weights while tie points are tested")
 
 
 class Snooping:
@@ -82,18 +80,16 @@ class Snooping:
         if not self.ties.any():
             return self.solve(None, progress)
         robust = "huber" if problem.options.robust == "none" else problem.options.robust
-        lenient, everything = self.survey_weight * SNOOPING.survey_weight, observations.contributing_points
+        lenient, everything = self.survey_weight * REDUNDANCY.regularised, observations.contributing_points
         agreeing = find_agreeing_measurements(problem.equations, observations, problem.start, everything)
         start = problem.survey_weighting(np.where(agreeing, self.image_weight, 0.0), lenient)
-        solution = self.loop.iterate(problem.start, start, robust, CONVERGENCE.before_snooping, progress)
-        for _ in range(SNOOPING.tie_rounds):
+        solution = self.loop.iterate(problem.start, start, robust, ITERATIONS.coarse, progress)
+        for _ in range(ITERATIONS.most):
             solution = self._intersect_unused_points(solution)
             if not self._judge_measurements(solution, solution.weighting, everything):
                 break
             present = self.build_weighting(solution, lenient)
-            solution = self.loop.iterate(
-                solution.state, present, problem.options.robust, CONVERGENCE.before_snooping, progress
-            )
+            solution = self.loop.iterate(solution.state, present, problem.options.robust, ITERATIONS.coarse, progress)
         of_control = observations.located[observations.point]
         self.found.decision[of_control] = int(Decision.KEPT)
         return self.judge_ties_again(self.solve(solution, progress), progress)
@@ -164,7 +160,7 @@ class Snooping:
         if self._undecided:  # sigmas estimated with contradicting GCPs permit no decision
             return solution
         problem = self.problem
-        for number in range(SNOOPING.control_rounds):
+        for number in range(ITERATIONS.most):
             gcps = self._find_testable_gcps(solution)
             if len(gcps) < 2:
                 break
@@ -192,7 +188,7 @@ class Snooping:
                     leave_out(problem, control, one, self.survey_weight, self.found)
             if not any(one.is_clear for one in found):
                 break
-            part = stage(progress, number / SNOOPING.control_rounds, (number + 1) / SNOOPING.control_rounds)
+            part = stage(progress, number / ITERATIONS.most, (number + 1) / ITERATIONS.most)
             solution = self.judge_ties_again(self.solve(solution, part), part)
         return solution
 

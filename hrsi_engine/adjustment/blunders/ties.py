@@ -26,6 +26,7 @@ probability equally (Bonferroni).
 import numpy as np
 from scipy import special
 
+from ...foundation.statistical_limits import REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
@@ -47,7 +48,6 @@ class RAYS:
         0.025, "px", "smallest sigma of a measurement in its test: an error of 0.1 px has no effect", "rendered strip "
         "of 20 frames: 2 % of its tie points fail at 4 sigma of 0.01 px, with errors from 0.04 px"
     )  # fmt: skip
-    gross: float = threshold(1.5, "", "factor of the user's limit above which a point certainly has a blunder")
     false_share: float = threshold(
         0.002, "", "probability of a rejection in an error-free block, and false discovery rate of the rejected tie "
         "points"
@@ -64,7 +64,6 @@ class TREND:
     least: int = threshold(60, "measurements", "fewest measurements of an image for a trend: ten per coefficient")
     sample: int = threshold(600, "measurements", "largest number of an image for its trend: coefficients to 0.1 sigma")
     steps: int = threshold(4, "steps", "iterations of the robust fit")
-    levelling: float = threshold(1e-3, "", "relative weight that keeps coefficients of poorly spread points at zero")
 
 
 def estimate_tie_variance(
@@ -133,7 +132,7 @@ def check_ties(
         terms, weight = _list_terms(observations, rows), np.ones(len(rows))
         for _ in range(TREND.steps):
             weighted = terms * weight[:, None]
-            normal = terms.T @ weighted + TREND.levelling * len(rows) * np.eye(6)
+            normal = terms.T @ weighted + REDUNDANCY.regularised * len(rows) * np.eye(6)
             trends[index] = np.linalg.solve(normal, weighted.T @ solution.normals.residual[rows])
             apart = np.linalg.norm(solution.normals.residual[rows] - terms @ trends[index], axis=1)
             weight = huber(apart / max(float(np.median(apart)), 1e-9))
@@ -212,7 +211,7 @@ class PointRays:
         pending = np.flatnonzero(self.probability < error_probability(limit))
         if not len(pending):
             return self.decision, self.failed
-        touched = pending[self.worst[pending] > critical_value(RAYS.gross * sigmas, 2)]
+        touched = pending[self.worst[pending] > critical_value(sigmas, 2)]
         if self.weight.shape[1] >= 4:
             tests, squares = self._compute_tests(pending)
             rest = 2 * (self.weight[pending] > 0.0).sum(axis=1) - 5

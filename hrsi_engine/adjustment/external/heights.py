@@ -24,6 +24,7 @@ import numpy as np
 
 from ...block.orthoimage import DEM, divide_area
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.statistical_limits import REDUNDANCY, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import metres_per_degree
 from ...ground.operation_uses import largest_sigma_m
@@ -45,12 +46,10 @@ from .shared_errors import (
 class HEIGHTS:
     """Limits for the test of observed heights."""
 
-    least_by_rays: float = threshold(1e-4, "", "smallest redundancy number of a height in its test")
     dem_whole: float = threshold(
         0.8, "", "part of a DEM's standard deviation that is an error common to all cells", "GLO-30: 4 m LE90 with "
         "noise of 1 to 3 m"
     )  # fmt: skip
-    most_gcps: int = threshold(24, "GCPs", "largest number of GCPs whose heights are compared with the sources")
     alike_m: float = threshold(100.0, "m", "side of cells whose heights are one observation in the jitter estimate")
     least_common_m: float = threshold(1e-3, "m", "sigma of the common error of surveyed heights, here independent")
 
@@ -200,7 +199,7 @@ class HeightObservations:
         for source in self.sources:
             rows = source.observe_heights(ground)
             q, w = cofactors[rows.point, 2, 2], priors.weight[rows.point, 2]
-            by_rays = np.maximum(1.0 - q * w, HEIGHTS.least_by_rays)
+            by_rays = np.maximum(1.0 - q * w, REDUNDANCY.tested)
             held_by = priors.target[rows.point, 2] - ground[rows.point, 2]
             miss = rows.height - ground[rows.point, 2] + held_by * (1.0 / by_rays - 1.0)
             count = len(rows.sigma_m)
@@ -214,9 +213,9 @@ class HeightObservations:
             judged.append(one)
         # Differences of the surveyed heights that are used from the height by the rays alone
         points = self.surveyed[priors.observed[self.surveyed, 2]]
-        points = points[:: -(-len(points) // HEIGHTS.most_gcps) or 1]
+        points = points[:: -(-len(points) // SAMPLES.dense) or 1]
         q, w = cofactors[points, 2, 2], priors.weight[points, 2]
-        by_rays = np.maximum(1.0 - q * w, HEIGHTS.least_by_rays)
+        by_rays = np.maximum(1.0 - q * w, REDUNDANCY.tested)
         miss, variance = (priors.target[points, 2] - ground[points, 2]) / by_rays, q / by_rays + 1.0 / w
         if len(points) > 2:  # sigmas of surveys are often guesses: their scatter is used
             variance = variance * max(float(robust_sigma((miss - np.median(miss)) / np.sqrt(variance))), 1.0) ** 2

@@ -24,6 +24,7 @@ from scipy.spatial import cKDTree
 
 from ...block.laser import LASER_HEIGHT, LaserPoints
 from ...foundation.large_arrays import finite_rows
+from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import LocalFrame, ground_difference_m, metres_per_degree
 from ..result import LaserOutcome
@@ -48,7 +49,6 @@ class LASER_FIT:
     overall_sigma_m: float = threshold(0.05, "m", "sigma of the error common to all laser points: tides, datum")
     uneven_m: float = threshold(2.0, "m", "largest scatter of tie points about the plane of a laser point in use")
     moved_m: float = threshold(1.0, "m", "shift of the block in plan after which the planes are fitted again")
-    cut: float = threshold(2.5, "sigma", "deviation from the plane beyond which a weight is reduced")
 
 
 PLANE_ROUNDS = 5
@@ -68,7 +68,7 @@ class Planes(NamedTuple):
 def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Planes:
     """Return the planes through the points ``near`` (mask) at ``away_m (n, k, 2)`` from places, ``height_m (n, k)``.
 
-    Points that deviate from the plane by more than `LASER_FIT.cut` times their scatter lose their weight.
+    Points that deviate from the plane by more than `ROBUST.full_weight` times their scatter lose their weight.
     """
     distance = np.linalg.norm(away_m, axis=2)
     rough = (LASER_FIT.roughness * distance) ** 2
@@ -87,7 +87,7 @@ def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Pl
         enough = near.sum(axis=1) > 3
         scatter = np.where(enough, np.maximum(1.4826 * middle, LASER_FIT.least_scatter_m), LASER_FIT.least_scatter_m)
         t = left / np.sqrt(scatter[:, None] ** 2 + rough)
-        weight = np.where(near, (LASER_FIT.cut / np.maximum(t, LASER_FIT.cut)) ** 3, 0.0)
+        weight = np.where(near, (ROBUST.full_weight / np.maximum(t, ROBUST.full_weight)) ** 3, 0.0)
     covariance = np.linalg.inv(normal)[:, 1:, 1:]
     share = weight / (scatter[:, None] ** 2 + rough)
     return Planes(solution[:, 1:], covariance, share / share.sum(axis=1, keepdims=True), scatter)

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.orthoimage import ORTHOIMAGE_ERRORS, ReferencePlaces, divide_area
+from ...foundation.statistical_limits import REDUNDANCY
 from ...ground.geodesy import ground_difference_m
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import PlanAgreement, PlanGroup
-from .heights import HEIGHTS
 from .shared_errors import GroupHistory, SourceFit, compare_groups, estimate_sigma_factor
 
 EAST_NORTH = (0, 1)  # east and north among a point's coordinates
@@ -94,7 +94,7 @@ class PlanObservations:
             :, EAST_NORTH
         ]
         # one ray without height has no information along it: a little of the place's own weight keeps it regular
-        by_rays = np.linalg.inv(np.linalg.inv(cofactors[self.points]) - (1.0 - HEIGHTS.least_by_rays) * weight)
+        by_rays = np.linalg.inv(np.linalg.inv(cofactors[self.points]) - (1.0 - REDUNDANCY.tested) * weight)
         away = np.zeros((len(self.points), 3))
         away[:, EAST_NORTH] = self._away_m(ground)
         miss = away + np.einsum("kij,kjl,kl->ki", by_rays, weight, away)

@@ -27,7 +27,8 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from ...foundation.robust_scale import robust_sigma
+from ...foundation.robust_scale import ROBUST, robust_sigma
+from ...foundation.statistical_limits import REDUNDANCY, TESTS
 from ...foundation.thresholds import threshold, thresholds
 from ..result import SourceGroup
 
@@ -36,17 +37,8 @@ from ..result import SourceGroup
 class SOURCE_FIT:
     """Limits for residuals of external heights and positions, singly and in groups."""
 
-    fitting: float = threshold(
-        2.5, "sigma", "residual up to which an observation keeps its full weight", "redescending weights (Hampel 1974)"
-    )
-    wrong: float = threshold(4.0, "sigma", "residual from which the weight is 0", "redescending weights (Hampel 1974)")
-    left_out: float = threshold(1e-3, "", "weight factor below which an observation counts as left out")
-    core: float = threshold(2.5, "robust sigma", "largest deviation from the median in its estimate")
-    group_wrong: float = threshold(3.5, "sigma", "residual from which a group contradicts the others")
-    decided: float = threshold(4.0, "chi²", "chi² increase to which other block positions are possible")
     most_returns: int = threshold(3, "returns", "after so many returns a group remains left out")
     least_of_group: int = threshold(3, "observations", "fewest observations of a group that is tested")
-    prior_redundancy: float = threshold(20.0, "observations", "weight of the given sigma in its estimate")
     sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "limits of the estimated factor of a sigma")
 
 
@@ -161,10 +153,10 @@ class SourceFit(Generic[ObservedRows]):
 def hampel_weight(t: np.ndarray) -> np.ndarray:
     """Return the weight factor of an observation with an error of ``t`` standard deviations (Hampel 1974).
 
-    It is 1 up to `SOURCE_FIT.fitting` and 0 from `SOURCE_FIT.wrong`.
+    It is 1 up to `ROBUST.full_weight` and 0 from `ROBUST.rejected`.
     """
-    factor = np.clip((SOURCE_FIT.wrong - t) / (SOURCE_FIT.wrong - SOURCE_FIT.fitting), 0.0, 1.0)
-    return np.where(factor > SOURCE_FIT.left_out, factor, 0.0)
+    factor = np.clip((ROBUST.rejected - t) / (ROBUST.rejected - ROBUST.full_weight), 0.0, 1.0)
+    return np.where(factor > REDUNDANCY.tested, factor, 0.0)
 
 
 def _find_core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
@@ -177,7 +169,7 @@ def _find_core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
     for _ in range(CUTS):
         t = (apart - middle) / sigma
         scale = max(float(robust_sigma(t[core])), 1.0)
-        inside = np.abs(t) <= SOURCE_FIT.core * scale
+        inside = np.abs(t) <= ROBUST.full_weight * scale
         middle = float(np.median(apart[inside]))
         if np.array_equal(inside, core):
             break
@@ -205,9 +197,7 @@ def estimate_sigma_factor(one: SourceFit[Any]) -> float:
         middle = float(np.sqrt(low * high))
         wide = robust_sigma(apart[known] / np.sqrt(middle**2 * own[known] + one.of_rays[known])) < 1.0
         low, high = (low, middle) if wide else (middle, high)
-    return float(
-        np.sqrt((SOURCE_FIT.prior_redundancy + telling * low * high) / (SOURCE_FIT.prior_redundancy + telling))
-    )
+    return float(np.sqrt((REDUNDANCY.common + telling * low * high) / (REDUNDANCY.common + telling)))
 
 
 def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
@@ -219,7 +209,7 @@ def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
             continue
         miss, variance = one.difference_m[here], one.variance[here]
         middle, scale = _find_core(miss, np.sqrt(variance))
-        core = np.abs(miss - middle) <= SOURCE_FIT.core * scale * np.sqrt(variance)
+        core = np.abs(miss - middle) <= ROBUST.full_weight * scale * np.sqrt(variance)
         own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # variance of a median
         found.append(GroupOffset(source, group, middle, own + one.source.common_m**2, int(here.sum())))
     return found
@@ -314,7 +304,7 @@ def find_outlying_groups(
 
     With the block's height, or its position along an axis, m, a common error b of each source (standard deviation s),
     and group offsets o of variance v, the squares ``b² / s²`` of the sources and ``(o - m - b)² / v`` of the groups,
-    each cut at `SOURCE_FIT.group_wrong`², are minimised over all m that equal an offset. The canopy in a DEM is one
+    each cut at `ROBUST.outlier`², are minimised over all m that equal an offset. The canopy in a DEM is one
     error, for any number of its parts; laser tracks are wrong independently. It is not certain that a group is wrong if
     it is right with another m of nearly the same cost: for example one of two tracks that differ.
     """
@@ -327,7 +317,7 @@ def find_outlying_groups(
     costs = np.array([cost for cost, _ in tried])
     best = int(np.argmin(costs + 1e-9 * variance))
     wrong = tried[best][1]
-    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + SOURCE_FIT.decided])
+    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + TESTS.decisive])
     weight = ~wrong / (variance + np.array([sources[k].sigma_m for k in of]) ** 2)
     return wrong, decided, float(weight @ offset / weight.sum())
 
@@ -336,7 +326,7 @@ def chi2_at_offset(
     m: float, offset: np.ndarray, variance: np.ndarray, of: np.ndarray, sources: Sequence[CommonError]
 ) -> tuple[float, np.ndarray]:
     """Return chi² of the group offsets for a common block offset m, and the mask of outlying groups."""
-    limit, total = SOURCE_FIT.group_wrong**2, 0.0
+    limit, total = ROBUST.outlier**2, 0.0
     wrong = np.zeros(len(offset), dtype=bool)
     for number in np.unique(of):
         here, source = np.flatnonzero(of == number), sources[number]

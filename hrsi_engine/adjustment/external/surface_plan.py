@@ -25,7 +25,8 @@ import numpy as np
 from ...block.block import Image
 from ...block.pointing import estimate_pointing
 from ...foundation.large_arrays import finite_rows
-from ...foundation.robust_scale import robust_sigma
+from ...foundation.robust_scale import ROBUST, robust_sigma
+from ...foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import ground_difference_m, move_ground
 from ...ground.operation_uses import largest_sigma_m
@@ -46,14 +47,8 @@ class SURFACE_FIT:
     noise_share: float = threshold(
         0.45, "", "noise of neighbouring DEM cells relative to the DEM's standard deviation", "GLO-30: 1 m"
     )
-    most_matches: int = threshold(12, "matches", "largest number of matchings of a part with the surface")
-    moved_cells: float = threshold(0.05, "cells", "shift of the block after which it is matched again")
-    fewest_cells: float = threshold(
-        12.0, "cells", "fewest independent cells with which the relief determines the position in plan"
-    )
     flat: float = threshold(0.7, "", "largest scatter of misclosures relative to that of heights; else ground is flat")
     left_of_relief: float = threshold(0.5, "", "largest scatter of misclosures relative to that of heights …")
-    left_sigmas: float = threshold(4.0, "sigma", "… or to the surface's sigma; beyond, it is not the same terrain")
 
 
 @dataclass(eq=False)
@@ -105,11 +100,11 @@ class SurfacePlan:
     def why_open(self) -> str:
         """Reason why the relief does not determine the block's position in plan; empty if it does."""
         match = self.first
-        if match.scatter_m > max(SURFACE_FIT.left_of_relief * self.relief_m, SURFACE_FIT.left_sigmas * self.sigma_m):
+        if match.scatter_m > max(SURFACE_FIT.left_of_relief * self.relief_m, ROBUST.outlier * self.sigma_m):
             return f"it does not show this terrain (a scatter of {match.scatter_m:.1f} m remains)"
         if match.scatter_m > SURFACE_FIT.flat * self.relief_m:
             return f"the ground is flat: its relief of {self.relief_m:.1f} m is not larger than the misclosures"
-        if match.cells < SURFACE_FIT.fewest_cells:
+        if match.cells < SAMPLES.fewest:
             return f"only {match.cells:.0f} of its parts are independent"
         if not match.is_decided:
             return "another displacement fits equally well"
@@ -153,7 +148,7 @@ class SurfacePlan:
             return priors
         # The points by the rays alone, and the variances of their heights
         at, Q = ground[self.points], cofactors[self.points]
-        W = (1.0 - HEIGHTS.least_by_rays) * priors.build_weight_matrices(self.points)
+        W = (1.0 - REDUNDANCY.tested) * priors.build_weight_matrices(self.points)
         by_rays = np.linalg.inv(np.linalg.inv(Q) - W)
         pulled = np.einsum("kij,kjl,kl->ki", by_rays, W, priors.compute_misclosures_m(at, self.points))
         return self._observe(priors, ground, self._match_again(*(move_ground(at, -pulled), by_rays[:, 2, 2])))
@@ -164,8 +159,8 @@ class SurfacePlan:
         now = np.median(by_rays, axis=0)
         moved = np.zeros(3) if self._at is None else ground_difference_m(now[None], self._at[None])[0]
         start = (np.zeros(3) if self._at is None else self.last.displacement_m) - moved
-        has_moved = self._at is None or np.abs(moved).max() > SURFACE_FIT.moved_cells * self.cell_m
-        if has_moved and self._matches < SURFACE_FIT.most_matches:
+        has_moved = self._at is None or np.abs(moved).max() > ITERATIONS.coarse * self.cell_m
+        if has_moved and self._matches < ITERATIONS.most:
             self._matches += 1
             noise_m = SURFACE_FIT.noise_share * self.sigma_m
             matcher = SurfaceMatcher(by_rays[usable], self.surface, self.kind, variance_m2[usable], noise_m)

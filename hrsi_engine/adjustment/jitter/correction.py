@@ -16,6 +16,7 @@ from ...block.block import Block, number_exposures
 from ...block.jitter_curve import JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, stage
+from ...foundation.statistical_limits import ITERATIONS
 from ..gauss_newton import Solution
 from ..options import JITTER_CHOICES, AdjustOptions
 from ..preparation.problem import Problem
@@ -49,7 +50,7 @@ def adjust_without_jitter(
     for _ in range(JITTER_CURVES.most_parts if options.jitter in JITTER_CHOICES else 1):
         spacing, period = choose_spacings(result, options.jitter)
         without, prior = xy, None  # measurements corrected by the curves so far
-        for number in range(JITTER_CURVES.most_rounds if spacing else 0):
+        for number in range(ITERATIONS.most if spacing else 0):
             problem, done_before, done = adjuster.problem, done, done + 0.3 * (1.0 - done)
             measured = without[problem.observations.rows]
             estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)

@@ -33,6 +33,8 @@ from scipy.sparse.linalg import SuperLU, splu
 from ...block.block import Image, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
 from ...foundation.errors import InputError
+from ...foundation.robust_scale import ROBUST
+from ...foundation.statistical_limits import ITERATIONS
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import Solution
@@ -55,17 +57,14 @@ class JITTER_CURVES:
     damping: tuple[float, ...] = threshold((0.3, 0.1, 0.02), "", "damping ratios of priors with its period, in turn")
     start_px: float = threshold(1.0, "px", "initial standard deviation of a curve")
     least_px: float = threshold(0.003, "px", "smallest sigma of a curve: a smaller one has no effect")
-    steps: int = threshold(6, "steps", "largest number of iterations of the variance")
     settled_variance: float = threshold(0.03, "", "relative change of the variance at convergence")
     weak: float = threshold(
         0.5, "", "posterior variance of an axis's curve relative to the prior one, above which it has no cubic part"
     )
-    outlier: float = threshold(3.0, "sigma", "scale of the robust Cauchy weights of points")
     most_points: int = threshold(100_000, "points", "largest number in use; of more points, an even choice")
     samples: int = threshold(24, "samples", "samples of the posterior distribution for the precision of curves")
     settled_px: float = threshold(0.03, "px", "RMS change of the curves at convergence", "smaller than an image error")
     most_parts: int = threshold(2, "parts", "successive corrections; the second removes remaining waves")
-    most_rounds: int = threshold(3, "rounds", "most alternations of curves and adjustment")
 
 
 ROBUST_STEPS = 3  # in which the robust weights of points are updated
@@ -291,7 +290,7 @@ class _WeightedPoints:
     def weigh(self, residual: np.ndarray) -> None:
         """Set the robust weights of the points by their residuals."""
         length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
-        self.weight = (1.0 / (1.0 + (length / JITTER_CURVES.outlier) ** 2))[self.number]
+        self.weight = (1.0 / (1.0 + (length / ROBUST.outlier) ** 2))[self.number]
         root, self.root = np.sqrt(self.weight), self.rows.matrix.copy()
         self.root.data *= np.repeat(root, np.diff(self.root.indptr))
         self.right = root * self.rows.right
@@ -337,7 +336,7 @@ class _Fit:
     def iterate(self, robust: int) -> None:
         """Iterate the robust weights in ``robust`` steps, and noise and variance of the curves until convergence."""
         weighted = self.weighted
-        for step in range(robust + JITTER_CURVES.steps):
+        for step in range(robust + ITERATIONS.most):
             self._factorise()
             residual = weighted.rows.right - weighted.rows.matrix @ self.solved
             drawn, squares = self.draw(8), list[float]()

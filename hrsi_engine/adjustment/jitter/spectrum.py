@@ -28,6 +28,7 @@ import numpy as np
 from scipy import fft, special
 
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.statistical_limits import ITERATIONS, SAMPLES, TESTS
 from ...foundation.thresholds import threshold, thresholds
 from ..result import Adjustment, Decision
 
@@ -47,6 +48,7 @@ class WAVES:
     longest_share: float = threshold(
         0.6667, "", "longest period relative to the observed lines; the RPC correction absorbs longer waves"
     )
+    outlier: float = threshold(5.0, "sigma", "deviation, wave included, beyond which a residual is left out")
     oversampling: int = threshold(5, "", "frequencies computed in the width of a peak", "loss of height below 2 %")
     scanned_share: float = threshold(
         0.85, "", "smallest height of a peak in the transform over its exact height", "0.97 by frequencies, 0.94 by "
@@ -57,12 +59,6 @@ class WAVES:
         0.05, "", "smallest part of a sine's square that trend and earlier waves leave", "half of it for a free sine"
     )
     strips: int = threshold(4, "strips", "strips along the samples whose waves are compared")
-    fewest_cells: int = threshold(30, "cells", "fewest cells of an image that is examined")
-    fewest_in_strip: int = threshold(6, "cells", "fewest cells of a strip that is compared")
-    outlier: float = threshold(5.0, "sigma", "robust deviation beyond which a residual is left out")
-    risk: float = threshold(1e-4, "", "false alarm probability of a block", "as in the tests of the verdict")
-    strip_risk: float = threshold(0.01, "", "error probability of the F test of the agreement of strips")
-    most_waves: int = threshold(8, "waves", "largest number of waves of an image along an axis")
 
 
 _CELL_LINES = WAVES.shortest_lines / WAVES.cells_in_period  # lines of a cell
@@ -112,7 +108,7 @@ class Spectrum:
     """Amplitudes of the best sines by period, and the smallest significant amplitude.
 
     period_lines, amplitude_px, power : (f,), from long to short periods; power is z of the module's docstring
-    significant_px : amplitude (RMS over phases) that has the false alarm probability `WAVES.risk`
+    significant_px : amplitude (RMS over phases) that has the false alarm probability `TESTS.false_alarm`
     """
 
     period_lines: np.ndarray
@@ -179,7 +175,7 @@ def estimate_spectrum(profile: LineProfile, axis: str) -> Spectrum | None:
     amplitude = np.sqrt(2.0 * power * rest / cells.weight.sum())
     levels = np.linspace(0.0, 1.0, 2001)[1:-1]
     chance = _compute_false_alarm(levels, cells, trend.shape[1], frequencies)
-    level = levels[np.argmax(chance < WAVES.risk)] if (chance < WAVES.risk).any() else np.inf
+    level = levels[np.argmax(chance < TESTS.false_alarm)] if (chance < TESTS.false_alarm).any() else np.inf
     return Spectrum(1.0 / frequencies, amplitude, power, float(np.sqrt(2.0 * level * rest / cells.weight.sum())))
 
 
@@ -204,20 +200,23 @@ def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]
     if cells is None or frequencies is None:
         return []
     columns, taken, chances = cells.make_trend(), list[float](), list[float]()
-    for _ in range(WAVES.most_waves):
+    for _ in range(ITERATIONS.most):
         power, _ = _scan_powers(cells, columns, frequencies)
         for one in taken:  # no second wave that the lines cannot separate
             power[np.abs(frequencies - one) < 1.0 / np.ptp(cells.line)] = 0.0
         # Most images have no wave: the exact peak is computed only if the scan may have missed a significant one
         highest = np.minimum(power.max(keepdims=True) / WAVES.scanned_share, 1.0)
-        if not tests * float(_compute_false_alarm(highest, cells, columns.shape[1], frequencies)[0]) < WAVES.risk:
+        if (
+            not tests * float(_compute_false_alarm(highest, cells, columns.shape[1], frequencies)[0])
+            < TESTS.false_alarm
+        ):
             break
         near = frequencies[int(np.argmax(power))] + (frequencies[1] - frequencies[0]) * np.linspace(-1.0, 1.0, 21)
         near = np.clip(near, frequencies[0], frequencies[-1])
         without = _remove_columns(cells, columns)
         z, frequency = max((_compute_power(cells, *without, one), one) for one in near.tolist())
         chance = tests * float(_compute_false_alarm(np.array([z]), cells, columns.shape[1], frequencies)[0])
-        if not chance < WAVES.risk or not _compare_strips(cells, columns, frequency) < WAVES.strip_risk:
+        if not chance < TESTS.false_alarm or not _compare_strips(cells, columns, frequency) < TESTS.significance:
             break
         columns = np.column_stack([columns, cells.make_sines(frequency)])
         taken.append(frequency)
@@ -242,7 +241,7 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     column = WAVE_AXES.index(axis)
     weight, shift = profile.weight[:, column], profile.shift_px[:, column]
     used = np.flatnonzero((weight > 0.0) & np.isfinite(shift))
-    if len(used) < WAVES.fewest_cells:
+    if len(used) < SAMPLES.fewest:
         return None
     off = shift[used] - np.median(shift[used])
     used = used[np.abs(off) <= WAVES.outlier * max(float(robust_sigma(off)), 1e-12)]
@@ -253,7 +252,7 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     cell = np.floor((line - line.min()) / _CELL_LINES).astype(np.int64) * WAVES.strips + strip
     sums = [np.bincount(cell, weight * x) for x in (1.0, line, sample, shift, strip)]
     filled = np.flatnonzero(sums[0])
-    if len(filled) < WAVES.fewest_cells:
+    if len(filled) < SAMPLES.fewest:
         return None
     total = sums[0][filled]
     line, sample, value, strip = (one[filled] / total for one in sums[1:])
@@ -325,7 +324,7 @@ def _compute_false_alarm(power: np.ndarray, cells: _Cells, columns: int, frequen
 def _compare_strips(cells: _Cells, columns: np.ndarray, frequency: float) -> float:
     """Return the probability that strips without a common wave agree so well by chance (F test)."""
     counts = np.bincount(cells.strip, minlength=WAVES.strips)
-    strips = np.flatnonzero(counts >= WAVES.fewest_in_strip)
+    strips = np.flatnonzero(counts >= SAMPLES.fewest)
     if len(strips) < 2:
         return 1.0
     used = np.isin(cells.strip, strips)

@@ -9,6 +9,7 @@ import numpy as np
 from ...block.exposures import find_passes
 from ...block.pointing import estimate_pointing
 from ...foundation.errors import list_ids
+from ...foundation.statistical_limits import REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import ground_difference_m
 from ..gauss_newton import GaussNewton, Solution
@@ -45,7 +46,6 @@ class RESULT_WARNINGS:
     many_heights_left_out: float = threshold(0.02, "", "largest share of left out heights without a warning")
     many_places_left_out: float = threshold(0.1, "", "largest share of left out places without a warning")
     parallel: float = threshold(0.01, "", "share of points on nearly parallel rays with a warning")
-    of_prediction: float = threshold(4.0, "observations", "weight of predicted errors relative to leave-one-out errors")
     from_prior: float = threshold(0.5, "", "smallest share of the prior in a parameter that is not determined")
 
 
@@ -157,7 +157,7 @@ def _scale_covariances(
     others = of_point * predict_without_surveys(problem, solution, precise) + beside
     others[np.isnan(covariance)] = np.nan
     squares, freedom = found.left_out_surveys
-    stated = RESULT_WARNINGS.of_prediction
+    stated = REDUNDANCY.stated
     widened = np.sqrt(max((stated + squares / max(sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
     of_shifts: np.ndarray | float = 0.0
     if shared is not None:

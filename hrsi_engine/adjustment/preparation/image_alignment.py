@@ -18,6 +18,8 @@ import numpy as np
 
 from ...foundation.large_arrays import finite_rows
 from ...foundation.progress import silent
+from ...foundation.robust_scale import ROBUST
+from ...foundation.statistical_limits import ITERATIONS, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import RefinementModel
 from ...refinement.models import MODELS
@@ -36,14 +38,10 @@ class IMAGE_ALIGNMENT:
 
     points_per_pair: int = threshold(64, "points", "largest number of points used to align two images")
     points_per_image: int = threshold(96, "points", "number of points of an image, divided among its pairs")
-    fewest_per_pair: int = threshold(16, "points", "fewest points for two images; a third may be wrong")
     apart_px: float = threshold(100.0, "px", "sigma of image points in the first intersection")
     least_height_m: float = threshold(200.0, "m", "smallest a priori sigma of a height in the alignment")
     coarse_share: float = threshold(0.9, "", "share of measurements with residuals below the first scale")
     finer: float = threshold(0.25, "", "scale of the robust weights relative to that before")
-    finest: float = threshold(4.0, "sigma", "scale of the robust weights in the last pass")
-    settled: float = threshold(1e-3, "", "relative decrease of the cost at which a pass ends")
-    most_steps: int = threshold(10, "steps", "largest number of steps in a pass")
 
 
 def align_images(
@@ -73,12 +71,12 @@ def align_images(
     usable = finite_rows(ground)
     ground[~usable] = begin[~usable]
     agreeing = find_agreeing_measurements(equations, few, State(shifts, ground), usable) & usable[few.point]
-    loop = GaussNewton(equations, equations.pattern, shift_weight, np.diff(few.first), IMAGE_ALIGNMENT.most_steps)
+    loop = GaussNewton(equations, equations.pattern, shift_weight, np.diff(few.first), ITERATIONS.most)
     factor, scale, state = agreeing.astype(np.float64), np.inf, State(shifts, ground)
     while True:
         weighting = Weighting(weight * factor, priors, usable)
-        found = loop.iterate(state, weighting, "none", IMAGE_ALIGNMENT.settled, silent)
-        if scale == IMAGE_ALIGNMENT.finest:
+        found = loop.iterate(state, weighting, "none", ITERATIONS.fine, silent)
+        if scale == ROBUST.rejected:
             # Values of the model with the same effect on the image points as the shifts, except for their priors
             p = len(model.parameters)
             normal, right = np.zeros((few.cameras, p, p)), np.zeros((few.cameras, p))
@@ -97,9 +95,9 @@ def align_images(
             return np.asarray(np.linalg.solve(normal, np.where(held, 0.0, right)[:, :, None])[:, :, 0])
         sigmas = np.linalg.norm(found.normals.residual, axis=1) * np.sqrt(weight)
         coarse = float(np.quantile(sigmas[agreeing], IMAGE_ALIGNMENT.coarse_share)) if np.isinf(scale) else scale
-        scale = max(IMAGE_ALIGNMENT.finer * coarse, IMAGE_ALIGNMENT.finest)
+        scale = max(IMAGE_ALIGNMENT.finer * coarse, ROBUST.rejected)
         factor, state = agreeing * cauchy(sigmas, scale), found.state
-        if scale == IMAGE_ALIGNMENT.finest:  # their sum would constrain the block's mean height
+        if scale == ROBUST.rejected:  # their sum would constrain the block's mean height
             priors = set_point_priors(few, state.ground, None, None)[0]
 
 
@@ -125,7 +123,7 @@ def _choose_points(observations: Observations) -> np.ndarray:
     count = np.diff(begin, append=len(order))
     joined = np.stack(np.divmod(key[order[begin]].astype(np.int64), cameras))
     links = np.bincount(joined.ravel(), minlength=cameras)
-    fewest, most = IMAGE_ALIGNMENT.fewest_per_pair, IMAGE_ALIGNMENT.points_per_pair
+    fewest, most = SAMPLES.fewest, IMAGE_ALIGNMENT.points_per_pair
     wanted = np.clip(IMAGE_ALIGNMENT.points_per_image // links[joined].min(axis=0, initial=cameras), fewest, most)
     step, last = np.repeat(np.maximum(count // wanted, 1), count), np.repeat(wanted, count)
     rank = np.arange(len(order)) - np.repeat(begin, count)

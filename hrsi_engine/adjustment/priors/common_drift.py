@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...foundation.statistical_limits import REDUNDANCY, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import ground_difference_m
 from ...refinement.image_space import ImagePolynomial
@@ -37,14 +38,10 @@ from ..observations import Observations
 class COMMON_DRIFT:
     """Limits for parts of a block with common drifts, and for image points with correlated errors."""
 
-    most_cameras: int = threshold(
-        50, "cameras", "largest part whose common drift is estimated; the mean drift of a larger one is known well"
-    )
     patch_px: float = threshold(
         300.0, "px", "side of the cells within which image points have correlated matching errors", "Kahramanmaras, "
         "two Pleiades pairs, 2026-11-25"
     )  # fmt: skip
-    least_mode: float = threshold(1e-4, "", "smallest common drift relative to the largest one")
 
 
 GRID = 5  # grid points along each axis of an image, for the fit of its drifts to a deformation of the ground
@@ -160,7 +157,7 @@ def find_common_drift(
     """
     camera = np.unique(observations.camera_of_image[images])
     own, sigma = free[camera], sigma[camera]
-    if len(camera) > COMMON_DRIFT.most_cameras or not own.any():
+    if len(camera) > SAMPLES.dense or not own.any():
         return None
     equations: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
     for index, by_values, by_fields in _derive_fields(observations, model, images):
@@ -175,7 +172,7 @@ def find_common_drift(
         for place, chosen in enumerate(own)
     ])  # fmt: skip
     basis, size, _ = np.linalg.svd(modes, full_matrices=False)
-    basis = basis[:, size > COMMON_DRIFT.least_mode * size[0]]
+    basis = basis[:, size > REDUNDANCY.tested * size[0]]
     points = patches = 0  # their ratio: image points per independent error
     for index in images.tolist() if only_ties else ():
         xy = observations.xy[observations.by_image[index]]

@@ -21,6 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...foundation.robust_scale import ROBUST
+from ...foundation.statistical_limits import REDUNDANCY, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.threads import thread_count
 from ..equations import NormalEquations, State
@@ -43,10 +45,6 @@ class PARALLAX:
         80, "planes", "planes tried for each image pair: one of them has three correct parallaxes with 98 % "
         "probability if 36 % are correct", "probability: 1 - (1 - 0.36³)^80"
     )  # fmt: skip
-    least_for_plane: int = threshold(20, "parallaxes", "fewest parallaxes for a plane; fewer give a constant only")
-    least_for_scale: int = threshold(12, "parallaxes", "fewest parallaxes of an image pair that are tested")
-    agreeing: float = threshold(3.0, "sigma", "largest deviation of a correct parallax from its plane")
-    levelling: float = threshold(1e-3, "", "relative weight that keeps slopes of poorly spread parallaxes at zero")
 
 
 PARALLEL = 1e-9  # sine of the angle below which rays count as parallel
@@ -85,9 +83,9 @@ def find_agreeing_measurements(
         return agreeing
     pairs = Parallaxes(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
     departure, judged = _measure_departures(observations, pairs)
-    if judged.sum() < PARALLAX.least_for_scale:
+    if judged.sum() < SAMPLES.fewest:
         return agreeing
-    near = ~judged | (np.abs(departure) <= PARALLAX.agreeing * _estimate_scale(departure[judged]))
+    near = ~judged | (np.abs(departure) <= ROBUST.outlier * _estimate_scale(departure[judged]))
     compared, agreed = np.zeros(observations.count), np.zeros(observations.count)
     for rows in (pairs.first, pairs.second):
         compared += np.bincount(rows, minlength=len(compared))
@@ -160,7 +158,7 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
         # evenly over the parallaxes of each image pair; those of a small pair repeatedly
         step = np.maximum(size / PARALLAX.sample, 1.0)[:, None] * np.arange(PARALLAX.sample)
         picked = begin[:, None] + step.astype(np.int64) % size[:, None]
-        planes, tilted = np.zeros((len(part), 3)), size >= PARALLAX.least_for_plane
+        planes, tilted = np.zeros((len(part), 3)), size >= SAMPLES.fewest
         kept = (PARALLAX.sample * np.clip(3.0 / size, PARALLAX.quantile, 1.0)).astype(np.int64) - 1
         samples = terms[picked], y[picked], sigma[picked], kept
         planes[tilted] = _fit_planes(three, *(sample[tilted] for sample in samples))
@@ -169,12 +167,12 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
         here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # skips pairs with fewer
         computed = np.einsum("nc,nc->n", terms[here], np.repeat(planes, size, axis=0))
         departure[order[span][here]] = (y[here] - computed) / sigma[here]
-        judged[order[span][here]] = np.repeat(size >= PARALLAX.least_for_scale, size)
+        judged[order[span][here]] = np.repeat(size >= SAMPLES.fewest, size)
 
     rng = np.random.default_rng(1)  # reproducible planes
     parts = [part for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE) if len(part)]
     three = [
-        rng.integers(0, PARALLAX.sample, (int((count[p] >= PARALLAX.least_for_plane).sum()), PARALLAX.planes_tried, 3))
+        rng.integers(0, PARALLAX.sample, (int((count[p] >= SAMPLES.fewest).sum()), PARALLAX.planes_tried, 3))
         for p in parts
     ]
     with ThreadPoolExecutor(thread_count(0)) as pool:
@@ -206,7 +204,7 @@ def _fit_planes(
         through[~spread, 0] = y_of_three[~spread, 0]
         tried = np.concatenate([tried, through], axis=1)
     plane = tried[np.arange(len(y)), _find_nearest_planes(terms, y, sigma, tried, kept)]
-    flat = PARALLAX.levelling * np.array([0.0, 1.0, 1.0])[: terms.shape[2]]
+    flat = REDUNDANCY.regularised * np.array([0.0, 1.0, 1.0])[: terms.shape[2]]
     for _ in range(PLANE_STEPS):
         # Parallaxes farther away than the one with rank ``kept`` have no weight
         apart = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, special
 
+from ...foundation.statistical_limits import REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import GaussNewton, Solution
 
@@ -31,7 +32,6 @@ from ..gauss_newton import GaussNewton, Solution
 class RELIABILITY:
     """Limits below which residuals are not tested and beyond which standard deviations are not reported."""
 
-    least_redundancy: float = threshold(1e-3, "", "smallest redundancy number of a residual that is tested")
     farthest_m: float = threshold(1e5, "m", "largest standard deviation of a determined coordinate")
 
 
@@ -77,7 +77,7 @@ def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: 
     """Return the decrease of the weighted sum of squares if an image point is left out, ``(n,)``.
 
     It is v' Qv^-1 v of residuals ``(n, 2)``; for normal errors chi² with two degrees of freedom. Directions in which
-    less than `RELIABILITY.least_redundancy` of an error appears in the residual are not tested.
+    less than `REDUNDANCY.tested` of an error appears in the residual are not tested.
     """
     a, d, b = cofactors[:, 0, 0] * weight, cofactors[:, 1, 1] * weight, cofactors[:, 0, 1] * weight
     middle, half = 0.5 * (a + d), np.hypot(0.5 * (a - d), b)
@@ -88,7 +88,7 @@ def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: 
         (middle + half, residual[:, 0] * cosine + residual[:, 1] * sine),
         (middle - half, residual[:, 1] * cosine - residual[:, 0] * sine),
     ):
-        testable = share > RELIABILITY.least_redundancy
+        testable = share > REDUNDANCY.tested
         total[testable] += weight[testable] * x[testable] ** 2 / share[testable]
     return total
 

@@ -30,6 +30,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ...block.jitter_curve import JitterEstimate
+from ...foundation.statistical_limits import SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import move_ground
 from ...refinement.model import RefinementModel
@@ -66,7 +67,6 @@ class PASS_POINTING:
         0.15, "", "sigma of a frame's own pointing error relative to that of the pass", "SkySat over Miami University "
         "0.05; views 12 degrees apart see a common error 0.1 differently; 2026-11-25"
     )  # fmt: skip
-    most_cameras: int = threshold(50, "cameras", "largest pass whose frames' own errors are modelled")
 
 
 def propagate_pointing(
@@ -93,7 +93,7 @@ def propagate_pointing(
 
     common = np.stack([move(cameras, parameter) for parameter in parameters.tolist()], axis=2)
     excess = np.zeros((len(common), 3, 3))
-    if len(cameras) > PASS_POINTING.most_cameras:  # C contains 1/k of the common variance
+    if len(cameras) > SAMPLES.dense:  # C contains 1/k of the common variance
         return np.sqrt(1.0 - 1.0 / len(cameras)) * common, excess
     shared = 1.0 - PASS_POINTING.own_share**2
     for parameter in parameters.tolist():

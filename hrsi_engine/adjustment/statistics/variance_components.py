@@ -3,8 +3,8 @@
 For a group g with weighted squares W_g and redundancy r_g (the sum of its redundancy numbers), s_g² = W_g / r_g is the
 variance factor of its sigma. The adjustment is repeated with corrected sigmas until every s_g is 1. A group that the
 block does not control (r_g small) keeps its sigma; but for the image points of GCPs the factor of the tie points on
-their images has the weight of `VARIANCE.of_ties` observations, and for each image that of its groups has that of
-`VARIANCE.of_group` (an inverse chi² distribution of the variance; Gelman et al. 2013, section 5.4). Surveys with
+their images has the weight of `REDUNDANCY.stated` observations, and for each image that of its groups has that of
+`REDUNDANCY.common` (an inverse chi² distribution of the variance; Gelman et al. 2013, section 5.4). Surveys with
 correlated coordinates are a separate group, whose covariances are scaled as a whole: east, north and height can hardly
 be distinguished there. GCPs that are places of a reference keep their sigmas, which contain an error common to all, on
 which their scatter has no information. And no sigma of matching falls below `VARIANCE.least_matched_px`, also if points
@@ -26,6 +26,7 @@ from ...block.block import Block, Image, Role
 from ...block.laser import LASER_KIND
 from ...block.orthoimage import REFERENCE_KIND
 from ...block.pointing import compute_gsds_m
+from ...foundation.statistical_limits import REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import Solution
 from ..observations import Observations
@@ -37,17 +38,7 @@ from .precision import Precision
 class VARIANCE:
     """Limits for the estimation of a priori sigmas from residuals (variance components)."""
 
-    least_redundancy: float = threshold(
-        4.0, "", "smallest redundancy of a group whose sigma is tested or estimated (to a third)", "1 / sqrt(2 r) of a "
-        "variance component with redundancy r"
-    )  # fmt: skip
     least_matched_px: float = threshold(0.02, "px", "smallest sigma of image matching", "Förstner 1982, Grün 1985")
-    of_ties: float = threshold(
-        2.0, "observations", "weight of the variance factor of tie points in that of GCPs' image points"
-    )
-    of_group: float = threshold(30.0, "observations", "weight of a group's variance factor in those of the images")
-    of_surveys: float = threshold(6.0, "observations", "weight of the surveys' joint factor in each group's")
-    least_survey_share: float = threshold(1e-5, "", "smallest weight of a survey in its own adjusted coordinate")
     same_gsd: float = threshold(1.25, "", "largest ratio of successive pixel sizes of one sensor, sorted")
 
 
@@ -179,7 +170,7 @@ def compute_group_sums(
     miss = priors.compute_misclosures_m(solution.state.ground[points], points)
     squares = np.where(observed, miss * np.einsum("kij,kj->ki", counted, miss), 0.0)
     decided = np.einsum("kij,kji->ki", counted, precise.points[points])
-    informed = observed & (decided > VARIANCE.least_survey_share)
+    informed = observed & (decided > REDUNDANCY.tested)
     squares, share = np.where(informed, squares, 0.0), np.where(informed, 1.0 - decided, 0.0)
     of_group = number_survey_groups(observations)[points]
     for group in range(SURVEYS):
@@ -213,7 +204,7 @@ def number_survey_groups(observations: Observations) -> np.ndarray:
 class Sigmas:
     """The current factors, one for each group, at least ``least``; those of groups that are not ``free`` do not change.
 
-    The surveys' groups have a common factor with the weight of `VARIANCE.of_surveys` observations in each, because, for
+    The surveys' groups have a common factor with the weight of `REDUNDANCY.stated` observations in each, because, for
     example, the block hardly controls the heights of few GCPs. Image points of one group differ by image: ``of_image
     (images,)`` are additional factors.
     """
@@ -235,19 +226,17 @@ class Sigmas:
     def correct_factors(self, sums: np.ndarray) -> float:
         """Correct the factors of the groups by their `compute_group_sums`; return the largest relative change."""
         squares, freedom = sums[:, 0] * self.factor**2, sums[:, 1]  # for the given sigmas
-        usable = (freedom >= VARIANCE.least_redundancy) & (squares > 0.0) & self.free
-        wanted = np.where(usable, squares / np.maximum(freedom, VARIANCE.least_redundancy), self.factor**2)
+        usable = (freedom >= REDUNDANCY.estimated) & (squares > 0.0) & self.free
+        wanted = np.where(usable, squares / np.maximum(freedom, REDUNDANCY.estimated), self.factor**2)
         # image points of GCPs (odd indices) are measured on the same images as the tie points (index before)
         ties, gcps = slice(0, -SURVEYS, 2), slice(1, -SURVEYS, 2)
-        few = VARIANCE.of_ties * (self.free[gcps] & (freedom[ties] >= VARIANCE.least_redundancy))
-        pooled = (few * wanted[ties] + squares[gcps]) / np.maximum(few + freedom[gcps], VARIANCE.of_ties)
+        few = REDUNDANCY.stated * (self.free[gcps] & (freedom[ties] >= REDUNDANCY.estimated))
+        pooled = (few * wanted[ties] + squares[gcps]) / np.maximum(few + freedom[gcps], REDUNDANCY.stated)
         wanted[gcps] = np.where((few > 0.0) & (sums[gcps, 2] > 0.0), pooled, wanted[gcps])
         survey = slice(-SURVEYS, None)
-        if self.free[survey].all() and freedom[survey].sum() >= VARIANCE.least_redundancy:
+        if self.free[survey].all() and freedom[survey].sum() >= REDUNDANCY.estimated:
             surveyor = squares[survey].sum() / freedom[survey].sum()
-            wanted[survey] = (VARIANCE.of_surveys * surveyor + squares[survey]) / (
-                VARIANCE.of_surveys + freedom[survey]
-            )
+            wanted[survey] = (REDUNDANCY.stated * surveyor + squares[survey]) / (REDUNDANCY.stated + freedom[survey])
         ratio = np.clip(np.maximum(np.sqrt(wanted), self.least) / self.factor, 0.2, 5.0)
         self.factor = self.factor * ratio
         return float(np.abs(ratio - 1.0).max())
@@ -255,8 +244,8 @@ class Sigmas:
     def correct_images(self, sums: np.ndarray, sensor: np.ndarray) -> None:
         """Correct the factors of the images of each ``sensor (images,)`` by their `compute_image_sums`."""
         if self.free[:-SURVEYS].any():
-            own = VARIANCE.of_group + sums[:, 0] * self.of_image**2
-            weight = VARIANCE.of_group + sums[:, 1]
+            own = REDUNDANCY.common + sums[:, 0] * self.of_image**2
+            weight = REDUNDANCY.common + sums[:, 1]
             told = 0.5 * np.log(own / weight)
             # a factor common to all images of a sensor belongs to their groups
             mean = np.bincount(sensor, weight * told) / np.maximum(np.bincount(sensor, weight), 1e-300)
@@ -270,9 +259,9 @@ class Sigmas:
         90 % of the errors would contain 86 % (r = 14).
         """
         factor, freedom = self.factor[-SURVEYS:], sums[-SURVEYS:, 1]
-        freedom = np.minimum(freedom + VARIANCE.of_surveys, freedom.sum())
-        estimated = self.free[-SURVEYS:] & (freedom >= VARIANCE.least_redundancy)
-        r = np.maximum(freedom, VARIANCE.least_redundancy)
+        freedom = np.minimum(freedom + REDUNDANCY.stated, freedom.sum())
+        estimated = self.free[-SURVEYS:] & (freedom >= REDUNDANCY.estimated)
+        r = np.maximum(freedom, REDUNDANCY.estimated)
         return np.asarray(factor * np.where(estimated, np.sqrt(r / (r - 2.0)), 1.0))
 
     @property
@@ -297,7 +286,7 @@ def list_components(
     return tuple(
         VarianceComponent(
             name, int(sums[k, 2]), float(sums[k, 1]), float(sigmas.factor[k]), float(sigmas.factor[k] * given[k]),
-            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= VARIANCE.least_redundancy and sigmas.free[k]),
+            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= REDUNDANCY.estimated and sigmas.free[k]),
         )
         for k, name in enumerate(groups.names)
         if sums[k, 2] > 0
