@@ -1,7 +1,7 @@
 """Limits that all statistical estimates share: one significance level, one weight of stated standard deviations.
 
 A test, an estimate or an iteration takes its limits from here, and robust ones from `robust_scale`, so that the same
-question has the same answer wherever it is asked; limits of one method alone stand in its module.
+question has the same answer wherever it is asked; limits of one method alone are in its module.
 """
 
 from .thresholds import threshold, thresholds
