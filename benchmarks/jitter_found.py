@@ -33,7 +33,7 @@ from hrsi.hrsi_engine.adjustment.jitter.spectrum import (
 )
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.foundation.errors import HrsiError
-from hrsi.hrsi_engine.foundation.statistical_limits import TESTS
+from hrsi.hrsi_engine.foundation.statistical_limits import SIGNIFICANCE
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     BlockSimulation,
@@ -267,7 +267,7 @@ def main(words: Sequence[str] | None = None) -> None:
         waves = sum(amplitude > 0.0 for _, amplitude in sound)
         parts["blocks"] = (
             f"Of {len(sound)} correct blocks {waves} have a significant wave, and {named} the reason `jitter`. "
-            f"{TESTS.false_alarm * len(sound):.2f} are expected by chance.\n"
+            f"{SIGNIFICANCE.false_alarm * len(sound):.2f} are expected by chance.\n"
         )
     if options.part in (None, "real"):
         parts["real"] = render(("block", "most points in an image", "waves", "reason"), real_rows())

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import special
 
 from ..foundation.large_arrays import any_of_rows
-from ..foundation.statistical_limits import TESTS
+from ..foundation.statistical_limits import SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_parameters
 from ..refinement.selection import DRIFTING, NESTED_MODELS
@@ -89,7 +89,7 @@ def predict_left_out(
         left = np.zeros((*values.shape, len(rest)))  # omitted drift, in the camera's parameters
         left[:, own], left[:, rest] = -compute_gain(squares, loop.prior_weight, own, rest), np.eye(len(rest))
         drift = np.einsum("cpr,cr->cp", left, values[:, rest])
-        chance = unit_variance * special.chdtri(max(len(rest), 1) * len(values), TESTS.significance)
+        chance = unit_variance * special.chdtri(max(len(rest), 1) * len(values), SIGNIFICANCE.level)
         if np.einsum("cp,cpq,cq->", drift, tie_squares, drift) > max(most_left, chance):
             too_simple.append(name)
         of_model = []

@@ -28,7 +28,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg, special
 
-from ..foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES, TESTS
+from ..foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import estimate_priors
 from ..refinement.selection import can_estimate_drift
@@ -122,7 +122,7 @@ class SigmaEstimation:
             if freedom >= REDUNDANCY.estimated:
                 chance = 2.0 * min(special.chdtrc(freedom, squares), special.chdtr(freedom, squares))
                 ratio = float(np.sqrt(squares / freedom))
-                failed = chance < TESTS.significance and not 1.0 / SIGMA.material < ratio < SIGMA.material
+                failed = chance < SIGNIFICANCE.level and not 1.0 / SIGMA.material < ratio < SIGMA.material
                 self.tests.append(ModelTest(name, ratio, freedom, bool(failed)))
         # Wrong points also cause residuals, and so do wrong external heights or places: larger sigmas would accept
         # them. With hardly any tie points sigma0 is the factor of all.

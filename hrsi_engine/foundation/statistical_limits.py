@@ -8,10 +8,10 @@ from .thresholds import threshold, thresholds
 
 
 @thresholds
-class TESTS:
+class SIGNIFICANCE:
     """Error probabilities of statistical tests."""
 
-    significance: float = threshold(0.01, "", "significance level of a test that changes a model, a sigma or a weight")
+    level: float = threshold(0.01, "", "significance level of a test that changes a model, a sigma or a weight")
     false_alarm: float = threshold(1e-4, "", "error probability of a test that calls an observation wrong")
     decisive: float = threshold(9.0, "chi²", "difference that decides between two explanations (3 sigma)")
 

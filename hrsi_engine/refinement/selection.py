@@ -30,7 +30,7 @@ from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import ROBUST
-from ..foundation.statistical_limits import REDUNDANCY, TESTS
+from ..foundation.statistical_limits import REDUNDANCY, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 from .estimate import Control, Estimate, estimate
 from .models import MODELS
@@ -332,7 +332,7 @@ def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
             )
             q, freedom = np.sum(whitened * predicted, axis=1), found.redundancy - 2.0
             rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / freedom
-            critical = 1.0 / special.fdtri(freedom, 2, TESTS.false_alarm / len(control))
+            critical = 1.0 / special.fdtri(freedom, 2, SIGNIFICANCE.false_alarm / len(control))
             worst = int(np.argmax(q / rest))
             ratio = float(q[worst] / 2.0 / rest[worst] / critical)
             deviation = float(np.linalg.norm(found.left_out_px[worst]))

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lombscargle
 
 from hrsi.hrsi_engine.adjustment.jitter.spectrum import LineProfile, estimate_spectrum, find_waves
-from hrsi.hrsi_engine.foundation.statistical_limits import TESTS
+from hrsi.hrsi_engine.foundation.statistical_limits import SIGNIFICANCE
 
 LINES = 12000.0
 
@@ -79,4 +79,4 @@ def test_noise_has_waves_as_rarely_as_stated():
         shift = np.where(rng.random((count, 2)) < 0.03, rng.normal(0.0, 5.0, (count, 2)), 0.0)
         line = rng.uniform(0.0, rng.choice((4000.0, 8000.0, 12000.0)), count)
         false += bool(find_waves(make_profile(rng, count, shift, 0.3, line)))
-    assert TESTS.false_alarm == 1e-4 and false <= 3
+    assert SIGNIFICANCE.false_alarm == 1e-4 and false <= 3

@@ -33,7 +33,7 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
-from ...foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES, TESTS
+from ...foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 
@@ -108,7 +108,7 @@ class VarianceFactor:
             if shares < 0.5:
                 continue
             ratio = (total + stated) / (shares + stated)
-            if special.fdtrc(shares + stated, freedom + stated, ratio / pooled) < TESTS.significance:
+            if special.fdtrc(shares + stated, freedom + stated, ratio / pooled) < SIGNIFICANCE.level:
                 worse.append((ratio, shares + stated))
         return cls(pooled, freedom + stated, tuple(worse))
 
@@ -189,7 +189,7 @@ class _SuspectSearch:
 
     def find_suspect_gcps(self) -> list[Suspect]:
         """Return the wrong or undecided GCPs; empty if the GCPs as a whole and each of their observations agree."""
-        whole = special.chdtrc(max(self.freedom, 1), self.squares) > TESTS.significance
+        whole = special.chdtrc(max(self.freedom, 1), self.squares) > SIGNIFICANCE.level
         factor = VarianceFactor(1.0, 1e9, ())
         if whole and all(
             factor.compute_surprise(*self.control.test_subset(one.out)) < self.limit
@@ -293,7 +293,7 @@ class _SuspectSearch:
     def _list_alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:
         """Yield other groups of the same size that explain nearly as much."""
         best, _ = self.test_group(group)
-        needed = best - max(TESTS.decisive * factor.largest, GCP_TESTS.like * best)
+        needed = best - max(SIGNIFICANCE.decisive * factor.largest, GCP_TESTS.like * best)
         others: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
         if special.binom(self.gcps, len(group)) > GCP_TESTS.all_subsets:  # only one GCP exchanged
             outside = sorted(set(range(self.gcps)) - set(group))
@@ -307,12 +307,12 @@ class _SuspectSearch:
         rest = self._leave_out_others(group, gcp)
         most, _ = rest.test_subset(rest.find_measurements((gcp,)))
         tests = {one: rest.test_subset(one.out) for one in _list_explanations(rest, gcp)}
-        score = {one: test / factor.largest - TESTS.decisive * rank for one, (test, rank) in tests.items()}
+        score = {one: test / factor.largest - SIGNIFICANCE.decisive * rank for one, (test, rank) in tests.items()}
         best = max(score, key=lambda one: score[one])
-        alike = score[best] - max(TESTS.decisive, GCP_TESTS.like * score[best])
+        alike = score[best] - max(SIGNIFICANCE.decisive, GCP_TESTS.like * score[best])
         # height and ground position differ in size only; a measurement is a different explanation
         others = [one for one in score if score[one] >= alike and "image" in (one.what, best.what) and one is not best]
-        unexplained = most - tests[best][0] > max(TESTS.decisive * factor.largest, GCP_TESTS.like * most)
+        unexplained = most - tests[best][0] > max(SIGNIFICANCE.decisive * factor.largest, GCP_TESTS.like * most)
         shown = best.out
         if others or unexplained:
             best = Explanation("all", rest.find_observations((gcp,)))

@@ -28,7 +28,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.statistical_limits import REDUNDANCY, TESTS
+from ...foundation.statistical_limits import REDUNDANCY, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..result import SourceGroup
 
@@ -317,7 +317,7 @@ def find_outlying_groups(
     costs = np.array([cost for cost, _ in tried])
     best = int(np.argmin(costs + 1e-9 * variance))
     wrong = tried[best][1]
-    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + TESTS.decisive])
+    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + SIGNIFICANCE.decisive])
     weight = ~wrong / (variance + np.array([sources[k].sigma_m for k in of]) ** 2)
     return wrong, decided, float(weight @ offset / weight.sum())
 

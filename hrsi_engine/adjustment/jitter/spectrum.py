@@ -28,7 +28,7 @@ import numpy as np
 from scipy import fft, special
 
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.statistical_limits import ITERATIONS, SAMPLES, TESTS
+from ...foundation.statistical_limits import ITERATIONS, SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..result import Adjustment, Decision
 
@@ -108,7 +108,7 @@ class Spectrum:
     """Amplitudes of the best sines by period, and the smallest significant amplitude.
 
     period_lines, amplitude_px, power : (f,), from long to short periods; power is z of the module's docstring
-    significant_px : amplitude (RMS over phases) that has the false alarm probability `TESTS.false_alarm`
+    significant_px : amplitude (RMS over phases) that has the false alarm probability `SIGNIFICANCE.false_alarm`
     """
 
     period_lines: np.ndarray
@@ -175,7 +175,9 @@ def estimate_spectrum(profile: LineProfile, axis: str) -> Spectrum | None:
     amplitude = np.sqrt(2.0 * power * rest / cells.weight.sum())
     levels = np.linspace(0.0, 1.0, 2001)[1:-1]
     chance = _compute_false_alarm(levels, cells, trend.shape[1], frequencies)
-    level = levels[np.argmax(chance < TESTS.false_alarm)] if (chance < TESTS.false_alarm).any() else np.inf
+    level = (
+        levels[np.argmax(chance < SIGNIFICANCE.false_alarm)] if (chance < SIGNIFICANCE.false_alarm).any() else np.inf
+    )
     return Spectrum(1.0 / frequencies, amplitude, power, float(np.sqrt(2.0 * level * rest / cells.weight.sum())))
 
 
@@ -208,7 +210,7 @@ def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]
         highest = np.minimum(power.max(keepdims=True) / WAVES.scanned_share, 1.0)
         if (
             not tests * float(_compute_false_alarm(highest, cells, columns.shape[1], frequencies)[0])
-            < TESTS.false_alarm
+            < SIGNIFICANCE.false_alarm
         ):
             break
         near = frequencies[int(np.argmax(power))] + (frequencies[1] - frequencies[0]) * np.linspace(-1.0, 1.0, 21)
@@ -216,7 +218,7 @@ def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]
         without = _remove_columns(cells, columns)
         z, frequency = max((_compute_power(cells, *without, one), one) for one in near.tolist())
         chance = tests * float(_compute_false_alarm(np.array([z]), cells, columns.shape[1], frequencies)[0])
-        if not chance < TESTS.false_alarm or not _compare_strips(cells, columns, frequency) < TESTS.significance:
+        if not chance < SIGNIFICANCE.false_alarm or not _compare_strips(cells, columns, frequency) < SIGNIFICANCE.level:
             break
         columns = np.column_stack([columns, cells.make_sines(frequency)])
         taken.append(frequency)

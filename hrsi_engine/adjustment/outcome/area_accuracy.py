@@ -21,7 +21,7 @@ from scipy import special
 from ...block.block import Image
 from ...block.pointing import estimate_pointing
 from ...foundation.large_arrays import finite_rows
-from ...foundation.statistical_limits import TESTS
+from ...foundation.statistical_limits import SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..equations.states import FREE_POINT_SIGMA_M
 from ..gauss_newton import Solution
@@ -183,7 +183,9 @@ def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[
     by_ground = float(moved @ difference @ np.linalg.pinv(moved @ slope[0]) @ moved @ difference)
     blocks = [slice(2 * k, 2 * k + 2) for k in range(len(images))]  # or a wrong measurement on one of them
     alone = max(float(difference[k] @ np.linalg.solve(covariance[k, k], difference[k])) for k in blocks)
-    excess = max(one / special.chdtri(freedom, TESTS.false_alarm) for one, freedom in ((by_ground, 3.0), (alone, 2.0)))
+    excess = max(
+        one / special.chdtri(freedom, SIGNIFICANCE.false_alarm) for one, freedom in ((by_ground, 3.0), (alone, 2.0))
+    )
     factor = float(np.sqrt(difference @ np.linalg.solve(stated, difference) / len(difference)))
     worst = int(np.argmax(np.linalg.norm(apart, axis=1)))
     metres = float(np.hypot(*np.linalg.solve(slopes[worst][0][:, :2], apart[worst])))
