@@ -10,10 +10,11 @@ import numpy as np
 from scipy import special
 
 from ...adjustment.result import Adjustment
+from ...foundation.statistical_limits import SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.image_space import IMAGE_SPACE
 from ..residuals import by_image
-from .significance import SIGNIFICANCE, SOUND_BLOCKS
+from .significance import SOUND_BLOCKS
 
 
 @thresholds
@@ -79,7 +80,7 @@ def _find_field(image: str, position: np.ndarray, residual: np.ndarray) -> Resid
     if not total > richest:
         return None
     ratio = (richest / freedom) / ((total - richest) / left)
-    if special.fdtrc(freedom, left, ratio) > SIGNIFICANCE.risk:
+    if special.fdtrc(freedom, left, ratio) > SIGNIFICANCE.false_alarm:
         return None
     model = next(name for name in NESTED if explain(COLUMNS_OF_MODEL[name])[0] >= FIELD.equal_share * richest)
     return ResidualField(image, float(np.sqrt(richest / len(residual))), float(np.sqrt(total / len(residual))), model)

@@ -18,10 +18,11 @@ from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.statistical_limits import SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..residuals import by_image, state_known_sigmas_px
 from .evidence import CAMERA, Evidence
-from .significance import SIGNIFICANCE, SOUND_BLOCKS, compute_chi_square_limit, is_significant
+from .significance import SOUND_BLOCKS, compute_chi_square_limit, is_significant
 
 
 @thresholds
@@ -117,7 +118,9 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
     rows = evidence.is_role(Role.GCP)
     surveyed = int((result.block.points.role == Role.GCP).sum())
     candidates = surveyed + int(rows.sum())
-    limit = np.sqrt(-2.0 * np.log(SIGNIFICANCE.risk * 10.0 / max(candidates, 1)))  # equivalent sigmas in two dimensions
+    limit = np.sqrt(
+        -2.0 * np.log(SIGNIFICANCE.false_alarm * 10.0 / max(candidates, 1))
+    )  # equivalent sigmas in two dimensions
     found = [
         f
         for f in result.findings
@@ -192,7 +195,7 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
         return
     # Single points are compared with the scatter of the others: standard deviations that are too small reject none.
     middle = np.median(squares / special.chdtri(freedom, 0.5))
-    limit = np.array([compute_chi_square_limit(value, SIGNIFICANCE.risk / len(check)) for value in freedom])
+    limit = np.array([compute_chi_square_limit(value, SIGNIFICANCE.false_alarm / len(check)) for value in freedom])
     alone = squares > limit * max(middle, 1.0) * (GROUND_TRUTH.single_error / 2.0) ** 2
     if alone.any():
         worst = int(np.argmax(squares))
@@ -232,7 +235,7 @@ def _find_axis_errors(
         by_points = (stated[used, axis] + pixel**2 * ray[used, axis]) / count
         of_mean = float(np.sqrt((shared[used, axis] + of_cameras + by_points).mean()))
         scatter = float(robust_sigma(error[used, axis] - np.median(error[used, axis]))) / sigma
-        if is_significant((mean / of_mean) ** 2, 1.0, SIGNIFICANCE.risk / 3.0) and abs(mean) > sigma:
+        if is_significant((mean / of_mean) ** 2, 1.0, SIGNIFICANCE.false_alarm / 3.0) and abs(mean) > sigma:
             told.append(
                 f"their mean difference in {name} is {abs(mean):.2g} m ({sides[mean > 0.0]} the block), "
                 f"{abs(mean) / of_mean:.0f} times its standard deviation ({of_mean:.2g} m)"
