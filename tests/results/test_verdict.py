@@ -18,6 +18,7 @@ from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.adjustment.solver import adjust
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level, Reason
+from hrsi.hrsi_engine.foundation.statistical_limits import SIGNIFICANCE
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.refinement.model import RefitRPC
 from hrsi.hrsi_engine.results.residuals import compute_residuals
@@ -29,7 +30,6 @@ from hrsi.hrsi_engine.results.verdict import (
     summarise_accuracy,
 )
 from hrsi.hrsi_engine.results.verdict.fields import _find_field
-from hrsi.hrsi_engine.results.verdict.significance import SIGNIFICANCE
 from hrsi.hrsi_engine.results.verdict.verdict import format_figure
 
 SNOOPING = AdjustOptions(model="shift", reject_sigma=4.0)
@@ -408,6 +408,6 @@ def test_fields_are_those_of_the_f_test():
         solved, _, rank, _ = np.linalg.lstsq(design, residual, rcond=None)
         rest, freedom = np.sum((residual - design @ solved) ** 2), 2 * (len(u) - rank)
         ratio = (np.sum(residual**2) - rest) / (2 * rank) / (rest / freedom)
-        expected.append(stats.f.sf(ratio, 2 * rank, freedom) <= SIGNIFICANCE.risk)
+        expected.append(stats.f.sf(ratio, 2 * rank, freedom) <= SIGNIFICANCE.false_alarm)
     assert found == expected
     assert 50 < sum(found) < 250
