@@ -4,7 +4,7 @@ Writers take them from here and do not depend on one another: layers, record, pa
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,6 +30,7 @@ from .line_profiles import describe_line_profiles
 from .lineage import lineage_items
 from .residuals import Residuals, rmse
 from .stac import describe_item
+from .tables import iterate_tables, select_rows, selection_warnings
 from .verdict import Verdict
 
 NSSDA_PLAN, NSSDA_HEIGHT = 2.4477, 1.9600  # 95 % limits in plan and height, in standard deviations
@@ -56,6 +57,7 @@ class BlockResult:
     lineage : metadata of the refined images, by name
     items : refined images as STAC items without their files, if they were requested
     layers : those of ``block.gpkg``; drawings : those of the page, if one was requested
+    tables : parts of complete tables by layer, if the layers contain a selection of the points
     """
 
     adjustment: Adjustment
@@ -66,6 +68,7 @@ class BlockResult:
     items: Sequence[dict[str, Any]]
     layers: Sequence[Layer]
     drawings: Mapping[str, Any]
+    tables: Mapping[str, Iterable[Mapping[str, np.ndarray]]]
 
     @property
     def is_unusable(self) -> bool:
@@ -100,7 +103,7 @@ def assemble_result(
     report_path : later path of the report; with_items : True if images are described as STAC items
     """
     evidence, adjustment, residuals = judged.evidence, judged.adjustment, judged.residuals
-    refined = evidence.refined
+    refined, shown = evidence.refined, select_rows(adjustment, residuals)
     images = adjustment.block.images
     with one_thread_calls():
         report = {
@@ -110,17 +113,18 @@ def assemble_result(
             **statistics.statistic_entries(adjustment, residuals),
             "accuracy": state_accuracy_by_standards(adjustment, residuals),
             "line_profiles": describe_line_profiles(images, evidence.profiles, evidence.waves),
-            "warnings": list(judged.warnings),
+            "warnings": [*judged.warnings, *selection_warnings(shown)],
             **entries,
         }  # fmt: skip
         report = add_image_facts(report, adjustment, residuals, refined)
     delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
-    layers = block_layers(adjustment, residuals, delivered)
+    layers = block_layers(adjustment, residuals, delivered, shown)
+    complete = {} if shown.is_complete else iterate_tables(adjustment, residuals, shown)
     drawings = {} if outline is None else draw_figures(report_figures(adjustment, residuals, delivered, outline))
     pairs, lineage = list(zip(images, refined, strict=True)), lineage_items(report, report_path)
     folder = os.path.dirname(report_path)
     items = [describe_item(image, new, report, folder) for image, new in pairs] if with_items else []
-    return BlockResult(adjustment, pairs, report, judged.verdict, lineage, items, layers, drawings)
+    return BlockResult(adjustment, pairs, report, judged.verdict, lineage, items, layers, drawings, complete)
 
 
 def state_accuracy_by_standards(result: Adjustment, left: Residuals) -> dict[str, Any] | None:

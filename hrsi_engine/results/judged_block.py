@@ -11,7 +11,6 @@ from ..foundation.workers.threads import one_thread_calls
 from .figures import block_report, rejection_warnings
 from .lineage import state_accuracy
 from .residuals import Residuals, compute_residuals
-from .tables import thinning_warnings
 from .verdict import Evidence, Verdict, describe_residual_fields, find_reasons, summarise_accuracy
 
 
@@ -70,7 +69,7 @@ def judge_block(
             for image, new in zip(images, refined, strict=True)
             if new.fit_max_px > RPC_AGREEMENT.warned_px
         ]
-        texts = [*warnings, *adjustment.warnings, *rejection_warnings(adjustment), *thinning_warnings(adjustment),
+        texts = [*warnings, *adjustment.warnings, *rejection_warnings(adjustment),
                  *different_rpcs, *describe_residual_fields(evidence)]  # fmt: skip
     messages = tuple(reason.message for reason in verdict.reasons)
     return JudgedBlock(evidence, figures, verdict, tuple(text for text in texts if not text.startswith(messages)))

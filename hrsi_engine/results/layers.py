@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from ..block.points import POINT_OPERATIONS, GroundPoints, describe_operations
 from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, project_to_map
 from ..io.geopackage.layers import Layer
-from ..io.geopackage.typed_rows import PickedColumn, StackedColumn
 from . import tables
 from .residuals import Residuals
 from .surface_figures import surface_residuals_table
@@ -20,24 +18,30 @@ from .surface_figures import surface_residuals_table
 RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
 
-def block_layers(result: Adjustment, left: Residuals, delivered: Sequence[Image] = ()) -> list[Layer]:
+def block_layers(
+    result: Adjustment, left: Residuals, delivered: Sequence[Image] = (),
+    shown: tables.LayerSelection | None = None,
+) -> list[Layer]:  # fmt: skip
     """Return the layers of ``block.gpkg``.
 
     result : the adjustment; left : its residuals
     delivered : the images with their refined RPCs, for the footprints; by default those with the original RPCs
+    shown : points and measurements in the layers; by default all
     Result: footprints, points, measurements and residuals; laser points, and tie points on a surface, if there are any.
     """
     middle = middle_position(tables.choose_positions(result))
-    left_over = tables.residuals_table(result, left)
+    shown = shown or tables.select_rows(result, left, most=len(result.block.measurements))
+    residuals = tables.residuals_table(result, left, shown.measurements, shown.flags)
+    image_points = tables.image_points_table(result, left, shown.measurements, shown.flags)
     footprints = tables.images_table(result, delivered or result.block.images, middle[2])
     residual_crs = dict(zip(RESIDUAL_LAYERS, (WGS84_3D, residuals_epsg(result)), strict=True))
     laser = [] if result.laser is None else [tables.laser_points_table(result.laser)]
-    ground_points = _point_layer("ground_points", tables.ground_points_table(result), WGS84_3D)
+    ground_points = _point_layer("ground_points", tables.ground_points_table(result, shown.points), WGS84_3D)
     return [
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
         replace(ground_points, metadata=name_point_operations(result.block.points)),
-        _point_layer("image_points", tables.image_points_table(result, left), WGS84_3D),
-        *(_point_layer(name, left_over, crs) for name, crs in residual_crs.items()),
+        _point_layer("image_points", image_points, WGS84_3D),
+        *(_point_layer(name, residuals, crs) for name, crs in residual_crs.items()),
         *([_point_layer("surface_residuals", surface_residuals_table(result), WGS84_3D)] if result.surfaces else []),
         *(_point_layer("laser_points", table, WGS84_3D) for table in laser),
     ]
@@ -57,13 +61,6 @@ def name_point_operations(points: GroundPoints) -> dict[str, str]:
 def _point_layer(name: str, table: tables.Table, epsg: int) -> Layer:
     """Return a layer of points; in a projected CRS they have easting and northing, and ellipsoidal heights."""
     place = table.positions
-    return Layer(name, "PointZ", epsg, place if epsg == WGS84_3D else _project_positions(place, epsg), table.columns)
-
-
-def _project_positions(place: Any, epsg: int) -> Any:
-    """Return positions ``(n, 3)`` in a projected CRS; positions shared by several rows are converted once."""
-    if isinstance(place, StackedColumn):
-        return StackedColumn(tuple(_project_positions(part, epsg) for part in place.parts))
-    if isinstance(place, PickedColumn):
-        return PickedColumn(_project_positions(place.values, epsg), place.index)
-    return np.column_stack([project_to_map(place, epsg), place[:, 2]])
+    if epsg != WGS84_3D:
+        place = np.column_stack([project_to_map(place, epsg), place[:, 2]])
+    return Layer(name, "PointZ", epsg, place, table.columns)

@@ -13,7 +13,6 @@ from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.thresholds import threshold, thresholds
-from ..io.geopackage.typed_rows import Words
 from .residuals import Residuals
 
 
@@ -46,19 +45,21 @@ def is_outlier(statistics: np.ndarray) -> np.ndarray:
     return np.nan_to_num(statistics) > OUTLIER.sigmas
 
 
-def measurement_flags(result: Adjustment, left: Residuals) -> Words:
-    """Return a word for each image measurement: ``ok``, ``outlier``, ``rejected`` (a tie measurement) or ``unused``."""
+#: Flags of measurements; ``rejected`` is a tie measurement.
+FLAGS = np.array(["ok", "rejected", "outlier", "unused"])
+
+
+def classify_measurements(result: Adjustment, left: Residuals) -> np.ndarray:
+    """Return the flag of each image measurement ``(n,)`` as index into `FLAGS`."""
     role = result.block.points.role[result.block.measurements.point]
     unused = ~result.has_residual
     outlier = is_outlier(measurement_statistic(left))
-    which = np.select([unused & (role == Role.TIE), outlier, unused], [1, 2, 3], 0)
-    return Words(np.array(["ok", "rejected", "outlier", "unused"]), which.astype(np.int8))
+    return np.select([unused & (role == Role.TIE), outlier, unused], [1, 2, 3], 0).astype(np.int8)
 
 
-def ground_flags(left: Residuals) -> Words:
+def ground_flags(left: Residuals) -> np.ndarray:
     """Return ``ok`` or ``outlier`` for the ground residual of each point."""
-    outlier = is_outlier(compute_statistic(left.ground_m, left.ground_sigma_m))
-    return Words(np.array(["ok", "outlier"]), outlier.astype(np.int8))
+    return np.where(is_outlier(compute_statistic(left.ground_m, left.ground_sigma_m)), "outlier", "ok")
 
 
 def find_outliers(result: Adjustment, left: Residuals) -> tuple[np.ndarray, np.ndarray]:

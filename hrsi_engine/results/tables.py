@@ -1,12 +1,11 @@
 """An adjusted block as tables for a GIS: footprints, points, measurements and residuals, each with a position.
 
 Every table is its positions (longitude, latitude, height) and the columns that its class of rows declares
-(`io.geopackage.declared_layers`, where a new column is declared first). Words and positions that many rows share are
-stored once (`Words`, `PickedColumn`), and columns in two parts are not copied into one (`StackedColumn`): as plain
-arrays, a million measurements would take hundreds of megabytes.
+(`io.geopackage.declared_layers`, where a new column is declared first). The layers of a large block show a selection
+of its measurements; a table of their own has all of them (`iterate_tables`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,21 +18,26 @@ from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
-from ..io.geopackage.typed_rows import Column, LayerRows, PickedColumn, StackedColumn, Words, is_any, make_shared_words
-from .outliers import ground_flags, measurement_flags
+from ..io.geopackage.typed_rows import LayerRows
+from ..io.point_files.kept_columns import COMPLETE_FILES
+from .outliers import FLAGS, classify_measurements, ground_flags, measurement_statistic
 from .residuals import Residuals
+
+Columns = Mapping[str, np.ndarray]
 
 
 @thresholds
 class TABLE:
     """Limit for the length of result layers."""
 
-    most_image_residuals: int = threshold(1_000_000, "rows", "largest number of rows of a layer (each takes 200 bytes)")
+    most_image_residuals: int = threshold(200_000, "rows", "largest number of image points that layers have completely")
+    image_sample: int = threshold(50_000, "rows", "image points in the layers of a larger block, half the worst")
+    rows_at_once: int = threshold(50_000, "rows", "rows of the complete table in memory")
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Positions ``(n, 3)`` lon, lat, height (array, `PickedColumn` or `StackedColumn`; or polygons) and n rows."""
+    """Positions ``(n, 3)`` lon, lat, height (or polygons) and n rows."""
 
     positions: Any
     columns: LayerRows
@@ -79,124 +83,154 @@ def choose_positions(result: Adjustment) -> np.ndarray:
     return np.where(np.isfinite(result.ground), result.ground, result.block.points.ground)
 
 
-def ground_points_table(result: Adjustment) -> Table:
-    """Return all points at their adjusted positions, with sigmas; known ones also with their surveyed positions."""
-    points = result.block.points
-    place = choose_positions(result)
-    here = finite_rows(place)
-    surveyed = np.where(result.block.known[:, None], points.ground, np.nan)
-    sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
+def ground_points_table(result: Adjustment, rows: np.ndarray) -> Table:
+    """Return some points ``(n,)`` at their adjusted positions, with sigmas; known ones also with their surveys."""
+    points, place = result.block.points, choose_positions(result)[rows]
+    known = result.block.known[rows, None]
+    surveyed = np.where(known, points.ground[rows], np.nan)
+    sigma_survey = np.where(known, points.sigma_m[rows], np.nan)
+    sigma = result.ground_sigma_m[rows]
     columns = GroundPointRows(
-        id=points.ids,
-        role=Words(ROLE_LABELS, points.role),
+        id=points.ids[rows],
+        role=ROLE_LABELS[points.role[rows]],
         height=place[:, 2],
-        sigma_east_m=result.ground_sigma_m[:, 0],
-        sigma_north_m=result.ground_sigma_m[:, 1],
-        sigma_height_m=result.ground_sigma_m[:, 2],
-        rays=result.block.rays_per_point(),
+        sigma_east_m=sigma[:, 0],
+        sigma_north_m=sigma[:, 1],
+        sigma_height_m=sigma[:, 2],
+        rays=result.block.rays_per_point()[rows],
         survey_lon=surveyed[:, 0],
         survey_lat=surveyed[:, 1],
         survey_height=surveyed[:, 2],
         sigma_xy=sigma_survey[:, 0],
         sigma_h=sigma_survey[:, 1],
     )
-    return _select_positions(place, here, columns)
+    return Table(place, columns)
 
 
-def image_points_table(result: Adjustment, left: Residuals) -> Table:
-    """Return all measurements at the position of their point, with residuals, weights and flags."""
-    rows = result.block.measurements
-    place = choose_positions(result)
-    here = finite_rows(place)[rows.point]
-    columns = ImagePointRows(
-        **_identity_columns(result.block, rows.point, rows.image),
-        sample=result.measured_xy[:, 0],
-        line=result.measured_xy[:, 1],
-        sigma_px=rows.sigma_px,
-        kind=rows.kind,
-        quality=rows.quality,
-        residual_sample_px=left.measured_px[:, 0],
-        residual_line_px=left.measured_px[:, 1],
-        sigma_sample_px=left.measured_sigma_px[:, 0],
-        sigma_line_px=left.measured_sigma_px[:, 1],
-        weight=result.weight,
-        flag=measurement_flags(result, left),
-    )
-    return _select_positions(PickedColumn(place, rows.point), here, columns)
+@dataclass(frozen=True, eq=False)
+class LayerSelection:
+    """The points and measurements that layers contain: those with a position, and of many a selection.
 
-
-def residuals_table(result: Adjustment, left: Residuals, most: int = TABLE.most_image_residuals) -> Table:
-    """Return ground residuals (one row per known point) and image residuals (one row per measurement).
-
-    Of more than ``most`` image residuals an even selection is taken, with those of all known points and all outliers;
-    the table of image points has all of them.
+    points, measurements : (n,) indices; flags : (all measurements,) index into `FLAGS`
+    count : number of all measurements whose point has a position
     """
-    # The ground residuals of known points, with their surveyed positions
-    points = result.block.points
-    here = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
-    rows = ResidualRows.of_level(
-        "ground",
-        len(here),
-        id=Words(points.ids, here),
-        role=Words(ROLE_LABELS, points.role[here]),
-        image=make_shared_words("", len(here)),
-        residual_east_m=left.ground_m[here, 0],
-        residual_north_m=left.ground_m[here, 1],
-        residual_height_m=left.ground_m[here, 2],
-        sigma_east_m=left.ground_sigma_m[here, 0],
-        sigma_north_m=left.ground_sigma_m[here, 1],
-        sigma_height_m=left.ground_sigma_m[here, 2],
-        flag=ground_flags(left)[here],
-    )
-    estimated, in_images = _image_rows(result, left, most)
-    return Table(StackedColumn((points.ground[here], estimated)), rows.concatenate(in_images))
+
+    points: np.ndarray
+    measurements: np.ndarray
+    flags: np.ndarray
+    count: int
+
+    @property
+    def is_complete(self) -> bool:
+        """True if the layers contain every measurement."""
+        return len(self.measurements) == self.count
 
 
-def thinning_warnings(result: Adjustment) -> list[str]:
-    """Return the warning that the residual layers do not contain every image point."""
-    count = len(result.block.measurements)
-    if count <= TABLE.most_image_residuals:
+def select_rows(
+    result: Adjustment, left: Residuals, most: int = TABLE.most_image_residuals, sample: int = TABLE.image_sample
+) -> LayerSelection:
+    """Return the rows of the layers: of more than ``most`` measurements the worst, an even sample, and known points."""
+    measured, located = result.block.measurements, finite_rows(choose_positions(result))
+    points, rows = np.flatnonzero(located), np.flatnonzero(located[measured.point])
+    flags, count = classify_measurements(result, left), len(rows)
+    if count > most:
+        statistic = np.nan_to_num(measurement_statistic(left)[rows])
+        shown = result.block.known[measured.point[rows]]
+        shown[np.argpartition(-statistic, sample // 2)[: sample // 2]] = True
+        shown[:: -(-count // (sample // 2))] = True
+        rows = rows[shown]
+        seen = result.block.known.copy()
+        seen[measured.point[rows]] = True
+        points = np.flatnonzero(located & seen)
+    return LayerSelection(points, rows, flags, count)
+
+
+def selection_warnings(shown: LayerSelection) -> list[str]:
+    """Return the warning that the layers do not contain every image point."""
+    if shown.is_complete:
         return []
     return [
-        f"the residual layers contain about {TABLE.most_image_residuals} of the {count} image points, including all "
-        "GCPs, check points and outliers; the layer image_points contains all of them"
+        f"the layers contain {len(shown.measurements)} of the {shown.count} image points: GCPs, check points, the "
+        f"worst, and an even sample; {' and '.join(COMPLETE_FILES.values())} contain all"
     ]
 
 
-def _select_positions(place: np.ndarray | PickedColumn, here: np.ndarray, columns: LayerRows) -> Table:
-    """Return the rows that have a position; the columns themselves if all have one."""
-    return Table(place, columns) if here.all() else Table(place[here], columns.select(here))
-
-
-def _identity_columns(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, Column]:
-    return {
-        "id": Words(block.points.ids, point),
-        "role": Words(ROLE_LABELS, block.points.role[point]),
-        "image": Words(np.array([image.id for image in block.images]), image),
-    }
-
-
-def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[PickedColumn, ResidualRows]:
-    """Return the positions and the image residuals of measurements whose point has a position."""
-    rows = result.block.measurements
-    residual, sigma = left.measured_px, left.measured_sigma_px
-    place = choose_positions(result)
-    here: Any = np.flatnonzero(finite_rows(residual) & finite_rows(place)[rows.point])
-    flags = measurement_flags(result, left)
-    if len(here) > most:
-        shown = ~is_any(flags[here], ("ok",)) | result.block.known[rows.point[here]]
-        shown[:: -(-len(here) // most)] = True
-        here = here[shown]
-    count = len(here)
-    here = slice(None) if count == len(rows) else here  # no copy if all rows are used
-    found = ResidualRows.of_level(
-        "image",
-        count,
-        **_identity_columns(result.block, rows.point[here], rows.image[here]),
-        residual_sample_px=residual[here, 0],
-        residual_line_px=residual[here, 1],
-        sigma_sample_px=sigma[here, 0],
-        sigma_line_px=sigma[here, 1],
-        flag=flags[here],
+def image_points_table(result: Adjustment, left: Residuals, rows: np.ndarray, flags: np.ndarray) -> Table:
+    """Return some measurements ``(n,)`` at the position of their point, with residuals, weights and flags."""
+    measured = result.block.measurements
+    columns = ImagePointRows(
+        **_identity_columns(result.block, rows),
+        sample=result.measured_xy[rows, 0],
+        line=result.measured_xy[rows, 1],
+        sigma_px=measured.sigma_px[rows],
+        kind=np.asarray(measured.kind[rows]),
+        quality=measured.quality[rows],
+        residual_sample_px=left.measured_px[rows, 0],
+        residual_line_px=left.measured_px[rows, 1],
+        sigma_sample_px=left.measured_sigma_px[rows, 0],
+        sigma_line_px=left.measured_sigma_px[rows, 1],
+        weight=result.weight[rows],
+        flag=FLAGS[flags[rows]],
     )
-    return PickedColumn(place, rows.point[here]), found
+    return Table(choose_positions(result)[measured.point[rows]], columns)
+
+
+def iterate_tables(result: Adjustment, left: Residuals, shown: LayerSelection) -> dict[str, Iterable[Columns]]:
+    """Return the complete tables of image points and ground points by layer, each in parts with their positions."""
+    full = select_rows(result, left, most=shown.count)
+    makers = {
+        "image_points": (full.measurements, lambda rows: image_points_table(result, left, rows, shown.flags)),
+        "ground_points": (full.points, lambda rows: ground_points_table(result, rows)),
+    }
+    return {name: _iterate_parts(rows, make) for name, (rows, make) in makers.items()}
+
+
+def _iterate_parts(rows: np.ndarray, make: Callable[[np.ndarray], Table]) -> Iterator[Columns]:
+    for begin in range(0, len(rows), TABLE.rows_at_once):
+        table = make(rows[begin : begin + TABLE.rows_at_once])
+        yield {**table.columns, **dict(zip(("lon", "lat", "height"), table.positions.T, strict=True))}
+
+
+def residuals_table(result: Adjustment, left: Residuals, rows: np.ndarray, flags: np.ndarray) -> Table:
+    """Return ground residuals (one row per known point) and image residuals of some measurements ``(n,)``."""
+    # The ground residuals of known points, with their surveyed positions
+    points = result.block.points
+    known = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
+    on_ground = ResidualRows.of_level(
+        "ground",
+        len(known),
+        id=points.ids[known],
+        role=ROLE_LABELS[points.role[known]],
+        image=np.full(len(known), ""),
+        residual_east_m=left.ground_m[known, 0],
+        residual_north_m=left.ground_m[known, 1],
+        residual_height_m=left.ground_m[known, 2],
+        sigma_east_m=left.ground_sigma_m[known, 0],
+        sigma_north_m=left.ground_sigma_m[known, 1],
+        sigma_height_m=left.ground_sigma_m[known, 2],
+        flag=ground_flags(left)[known],
+    )
+    residual, sigma = left.measured_px, left.measured_sigma_px
+    rows = rows[finite_rows(residual[rows])]
+    in_images = ResidualRows.of_level(
+        "image",
+        len(rows),
+        **_identity_columns(result.block, rows),
+        residual_sample_px=residual[rows, 0],
+        residual_line_px=residual[rows, 1],
+        sigma_sample_px=sigma[rows, 0],
+        sigma_line_px=sigma[rows, 1],
+        flag=FLAGS[flags[rows]],
+    )
+    positions = choose_positions(result)[result.block.measurements.point[rows]]
+    return Table(np.concatenate([points.ground[known], positions]), on_ground.concatenate(in_images))
+
+
+def _identity_columns(block: Block, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Return id, role and image of some measurements."""
+    point = block.measurements.point[rows]
+    return {
+        "id": block.points.ids[point],
+        "role": ROLE_LABELS[block.points.role[point]],
+        "image": np.array([image.id for image in block.images])[block.measurements.image[rows]],
+    }

@@ -21,8 +21,10 @@ from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.geopackage.layers import write_geopackage
 from ...hrsi_engine.io.jitter_files import JITTER_FILE, write_jitter
+from ...hrsi_engine.io.large_tables import write_csv
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
+from ...hrsi_engine.io.point_files.kept_columns import COMPLETE_FILES
 from ...hrsi_engine.io.rasters.dejitter import rewrite_without_jitter
 from ...hrsi_engine.io.rpc_files import (
     Lineage,
@@ -151,6 +153,8 @@ def write_results(
     cameras_file = os.path.join(target.output_dir, CAMERAS_FILE)
     if cameras is None and os.path.exists(cameras_file):  # it would be mistaken for one of this run
         stale.append(cameras_file)
+    complete = {name: os.path.join(target.output_dir, file) for name, file in COMPLETE_FILES.items()}
+    stale += [path for name, path in complete.items() if name not in result.tables and os.path.exists(path)]
     found, jitter_file = result.jitter_curves, os.path.join(target.output_dir, JITTER_FILE)
     curves = {} if found is None or how == WRITE_NOTHING else dict(found)
     if (found is None or how in (WRITE_NOTHING, RESAMPLED)) and os.path.exists(jitter_file):
@@ -171,6 +175,9 @@ def write_results(
         left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
         layers = [layer for layer in result.layers if layer.name != left_out]
         write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
+        for name, parts in result.tables.items():
+            write_csv(str(folder / COMPLETE_FILES[name]), parts)
+            report["outputs"][name] = complete[name]
         # Files of earlier runs and other programs that would take precedence over the new ones
         for file in stale:
             changes.remove(file)

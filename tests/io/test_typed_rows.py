@@ -20,7 +20,7 @@ from osgeo import gdal
 from hrsi.hrsi_engine.io.geopackage.declared_layers import ImagePointRows, ResidualRows, TiePointRows
 from hrsi.hrsi_engine.io.geopackage.layer_styles import NEEDED, STYLES, default_style
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from hrsi.hrsi_engine.io.geopackage.typed_rows import FloatColumn, LayerRows, StackedColumn, column, make_shared_words
+from hrsi.hrsi_engine.io.geopackage.typed_rows import FloatColumn, LayerRows, column
 
 ROOT = Path(__file__).resolve().parents[2]
 CLASSES = declared_classes()
@@ -67,7 +67,6 @@ def test_rows_of_a_level_have_its_columns_and_no_others() -> None:
     on_ground = {name: sound[name] for name, said in ResidualRows.declared.items() if said.level == "ground"}
     rows = ResidualRows.of_level("ground", 2, **common, **on_ground)
     assert np.isnan(rows.residual_sample_px).all() and rows.level.tolist() == ["ground", "ground"]
-    assert rows.residual_sample_px.strides == (0,)  # one number for all rows
     with pytest.raises(TypeError, match="'residual_sample_px' for another level than 'ground'"):
         ResidualRows.of_level("ground", 2, **common, **on_ground, residual_sample_px=np.zeros(2))
     with pytest.raises(TypeError, match="does not declare the column 'mood'"):
@@ -75,7 +74,7 @@ def test_rows_of_a_level_have_its_columns_and_no_others() -> None:
     with pytest.raises(TypeError, match="declares the column 'residual_east_m', which is not given"):
         ResidualRows.of_level("ground", 2, **common)
     both = rows.concatenate(rows)
-    assert isinstance(both.residual_east_m, StackedColumn) and len(both.flag) == 4  # nothing is copied
+    assert len(both.flag) == len(both.residual_east_m) == 4
 
 
 def test_a_declared_column_is_in_file_form_and_description(tmp_path: Path) -> None:
@@ -145,8 +144,3 @@ def test_the_page_is_what_is_declared() -> None:
         [sys.executable, ROOT / "scripts/list_layers.py", "--check"], capture_output=True, text=True, check=False
     )
     assert found.returncode == 0, found.stderr
-
-
-def test_a_shared_word_is_a_text_column() -> None:
-    rows = TiePointRows(**{**columns_of(TiePointRows), "kind": make_shared_words("match", 2)})
-    assert rows.kind.tolist() == ["match", "match"]

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .typed_rows import Column, is_any, write_titles
+from .typed_rows import write_titles
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: length of the 90th percentile; image residuals are closer together
 MOST_ON_MAP = 1500  #: most points or arrows that one map shows; more cannot be distinguished
@@ -34,7 +34,7 @@ SURFACE_COLORS = (
     "178,24,43,255",
 )  # fmt: skip
 
-LayerColumns = Mapping[str, Column]
+LayerColumns = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ def shares(count: int, width_m: float) -> list[Share]:
 
 
 def _residuals(fields: LayerColumns, width_m: float) -> Style:
-    ground, image = is_any(fields["level"], ("ground",)), is_any(fields["level"], ("image",))
-    good = ~is_any(fields["flag"], ("outlier",))
+    ground, image = np.isin(fields["level"], ("ground",)), np.isin(fields["level"], ("image",))
+    good = ~np.isin(fields["flag"], ("outlier",))
     on_ground = _typical(fields["residual_east_m"], fields["residual_north_m"], ground & good)
     in_image = _typical(fields["residual_sample_px"], fields["residual_line_px"], image & good)
     return _render_style(
@@ -95,7 +95,7 @@ def _residuals(fields: LayerColumns, width_m: float) -> Style:
 
 
 def _image_points(fields: LayerColumns, width_m: float) -> Style:
-    good = ~is_any(fields["flag"], ("outlier", "rejected"))
+    good = ~np.isin(fields["flag"], ("outlier", "rejected"))
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
     return _render_style(
         "image_points.qml.j2", "Image residuals", image_shares=shares(len(good), width_m),
@@ -104,7 +104,7 @@ def _image_points(fields: LayerColumns, width_m: float) -> Style:
 
 
 def _misregistration(fields: LayerColumns, width_m: float) -> Style:
-    before = np.asarray(fields["state"]) == "before"
+    before = fields["state"] == "before"
     typical = _typical(fields["east_m"], fields["north_m"], before if before.any() else ~before)
     return _render_style(
         "misregistration.qml.j2", "Shifts between orthoimages (second - first)",
@@ -114,17 +114,17 @@ def _misregistration(fields: LayerColumns, width_m: float) -> Style:
 
 
 def _ground_points(fields: LayerColumns, width_m: float) -> Style:
-    ties = int(np.sum(is_any(fields["role"], ("tie",))))
+    ties = int(np.sum(np.isin(fields["role"], ("tie",))))
     return _render_style("ground_points.qml.j2", "Control, check and tie points", tie_shares=shares(ties, width_m))
 
 
 def _tie_points(fields: LayerColumns, width_m: float) -> Style:
-    pairs = int(np.sum(np.asarray(fields["views"]) == 2)) if "views" in fields else 0
+    pairs = int(np.sum(fields["views"] == 2)) if "views" in fields else 0
     return _render_style("tie_points.qml.j2", "Tie points by number of images", pair_shares=shares(pairs, width_m))
 
 
 def _interest_points(fields: LayerColumns, width_m: float) -> Style:
-    kind = np.asarray(fields.get("kind", np.empty(0, dtype=str)))
+    kind = fields.get("kind", np.empty(0, dtype=str))
     corner, strong = kind == "corner", kind == "super"
     return _render_style(
         "interest_points.qml.j2", "Corners and gravity centres", corner_shares=shares(int(corner.sum()), width_m),
@@ -145,7 +145,7 @@ def _thin_points(color: str, size_mm: float) -> Callable[[LayerColumns, float], 
 
 
 def _laser_points(fields: LayerColumns, width_m: float) -> Style:
-    reason = np.asarray(fields.get("reason", np.empty(0, dtype=str)))
+    reason = fields.get("reason", np.empty(0, dtype=str))
     used, reasons = reason == "", sorted(set(reason[reason != ""].tolist()))
     return _render_style(
         "laser_points.qml.j2", "Laser points: used, and left out with the reason",
@@ -155,7 +155,7 @@ def _laser_points(fields: LayerColumns, width_m: float) -> Style:
 
 
 def _surface_residuals(fields: LayerColumns, width_m: float) -> Style:
-    above = np.asarray(fields["residual_height_m"])
+    above = fields["residual_height_m"]
     typical = _typical(above, np.zeros(len(above)), np.ones(len(above), dtype=bool))
     bounds = [-1.0, -0.5, -0.2, 0.2, 0.5, 1.0]
     return _render_style(
@@ -188,9 +188,9 @@ STYLES: dict[str, Callable[[LayerColumns, float], Style]] = {
 }
 
 
-def _typical(x: Column, y: Column, rows: np.ndarray) -> float:
+def _typical(x: np.ndarray, y: np.ndarray, rows: np.ndarray) -> float:
     """Return the 90th percentile of the lengths of vectors; 1 if it is zero or there is none."""
-    length = np.hypot(np.asarray(x)[rows], np.asarray(y)[rows])
+    length = np.hypot(x[rows], y[rows])
     length = length[np.isfinite(length)]
     typical = float(np.percentile(length, 90.0)) if len(length) else 0.0
     return typical if typical > 0.0 else 1.0

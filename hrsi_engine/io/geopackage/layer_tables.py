@@ -18,11 +18,12 @@ from shapely import wkb
 
 from ...foundation.errors import InputError, OutputError
 from ...ground.geodesy import WGS84, WGS84_3D
+from ..large_tables import read_csv
 from ..opening.databases import sql_text
 from ..opening.datasets import gdal_messages
+from ..point_files.kept_columns import COMPLETE_FILES, LAYERS_FILE
 from ..point_files.ogr_layer import open_vector
 from . import layers as layer_files
-from .sqlite_rows import PythonRows
 
 
 def geopackage_layers(path: str) -> list[str]:
@@ -36,8 +37,12 @@ def read_layer_table(path: str, layer: str) -> dict[str, np.ndarray]:
     """Return the fields of a layer of a GeoPackage as columns; missing numbers are NaN.
 
     Points add their coordinates, ``lon, lat`` or ``x, y``, and ``height``, unless a field has that name; others add
-    ``geometry``, objects of shapely. Raises `InputError` if there is no such file or layer.
+    ``geometry``, objects of shapely. Of a large block, whose layers show a selection, all rows are returned. Raises
+    `InputError` if there is no such file or layer.
     """
+    complete = os.path.join(os.path.dirname(path), COMPLETE_FILES.get(layer, ""))
+    if os.path.basename(path) == LAYERS_FILE and os.path.isfile(complete):
+        return read_csv(complete)
     with _open(path) as database:
         found = database.execute(
             "SELECT column_name, srs_id FROM gpkg_geometry_columns WHERE table_name = ?", (layer,)
@@ -151,7 +156,7 @@ def _replace_rows(database: sqlite3.Connection, layer: layer_files.Layer) -> Non
             sql_type = {"f": "REAL", "i": "INTEGER", "u": "INTEGER", "b": "BOOLEAN"}.get(column.dtype.kind, "TEXT")
             added = sql_text("ALTER TABLE {table} ADD COLUMN {column}", table=layer.name, column=name)
             database.execute(f"{added} {sql_type}")
-    for _ in layer_files.insert_rows(database, layer, PythonRows(database), empty_first=True):
+    for _ in layer_files.insert_rows(database, layer):
         pass
 
 

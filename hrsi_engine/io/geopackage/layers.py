@@ -1,8 +1,8 @@
 """Writing of vector layers: one GeoPackage with several layers and their QGIS styles.
 
-OGR creates the tables, so that every reader understands the file. The rows are inserted without OGR (`sqlite_rows`):
-its Python interface needs a call for each value and adds each row to the spatial index separately, a minute for a
-million residuals instead of a second. The file is made under a temporary name and renamed at the end.
+OGR creates the tables, so that every reader understands the file. The rows are inserted by Python's ``sqlite3`` and
+the spatial index is packed (`packed_rtree`): OGR's Python interface needs a call for each value and adds each row to
+the index separately. The file is made under a temporary name and renamed at the end.
 """
 
 import contextlib
@@ -10,7 +10,6 @@ import os
 import sqlite3
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -24,15 +23,17 @@ from ...foundation.large_arrays import finite_rows
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.version import run_date
 from ...ground.geodesy import WGS84, WGS84_3D, are_continuous, continuous_longitudes, metres_per_degree
-from ..opening.databases import sql_text
+from ..opening.databases import insert_text, sql_text
 from ..opening.datasets import config_option, gdal_messages, quiet
 from ..safety.replacing import remove_write_ahead_log, replacing
 from .layer_styles import Style, default_style
-from .sqlite_rows import WITHOUT_SAFETY, Inserter, empty_rtree, fill_rtree, pack_rtree, rows_of_new_file
-from .typed_rows import DTYPES, Column, LayerRows, describe_columns
+from .packed_rtree import fill_rtree
+from .typed_rows import DTYPES, LayerRows, describe_columns
 
 GEOMETRY_COLUMN = "geom"
 _CHUNK_ROWS = 10_000
+#: For a temporary file, which is flushed and renamed when it is complete.
+_WITHOUT_SAFETY = ("PRAGMA synchronous = OFF", "PRAGMA journal_mode = OFF")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +43,9 @@ class Layer:
     name : of the layer
     geometry : ``Point``, ``PointZ``, ``Polygon`` or ``None`` (a table without geometry)
     crs : EPSG code
-    coordinates : (n, 2) or (n, 3), PickedColumn or StackedColumn, or sequence of shapely.geometry.Polygon points or
-    polygons. NaN, an empty polygon: no geometry.
-    fields : LayerRows, or mapping of str to (n,), Words or StackedColumn columns by name: text, integers, floats (NaN
-    is written as NULL) or bools. Fields of a class of `declared_layers` are described in the file.
+    coordinates : (n, 2) or (n, 3) points, or sequence of shapely.geometry.Polygon. NaN, an empty polygon: no geometry.
+    fields : LayerRows, or mapping of str to (n,) columns by name: text, integers, floats (NaN is written as NULL) or
+    bools. Fields of a class of `declared_layers` are described in the file.
     metadata : metadata items of the layer in addition to its description (in the table gpkg_metadata)
     """
 
@@ -53,7 +53,7 @@ class Layer:
     geometry: str
     crs: int
     coordinates: Any
-    fields: Mapping[str, Column] = field(default_factory=dict)
+    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
     metadata: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -75,11 +75,9 @@ class Layer:
     @property
     def width_m(self) -> float:
         """The longer side of the bounding box of all geometries, metres on the ground; 0 if there are none."""
-        low, high = _corners(self)
-        there = finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
-        if not there.any():
+        west, south, east, north = _extent(*_corners(self))
+        if np.isnan(west):
             return 0.0
-        west, south, east, north = _extent(*((low, high) if there.all() else (low[there], high[there])))
         sides = np.array([east - west, north - south])
         if self.crs in (WGS84, WGS84_3D):
             sides = sides * metres_per_degree(np.array([[(west + east) / 2.0, (south + north) / 2.0, 0.0]]))[0, :2]
@@ -136,17 +134,17 @@ def write_geopackage(
             del dataset
         try:
             with contextlib.closing(sqlite3.connect(temporary, isolation_level=None)) as database:
-                for pragma in WITHOUT_SAFETY:
+                for pragma in _WITHOUT_SAFETY:
                     database.execute(pragma)
+                database.execute("BEGIN")
                 done = 0
                 for layer in layers:
-                    rows = rows_of_new_file(temporary, database, _columns(layer))
-                    with contextlib.closing(rows):
-                        for _ in insert_rows(database, layer, rows):
-                            done += _CHUNK_ROWS
-                            advance(progress, min(1.0, done / total), f"writing layer {layer.name}")
+                    for _ in insert_rows(database, layer):
+                        done += _CHUNK_ROWS
+                        advance(progress, min(1.0, done / total), f"writing layer {layer.name}")
                 insert_styles(database, layers, styles)
                 describe_fields(database, layers)
+                database.execute("COMMIT")
         except sqlite3.Error as error:
             raise OutputError(f"{path}: cannot be written ({error}): check free space and permissions") from None
         remove_write_ahead_log(path)
@@ -202,45 +200,30 @@ def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str]
         table.SetMetadata({**(lineage or {}), **layer.metadata, **description})
 
 
-def insert_rows(
-    database: sqlite3.Connection, layer: Layer, rows: Inserter, empty_first: bool = False
-) -> Iterator[None]:
-    """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows.
+def insert_rows(database: sqlite3.Connection, layer: Layer) -> Iterator[None]:
+    """Replace the rows of an existing table by a layer's, pausing after each chunk; then set extent, index and count.
 
-    The table of the layer must exist; with ``empty_first`` its present rows are deleted.
+    The caller begins and ends the transaction.
     """
     names = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
-    rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)
-    there = finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
-    numbers = np.flatnonzero(there).astype(np.int32) + np.int32(1)
-    if not there.all():
-        low, high = (low[there], low[there]) if low is high else (low[there], high[there])
+    low, high = _corners(layer)
     with _without_triggers(database, layer.name):
-        if empty_first:
-            database.execute(sql_text("DELETE FROM {table}", table=layer.name))
-            empty_rtree(database, rtree)
-        rows.begin()
-        with ThreadPoolExecutor(1) as beside:  # the index is sorted while the rows are written
-            tree = beside.submit(pack_rtree, numbers, low, high)
-            for start in range(0, len(layer), _CHUNK_ROWS):
-                part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
-                rows.insert(layer.name, names, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
-                yield
-        fill_rtree(rows, rtree, tree.result())
-        rows.commit()
+        database.execute(sql_text("DELETE FROM {table}", table=layer.name))
+        for start in range(0, len(layer), _CHUNK_ROWS):
+            part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
+            columns = [values[part].tolist() for values in layer.fields.values()]
+            geometries = [] if layer.geometry == "None" else [_geometries(layer, part)]
+            rows = zip(range(part.start + 1, part.stop + 1), *geometries, *columns, strict=True)
+            database.executemany(insert_text(layer.name, names), rows)
+            yield
+        fill_rtree(database, f"rtree_{layer.name}_{GEOMETRY_COLUMN}", low, high)
     database.execute("UPDATE gpkg_ogr_contents SET feature_count = ? WHERE table_name = ?", (len(layer), layer.name))
-    if len(numbers):
-        west, south, east, north = _extent(low, high)
+    west, south, east, north = _extent(low, high)
+    if not np.isnan(west):
         database.execute(
             "UPDATE gpkg_contents SET min_x = ?, max_x = ?, min_y = ?, max_y = ? WHERE table_name = ?",
             (west, east, south, north, layer.name),
         )
-
-
-def _columns(layer: Layer, rows: slice = slice(0)) -> list[Column]:
-    """Return the columns of some rows of a layer, with the geometries as first column."""
-    columns: list[Column] = [column[rows] for column in layer.fields.values()]
-    return columns if layer.geometry == "None" else [_geometries(layer, rows), *columns]
 
 
 @contextlib.contextmanager
@@ -261,52 +244,38 @@ def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
     if layer.geometry == "None":
         return np.empty((0, 2)), np.empty((0, 2))
     if layer.geometry != "Polygon":
-        xy = np.empty((len(layer.coordinates), 2))
-        for begin in range(0, len(xy), _CHUNK_ROWS):  # in chunks: stacked coordinates are not copied as a whole
-            part = slice(begin, begin + _CHUNK_ROWS)
-            xy[part] = np.asarray(layer.coordinates[part])[:, :2]
+        xy = np.where(finite_rows(layer.coordinates[:, :2])[:, None], layer.coordinates[:, :2], np.nan)
         return xy, xy
     return layer.boxes[:, :2], layer.boxes[:, 2:]
 
 
 def _extent(low: np.ndarray, high: np.ndarray) -> tuple[float, ...]:
-    """Return west, south, east, north of boxes with corners ``(n, 2)``."""
-    return (*(float(column.min()) for column in low.T), *(float(column.max()) for column in high.T))
+    """Return west, south, east, north of boxes with corners ``(n, 2)``; NaN without any."""
+    columns = ((np.fmin, low.T), (np.fmax, high.T))
+    return tuple(float(extreme.reduce(column, initial=np.nan)) for extreme, both in columns for column in both)
 
 
-def _geometries(layer: Layer, rows: slice) -> np.ndarray:
-    """Return geometries as bytes (dtype ``V``); as objects if some are empty, or if they are polygons."""
+def _geometries(layer: Layer, rows: slice) -> list[bytes | None]:
+    """Return the geometries of some rows as GeoPackage binary, None for empty ones."""
     if layer.geometry == "Polygon":
         # A header with the envelope, then WKB
         boxed = zip(layer.coordinates[rows], layer.boxes[rows].tolist(), strict=True)
-        return _objects([
+        return [
             None if polygon.is_empty
             else struct.pack("<2sBBi4d", b"GP", 0, 3, layer.crs, west, east, south, north) + bytes(polygon.wkb)
             for polygon, (west, south, east, north) in boxed
-        ])  # fmt: skip
+        ]  # fmt: skip
     # GeoPackage geometries of points: a header of 8 bytes without envelope, then ISO WKB.
     # Source: OGC 12-128r18, clause 2.1.3.
     xyz = np.asarray(layer.coordinates[rows], dtype=np.float64)
-    has_z = layer.geometry == "PointZ"
-    axes = 3 if has_z else 2
-    layout = [("magic", "S2"), ("version", "u1"), ("flags", "u1"), ("srs", "<i4"), ("order", "u1"), ("type", "<u4")]
-    blobs = np.zeros(len(xyz), dtype=[*layout, ("coordinates", "<f8", (axes,))])
-    blobs["magic"], blobs["flags"], blobs["srs"], blobs["order"] = b"GP", 1, layer.crs, 1
-    blobs["type"] = 1001 if has_z else 1
-    blobs["coordinates"] = xyz[:, :axes]
-    content = blobs.view(f"V{blobs.itemsize}")
-    here = finite_rows(xyz[:, :2])
-    if here.all():
-        return content
-    values = _objects(content.tolist())
-    values[~here] = None
+    axes, kind = (3, 1001) if layer.geometry == "PointZ" else (2, 1)
+    head = struct.pack("<2sBBiBI", b"GP", 0, 1, layer.crs, 1, kind)
+    blobs = np.zeros(len(xyz), dtype=[("head", f"V{len(head)}"), ("coordinates", "<f8", (axes,))])
+    blobs["head"], blobs["coordinates"] = np.void(head), xyz[:, :axes]
+    values: list[bytes | None] = blobs.view(f"V{blobs.itemsize}").tolist()
+    for empty in np.flatnonzero(~finite_rows(xyz[:, :2])).tolist():
+        values[empty] = None
     return values
-
-
-def _objects(values: Sequence[object]) -> np.ndarray:
-    array = np.empty(len(values), dtype=object)
-    array[:] = values
-    return array
 
 
 #: Tables of the extension gpkg_schema, which describes columns, and the table of extensions, which is missing in a file

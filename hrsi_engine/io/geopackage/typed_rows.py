@@ -7,128 +7,21 @@ The rows of a layer are an object of its class, with one argument for each colum
 A column that is given and not declared, or declared and not given, is an error for mypy and at run time. The object is
 the mapping of columns that a `Layer` takes; the writer gets types and descriptions of the fields from it, the styles
 their titles, and `scripts/list_layers.py` the tables of the documentation.
-
-Columns with shared values, or in parts, take less memory than an array of their rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args, get_type_hints
 
 import numpy as np
-from numpy.lib.mixins import NDArrayOperatorsMixin
-
-
-@dataclass(frozen=True, eq=False)
-class PickedColumn:
-    """A column whose n rows share k values, (k,) or (k, d), stored once; ``index`` (n,) has each row's value number."""
-
-    values: np.ndarray
-    index: np.ndarray
-
-    @property
-    def dtype(self) -> np.dtype:
-        """Dtype of the values."""
-        return self.values.dtype
-
-    def __len__(self) -> int:
-        return len(self.index)
-
-    def __getitem__(self, rows: Any) -> Any:
-        """Return a column of some rows (slice, mask or indices), or the value of one row."""
-        index = self.index[rows]
-        return type(self)(self.values, index) if np.ndim(index) else self.values[index]
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        return np.asarray(self.values[self.index], dtype=dtype)
-
-
-class Words(PickedColumn):
-    """A text column with shared values; comparisons and ``np.asarray`` give arrays with one element for each row."""
-
-    def __eq__(self, word: object) -> np.ndarray:  # type: ignore[override]
-        return (self.values == word)[self.index]
-
-    def __ne__(self, word: object) -> np.ndarray:  # type: ignore[override]
-        return (self.values != word)[self.index]
-
-    def tolist(self) -> list[str]:
-        """Return the texts of the rows; equal texts are one object."""
-        return self.values.astype(object)[self.index].tolist()
-
-    def concatenate(self, other: Words) -> Words:
-        """Return a column of these rows, followed by those of another one."""
-        if other.values is self.values:
-            return Words(self.values, np.concatenate([self.index, other.index]).astype(np.int32))
-        values = np.concatenate([self.values, other.values])
-        return Words(values, np.concatenate([self.index, other.index.astype(np.int32) + np.int32(len(self.values))]))
-
-
-@dataclass(frozen=True, eq=False)
-class StackedColumn(NDArrayOperatorsMixin):
-    """Columns of numbers, concatenated by rows; only the rows that are requested are copied.
-
-    In arithmetic and in NumPy's functions it behaves as the array of its rows.
-    """
-
-    parts: tuple[Any, ...]
-
-    @property
-    def dtype(self) -> np.dtype:
-        """Common dtype of all parts."""
-        return np.result_type(*(part.dtype for part in self.parts))
-
-    def __len__(self) -> int:
-        return sum(map(len, self.parts))
-
-    def __getitem__(self, rows: Any) -> Any:
-        """Return some rows (slice, mask or indices); a slice copies only its own rows."""
-        if not isinstance(rows, slice):
-            return np.asarray(self)[rows]
-        start, stop, _ = rows.indices(len(self))
-        found, begin = list[Any](), 0
-        for part in self.parts:
-            found.append(part[max(start - begin, 0) : max(stop - begin, 0)])
-            begin += len(part)
-        found = [part for part in found if len(part)] or found[:1]
-        return found[0] if len(found) == 1 else np.concatenate(found)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        return np.concatenate(self.parts).astype(dtype or self.dtype, copy=False)
-
-    def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, **kwargs: Any) -> Any:
-        arrays = (np.asarray(value) if isinstance(value, StackedColumn) else value for value in inputs)
-        return getattr(ufunc, method)(*arrays, **kwargs)
-
-    def tolist(self) -> list[Any]:
-        """Return the values of the rows."""
-        return np.asarray(self).tolist()
-
-
-Column = np.ndarray | Words | StackedColumn
-
-
-def make_shared_words(word: str, count: int) -> Words:
-    """Return a column of ``count`` rows with the same text."""
-    return Words(np.array([word]), np.zeros(count, dtype=np.int32))
-
-
-def is_any(column: Column, words: Iterable[str]) -> np.ndarray:
-    """Return the mask ``(n,)`` of the rows of a text column that contain one of some texts."""
-    if isinstance(column, Words):
-        return np.isin(column.values, list(words))[column.index]
-    return np.isin(column, list(words))
-
-
-# ---- declared columns ------------------------------------------------------------------------------------------------
 
 #: Types of columns, as annotations in a class of rows: the second argument is the type of one value.
-TextColumn = Annotated[Column, str]
-FloatColumn = Annotated[Column, float]
-IntegerColumn = Annotated[Column, int]
-FlagColumn = Annotated[Column, bool]
+TextColumn = Annotated[np.ndarray, str]
+FloatColumn = Annotated[np.ndarray, float]
+IntegerColumn = Annotated[np.ndarray, int]
+FlagColumn = Annotated[np.ndarray, bool]
 #: NumPy's dtype kinds that a column of each type may have.
 DTYPES: dict[type, str] = {str: "UO", float: "f", int: "iu", bool: "b"}
 #: How units are written in titles.
@@ -174,7 +67,7 @@ def column(description: str = "", unit: str = "", *, level: str = "") -> Any:
 
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(column,))
-class LayerRows(Mapping[str, Column]):
+class LayerRows(Mapping[str, np.ndarray]):
     """Columns of a layer by name, of equal length: exactly those that the class declares.
 
     A class names its layer (``class TiePointRows(LayerRows, layer="tie_points")``); the first line of its docstring
@@ -196,7 +89,7 @@ class LayerRows(Mapping[str, Column]):
             for name, part in own.items()
         }
 
-    def __init__(self, **columns: Column) -> None:
+    def __init__(self, **columns: np.ndarray) -> None:
         where = f"layer {self.layer}: `{type(self).__name__}` of {type(self).__module__.rpartition('.')[2]}.py"
         unknown = [name for name in columns if name not in self.declared]
         missing = [name for name in self.declared if name not in columns]
@@ -220,14 +113,13 @@ class LayerRows(Mapping[str, Column]):
             self.__dict__[name] = values
 
     @classmethod
-    def of_level(cls, level: str, count: int, **columns: Column) -> Self:
-        """Return ``count`` rows of one level: the columns of other levels are NaN, without taking memory."""
+    def of_level(cls, level: str, count: int, **columns: np.ndarray) -> Self:
+        """Return ``count`` rows of one level: the columns of other levels are NaN."""
         others = [name for name, said in cls.declared.items() if said.level not in ("", level)]
         wrong = [name for name in others if name in columns]
         if wrong:
             raise TypeError(f"`{cls.__name__}` declares {wrong[0]!r} for another level than {level!r}: do not give it")
-        nothing = np.broadcast_to(np.nan, count)
-        return cls(**columns, **dict.fromkeys(others, nothing), level=make_shared_words(level, count))
+        return cls(**columns, **dict.fromkeys(others, np.full(count, np.nan)), level=np.full(count, level))
 
     @classmethod
     def of_entries(cls, entries: Sequence[Mapping[str, Any]]) -> Self:
@@ -236,7 +128,7 @@ class LayerRows(Mapping[str, Column]):
         columns = {name: [entry[name] for entry in entries] for name in entries[0]}
         return cls(**{name: np.array(values, dtype=kinds.get(name)) for name, values in columns.items()})
 
-    def __getitem__(self, name: str) -> Column:
+    def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.declared:
             raise KeyError(name)
         return self.__dict__[name]
@@ -252,8 +144,8 @@ class LayerRows(Mapping[str, Column]):
         return type(self)(**{name: values[rows] for name, values in self.items()})
 
     def concatenate(self, other: Self) -> Self:
-        """Return these rows followed by others, without copying the numbers."""
-        return type(self)(**{name: _join(values, other[name]) for name, values in self.items()})
+        """Return these rows followed by others."""
+        return type(self)(**{name: np.concatenate([values, other[name]]) for name, values in self.items()})
 
 
 def _complete_description(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:
@@ -268,20 +160,14 @@ def _complete_description(cls: type, name: str, part: DeclaredColumn) -> Declare
     return replace(part, description=description, unit=unit)
 
 
-def _join(first: Column, second: Column) -> Column:
-    if isinstance(first, Words) and isinstance(second, Words):
-        return first.concatenate(second)
-    return StackedColumn((first, second))
-
-
-def describe_columns(fields: Mapping[str, Column]) -> dict[str, DeclaredColumn]:
+def describe_columns(fields: Mapping[str, np.ndarray]) -> dict[str, DeclaredColumn]:
     """Return the declarations of a layer's fields; for undeclared columns the entry of `SHARED_COLUMNS`, if any."""
     if isinstance(fields, LayerRows):
         return dict(fields.declared)
     return {name: DeclaredColumn(*SHARED_COLUMNS[name], name=name) for name in fields if name in SHARED_COLUMNS}
 
 
-def write_titles(fields: Mapping[str, Column]) -> dict[str, str]:
+def write_titles(fields: Mapping[str, np.ndarray]) -> dict[str, str]:
     """Return the titles of a layer's fields, ``fid`` the first, by name."""
     known = describe_columns(fields)
     return {name: known[name].title if name in known else write_title(name) for name in ("fid", *fields)}

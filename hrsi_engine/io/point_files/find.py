@@ -18,7 +18,7 @@ from ..opening.plain_files import require_plain_around
 from . import csv_text, gcp_files, gcp_texts, match_files, micmac_files, ogr_layer
 from .in_memory import PointsInMemory
 from .interpret import PointTables, image_names, interpret, require_field
-from .kept_columns import read_columns
+from .kept_columns import read_columns, read_complete_table
 from .positions import Reference, Surface, ground_positions, has_positions
 from .table import FIELDS, PointReader, PointTable, match_fields
 
@@ -187,6 +187,8 @@ def choose_fields(spec: str) -> dict[str, str]:
 def read_table(spec: str) -> PointTable:
     """Return the rows of a point file as returned by its reader, unchecked."""
     path, layer = split_spec(spec)
+    if (complete := read_complete_table(path, layer)) is not None:
+        return complete
     # The reader of a file; raise `InputError` if there is no such file or no format matches
     require_plain_around(path)
     head = b""

@@ -8,19 +8,25 @@ GeoPackage. After any change to it, in QGIS or elsewhere, and if the columns are
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...block.columns import NameColumn, find_unique_ids
 from ...block.points import ImagePoints
+from ...ground.geodesy import WGS84_3D
 from ..opening.budgets import RPC_BUDGETS
 from ..safety.array_files import DAMAGED, read_arrays, write_arrays
 from ..safety.content_marks import files_mark
+from . import csv_text
 from .interpret import PointTables, matching_names
+from .table import PointTable
 
 COLUMNS_FILE = "tie_points.npz"
 LAYERS_FILE, LAYER = "block.gpkg", "image_points"  #: GeoPackage and layer of the same measurements
+#: Tables next to the GeoPackage with all rows of layers that show a selection of them
+COMPLETE_FILES = {"image_points": "block_image_points.csv", "ground_points": "block_ground_points.csv"}
 _SCHEMA = 1
 _NUMBERED = ("id", "image", "kind")  # columns of names: distinct names, and the name's number of each row
 
@@ -35,6 +41,17 @@ def write_columns(folder: str, points: ImagePoints) -> None:
         names, number = find_unique_ids(ids)
         columns |= {f"{name}_decode_names": names, name: number.astype(np.int32)}
     write_arrays(os.path.join(folder, COLUMNS_FILE), columns)
+
+
+def read_complete_table(path: str, layer: str) -> PointTable | None:
+    """Return all rows of a layer of which the GeoPackage shows a selection, from the table next to it; else None."""
+    folder, name = os.path.split(path)
+    table = os.path.join(folder, COMPLETE_FILES.get(layer, ""))
+    if name != LAYERS_FILE or not os.path.isfile(table):
+        return None
+    rows = csv_text.READER.read(table, "")
+    positions = np.column_stack([rows.columns[name] for name in ("lon", "lat", "height")])
+    return replace(rows, geometry=positions, crs=f"EPSG:{WGS84_3D}")
 
 
 def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointTables | None:
