@@ -18,7 +18,7 @@ DECIMALS = 6
 _LARGEST = 1e12  # larger numbers have no meaning in these tables, and with decimals would not fit 64 bits
 
 
-def write_csv(path: str, chunks: Iterable[Mapping[str, np.ndarray]]) -> None:
+def write_large_table(path: str, chunks: Iterable[Mapping[str, np.ndarray]]) -> None:
     """Write a table in one step; raise `OutputError` if it cannot be written.
 
     path : the file; chunks : parts of the table, columns by name, the same in each; NaN and infinity become empty
@@ -33,8 +33,8 @@ def write_csv(path: str, chunks: Iterable[Mapping[str, np.ndarray]]) -> None:
         raise OutputError(f"{path}: cannot be written ({error.strerror}): check free space and permissions") from None
 
 
-def read_csv(path: str) -> dict[str, np.ndarray]:
-    """Return a table of `write_csv` as columns: numbers with NaN where they are empty, else text."""
+def read_large_table(path: str) -> dict[str, np.ndarray]:
+    """Return a table of `write_large_table` as columns: numbers with NaN where they are empty, else text."""
     with open(path, encoding="utf-8", newline="") as file:
         names, *rows = csv.reader(file)
     return {name: _parse_column(texts) for name, texts in zip(names, zip(*rows, strict=True), strict=True)}

@@ -23,7 +23,7 @@ from ..io.point_files.kept_columns import COMPLETE_FILES
 from .outliers import FLAGS, classify_measurements, ground_flags, measurement_statistic
 from .residuals import Residuals
 
-Columns = Mapping[str, np.ndarray]
+TablePart = Mapping[str, np.ndarray]
 
 
 @thresholds
@@ -175,7 +175,7 @@ def image_points_table(result: Adjustment, left: Residuals, rows: np.ndarray, fl
     return Table(choose_positions(result)[measured.point[rows]], columns)
 
 
-def iterate_tables(result: Adjustment, left: Residuals, shown: LayerSelection) -> dict[str, Iterable[Columns]]:
+def iterate_tables(result: Adjustment, left: Residuals, shown: LayerSelection) -> dict[str, Iterable[TablePart]]:
     """Return the complete tables of image points and ground points by layer, each in parts with their positions."""
     full = select_rows(result, left, most=shown.count)
     makers = {
@@ -185,7 +185,7 @@ def iterate_tables(result: Adjustment, left: Residuals, shown: LayerSelection) -
     return {name: _iterate_parts(rows, make) for name, (rows, make) in makers.items()}
 
 
-def _iterate_parts(rows: np.ndarray, make: Callable[[np.ndarray], Table]) -> Iterator[Columns]:
+def _iterate_parts(rows: np.ndarray, make: Callable[[np.ndarray], Table]) -> Iterator[TablePart]:
     for begin in range(0, len(rows), TABLE.rows_at_once):
         table = make(rows[begin : begin + TABLE.rows_at_once])
         yield {**table.columns, **dict(zip(("lon", "lat", "height"), table.positions.T, strict=True))}

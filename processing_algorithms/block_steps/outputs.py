@@ -21,7 +21,7 @@ from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.geopackage.layers import write_geopackage
 from ...hrsi_engine.io.jitter_files import JITTER_FILE, write_jitter
-from ...hrsi_engine.io.large_tables import write_csv
+from ...hrsi_engine.io.large_tables import write_large_table
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
 from ...hrsi_engine.io.point_files.kept_columns import COMPLETE_FILES
@@ -176,7 +176,7 @@ def write_results(
         layers = [layer for layer in result.layers if layer.name != left_out]
         write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
         for name, parts in result.tables.items():
-            write_csv(str(folder / COMPLETE_FILES[name]), parts)
+            write_large_table(str(folder / COMPLETE_FILES[name]), parts)
             report["outputs"][name] = complete[name]
         # Files of earlier runs and other programs that would take precedence over the new ones
         for file in stale:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
-from hrsi.hrsi_engine.io.large_tables import read_csv, write_csv
+from hrsi.hrsi_engine.io.large_tables import read_large_table, write_large_table
 
 
 def test_every_kind_of_column_is_read_back(tmp_path: Path) -> None:
@@ -24,7 +24,7 @@ def test_every_kind_of_column_is_read_back(tmp_path: Path) -> None:
         "integer": random.integers(-(2**40), 2**40, count), "flag": random.random(count) < 0.5,
     }  # fmt: skip
     chunks = [{name: column[part] for name, column in table.items()} for part in (slice(0, 1200), slice(1200, None))]
-    write_csv(str(tmp_path / "t.csv"), chunks)
+    write_large_table(str(tmp_path / "t.csv"), chunks)
     with open(tmp_path / "t.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == list(table) and len(rows) == count
@@ -36,11 +36,11 @@ def test_every_kind_of_column_is_read_back(tmp_path: Path) -> None:
     for name in ("integer", "flag"):
         assert [int(row[name]) for row in rows] == table[name].astype(int).tolist()
     assert {row["nothing"] for row in rows} == {""}
-    columns = read_csv(str(tmp_path / "t.csv"))
+    columns = read_large_table(str(tmp_path / "t.csv"))
     assert columns["text"].tolist() == table["text"].tolist() and columns["flag"].tolist() == table["flag"].tolist()
     np.testing.assert_array_equal(np.isnan(columns["missing"]), np.isnan(table["missing"]))
 
 
 def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"t\.csv"):
-        write_csv(str(tmp_path / "none" / "t.csv"), [{"id": np.arange(3)}])
+        write_large_table(str(tmp_path / "none" / "t.csv"), [{"id": np.arange(3)}])

@@ -18,7 +18,7 @@ from shapely import wkb
 
 from ...foundation.errors import InputError, OutputError
 from ...ground.geodesy import WGS84, WGS84_3D
-from ..large_tables import read_csv
+from ..large_tables import read_large_table
 from ..opening.databases import sql_text
 from ..opening.datasets import gdal_messages
 from ..point_files.kept_columns import COMPLETE_FILES, LAYERS_FILE
@@ -42,7 +42,7 @@ def read_layer_table(path: str, layer: str) -> dict[str, np.ndarray]:
     """
     complete = os.path.join(os.path.dirname(path), COMPLETE_FILES.get(layer, ""))
     if os.path.basename(path) == LAYERS_FILE and os.path.isfile(complete):
-        return read_csv(complete)
+        return read_large_table(complete)
     with _open(path) as database:
         found = database.execute(
             "SELECT column_name, srs_id FROM gpkg_geometry_columns WHERE table_name = ?", (layer,)
