@@ -1,7 +1,7 @@
 """Tables of millions of rows as CSV: numbers become text column by column, in NumPy.
 
 Python's formatting needs a call for each value. Here each column of a chunk is an array of bytes ``(n, width)`` in
-which unused places are NUL; beside each other they are the rows, and without NUL they are the text.
+which unused places are NUL; joined they are the rows, and without NUL the text.
 """
 
 import csv
