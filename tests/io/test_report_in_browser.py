@@ -394,7 +394,7 @@ def test_fits_the_screen(browser: Browser, result: Path, name: str, width: int, 
 
 @pytest.mark.programs
 def test_print(page: Browser, simulated: Path) -> None:
-    """Every part is printed, also what is closed on the screen; the map as a whole; controls are not."""
+    """The report is printed on few pages: closed tables with their worst rows, the map as a whole; no appendix."""
     PICTURES.mkdir(parents=True, exist_ok=True)
     printed = PICTURES / "report.pdf"
     page.click("#zoom-in")
@@ -406,13 +406,41 @@ def test_print(page: Browser, simulated: Path) -> None:
     assert page.value(zoom) == "2"  # and is as it was afterwards
     content = printed.read_bytes()
     pages = len(re.findall(rb"/Type\s*/Page\b", content))
-    assert 2 <= pages <= 14
+    assert 4 <= pages <= 8
     page.command("Emulation.setEmulatedMedia", media="print", features=[])
     hidden = "[...document.querySelectorAll({})].filter((e) => e.getClientRects().length).length"
-    assert page.value(hidden.format('".controls, nav, #map-point"')) == 0
-    headings = page.value("[...document.querySelectorAll('h2')].map((e) => e.getClientRects().length)")
-    assert len(headings) >= 9 and min(headings) == 1
+    assert page.value(hidden.format('".controls, nav, #map-point, .appendix"')) == 0
+    assert page.value(hidden.format('".verdict"')) == 1
+    titles = "[...document.querySelectorAll('section:not(.appendix) > h2')]"
+    headings = page.value(f"{titles}.map((e) => e.getClientRects().length)")
+    assert len(headings) >= 7 and min(headings) == 1
+    rows = "[...t.tBodies[0].rows].filter((r) => r.getClientRects().length).length"
+    assert max(page.value(f"[...document.querySelectorAll('table')].map((t) => {rows})")) <= 12
     page.command("Emulation.setEmulatedMedia", media="", features=[])
+
+
+@pytest.fixture(scope="module")
+def ten_images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result of ten images without pixels."""
+    block, out = tmp_path_factory.mktemp("ten") / "block", tmp_path_factory.mktemp("ten") / "out"
+    run(
+        "simulate", output_dir=str(block), images=10, along=[float(angle) for angle in range(-24, 33, 6)], gcps=6,
+        checks=20, ties=300, pixels=False, seed=2,
+    )  # fmt: skip
+    run(
+        "adjust", images=sorted(map(str, block.glob("image_*_RPC.TXT"))), output_dir=str(out),
+        gcps=str(block / "ground_points.csv"), image_points=str(block / "image_points.csv"), height_datum="ellipsoidal",
+    )  # fmt: skip
+    return out
+
+
+@pytest.mark.programs
+@pytest.mark.parametrize("block", ["hobart_result", "ten_images"])
+def test_number_of_printed_pages(browser: Browser, request: pytest.FixtureRequest, tmp_path: Path, block: str) -> None:
+    """A client's report has 4 to 8 pages for 3 to 10 images."""
+    browser.open(request.getfixturevalue(block) / "report.html")
+    browser.print(tmp_path / "report.pdf")
+    assert 4 <= len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "report.pdf").read_bytes())) <= 8
 
 
 #: Tables and pictures that reach beyond the printed width, with how far.

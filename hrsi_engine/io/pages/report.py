@@ -95,7 +95,7 @@ def _write_inline(text: str) -> str:
 
 TEMPLATES = os.path.join(os.path.dirname(__file__), "templates")
 #: Most rows of a page's tables; for a block of thousands of images, report.json has all figures.
-LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
+LIMITS = {"most_printed": 12, "most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
 
 
 @thresholds
