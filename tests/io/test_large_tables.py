@@ -7,9 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import simulated_blocks as blocks
 
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.foundation.errors import OutputError
+from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table, replace_layers
+from hrsi.hrsi_engine.io.geopackage.layers import write_geopackage
 from hrsi.hrsi_engine.io.large_tables import read_large_table, write_large_table
+from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.io.point_files.kept_columns import COMPLETE_FILES
+from hrsi.hrsi_engine.results.layers import block_layers
+from hrsi.hrsi_engine.results.outliers import measurement_statistic
+from hrsi.hrsi_engine.results.residuals import compute_residuals
+from hrsi.hrsi_engine.results.tables import iterate_tables, select_rows
 
 
 def test_every_kind_of_column_is_read_back(tmp_path: Path) -> None:
@@ -44,3 +54,37 @@ def test_every_kind_of_column_is_read_back(tmp_path: Path) -> None:
 def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"t\.csv"):
         write_large_table(str(tmp_path / "none" / "t.csv"), [{"id": np.arange(3)}])
+
+
+def test_of_many_image_points_the_layers_show_a_selection_and_readers_get_all(tmp_path: Path) -> None:
+    """The layers have the worst and the known points; whoever names a layer gets the same points as of a full one."""
+    block, _, _ = blocks.block(gcps=6, checks=5, ties=300)
+    result = adjust(block, AdjustOptions(model="shift"))
+    left, ids = compute_residuals(result), [image.id for image in block.images]
+    shown = select_rows(result, left, most=500, sample=100)
+    assert not shown.is_complete and 100 <= len(shown.measurements) < 180 and shown.count == len(block.measurements)
+    statistic = np.nan_to_num(measurement_statistic(left))
+    known = np.flatnonzero(block.known[block.measurements.point])
+    assert {*np.argsort(statistic)[-50:].tolist(), *known.tolist()} <= set(shown.measurements.tolist())
+    (tmp_path / "all").mkdir()
+    file, full_file = str(tmp_path / "block.gpkg"), str(tmp_path / "all" / "block.gpkg")
+    write_geopackage(file, block_layers(result, left, (), shown))
+    write_geopackage(full_file, block_layers(result, left))
+    for name, parts in iterate_tables(result, left, shown).items():
+        write_large_table(str(tmp_path / COMPLETE_FILES[name]), parts)
+    assert len(read_layer_table(file, "image_points")["sample"]) == shown.count
+    for adjusted in (False, True):
+        given, full = (
+            read_points(f"{path}|layername=image_points", image_ids=ids, adjusted=adjusted).image
+            for path in (file, full_file)
+        )
+        assert given is not None and full is not None and given.ids.tolist() == full.ids.tolist()
+        np.testing.assert_allclose(given.xy, full.xy, rtol=0.0, atol=6e-7)
+        points, all_points = (
+            read_points(f"{path}|layername=ground_points", adjusted=adjusted).ground for path in (file, full_file)
+        )
+        assert points is not None and all_points is not None and points.ids.tolist() == all_points.ids.tolist()
+        np.testing.assert_allclose(points.ground, all_points.ground, rtol=0.0, atol=6e-7)
+        np.testing.assert_allclose(points.sigma_m, all_points.sigma_m, rtol=0.0, atol=6e-7)
+    replace_layers(file, block_layers(result, left))  # a session saves all rows into the file
+    assert not list(tmp_path.glob("*.csv"))

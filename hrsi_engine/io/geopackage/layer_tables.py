@@ -144,6 +144,10 @@ def replace_layers(path: str, layers: Sequence[layer_files.Layer]) -> None:
                 database.execute("DELETE FROM layer_styles WHERE f_table_name = ? AND styleName = ?", (name, name))
             layer_files.insert_styles(database, layers, styles)
             database.execute("COMMIT")
+        for layer in layers:  # now the file itself has all rows
+            if os.path.basename(path) == LAYERS_FILE and layer.name in COMPLETE_FILES:
+                with contextlib.suppress(FileNotFoundError):
+                    os.remove(os.path.join(os.path.dirname(path), COMPLETE_FILES[layer.name]))
     except sqlite3.Error as error:
         raise OutputError(f"{path}: cannot be written ({error}): close other programs that write into it") from None
 
