@@ -54,6 +54,7 @@ lint: set-up-test  ## ruff, mypy, docstrings and names of the API, words of all 
 	@$(BIN)/python scripts/check_docstrings.py
 	@$(BIN)/python scripts/check_names.py
 	@$(BIN)/python scripts/check_words.py
+	@$(BIN)/python scripts/list_thresholds.py --check
 	@$(BIN)/flake8 --isolated --select QGS1,QGS4 --extend-ignore QGS105 plugin  # QGS105: qgis_process has no iface
 	@$(BIN)/python scripts/check_qt6.py plugin
 	@$(call tell_processor_time,set-up and lint)

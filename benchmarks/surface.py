@@ -240,8 +240,8 @@ def summarise_rows(rows: Sequence[Row], key: Callable[[Row], str]) -> list[list[
 
 
 #: Code of the reason that says that plan is not held by the surface.
-OPEN = "surface-open"
-GROUP_HEAD = ["blocks of", "number", "plan from the DEM", "surface-open", "RPCs: plan m", "plan m", "CE90 m",
+OPEN = "not-determined"
+GROUP_HEAD = ["blocks of", "number", "plan from the DEM", "not-determined", "RPCs: plan m", "plan m", "CE90 m",
               "inside %", "RPCs: height m", "height m", "LE90 m", "inside %", "ok"]  # fmt: skip
 
 

@@ -23,7 +23,8 @@ from hrsi.benchmarks import block_tables, chapter2, thesis_tables
 from hrsi.benchmarks.pages import DATA, DOCS
 from hrsi.benchmarks.real_blocks import TEN, check_rmse, hobart
 from hrsi.benchmarks.sampling_analysis import THESIS, table_2_1, table_2_2, table_2_3
-from hrsi.benchmarks.spot5 import CASES, read_printed_checks, read_spot5
+from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
+from hrsi.benchmarks.thesis_appendix import read_appendix
 from hrsi.benchmarks.thesis_formulas import residuals_of_checks
 from hrsi.hrsi_engine import adjust
 
@@ -42,7 +43,7 @@ EXPLAINED = {
     ): "the thesis registers on the ground by sensor models and a DEM that are not printed; here "
     "an affine transformation of the printed whole pixels is used",
     ("2.7", "Hobart"): "the RPCs of the vendor are not printed; RPCs fitted to the measurements give smaller residuals",
-    ("4.7", ""): "the RPC of the vendor and the ids of the GCPs are not printed; positions are whole pixels",
+    ("4.7", ""): "the RPC of the vendor is not printed; positions are whole pixels",
     (
         "4.9",
         "case 1",
@@ -54,6 +55,12 @@ EXPLAINED = {
     ("4.11", "case 1"): "as case 1 of table 4.9",
     ("4.11", "case 7"): "as case 1 of table 4.9",
     ("App. VII 2, 3", ""): "the height of the pseudo sensor is not printed",
+    ("App. VII 5, 6", ""): "the RPC of the vendor is not printed; positions are whole pixels",
+    ("App. VII 10-24", ""): "the height of the pseudo sensor is not printed",
+    ("App. VII 10-24", "case 1"): "as case 1 of table 4.9",
+    ("App. VII 10-24", "case 2"): "0.01 rad: as case 1 of table 4.9, a tenth of it",
+    ("App. VII 10-24", "case 7"): "as case 1 of table 4.9",
+    ("App. VII 10-24", "case 8"): "as case 2",
     ("5.2", ""): "positions of 42 of the 113 points, and of 54 of the 71 on image 2, are not printed: weak geometry",
     ("5.4", ""): "as table 5.2; the RMSE of the centres on all three images is 0.33, 0.25 and 0.73 m",
 }
@@ -61,6 +68,7 @@ EXPLAINED = {
 NOT_COMPUTABLE = {
     "chapter 3, correspondences found (8 areas)": (9, "the images are not published"),
     "4.1 to 4.4": (64, "other authors' results, quoted; their data are not published"),
+    "App. VII 18": (272, "no figures below its head: cases 7 and 8 with 3 GCPs"),
     "5.3": (213, "the Melbourne field is not published; simulated in [accuracy of blocks](accuracy_blocks.md)"),
     "5.5": (60, "the Melbourne field is not published; simulated in [accuracy of blocks](accuracy_blocks.md)"),
 }
@@ -182,6 +190,38 @@ def chapter_4(folder: Path) -> Iterator[Number]:
                 yield Number(
                     "App. VII 2, 3", f"{_gcps(count)}, point {name}", f"{method} {axis}", printed, float(value)
                 )
+    yield from appendix_vii(folder, spot5)
+
+
+#: GCPs and check points by the number of check points in a table of appendix VII.
+GCPS_OF_SPOT5 = {36: 1, 34: 3, 30: 7}
+
+
+def appendix_vii(folder: Path, spot5: Spot5) -> Iterator[Number]:
+    """Yield the residuals of single points in tables 5, 6 (IKONOS) and 10 to 24 (SPOT 5 with simulated errors)."""
+    for printed in read_appendix(folder):
+        if printed.case:
+            count = GCPS_OF_SPOT5[len(printed.rows)]
+            control, check = spot5.control(count)
+            generic_px = -residuals_of_checks(spot5.disturbed_camera(printed.case), control, check)
+            bias_px = -thesis_tables.check_residuals(
+                thesis_tables.bias_model(count), spot5.image(printed.case), control, check
+            )
+            table, head = "App. VII 10-24", f"case {printed.case}, {_gcps(count)}"
+        else:
+            image, everything = thesis_tables.ikonos(folder)
+            used = np.isin(everything.ids, {5: thesis_tables.IKONOS_ONE, 6: thesis_tables.IKONOS_NINE}[printed.table])
+            control, check = everything.select(used), everything.select(~used)
+            bias, generic = thesis_tables.bias_model(len(control)), thesis_tables.generic_model(image, control)
+            bias_px, generic_px = (
+                thesis_tables.check_residuals(model, image, control, check) for model in (bias, generic)
+            )
+            table, head = "App. VII 5, 6", _gcps(len(control))
+        ours = np.column_stack([generic_px, bias_px])
+        for name, texts, values in zip(check.ids.tolist(), printed.rows, ours.tolist(), strict=True):
+            for k, (text, value) in enumerate(zip(texts, values, strict=True)):
+                column = f"{('generic', 'bias')[k // 2]} {('sample', 'line')[k % 2]}"
+                yield Number(table, f"{head}, point {name}", column, f"{float(text):.3f}", value)
 
 
 def _gcps(count: int) -> str:

@@ -333,7 +333,7 @@ def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
     ]  # fmt: skip
     if worse:
         reasons.append(Reason(
-            "registration-worse", Level.DOUBTFUL, f"{list_ids(worse)}: the median is larger than before the adjustment",
+            "misregistration", Level.DOUBTFUL, f"{list_ids(worse)}: the median is larger than before the adjustment",
             "check that both sets of orthoimages were made with the same DEM, and look into the adjustment's report",
         ))  # fmt: skip
     before = f" (before {pooled[BEFORE]['median_px']:.2f} px)" if BEFORE in pooled else ""

@@ -28,13 +28,15 @@ HEAD = f"""# Thresholds
 
 Every number that HRSI compares with, by topic: the limits of tests, the sizes of windows and buffers, the ends of
 iterations. Each is a field of its topic, `NAME.field` in the module below the heading. The origin is a theory, a
-publication, the data and date of the tuning, or *judgement* where an engineer chose it and no data decided. Where
-*half* and *double* follow it, `benchmarks/threshold_sensitivity.py` has tested these values on measured blocks: they
-change nothing, move a point by at most so many of its standard deviations, or change the verdict. The unit of
-a number names what is counted; a meaning that begins with an ellipsis continues that of the row above.
+publication, the data and date of the tuning, or *judgement* where an engineer chose it and no data decided. *Without
+it* names the case that fails when the threshold is switched off (`benchmarks/rules.py`); one without such a case is a
+fault, and the number of those that were not tried yet may only decrease. The unit of a number names what is counted; a
+meaning that begins with an ellipsis continues that of the row above.
 """
-#: What `benchmarks/threshold_sensitivity.py` found, by the module, topic and field of each threshold.
-SENSITIVITY = ROOT / "docs" / "developing/threshold_sensitivity.csv"
+#: What `benchmarks/rules.py` found: the case that fails without a threshold, by its module, topic and field.
+CASES = ROOT / "docs" / "developing/rules.csv"
+#: Largest number of thresholds that `benchmarks/rules.py` has not tried yet.
+MOST_UNTRIED = 1130
 
 
 class Topic(NamedTuple):
@@ -71,16 +73,31 @@ def find_topics() -> list[Topic]:
 
 
 @cache
-def read_sensitivity() -> dict[str, str]:
-    """Return what is to be said of half and double of thresholds, by ``module.TOPIC.field``."""
-    with SENSITIVITY.open(encoding="utf-8", newline="") as file:
-        return {row["threshold"]: f"; half: {row['half']}, double: {row['double']}" for row in csv.DictReader(file)}
+def read_cases() -> dict[str, str]:
+    """Return the case that fails without each threshold that was tried, by ``module.TOPIC.field``."""
+    with CASES.open(encoding="utf-8", newline="") as file:
+        return {row["rule"]: row["fails without it"] for row in csv.DictReader(file)}
+
+
+def name_threshold(topic: Topic, field: str) -> str:
+    """Return ``module.TOPIC.field`` of a threshold."""
+    return f"{topic.module.removeprefix('hrsi.')}.{topic.name}.{field}"
+
+
+def count_untried(topics: list[Topic]) -> int:
+    """Return the number of thresholds without a case in the table of rules."""
+    return sum(
+        name_threshold(topic, field) not in read_cases()
+        for topic in topics for field in topic.values.__dataclass_fields__
+    )  # fmt: skip
 
 
 def find_faults(topic: Topic) -> Iterator[str]:
-    """Yield what a topic lacks: unit, meaning or origin of a field."""
+    """Yield what a topic lacks: unit, meaning or origin of a field, or a case that needs it."""
     for field in topic.values.__dataclass_fields__.values():
         home = f"{topic.module}.{topic.name}.{field.name}"
+        if read_cases().get(name_threshold(topic, field.name)) == "nothing":
+            yield f"{home}: no case fails without it: delete it"
         yield from (
             f"{home}: say its {what}" for what in ("meaning", "origin") if not str(field.metadata[what]).strip()
         )
@@ -104,13 +121,13 @@ def format_topic(topic: Topic) -> Iterator[str]:
     yield from ("", f"## {topic.name.replace('_', ' ').capitalize()}", "")
     yield from (f"`{topic.module.removeprefix('hrsi.')}`", "")
     yield " ".join((topic.values.__doc__ or "").split()).replace("``", "`")
-    yield from ("", f"| {topic.name} | value | unit | meaning | origin |", "|---|---:|---|---|---|")
+    yield ""
+    yield f"| {topic.name} | value | unit | meaning | origin | without it |"
+    yield "|---|---:|---|---|---|---|"
     for field in topic.values.__dataclass_fields__.values():
         texts = field.name, format_value(getattr(topic.values, field.name)), *(
             field.metadata[key] for key in ("unit", "meaning")
-        ), field.metadata["origin"] + read_sensitivity().get(
-            f"{topic.module.removeprefix('hrsi.')}.{topic.name}.{field.name}", ""
-        )  # fmt: skip
+        ), field.metadata["origin"], read_cases().get(name_threshold(topic, field.name), "")  # fmt: skip
         yield "| " + " | ".join(text.replace("``", "`").replace("|", "\\|") for text in texts) + " |"
 
 
@@ -121,7 +138,10 @@ def write_page() -> str:
 
 
 def main() -> None:
-    faults = [fault for topic in find_topics() for fault in find_faults(topic)]
+    topics = find_topics()
+    faults = [fault for topic in topics for fault in find_faults(topic)]
+    if (untried := count_untried(topics)) > MOST_UNTRIED:
+        faults.append(f"{untried} thresholds are not in {CASES.name}, at most {MOST_UNTRIED}: run benchmarks/rules.py")
     if faults:
         raise SystemExit("\n".join(faults))
     if "--check" in sys.argv[1:]:

@@ -19,7 +19,7 @@ def test_mountains_hold_a_block_in_plan(sensor: str, tmp_path: Path):
     truth = read_truth(block)
     given, found = measure_block(block, truth, block), adjust_block(block, truth, *DEM)
     assert found.surface["holds_plan"]
-    assert "surface-open" not in found.codes
+    assert "not-determined" not in found.codes
     # A CE90 of 6 m is the DEM's own; 12 m are two of it
     assert found.plan_90_m < 12.0 and found.height_90_m < 8.0
     assert found.plan_90_m < 2.0 * found.ce90_m and found.height_90_m < 2.0 * found.le90_m
@@ -32,7 +32,7 @@ def test_flat_ground_is_said_to_hold_no_plan(tmp_path: Path):
     block = Place("spot5", "flat", SEED).write(tmp_path)
     found = adjust_block(block, read_truth(block), *DEM)
     assert not found.surface["holds_plan"]
-    assert "surface-open" in found.codes
+    assert "not-determined" in found.codes
     assert found.level == "ok"
     assert found.ce90_m > 25.0  # SPOT 5's attitude of 40 microradians from 832 km is 33 m a coordinate
     assert found.plan_90_m < 2.0 * found.ce90_m

@@ -43,11 +43,20 @@ def test_the_page_shows_name_value_unit_meaning_and_origin():
         "",
         "What a sample decides.",
         "",
-        "| SAMPLE | value | unit | meaning | origin |",
-        "|---|---:|---|---|---|",
-        "| largest_miss_px | 3 | px | largest miss \\| of a sample | Lowe 2004 |",
-        "| steps | 1, 20 000 | px | first and last step | judgement |",
+        "| SAMPLE | value | unit | meaning | origin | without it |",
+        "|---|---:|---|---|---|---|",
+        "| largest_miss_px | 3 | px | largest miss \\| of a sample | Lowe 2004 |  |",
+        "| steps | 1, 20 000 | px | first and last step | judgement |  |",
     ]
+
+
+def test_a_threshold_that_no_case_needs_is_a_fault(monkeypatch):
+    cases = {"a.b.SAMPLE.steps": "nothing", "a.b.SAMPLE.largest_miss_px": "a wrong match"}
+    monkeypatch.setattr(list_thresholds, "read_cases", lambda: cases)
+    topic = list_thresholds.Topic("hrsi.a.b", "SAMPLE", SAMPLE)
+    assert list(list_thresholds.find_faults(topic)) == ["hrsi.a.b.SAMPLE.steps: no case fails without it: delete it"]
+    assert list(list_thresholds.format_topic(topic))[-2].endswith("| Lowe 2004 | a wrong match |")
+    assert list_thresholds.count_untried([topic]) == 0
 
 
 def test_the_page_is_current():

@@ -37,15 +37,15 @@ class ACCURACY:
     unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift if the product states none", OF_SENSORS)
     unknown_sigma_m: float = threshold(15.0, "m", "… in metres; the larger of the two applies", OF_SENSORS)
     least_sigma_px: float = threshold(3.0, "px", "smallest sigma of a shift (ERR_BIAS) in use", SIMULATED)
-    least_sigma_m: float = threshold(2.0, "m", "… in metres; the largest value applies", SIMULATED)
-    large_shift_sigmas: float = threshold(10.0, "sigma", "shift without known CE90 that is reported", SIMULATED)
+    large_shift_sigmas: float = threshold(
+        10.0, "sigma", "shift without known CE90, or drift beyond the user's sigma, that is reported", SIMULATED
+    )
     biased_ce90: float = threshold(2.0, "CE90", "shift of an image that is reported as a bias of its RPC")
     most_biased_ce90: float = threshold(10.5, "CE90", "largest shift common to all points that is a bias of the RPC")
     unwritten_sigmas: float = threshold(
         30.0, "sigma", "shift beyond which, and beyond `most_biased_ce90`, no refined RPC is written", "ten times the "
         "published CE90 of Pleiades, 26 sigma of its simulated RPCs (docs/protocols/biased_rpcs.md)"
     )  # fmt: skip
-    large_drift_sigmas: float = threshold(10.0, "sigma", "largest drift relative to the user's sigma", SIMULATED)
     impossible_shift_sigmas: float = threshold(15.0, "sigma", "largest possible shift by an RPC, or …", SIMULATED)
     impossible_shift_m: float = threshold(500.0, "m", "… in metres; the larger of the two applies", SIMULATED)
     misfit_px: float = threshold(
@@ -87,7 +87,7 @@ def estimate_accuracies(
         published = find_image_sensor(image)
         has_figure = sigma > 0.0 or published is not None
         if sigma > 0.0:
-            sigma = max(sigma, ACCURACY.least_sigma_m, ACCURACY.least_sigma_px * gsd)
+            sigma = max(sigma, ACCURACY.least_sigma_px * gsd)
         else:
             sigma = max(ACCURACY.unknown_sigma_m, ACCURACY.unknown_sigma_px * gsd)
         sigma = max(sigma, sigma_shift_px * gsd)
@@ -96,7 +96,7 @@ def estimate_accuracies(
         if has_figure:
             large_m, biased_m = ACCURACY.biased_ce90 * ce90_m, ACCURACY.most_biased_ce90 * ce90_m
         far_m = max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m, biased_m)
-        drift = max(ACCURACY.largest_drift, ACCURACY.large_drift_sigmas * sigma_drift)
+        drift = max(ACCURACY.largest_drift, ACCURACY.large_shift_sigmas * sigma_drift)
         misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
         usual_drift = max(ACCURACY.usual_drift, sigma_drift)
         found.append(ImageAccuracy(gsd, sigma, ce90_m, large_m, biased_m, far_m, misfit_m, usual_drift))

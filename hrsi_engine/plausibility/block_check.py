@@ -11,10 +11,7 @@ from .identities import find_spelling_reasons
 from .ties import find_tie_reasons
 
 #: Input errors of image coordinates that place points outside their image.
-PIXEL_MISTAKE_CODES = {
-    "sample-line-swapped", "lines-from-below", "samples-from-right", "image-turned", "image-scale",
-    "image-ids-permuted",
-}  # fmt: skip
+PIXEL_MISTAKE_CODES = {"image-axes", "image-scale", "ids-permuted"}
 
 
 def check_block(
@@ -56,11 +53,8 @@ def check_block(
     for reason in reasons:
         follows = (
             (reason.code == "outside-image" and codes & PIXEL_MISTAKE_CODES)
-            or (reason.code == "heights-out-of-range" and codes & {*HEIGHT_CODES, "heights-alike"})
-            or (
-                reason.code in {"control-implausible", "control-groups", "control-outliers"}
-                and "coordinates-rounded" in codes
-            )
+            or (reason.code == "height-offset" and "heights-alike" in codes)
+            or (reason.code in {"control-implausible", "control-outliers"} and "coordinates-rounded" in codes)
             or (reason.code in HEIGHT_CODES and any(other.code in HEIGHT_CODES for other in kept))
             or any(reason.code == other.code for other in kept if reason.code != "duplicate-images")
         )

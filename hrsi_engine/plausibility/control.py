@@ -32,12 +32,9 @@ from .accuracy import SIMULATED, ImageAccuracy
 class CONTROL_FIT:
     """Limits for the agreement of surveyed points with the images on which they are measured."""
 
-    least_noise_px: float = threshold(0.3, "px", "smallest sigma of a measurement in these tests")
     agreeing_share: float = threshold(0.7, "", "smallest share of agreeing points of an image that fits", SIMULATED)
     usual_scatter: float = threshold(2.5, "", "largest robust scatter over the expected one", SIMULATED)
-    most_freedom: int = threshold(5, "points", "largest redundancy of an image in the cost (drift)", SIMULATED)
     agreeing_sigmas: float = threshold(8.0, "sigma", "largest error of an agreeing point in sigmas", SIMULATED)
-    linear_cost_sigmas: float = threshold(10.0, "sigma", "shift beyond which its cost is logarithmic", SIMULATED)
 
 
 NOWHERE_M = 2e7  # distance of a point without a ray: half round the Earth
@@ -149,7 +146,7 @@ def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> Contro
     seen = compute_sightlines(block.images, image, xy)
     gsd = np.array([accuracy.gsd_m for accuracy in accuracies])[image]
     noise = np.sqrt(
-        (gsd * np.maximum(measured.sigma_px[rows], CONTROL_FIT.least_noise_px)) ** 2
+        (gsd * measured.sigma_px[rows]) ** 2
         + sigma[point, :2].max(axis=1) ** 2
         + np.nan_to_num(np.sum(seen.slope**2, axis=1)) * sigma[point, 2] ** 2
     )
@@ -214,10 +211,8 @@ class ControlFit:
         """Minus twice the logarithm of the likelihood."""
         control = self.control
         count = np.bincount(control.image, minlength=len(self.scatter))
-        freedom = np.clip(count - 1, 0, CONTROL_FIT.most_freedom)
-        sigmas = np.minimum(self.shift_sigmas[control.images], 1e9)
-        knee = CONTROL_FIT.linear_cost_sigmas
-        by_shift = np.where(sigmas < knee, sigmas**2, knee**2 + 2.0 * knee * np.log(np.maximum(sigmas, knee) / knee))
+        freedom = np.maximum(count - 1, 0)
+        by_shift = np.minimum(self.shift_sigmas[control.images], 1e9) ** 2
         by_scatter = 4.0 * freedom * np.log(np.maximum(self.scatter, CONTROL_FIT.usual_scatter))
         return float(by_scatter.sum() + by_shift.sum())
 
@@ -247,8 +242,6 @@ class GROUP:
     """Limits for surveyed points that disagree with the others, singly or as a cluster of misfits."""
 
     gap_ratio: float = threshold(8.0, "", "smallest gap of two clusters or points over their spread", SIMULATED)
-    least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap in expected misfits", SIMULATED)
-    least_gap_px: float = threshold(2.0, "px", "smallest gap in pixels on the ground", SIMULATED)
     fewest_points: int = threshold(4, "points", "fewest points that can be tested for clusters")
     directions: int = threshold(12, "directions", "directions in plan in which clusters are sought")
     least_lean: float = threshold(0.02, "m/m", "smallest difference of a ray's slope from the others' for a height")
@@ -281,7 +274,7 @@ def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
     points = control.points
     if len(points) < GROUP.fewest_points:
         return None
-    place, gsd = np.searchsorted(points, control.point), float(np.median(control.get_figures("gsd_m")[control.images]))
+    place = np.searchsorted(points, control.point)
     count = np.bincount(place)
 
     def average(values: np.ndarray) -> np.ndarray:
@@ -293,9 +286,7 @@ def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
     along = np.sum(given.misfit_m * lean, axis=1) / np.maximum(length, 1e-9)
     along[length < GROUP.least_lean] = 0.0
     vector = average(np.column_stack([given.misfit_m, along]))
-    noise = np.sqrt(np.bincount(place, control.noise_m**2) / count)
-    expected = np.maximum(noise, CONTROL_FIT.least_noise_px * gsd)
-    least = np.maximum(GROUP.least_gap_sigmas * expected, GROUP.least_gap_px * gsd)
+    expected = np.sqrt(np.bincount(place, control.noise_m**2) / count)
     # The smaller of two clusters of points, and the gap between them over their spread
     best: tuple[np.ndarray, float] | None = None
     angles = np.pi * np.arange(GROUP.directions) / GROUP.directions
@@ -308,7 +299,7 @@ def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
         step = np.diff(along[order])
         step[[0, -1]] = 0.0  # a cluster has at least two points
         cut = int(np.argmax(step))
-        if step[cut] < float(least.max()):
+        if not step[cut] > 0.0:
             continue
         low, high = order[: cut + 1], order[cut + 1 :]
         # The standard deviation within a cluster, doubled for two or three points, whose range determines it poorly
@@ -324,7 +315,7 @@ def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
     middle = np.median(vector, axis=0)
     away = np.abs(vector - middle).max(axis=1)
     spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / MEDIAN_LENGTH, expected)
-    off = (away > GROUP.gap_ratio * spread) & (away > least)
+    off = away > GROUP.gap_ratio * spread
     if not off.any() or off.sum() > len(points) / 2:
         return None
     return _describe_disagreement(given, points, vector, off, float((away / spread)[off].min()), group=False)

@@ -25,7 +25,6 @@ class IDENTITY:
 
     most_points: int = threshold(400, "points", "largest number whose permutations are tested (quadratic cost)")
     most_images: int = threshold(12, "images", "largest number of images whose permutations are tested")
-    sampled_points: int = threshold(12, "points", "largest number of points of each image in this test")
     position_sigmas: float = threshold(5.0, "sigma", "largest distance of a measurement from a survey with similar id")
 
 
@@ -58,7 +57,7 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
         listed = ", ".join(f"{surveyed!r} is measured as {name!r}" for surveyed, name in list(pairs.items())[:4])
         return [
             Reason(
-                "ids-spelt-apart", Level.DOUBTFUL if held or not gcps else Level.UNUSABLE,
+                "control-unmeasured", Level.DOUBTFUL if held or not gcps else Level.UNUSABLE,
                 f"{len(pairs)} surveyed points are not used, because ids are compared as text: {listed}"
                 f"{' …' if len(pairs) > 4 else ''}; the measurements are at their surveyed positions",
                 "use the same ids in both files", points=tuple(pairs),
@@ -86,7 +85,6 @@ def find_image_permutation(control: ControlMeasurements, wrong: np.ndarray) -> t
     cost = np.empty((len(wrong), len(wrong)))
     for row, label in enumerate(wrong):
         some = np.flatnonzero(control.image == label)
-        some = some[:: max(1, len(some) // IDENTITY.sampled_points)]
         for column, owner in enumerate(wrong):
             seen = compute_sightlines(images, np.full(len(some), owner), control.xy[some])
             away = np.hypot(*seen.distance_m(control.ground[some]).T) / control.accuracies[owner].sigma_m

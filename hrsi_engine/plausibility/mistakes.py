@@ -75,15 +75,15 @@ SCALES = (
 
 #: Input errors of image coordinates; each with the function that corrects them for ``xy (n, 2)`` of an image.
 PIXEL_MISTAKES: tuple[tuple[Mistake, UndoPixels], ...] = (
-    (Mistake("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
+    (Mistake("image-axes", "sample and line are exchanged", "exchange the columns sample and line"),
      lambda xy, image: xy[:, ::-1]),
-    (Mistake("lines-from-below", "lines are counted from below", "subtract the lines from the image's last line"),
+    (Mistake("image-axes", "lines are counted from below", "subtract the lines from the image's last line"),
      lambda xy, image: _mirror_axis(xy, image, 1)),
-    (Mistake("lines-from-below", "lines are negative, counted upwards", "change the sign of the lines"),
+    (Mistake("image-axes", "lines are negative, counted upwards", "change the sign of the lines"),
      lambda xy, image: xy * [1.0, -1.0]),
-    (Mistake("samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"),
+    (Mistake("image-axes", "samples are counted from the right", "subtract the samples from the last sample"),
      lambda xy, image: _mirror_axis(xy, image, 0)),
-    *((Mistake("image-turned", f"image coordinates belong to a copy rotated by {90 * quarters} degrees",
+    *((Mistake("image-axes", f"image coordinates belong to a copy rotated by {90 * quarters} degrees",
                "measure on the image with the orientation of its RPC, or rotate the coordinates back"),
        partial(_turn_image, quarters=quarters)) for quarters in (1, 2, 3)),
     *((Mistake("image-scale", f"image coordinates belong to an image with pixels {text}",
@@ -93,7 +93,7 @@ PIXEL_MISTAKES: tuple[tuple[Mistake, UndoPixels], ...] = (
 )  # fmt: skip
 #: Input errors of RPC fields; each with the function that corrects them.
 RPC_MISTAKES: tuple[tuple[Mistake, Callable[[RPC], RPC]], ...] = tuple(
-    (Mistake("rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
+    (Mistake("rpc-order", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
      partial(_exchange_fields, names=names))
     for names in (("line_scale", "samp_scale"), ("lat_scale", "long_scale"))
 )  # fmt: skip
@@ -127,8 +127,8 @@ def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
     exchanged, how = "longitude and latitude are exchanged", "exchange the columns of the ground points"
     yield Mistake("lon-lat-swapped", exchanged, how), ground[:, [1, 0, 2]]
     for code, what, signs in (
-        ("lon-sign", "the longitude has the wrong sign", [-1.0, 1.0, 1.0]),
-        ("lat-sign", "the latitude has the wrong sign", [1.0, -1.0, 1.0]),
+        ("lon-lat-sign", "the longitude has the wrong sign", [-1.0, 1.0, 1.0]),
+        ("lon-lat-sign", "the latitude has the wrong sign", [1.0, -1.0, 1.0]),
         ("lon-lat-sign", "longitude and latitude have the wrong sign", [-1.0, -1.0, 1.0]),
     ):
         yield Mistake(code, what, "change the sign: east and north are positive"), ground * signs
@@ -166,7 +166,7 @@ def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypot
             moved = ground.copy()
             moved[:, 0] = wrap_degrees(ground[:, 0] - zones * width)
             what = f"the {kind} zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}"
-            yield Mistake("utm-zone", what, advice, burden), moved
+            yield Mistake("other-projection", what, advice, burden), moved
 
 
 def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -183,7 +183,7 @@ def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
         moved[:, 0] = wrap_degrees(moved[:, 0] - 6.0 * zones)
         also = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
         advice = "correct the CRS of the ground points (EPSG:326xx north, EPSG:327xx south)"
-        yield Mistake("hemisphere", f"the UTM zone belongs to the wrong hemisphere{also}", advice), moved
+        yield Mistake("other-projection", f"the UTM zone belongs to the wrong hemisphere{also}", advice), moved
 
 
 def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:

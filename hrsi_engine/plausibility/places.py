@@ -35,8 +35,7 @@ class PLACEMENT:
     )  # fmt: skip
     straight_share: float = threshold(0.05, "", "largest remaining share of it in the right order")
     several_points: int = threshold(4, "points", "fewest points or heights that are tested together")
-    range_slack: float = threshold(0.1, "", "tolerance of the RPC's height range, relative to it")
-    range_slack_m: float = threshold(50.0, "m", "… in metres; the larger of the two applies")
+    range_slack_m: float = threshold(50.0, "m", "tolerance of the RPC's height range")
     height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM covers without a message")
     coverage_grid: int = threshold(25, "points", "rays along each side of an image that are followed to the DEM")
@@ -58,7 +57,6 @@ class SURVEY:
         5, "decimals", "decimals of a degree without effect", "theory: 1e-5 degrees are 1.1 m"
     )
     decimal_slack: float = threshold(1e-6, "", "tolerance for rounded coordinates in units of the last decimal")
-    fewest_points: int = threshold(4, "points", "fewest that are tested: fewer may be round by chance")
     harmful_px: float = threshold(0.5, "px", "smallest standard deviation of the rounding that is reported")
     copied_share: float = threshold(0.5, "", "share of check points at GCPs beyond which they are copies")
     same_target_px: float = threshold(1.5, "px", "largest distance of two measurements of one target")
@@ -164,7 +162,7 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
     if not len(rows):
         return []
     ranges = np.array([image.rpc.height_range for image in block.images])[measured.image[rows]]
-    slack = np.maximum(PLACEMENT.range_slack * (ranges[:, 1] - ranges[:, 0]), PLACEMENT.range_slack_m)
+    slack = np.full(len(ranges), PLACEMENT.range_slack_m)
     height = points.ground[measured.point[rows], 2]
     wrong = _is_outside_range(height, ranges, slack)
     reasons = []
@@ -184,7 +182,7 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
             Reason("height-unit", Level.DOUBTFUL, f"{text}; as feet they are inside", "give metres", images, ids)
             if in_feet
             else Reason(
-                "heights-out-of-range", Level.DOUBTFUL, text,
+                "height-offset", Level.DOUBTFUL, text,
                 "check unit and height datum (`height_datum`) of the heights", images, ids,
             )
         )  # fmt: skip
@@ -288,7 +286,7 @@ def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], lev
     """
     points = np.unique(block.measurements.point[block.known[block.measurements.point]])
     ground = block.points.ground[points]
-    if len(points) < SURVEY.fewest_points or not np.isfinite(ground[:, :2]).all():
+    if len(points) < PLACEMENT.several_points or not np.isfinite(ground[:, :2]).all():
         return []
     for decimals in range(SURVEY.coarse_decimals + 1):
         scaled = ground[:, :2] * 10.0**decimals

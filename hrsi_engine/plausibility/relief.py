@@ -71,7 +71,7 @@ def find_relief_reasons(
             f"{np.median(ground[far, 2]):.0f} m: probably an undeclared nodata value"
         )
         advice = "declare it (gdal_translate -a_nodata), or name a DEM without gaps"
-        return [Reason("dem-nodata", Level.DOUBTFUL, message, advice)]
+        return [Reason("dem-unlike-ground", Level.DOUBTFUL, message, advice)]
     scatter, relief = robust_sigma(miss - np.median(miss)), robust_sigma(ground[:, 2] - np.median(ground[:, 2]))
     east, north, left = _estimate_displacement(ground, surface)
     away = float(np.hypot(east, north))
@@ -84,7 +84,7 @@ def find_relief_reasons(
             f"it by {scatter:.1f} m, and by {left:.1f} m without the displacement"
         )
         advice = "check georeference and CRS of the DEM, and those of the ground points"
-        return [Reason("dem-displaced", Level.DOUBTFUL, message, advice)]
+        return [Reason("dem-unlike-ground", Level.DOUBTFUL, message, advice)]
     if scatter > max(RELIEF.unlike_m, RELIEF.unlike_share * relief, RELIEF.unlike_sigmas * sigma_h_m):
         message = (
             f"the heights of {len(ground)} tie points and the DEM differ by {scatter:.0f} m (robust standard "

@@ -48,20 +48,11 @@ class TIE_CHECK:
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
     unusable_share: float = threshold(0.37, "", "share of wrong measurements of unusable tie points", SIMULATED)
     agreeing_share: float = threshold(0.5, "", "smallest share of agreeing points of a correct pair", SIMULATED)
-    broken_share: float = threshold(0.25, "", "share of these below which the tie points are unusable", SIMULATED)
-    cured_share: float = threshold(0.15, "", "largest share of wrong points that a correction leaves", SIMULATED)
-    cured_ratio: float = threshold(
-        3.0, "", "smallest ratio of wrong points before and after the correction of an input error", SIMULATED
+    broken_share: float = threshold(
+        0.25, "", "share of agreeing points of a pair below which the tie points are unusable", SIMULATED
     )
     fewest_cured: int = threshold(12, "points", "smallest number that is corrected by a named input error", SIMULATED)
     most_suspects: int = threshold(6, "images", "largest number of images tested for input errors of their own")
-
-
-#: Input errors that tie points of one strip cannot distinguish (an image and its mirror image); the likelier first.
-INDISTINGUISHABLE_SLIPS = (
-    ("sample-line-swapped", "image-turned"),
-    ("lines-from-below", "samples-from-right", "image-turned"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +250,7 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         return []
     suspects = _select_suspects(pairs, given, failing)
     left = 1.0 - check_pairs(pairs, shifted=True).good[failing]  # the other pairs fit without a shift
-    shifted_alike = bool(len(failing)) and float(left.mean()) < TIE_CHECK.cured_share
+    shifted_alike = bool(len(failing)) and float(left.mean()) < TIE_CHECK.doubtful_share
     found = None if shifted_alike else _find_best_mistake(pairs, given, suspects)
     if found is not None:
         (mistake, *alike), images, cured = found
@@ -319,24 +310,23 @@ def _find_best_mistake(
 ) -> tuple[list[Mistake], np.ndarray, float] | None:
     """Return the input error that explains the failing pairs, its images, and the share of points still wrong then.
 
-    It is followed by those of `INDISTINGUISHABLE_SLIPS` that explain the pairs equally well.
+    It is followed by those with the same code that explain the pairs equally well: tie points of one strip do not
+    distinguish an image from its mirror image. The likelier is the first.
     """
     best: dict[str, tuple[float, Mistake, np.ndarray]] = {}
     for mistake, images, share in _iterate_hypotheses(pairs, given, suspects):
         cured = (given.share - share) * len(pairs.pair) >= TIE_CHECK.fewest_cured
-        cured = cured and share * TIE_CHECK.cured_ratio < given.share
-        if share < TIE_CHECK.cured_share and cured and (mistake.code not in best or share < best[mistake.code][0]):
-            best[mistake.code] = share, mistake, images
+        if share < TIE_CHECK.doubtful_share and cured and (mistake.what not in best or share < best[mistake.what][0]):
+            best[mistake.what] = share, mistake, images
     if not best:
         return None
     least = min(share for share, _, _ in best.values())
-    good = {code: entry for code, entry in best.items() if entry[0] < 2.0 * least + 0.03}
-    family = next((codes for codes in INDISTINGUISHABLE_SLIPS if good.keys() <= set(codes)), None)
-    if family is None and len(good) > 1:
+    good = [entry for entry in best.values() if entry[0] < 2.0 * least + 0.03]
+    if len({mistake.code for _, mistake, _ in good}) > 1:
         return None
-    likely, *others = (good[code] for code in family or good if code in good)
-    share, mistake, images = likely
-    return [mistake, *(other for _, other, of in others if np.array_equal(of, images))], images, share
+    _, _, images = min(good, key=lambda entry: entry[0])
+    alike = [(share, mistake) for share, mistake, where in good if np.array_equal(where, images)]
+    return [mistake for _, mistake in alike], images, alike[0][0]
 
 
 def _iterate_hypotheses(
@@ -367,7 +357,7 @@ def _iterate_hypotheses(
                 other = [pairs.block.images[index].id for index in owners]
                 text = ", ".join(f"{a} are of {b}" for a, b in zip(names, other, strict=True))
                 mistake = Mistake(
-                    "image-ids-permuted", f"image ids of measurements are exchanged: those on {text}",
+                    "ids-permuted", f"image ids of measurements are exchanged: those on {text}",
                     "correct the field 'image'",
                 )  # fmt: skip
                 touched = np.isin(pairs.ends, group).any(axis=1)

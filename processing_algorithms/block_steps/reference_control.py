@@ -150,7 +150,7 @@ def reference_reasons(entries: Report) -> list[Reason]:
     if any(image["used"] for image in entry["images"].values()):
         return [
             Reason(
-                "reference-far", Level.DOUBTFUL, f"{entry['path']}: {told}",
+                "reference-not-found", Level.DOUBTFUL, f"{entry['path']}: {told}",
                 "check the georeference of the reference; the block was adjusted to it",
             )
             for told in entry["far"][:1]

@@ -144,19 +144,19 @@ def test_the_verdict_doubts_laser_points_on_tops(scene):
     of_canopy = adjusted(
         scene, with_heights(scene.points, height + 15.0 * (np.sin(np.arange(len(height)) / 30.0) > -0.5))
     )
-    assert "laser-tops" in codes(of_canopy)
+    assert "sources-disagree" in codes(of_canopy)
     assert np.median(scene.height_errors_m(of_canopy)[:, 2]) > 10.0
-    assert not {"laser-tops", "heights-scatter"} & codes(adjusted(scene))
+    assert not {"sources-disagree"} & codes(adjusted(scene))
     for seed in (31, 32):
         wooded = laser_scene(seed, LaserSpec(3, canopy=0.3, clouds=0.05))
-        assert not {"laser-tops", "heights-scatter"} & codes(adjusted(wooded))
+        assert not {"sources-disagree"} & codes(adjusted(wooded))
 
 
 @pytest.mark.thorough
 def test_the_verdict_doubts_heights_of_something_else(scene):
     """Heights that have nothing to do with the ground below: 30 m about it, stated to be decimetres."""
     other = scene.points.ground[:, 2] + np.random.default_rng(1).normal(0.0, 30.0, len(scene.points))
-    assert "heights-scatter" in codes(adjusted(scene, with_heights(scene.points, other)))
+    assert "sources-disagree" in codes(adjusted(scene, with_heights(scene.points, other)))
 
 
 LASER, DEM = CommonError(0.05, can_be_biased_as_a_whole=False), CommonError(1.2, can_be_biased_as_a_whole=True)

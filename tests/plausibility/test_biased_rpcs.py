@@ -28,7 +28,7 @@ def test_no_datum_is_blamed(sensor: str) -> None:
             verdict = judge_block(make_block(sensor, factor * FIGURES_M[sensor], direction, 3 * number))
             ((code, level),) = ((reason.code, reason.level) for reason in verdict.reasons)
             # ten times the published figure may be more than ten times what the RPC itself states
-            assert code in ("rpc-biased", "control-far") and level == Level.DOUBTFUL
+            assert code in ("rpc-biased", "control-implausible") and level == Level.DOUBTFUL
 
 
 def test_the_message_has_the_figure() -> None:

@@ -70,7 +70,7 @@ def test_a_displaced_dem(seed: int) -> None:
     (reason,) = find_relief_reasons(ties(seed, 200.0), dem(cells(seed, 200.0), east=8.0, north=-5.0))
     metres = STEP * metres_per_degree(np.array([[*ORIGIN, 0.0]]))[0, :2]
     said = [float(word) for word in reason.message.split() if word.replace(".", "").isdigit()]
-    assert reason.code == "dem-displaced"
+    assert reason.code == "dem-unlike-ground"
     assert "east" in reason.message and "south" in reason.message
     assert said[:2] == pytest.approx([8.0 * metres[0], 5.0 * metres[1]], abs=0.2 * metres[0])
     # what the block's own place may be off is not the DEM's
@@ -91,4 +91,4 @@ def test_a_dem_of_other_ground(seed: int) -> None:
 def test_undeclared_no_data(value: float, share: float) -> None:
     heights = cells(1, 60.0)
     heights[: round(0.1 * SIDE + 0.8 * share * SIDE)] = value
-    assert codes(ties(1, 60.0), dem(heights)) == {"dem-nodata": Level.DOUBTFUL}
+    assert codes(ties(1, 60.0), dem(heights)) == {"dem-unlike-ground": Level.DOUBTFUL}

@@ -42,7 +42,7 @@ def test_readings_of_some_images_are_those_of_the_whole_block() -> None:
 def test_the_slip_of_one_image_among_many_is_named() -> None:
     pairs = mistaken_pairs()
     [reason] = ties.find_tie_reasons(pairs.block, pairs.accuracies)
-    assert reason.code == "sample-line-swapped"
+    assert reason.code == "image-axes"
     assert reason.images == (pairs.block.images[SLIPPED].id,)
 
 

@@ -58,7 +58,7 @@ def test_a_band_without_points_is_written_with_the_correction_of_its_pan(scene, 
         shared_images=shared, output_dir=str(tmp_path / "out"),
     )  # fmt: skip
     require_followed(scene, tmp_path / "out")
-    assert "image-not-held" not in [reason["code"] for reason in report["verdict"]["reasons"]]
+    assert "few-ties" not in [reason["code"] for reason in report["verdict"]["reasons"]]
 
 
 def test_bands_join_a_block_of_tie_points_that_was_adjusted_before(scene, tmp_path):

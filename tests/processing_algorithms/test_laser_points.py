@@ -147,7 +147,7 @@ def test_the_verdict_doubts_laser_heights_that_are_far_from_the_rpcs(block, tmp_
         "triangulate", **options(block, tmp_path / "out", tie_points=str(block / "image_points.csv"), laser=laser)
     )["verdict"]
     assert verdict["level"] != "ok"
-    (reason,) = [reason for reason in verdict["reasons"] if reason["code"] == "heights-off-rpcs"]
+    (reason,) = [reason for reason in verdict["reasons"] if reason["code"] == "sources-disagree"]
     assert reason["message"].startswith("the heights of laser move the block")
 
 
@@ -161,4 +161,4 @@ def test_the_verdict_doubts_laser_points_that_hold_nothing(block: Path, tmp_path
         written.writerows(row | {"n_fit_photons": 4} for row in rows)
     given = options(block, tmp_path / "out", image_points=str(block / "image_points.csv"), laser=str(file))
     (reason,) = run("adjust", **given)["verdict"]["reasons"]
-    assert reason["code"] == "laser-holds-nothing" and "fewer than 10 photons" in reason["message"]
+    assert reason["code"] == "laser-few" and "fewer than 10 photons" in reason["message"]

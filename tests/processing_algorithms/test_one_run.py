@@ -126,7 +126,7 @@ def require_equal(found: Any, expected: Any, place: str) -> None:
 @pytest.mark.parametrize(
     ("name", "faces", "code", "warning"),
     [
-        ("wrong GCP", FACES, "control-left-out", "GCP"),
+        ("wrong GCP", FACES, "control-outliers", "GCP"),
         ("high DEM", FACES, "", "below the DEM"),
         ("one image", FACES_OF_ONE, "", ""),
     ],

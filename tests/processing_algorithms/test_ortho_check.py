@@ -83,7 +83,7 @@ def test_misregistration_is_doubtful_and_told_with_the_pair(sets: Path, tmp_path
     images = [str(sets / "before" / f"{name}.tif") for name in "ab"]
     report = check(sets, tmp_path, images=images, before=str(sets / "after"))
     assert report["verdict"]["level"] == "doubtful"
-    assert [reason["code"] for reason in report["verdict"]["reasons"]] == ["misregistration", "registration-worse"]
+    assert [reason["code"] for reason in report["verdict"]["reasons"]] == ["misregistration", "misregistration"]
     (beyond, _) = report["verdict"]["reasons"]
     assert f"{np.hypot(1.3, 0.6):.1f}" in beyond["message"] and beyond["images"] == ["a", "b"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

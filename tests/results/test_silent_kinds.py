@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.plausibility.places import find_placement_reasons, find_reordered_rpcs
 
 KINDS = (
-    ("one of 2 heights", "spot5", "control-ambiguous"),
+    ("one of 2 heights", "spot5", "control-misfit"),
     ("crops of all images (1000, 700 px), no", "ikonos", "rpc-placement"),
     ("coefficients in the order", "spot5", "rpc-order"),
     ("laser points moved by 500 m", "worldview-2", "laser-few"),

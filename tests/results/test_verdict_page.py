@@ -55,6 +55,6 @@ def test_codes_and_sections_agree():
     parts = ("hrsi_engine", "processing_algorithms")
     emitted = {word for part in parts for path in (ROOT / part).rglob("*.py") for word in codes_in(path)}
     sections = re.findall(r"^### (.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
-    assert {"not-converged", "control-misfit", "sample-line-swapped", "lon-sign"} <= emitted
+    assert {"not-converged", "control-misfit", "image-axes", "lon-lat-sign"} <= emitted
     assert all(CODE.fullmatch(word) for word in emitted)
     assert sorted(sections) == sorted(emitted)

@@ -9,27 +9,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...foundation.thresholds import threshold, thresholds
 from ...ground.sun import SunAngles, sun_at_hour_angle
 from .sensors import Radiometry
+from .world import constant, constants
 
 YEAR_DAYS = 365.0
 
 
-@thresholds
+@constants
 class DATES:
     """Time of day, snow and air of the dates of a year."""
 
-    overpass_hour: float = threshold(10.5, "h", "mean local solar time of the overpass", "sun-synchronous orbits")
-    overpass_spread_h: float = threshold(0.3, "h", "standard deviation of the time of overpass")
-    winter_days: float = threshold(75.0, "d", "days before and after the turn of the year on which snow may lie")
-    snow_chance: float = threshold(0.4, "", "chance of snow on a winter date")
-    most_haze: float = threshold(0.35, "", "largest share of haze in the light")
-    haze_grey: float = threshold(420.0, "DN", "grey value of haze")
-    full_sun_deg: float = threshold(
+    overpass_hour: float = constant(10.5, "h", "mean local solar time of the overpass", "sun-synchronous orbits")
+    overpass_spread_h: float = constant(0.3, "h", "standard deviation of the time of overpass")
+    winter_days: float = constant(75.0, "d", "days before and after the turn of the year on which snow may lie")
+    snow_chance: float = constant(0.4, "", "chance of snow on a winter date")
+    most_haze: float = constant(0.35, "", "largest share of haze in the light")
+    haze_grey: float = constant(420.0, "DN", "grey value of haze")
+    full_sun_deg: float = constant(
         60.0, "°", "elevation of the sun at which the grey values of the land covers are defined"
     )
-    ambient: float = threshold(0.3, "", "share of the light on flat ground that comes from the sky")
+    ambient: float = constant(0.3, "", "share of the light on flat ground that comes from the sky")
 
 
 AXIS_DEG = 23.44

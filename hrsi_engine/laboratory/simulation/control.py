@@ -15,19 +15,19 @@ import numpy as np
 
 from ...block.block import GroundPoints, ImagePoints, Role
 from ...foundation.errors import InputError
-from ...foundation.thresholds import threshold, thresholds
 from .options import Noise
 from .pushbroom import PushbroomCamera
 from .surface import locate_on_surface
 from .terrain import TerrainSurface
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class CONTROL_PLACES:
     """Limits for the positions of surveyed points."""
 
-    empty_border: float = threshold(0.03, "", "margin of an image without points, relative to its size")
-    steepest: float = threshold(0.35, "", "largest slope at a surveyed point")
+    empty_border: float = constant(0.03, "", "margin of an image without points, relative to its size")
+    steepest: float = constant(0.35, "", "largest slope at a surveyed point")
 
 
 @dataclass(frozen=True, eq=False)

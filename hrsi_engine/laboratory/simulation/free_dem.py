@@ -15,28 +15,28 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft, ndimage
 
-from ...foundation.thresholds import threshold, thresholds
 from .options import FreeDemSpec
 from .terrain import TerrainSurface, make_fractal_relief
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class CANOPY:
     """Heights of trees in a free DEM."""
 
-    roughness: float = threshold(0.2, "", "Hurst exponent of the field that determines where trees grow")
-    edge_cells: float = threshold(0.7, "cells", "standard deviation by which the edges of woods are smoothed")
+    roughness: float = constant(0.2, "", "Hurst exponent of the field that determines where trees grow")
+    edge_cells: float = constant(0.7, "cells", "standard deviation by which the edges of woods are smoothed")
 
 
-@thresholds
+@constants
 class RADAR_NOISE:
     """Dependence of a free DEM's noise on the slope, and its correlation."""
 
-    steep: float = threshold(0.4, "m/m", "slope above which the noise does not increase")
-    on_steep: float = threshold(
+    steep: float = constant(0.4, "m/m", "slope above which the noise does not increase")
+    on_steep: float = constant(
         3.0, "", "noise on such slopes relative to flat ground", "GLO-30: 1 m on flat ground, 3 m on slopes"
     )
-    period_lengths: float = threshold(8.0, "correlation lengths", "margin of the synthesised noise around the DEM")
+    period_lengths: float = constant(8.0, "correlation lengths", "margin of the synthesised noise around the DEM")
 
 
 class FreeDem(NamedTuple):

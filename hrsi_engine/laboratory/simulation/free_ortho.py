@@ -13,24 +13,24 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from ...foundation.thresholds import threshold, thresholds
 from .landscape import SPECTRAL_BANDS
 from .options import FreeOrthoSpec
 from .render import RENDERING, OrthoRenderer, make_orthophoto
 from .scene import Scene
 from .terrain import make_fractal_relief
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class ORTHO_ERROR:
     """Correlation of the errors of a free orthoimage."""
 
-    common_share: float = threshold(0.8, "", "share of the error common to a scene")
-    part_share: float = threshold(0.4, "", "share of the error common to a part of the mosaic")
-    parts: int = threshold(3, "parts", "parts of the mosaic along each side")
-    nodes: int = threshold(32, "nodes", "nodes of the local error along each side")
-    roughness: float = threshold(0.3, "", "Hurst exponent of the local error")
-    corner_from: float = threshold(
+    common_share: float = constant(0.8, "", "share of the error common to a scene")
+    part_share: float = constant(0.4, "", "share of the error common to a part of the mosaic")
+    parts: int = constant(3, "parts", "parts of the mosaic along each side")
+    nodes: int = constant(32, "nodes", "nodes of the local error along each side")
+    roughness: float = constant(0.3, "", "Hurst exponent of the local error")
+    corner_from: float = constant(
         0.5, "", "distance from the centre, in half scenes, at which the north-eastern corner begins"
     )
 

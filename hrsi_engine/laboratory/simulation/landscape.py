@@ -15,23 +15,23 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.columns import Columns
-from ...foundation.thresholds import threshold, thresholds
+from .world import constant, constants
 
 SPECTRAL_BANDS = ("pan", "blue", "green", "red", "nir")
 
 
-@thresholds
+@constants
 class LAND_LATTICE:
     """Roads and parcels of the landscape."""
 
-    block_m: float = threshold(160.0, "m", "side of a block between roads")
-    parcel_m: float = threshold(40.0, "m", "side of a parcel")
-    parcels: int = threshold(512, "parcels", "side of the lattice, which repeats after 20 km")
-    main_road_blocks: int = threshold(6, "blocks", "distance of main roads")
-    main_road_half_m: float = threshold(7.0, "m", "half width of a main road")
-    road_half_m: float = threshold(3.0, "m", "half width of a road")
-    roundabout_m: float = threshold(40.0, "m", "diameter of a roundabout")
-    island_m: float = threshold(22.0, "m", "diameter of the island of a roundabout")
+    block_m: float = constant(160.0, "m", "side of a block between roads")
+    parcel_m: float = constant(40.0, "m", "side of a parcel")
+    parcels: int = constant(512, "parcels", "side of the lattice, which repeats after 20 km")
+    main_road_blocks: int = constant(6, "blocks", "distance of main roads")
+    main_road_half_m: float = constant(7.0, "m", "half width of a main road")
+    road_half_m: float = constant(3.0, "m", "half width of a road")
+    roundabout_m: float = constant(40.0, "m", "diameter of a roundabout")
+    island_m: float = constant(22.0, "m", "diameter of the island of a roundabout")
 
 
 PER_BLOCK = int(LAND_LATTICE.block_m / LAND_LATTICE.parcel_m)

@@ -17,45 +17,45 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...block.laser import LaserPoints
-from ...foundation.thresholds import threshold, thresholds
 from .options import LaserSpec
 from .terrain import TerrainSurface
+from .world import constant, constants
 
 ICESAT_2 = "ICESat-2: 10 527 segments of ATL06-SR over Utqiagvik, 2018 to 2024"
 
 
-@thresholds
+@constants
 class LASER:
     """Geometry, errors and photons of a laser altimeter like ICESat-2."""
 
-    pair_distance_m: float = threshold(3300.0, "m", "distance of the pairs of beams", ICESAT_2)
-    beam_distance_m: float = threshold(90.0, "m", "distance of the beams of a pair", ICESAT_2)
-    azimuth_deg: float = threshold(7.0, "°", "direction of a pass at middle latitudes", ICESAT_2)
-    footprint_m: float = threshold(11.0, "m", "diameter of a footprint", ICESAT_2)
-    spacings_m: tuple[float, float] = threshold((20.0, 40.0), "m", "distances of points along a beam", ICESAT_2)
-    place_m: float = threshold(2.5, "m", "standard deviation of the position in plan", ICESAT_2)
-    pass_m: float = threshold(0.1, "m", "standard deviation of the height of a pass")
-    common_m: float = threshold(0.05, "m", "standard deviation of the height of all passes together")
-    segment_m: float = threshold(0.1, "m", "standard deviation of the height of a segment")
-    spread: tuple[tuple[float, float, float], ...] = threshold(
+    pair_distance_m: float = constant(3300.0, "m", "distance of the pairs of beams", ICESAT_2)
+    beam_distance_m: float = constant(90.0, "m", "distance of the beams of a pair", ICESAT_2)
+    azimuth_deg: float = constant(7.0, "°", "direction of a pass at middle latitudes", ICESAT_2)
+    footprint_m: float = constant(11.0, "m", "diameter of a footprint", ICESAT_2)
+    spacings_m: tuple[float, float] = constant((20.0, 40.0), "m", "distances of points along a beam", ICESAT_2)
+    place_m: float = constant(2.5, "m", "standard deviation of the position in plan", ICESAT_2)
+    pass_m: float = constant(0.1, "m", "standard deviation of the height of a pass")
+    common_m: float = constant(0.05, "m", "standard deviation of the height of all passes together")
+    segment_m: float = constant(0.1, "m", "standard deviation of the height of a segment")
+    spread: tuple[tuple[float, float, float], ...] = constant(
         ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254)), "", "spread of photons, two groups: share, mean "
         "and sigma of the logarithm", ICESAT_2
     )  # fmt: skip
-    photons: tuple[float, float] = threshold(
+    photons: tuple[float, float] = constant(
         (np.log(24.0), 0.95), "", "photons of a segment: mean and sigma of the logarithm", ICESAT_2
     )
-    stated_share: tuple[float, float] = threshold(
+    stated_share: tuple[float, float] = constant(
         (1.0, 1.8), "", "stated standard deviation over spread per root of the photons", ICESAT_2
     )
-    canopy_patch_m: float = threshold(200.0, "m", "side of a patch of one height of trees")
-    canopy_height_m: tuple[float, float] = threshold(
+    canopy_patch_m: float = constant(200.0, "m", "side of a patch of one height of trees")
+    canopy_height_m: tuple[float, float] = constant(
         (2.0, 3.0), "", "shape and scale of the gamma distribution of heights in trees"
     )
-    canopy_spread: tuple[float, float] = threshold(
+    canopy_spread: tuple[float, float] = constant(
         (np.log(0.7), 0.6), "", "spread there: mean and sigma of the logarithm"
     )
-    cloud_m: tuple[float, float] = threshold((20.0, 600.0), "m", "heights of clouds above the ground")
-    cloud_spread: tuple[float, float] = threshold(
+    cloud_m: tuple[float, float] = constant((20.0, 600.0), "m", "heights of clouds above the ground")
+    cloud_spread: tuple[float, float] = constant(
         (np.log(2.0), 0.8), "", "spread there: mean and sigma of the logarithm"
     )
 

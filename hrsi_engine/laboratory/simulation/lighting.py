@@ -16,21 +16,21 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.special import ndtr
 
-from ...foundation.thresholds import threshold, thresholds
 from .acquisitions import DATES, Acquisition
 from .landscape import Objects
 from .terrain import TerrainSurface
 from .texture import COVERAGE, SNOW, compute_cover, compute_disc_cover, paint_objects
 from .tiles import TilePainter
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class LIGHT:
     """Light and snow on buildings and slopes."""
 
-    wall_grey: float = threshold(0.6, "", "grey value of a wall relative to its roof's")
-    snow_on_roofs: float = threshold(0.7, "", "snow on a roof relative to open land")
-    steepest_light: float = threshold(1.8, "", "largest light on a slope that faces the sun, relative to flat ground")
+    wall_grey: float = constant(0.6, "", "grey value of a wall relative to its roof's")
+    snow_on_roofs: float = constant(0.7, "", "snow on a roof relative to open land")
+    steepest_light: float = constant(1.8, "", "largest light on a slope that faces the sun, relative to flat ground")
 
 
 @dataclass(frozen=True, eq=False)

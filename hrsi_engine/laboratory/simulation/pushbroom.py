@@ -22,20 +22,20 @@ from functools import cached_property
 
 import numpy as np
 
-from ...foundation.thresholds import threshold, thresholds
 from ...ground.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, curvature_radii
 from ...ground.geodesy import LocalFrame, from_ecef, to_ecef
 from .sensors import OrientationError, Sensor
+from .world import constant, constants
 
 GRAVITATION = 3.986004418e14  # m3 / s2, WGS84
 
 
-@thresholds
+@constants
 class ORBIT:
     """Convergence of the camera's iterations."""
 
-    line_closure_px: float = threshold(1e-9, "px", "change of the line at convergence")
-    most_iterations: int = threshold(40, "iterations", "largest number of iterations")
+    line_closure_px: float = constant(1e-9, "px", "change of the line at convergence")
+    most_iterations: int = constant(40, "iterations", "largest number of iterations")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ...block.block import Block
-from ...foundation.thresholds import threshold, thresholds
 from .landscape import SPECTRAL_BANDS
 from .lighting import LitPainter
 from .pushbroom import PushbroomCamera
@@ -25,18 +24,19 @@ from .sensors import Radiometry
 from .surface import RayPaths, compute_ray_paths, meet_surface
 from .synthesis import BlockSimulation
 from .tiles import TILES, TilePainter, compute_tile_shape, cut_window
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class RENDERING:
     """Grid of exact rays, and blur of orthophotos."""
 
-    node_samples: int = threshold(32, "px", "spacing of exact rays along a line")
-    node_lines: int = threshold(16, "px", "largest spacing of exact rays across lines")
-    jitter_px: float = threshold(
+    node_samples: int = constant(32, "px", "spacing of exact rays along a line")
+    node_lines: int = constant(16, "px", "largest spacing of exact rays across lines")
+    jitter_px: float = constant(
         5e-4, "px", "largest error of jitter by linear interpolation between exact rays", "bound of interpolation"
     )
-    ortho_blur_px: float = threshold(0.5, "px", "standard deviation of the blur of an orthophoto")
+    ortho_blur_px: float = constant(0.5, "px", "standard deviation of the blur of an orthophoto")
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from ...foundation.errors import InputError
-from ...foundation.thresholds import threshold, thresholds
 from .acquisitions import Acquisition
 from .landscape import Landscape, Objects, make_discs
 from .options import LANDFORMS, SceneSpec
@@ -17,24 +16,25 @@ from .seasons import Chronicle, park_cars
 from .terrain import Chart, TerrainSurface, make_fractal_terrain
 from .texture import Texture
 from .views import SceneView
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class SCENE:
     """Size of a scene, and the places of objects."""
 
-    most_posts: int = threshold(4000, "posts", "largest number of posts along a side of the terrain")
-    polar_share: float = threshold(0.2, "", "half side of a scene over its distance from the pole, at most")
-    unit_gsd_m: float = threshold(0.7, "m", "ground sampling distance for which the landscape is true to scale")
-    steepest_built: float = threshold(0.5, "", "largest slope along the diagonal of an object")
-    town_post_px: float = threshold(
+    most_posts: int = constant(4000, "posts", "largest number of posts along a side of the terrain")
+    polar_share: float = constant(0.2, "", "half side of a scene over its distance from the pole, at most")
+    unit_gsd_m: float = constant(0.7, "m", "ground sampling distance for which the landscape is true to scale")
+    steepest_built: float = constant(0.5, "", "largest slope along the diagonal of an object")
+    town_post_px: float = constant(
         4.0, "px", "spacing of the terrain's posts in a city, which has walls; 8 px elsewhere"
     )
-    storeys_m: tuple[float, float] = threshold(
+    storeys_m: tuple[float, float] = constant(
         (5.0, 11.0), "m", "smallest height of a building in a city, and mean of the additional height"
     )
-    target_px: float = threshold(9.0, "px", "diameter of a target in the finest view")
-    apron_px: float = threshold(20.0, "px", "diameter of the apron around a target")
+    target_px: float = constant(9.0, "px", "diameter of a target in the finest view")
+    apron_px: float = constant(20.0, "px", "diameter of the apron around a target")
 
 
 TARGET_GREY = np.array([1350.0, 1300.0, 1350.0, 1350.0, 1300.0])

@@ -14,25 +14,25 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtri
 
-from ...foundation.thresholds import threshold, thresholds
 from .acquisitions import YEAR_DAYS, Acquisition, compute_day_of_season
 from .landscape import LAND_LATTICE, PER_BLOCK, Landscape, Objects
 from .texture import PeriodicField, SensorTexture, Texture
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class YEAR:
     """Changes of the ground within a year."""
 
-    texture_days: float = threshold(60.0, "d", "time after which the texture of soil and plants has changed")
-    built_share: float = threshold(0.12, "", "share of the buildings that are built in the year")
-    torn_share: float = threshold(0.08, "", "share of the buildings that are demolished in the year")
-    car_spacing_m: float = threshold(45.0, "m", "length of road and lane for each car")
-    car_size_m: tuple[float, float] = threshold((4.6, 1.9), "m", "length and width of a car")
-    ploughed_days: float = threshold(40.0, "d", "time that a field lies bare")
-    winter_crop_day: float = threshold(285.0, "d", "day of the year on which winter crops are sown")
-    summer_crop_day: float = threshold(95.0, "d", "day on which summer crops are sown")
-    ploughing_spread_d: float = threshold(18.0, "d", "standard deviation of the sowing days")
+    texture_days: float = constant(60.0, "d", "time after which the texture of soil and plants has changed")
+    built_share: float = constant(0.12, "", "share of the buildings that are built in the year")
+    torn_share: float = constant(0.08, "", "share of the buildings that are demolished in the year")
+    car_spacing_m: float = constant(45.0, "m", "length of road and lane for each car")
+    car_size_m: tuple[float, float] = constant((4.6, 1.9), "m", "length and width of a car")
+    ploughed_days: float = constant(40.0, "d", "time that a field lies bare")
+    winter_crop_day: float = constant(285.0, "d", "day of the year on which winter crops are sown")
+    summer_crop_day: float = constant(95.0, "d", "day on which summer crops are sown")
+    ploughing_spread_d: float = constant(18.0, "d", "standard deviation of the sowing days")
 
 
 #: Visible and near infrared brightness of a field by the days since it was ploughed, relative to its usual one.

@@ -16,20 +16,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.thresholds import threshold, thresholds
 from .pushbroom import PushbroomCamera
 from .terrain import TerrainSurface
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class INTERSECTION:
     """Intersection of rays with the terrain."""
 
-    occlusion_free: float = threshold(
+    occlusion_free: float = constant(
         0.7, "", "slope times tangent of the view angle below which nothing is hidden", "contraction < 1"
     )
-    height_tolerance_m: float = threshold(5e-4, "m", "height error at convergence")
-    bisections: int = threshold(14, "steps", "bisections of the last step")
+    height_tolerance_m: float = constant(5e-4, "m", "height error at convergence")
+    bisections: int = constant(14, "steps", "bisections of the last step")
 
 
 class RayPaths(NamedTuple):

@@ -16,16 +16,16 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
-from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import metres_per_degree, wrap_degrees
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class FRACTAL_RELIEF:
     """Shape of the fractal relief."""
 
-    roughness: float = threshold(0.95, "", "Hurst exponent H of the hills")
-    cliff_roughness: float = threshold(
+    roughness: float = constant(0.95, "", "Hurst exponent H of the hills")
+    cliff_roughness: float = constant(
         1.6, "", "Hurst exponent of the relief whose zero line is a cliff: few and long cliffs"
     )
 

@@ -17,19 +17,19 @@ import numpy as np
 from scipy import fft, ndimage
 from scipy.special import ndtr
 
-from ...foundation.thresholds import threshold, thresholds
 from .landscape import LAND_LATTICE, ROAD_GREY, Landscape, Objects
+from .world import constant, constants
 
 #: Width of the ramp with the same slope at the middle as a Gaussian edge of unit standard deviation.
 RAMP = np.float32(np.sqrt(2.0 * np.pi))
 
 
-@thresholds
+@constants
 class SNOW:
     """Grey value and distribution of snow."""
 
-    grey: float = threshold(1450.0, "DN", "grey value of snow")
-    on_roads: float = threshold(0.35, "", "snow on roads relative to open land")
+    grey: float = constant(1450.0, "DN", "grey value of snow")
+    on_roads: float = constant(0.35, "", "snow on roads relative to open land")
 
 
 @runtime_checkable

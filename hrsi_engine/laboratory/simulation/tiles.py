@@ -12,17 +12,17 @@ from functools import cached_property
 
 import numpy as np
 
-from ...foundation.thresholds import threshold, thresholds
 from .landscape import Objects
 from .texture import SensorTexture, paint_objects
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class TILES:
     """Tiles of simulated images, and reach of blur."""
 
-    tile_px: int = threshold(256, "px", "side of a tile")
-    reach_sigmas: float = threshold(4.0, "sigma", "reach of an object's blur")
+    tile_px: int = constant(256, "px", "side of a tile")
+    reach_sigmas: float = constant(4.0, "sigma", "reach of an object's blur")
 
 
 def list_tiles(sample: int, line: int, samples: int, lines: int) -> Iterator[tuple[int, int]]:

@@ -8,22 +8,22 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...camera.rpc_fit import fit_rpc
-from ...foundation.thresholds import threshold, thresholds
 from .pushbroom import PushbroomCamera
 from .sensors import AccuracyStatement
+from .world import constant, constants
 
 
-@thresholds
+@constants
 class VENDOR:
     """Grids to which a vendor's RPC is fitted and on which it is tested."""
 
-    control_grid: tuple[int, int, int] = threshold((15, 15, 7), "nodes", "samples, lines and heights of the fit")
-    check_grid: tuple[int, int, int] = threshold(
+    control_grid: tuple[int, int, int] = constant((15, 15, 7), "nodes", "samples, lines and heights of the fit")
+    check_grid: tuple[int, int, int] = constant(
         (22, 23, 10), "nodes", "samples, lines and heights of the test, without common nodes"
     )
-    height_margin_m: float = threshold(50.0, "m", "margin below and above the range of heights")
-    resolved_px: float = threshold(2e-8, "px", "smallest residual that the fit resolves")
-    border: float = threshold(0.02, "", "margin of the grid around the image, relative to its size")
+    height_margin_m: float = constant(50.0, "m", "margin below and above the range of heights")
+    resolved_px: float = constant(2e-8, "px", "smallest residual that the fit resolves")
+    border: float = constant(0.02, "", "margin of the grid around the image, relative to its size")
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,23 +7,13 @@ from scipy import special
 
 from ...block.block import Image, Role
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.statistical_limits import SIGNIFICANCE
 from ...ground.geodesy import ground_difference_m
+from ...refinement.model import estimate_priors
 from .evidence import Evidence
-from .solution import SOLUTION
+from .significance import EFFECT
 
 _DRIFTS = ("sample_s", "sample_l", "line_s", "line_l")
-
-
-@thresholds
-class DEFORMATION:
-    """Limits for a deformation of the surveys, which appears as drifts of images."""
-
-    risk: float = threshold(1e-3, "", "error probability of the test of a common deformation", "F test")
-    harm: float = threshold(
-        2.0, "", "smallest effect at the edge of the block that is reported, in predicted 90 % errors", "smaller ones "
-        "are within the prediction"
-    )  # fmt: skip
 
 
 def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
@@ -31,26 +21,30 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
 
     Drifts of images come from their own orbits and attitudes: the twelve drifts of three images do not agree with the
     six parameters of one linear deformation of the ground (two shears and two scales in plan, a tilt along two axes),
-    unless the survey is deformed.
+    unless the survey is deformed. It has to exceed what the sensors drift by themselves.
     """
     result = evidence.result
     estimated = result.cameras
     gcps = result.block.points.ground[result.block.points.role == Role.GCP]  # without GCPs of an earlier block
-    if estimated is None or len(gcps) < SOLUTION.showing_gcps or not set(_DRIFTS) <= set(estimated.model.parameters):
+    if estimated is None or len(gcps) < EFFECT.fewest_points or not set(_DRIFTS) <= set(estimated.model.parameters):
         return
     columns = [estimated.model.parameters.index(name) for name in _DRIFTS]
     number = {image.id: index for index, image in enumerate(result.block.images)}
     for part in result.parts:
         rows = [number[name] for name in part.images]
-        if part.gcps < SOLUTION.showing_gcps or len(rows) < 2 or part.ce90_m is None or part.le90_m is None:
+        if part.gcps < EFFECT.fewest_points or len(rows) < 2 or part.ce90_m is None or part.le90_m is None:
             continue
         images = [result.block.images[row] for row in rows]
-        gradient, likeness = fit_deformation(images, estimated.values[np.ix_(rows, columns)])
+        priors = [estimated.model.prior_sigmas(image, estimate_priors(image))[columns] for image in images]
+        gradient, excess, likeness = fit_deformation(images, estimated.values[np.ix_(rows, columns)], np.array(priors))
         rim = np.stack([gcps.min(axis=0), gcps.max(axis=0)])
         half_m = float(np.linalg.norm(ground_difference_m(rim[1:], rim[:1])[0, :2])) / 2.0
         plan_m = half_m * float(np.linalg.norm(gradient[:2], 2))
         height_m = half_m * float(np.linalg.norm(gradient[2]))
-        if likeness < DEFORMATION.risk and max(plan_m / part.ce90_m, height_m / part.le90_m) > DEFORMATION.harm:
+        if (
+            max(excess, likeness) < SIGNIFICANCE.false_alarm
+            and max(plan_m / part.ce90_m, height_m / part.le90_m) > EFFECT.agreeing_factor
+        ):
             yield Reason(
                 "survey-deformed", Level.DOUBTFUL,
                 f"the GCPs rotate or scale the block by {1e6 * plan_m / half_m:.0f} mm/km and tilt it by "
@@ -63,21 +57,23 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
             )  # fmt: skip
 
 
-def fit_deformation(images: Sequence[Image], drifts: np.ndarray) -> tuple[np.ndarray, float]:
+def fit_deformation(images: Sequence[Image], drifts: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Return the linear deformation of the ground that best explains the drifts of the images.
 
     images : two or more
-    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px
-    Result: error in east, north and height per metre east and north ``(3, 2)``; and the probability of such agreement
-    of independent drifts (F test).
+    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px; ``sigmas`` a priori
+    Result: error in east, north and height per metre east and north ``(3, 2)``; the probability of such drifts by the
+    sensors alone (chi² test of what the deformation explains), and of such agreement of independent drifts (F test).
     """
-    design = np.concatenate([_make_design(image) for image in images])
-    found, *_ = np.linalg.lstsq(design, drifts.ravel(), rcond=None)
-    explained = design @ found
-    freedom = len(design) - design.shape[1]
-    rest = float(np.sum((drifts.ravel() - explained) ** 2)) / freedom
-    ratio = float(np.sum(explained**2)) / design.shape[1] / max(rest, 1e-30)
-    return found.reshape(3, 2), float(special.fdtrc(design.shape[1], freedom, ratio))
+    weight = 1.0 / sigmas.ravel()
+    design = np.concatenate([_make_design(image) for image in images]) * weight[:, None]
+    observed = drifts.ravel() * weight
+    found, *_ = np.linalg.lstsq(design, observed, rcond=None)
+    explained = float(np.sum((design @ found) ** 2))
+    parameters, freedom = design.shape[1], len(design) - design.shape[1]
+    rest = float(np.sum((observed - design @ found) ** 2)) / freedom
+    likeness = float(special.fdtrc(parameters, freedom, explained / parameters / max(rest, 1e-30)))
+    return found.reshape(3, 2), float(special.chdtrc(parameters, explained)), likeness
 
 
 def _make_design(image: Image) -> np.ndarray:

@@ -14,7 +14,6 @@ from ...foundation.statistical_limits import SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.image_space import IMAGE_SPACE
 from ..residuals import by_image
-from .significance import SOUND_BLOCKS
 
 
 @thresholds
@@ -27,7 +26,6 @@ class FIELD:
         0.8, "", "share of the squares explained by the largest model that a simpler model needs"
     )
     noted_px: float = threshold(0.05, "px", "smallest RMS of a field in the notes")
-    large_px: float = threshold(4.0, "px", "RMS of a field that visibly deforms orthoimages", SOUND_BLOCKS)
 
 
 NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import special
 
 from ...adjustment.external.laser_heights import MISFIT
+from ...adjustment.result import HeightAgreement, SourceGroup
 from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
@@ -22,38 +23,22 @@ from ...foundation.statistical_limits import SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..residuals import by_image, state_known_sigmas_px
 from .evidence import CAMERA, Evidence
-from .significance import SOUND_BLOCKS, compute_chi_square_limit, is_significant
+from .significance import EFFECT, SOUND_BLOCKS, compute_chi_square_limit, is_significant
 
 
 @thresholds
 class GroundTruthThresholds:
     """Limits for GCPs, check points and heights that contradict the block."""
 
-    doubtful_misfit: float = threshold(3.5, "", "smallest reported RMS misfit over the expected one", SOUND_BLOCKS)
-    unusable_misfit: float = threshold(7.0, "", "RMS misfit at which a block is unusable", SOUND_BLOCKS)
-    unusable_error: float = threshold(10.0, "", "RMS error of check points over prediction, if unusable", SOUND_BLOCKS)
     few_laser: int = threshold(
         10, "points", "number below which laser points that alone determine the height are reported", SOUND_BLOCKS
     )
     few_laser_share: float = threshold(0.1, "", "… if also less than this share of their file", SOUND_BLOCKS)
-    height_scatter: float = threshold(2.0, "", "smallest reported scatter of heights over the stated", SOUND_BLOCKS)
-    height_scatter_m: float = threshold(5.0, "m", "… and if their RMSE in metres exceeds this", SOUND_BLOCKS)
     outvoted_share: float = threshold(0.5, "", "share of GCPs that contradict other heights: block unusable")
     doubtful_parts: float = threshold(0.1, "", "smallest reported share of a source in contradicting parts")
-    unusable_parts: float = threshold(0.25, "", "… beyond which, without GCPs, the others may be wrong")
     canopy_m: float = threshold(3.0, "m", "height difference of laser points on the ground from canopy", SOUND_BLOCKS)
-    fewest_lower: int = threshold(10, "points", "fewest lower laser points that are reported", SOUND_BLOCKS)
-    lower_share: float = threshold(0.1, "", "… and smallest share of them (the larger applies)", SOUND_BLOCKS)
     largest_condition: float = threshold(1e12, "", "largest condition number of normals of intersecting rays")
-    outlier_ratio: float = threshold(4.0, "", "misfit of a wrong GCP over the RMS of the largest field", SOUND_BLOCKS)
-    single_error: float = threshold(3.0, "", "reported error of one check point over the others'", SOUND_BLOCKS)
-    wrong_share: float = threshold(0.3, "", "share of rejected GCPs beyond which the others may be wrong")
-    fewest_agreeing: int = threshold(3, "points", "fewest check points whose agreement is tested")
-    agreeing_error: float = threshold(2.0, "", "RMS error over prediction of check points that agree")
-    large_scatter: float = threshold(2.7, "", "reported robust scatter along an axis over the predicted", SOUND_BLOCKS)
     most_independent: int = threshold(5, "points", "largest number of independent camera errors", SOUND_BLOCKS)
-    fewest_rest: int = threshold(3, "points", "fewest accepted GCPs besides rejected ones (a plane)")
-    ambiguous_sigmas: float = threshold(10.0, "sigma", "contradiction that makes a block unusable", SOUND_BLOCKS)
 
 
 GROUND_TRUTH = GroundTruthThresholds()
@@ -62,7 +47,7 @@ AXES = {"east": ("west of", "east of"), "north": ("south of", "north of"), "heig
 
 def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for GCPs whose residuals exceed their expected standard deviations, singly or together."""
-    found = list(_find_misfit(evidence, Role.GCP, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit))
+    found = list(_find_misfit(evidence, Role.GCP))
     yield from found
     result, points = evidence.result, evidence.result.block.points
     out = [finding.id for finding in result.findings if finding.left_out]
@@ -82,10 +67,10 @@ def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
 def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for check points that misfit images refined separately (without predicted ground accuracy)."""
     if not np.isfinite(evidence.result.ground_covariance_m2).any():
-        yield from _find_misfit(evidence, Role.CHECK, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit)
+        yield from _find_misfit(evidence, Role.CHECK)
 
 
-def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iterator[Reason]:
+def _find_misfit(evidence: Evidence, role: Role) -> Iterator[Reason]:
     result, left, block = evidence.result, evidence.left, evidence.result.block
     in_sigmas = left.measured_px / np.hypot(state_known_sigmas_px(result, left), evidence.camera_px)
     out = [finding.id for finding in result.findings if finding.left_out]
@@ -95,7 +80,7 @@ def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) ->
         return
     squares = np.sum(in_sigmas[rows] ** 2, axis=1)
     factor = float(np.sqrt(squares.sum() / (2.0 * len(rows))))
-    if factor < large or not is_significant(float(squares.sum()), 2.0 * len(rows)):
+    if factor < EFFECT.doubtful_factor or not is_significant(float(squares.sum()), 2.0 * len(rows)):
         return
     wrong = np.unique(block.measurements.point[rows[squares > compute_chi_square_limit(2.0)]])
     ids = tuple(str(name) for name in block.points.ids[wrong])
@@ -103,7 +88,7 @@ def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) ->
     what = {Role.GCP: "the GCPs do", Role.CHECK: "the check points do"}[role]
     yield Reason(
         {Role.GCP: "control-misfit", Role.CHECK: "check-misfit"}[role],
-        Level.UNUSABLE if factor >= ruined else Level.DOUBTFUL,
+        Level.UNUSABLE if factor >= EFFECT.unusable_factor else Level.DOUBTFUL,
         f"{what} not fit the refined RPCs: their RMS residual is {length:.2g} px, {factor:.2g} times the expected "
         f"one; significant are {list_ids(ids)}",
         "compare coordinates, heights, datum and ids of these points with their source, and give realistic sigmas",
@@ -121,21 +106,15 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
     limit = np.sqrt(
         -2.0 * np.log(SIGNIFICANCE.false_alarm * 10.0 / max(candidates, 1))
     )  # equivalent sigmas in two dimensions
-    found = [
-        f
-        for f in result.findings
-        if f.statistic > limit and _compute_misfit_px(evidence, f.id) > GROUND_TRUTH.outlier_ratio * evidence.field_px
-    ]
+    found = [finding for finding in result.findings if finding.statistic > limit]
     out = tuple(dict.fromkeys(finding.id for finding in found if finding.left_out))
     kept = [finding for finding in found if not finding.left_out]
     if out:
-        many = len(out) > GROUND_TRUTH.wrong_share * surveyed
         yield Reason(
-            "control-left-out",
+            "control-outliers",
             Level.DOUBTFUL,
             f"{len(out)} of {surveyed} GCPs {'is' if len(out) == 1 else 'are'} not used because of contradictions "
-            f"to the other observations: {list_ids(out)}"
-            + ("; at this share it is not certain that the other GCPs are the correct ones" if many else ""),
+            f"to the other observations: {list_ids(out)}",
             "compare these points with their source, and correct or remove them",
             points=out,
         )
@@ -143,21 +122,13 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
         worst = max(finding.statistic for finding in kept)
         concerned = tuple(dict.fromkeys(name for finding in kept for name in finding.concerned))
         yield Reason(
-            "control-ambiguous",
-            Level.UNUSABLE if worst > GROUND_TRUTH.ambiguous_sigmas else Level.DOUBTFUL,
+            "control-misfit",
+            Level.UNUSABLE if worst > EFFECT.unusable_factor else Level.DOUBTFUL,
             f"GCPs contradict each other by {worst:.1f} sigma: {list_ids(concerned)}; the observations do not show "
             "which one is wrong, so all are used",
             "compare these points with their source, or measure more GCPs",
             points=concerned,
         )
-
-
-def _compute_misfit_px(evidence: Evidence, name: str) -> float:
-    """Return the RMS (2D) residual of a known point's measurements at its surveyed position, px."""
-    block = evidence.result.block
-    miss = evidence.left.at_known_px[block.points.ids[block.measurements.point] == name]
-    miss = miss[finite_rows(miss)]
-    return float(np.sqrt(np.mean(np.sum(miss**2, axis=1)))) if len(miss) else np.inf
 
 
 def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
@@ -183,7 +154,7 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
         ratio = float(np.nanmax(found / predicted))
         yield Reason(
             "check-misfit",
-            Level.UNUSABLE if max(factor, ratio) >= GROUND_TRUTH.unusable_error else Level.DOUBTFUL,
+            Level.UNUSABLE if max(factor, ratio) >= EFFECT.unusable_factor else Level.DOUBTFUL,
             f"the errors of {len(check)} check points are {factor:.2g} times the predicted ones: RMSE "
             f"{_format_metres(found)} m, predicted {_format_metres(predicted)} m (east, north, height)"
             + "".join(f"; {axis}" for axis in axes),
@@ -196,12 +167,12 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     # Single points are compared with the scatter of the others: standard deviations that are too small reject none.
     middle = np.median(squares / special.chdtri(freedom, 0.5))
     limit = np.array([compute_chi_square_limit(value, SIGNIFICANCE.false_alarm / len(check)) for value in freedom])
-    alone = squares > limit * max(middle, 1.0) * (GROUND_TRUTH.single_error / 2.0) ** 2
+    alone = squares > limit * max(middle, 1.0) * (EFFECT.doubtful_factor / 2.0) ** 2
     if alone.any():
         worst = int(np.argmax(squares))
         ids = tuple(str(name) for name in points.ids[check[alone]])
         yield Reason(
-            "check-point-off", Level.DOUBTFUL,
+            "check-misfit", Level.DOUBTFUL,
             f"check point {list_ids(ids)} has a gross error, and the other check points agree: the error of "
             f"{points.ids[check[worst]]} is {_format_metres(error[worst])} m (east, north, height)",
             "compare these points with their source and their measurements in the images",
@@ -228,7 +199,7 @@ def _find_axis_errors(
     for axis, (name, sides) in enumerate(AXES.items()):
         used = np.isfinite(error[:, axis]) & np.isfinite(single[:, axis])
         count = int(used.sum())
-        if count < GROUND_TRUTH.fewest_agreeing:
+        if count < EFFECT.fewest_points:
             continue
         mean, sigma = float(error[used, axis].mean()), float(np.sqrt(single[used, axis].mean()))
         of_cameras = evidence.camera_px**2 * ray[used, axis] / min(count, GROUND_TRUTH.most_independent)
@@ -241,7 +212,7 @@ def _find_axis_errors(
                 f"{abs(mean) / of_mean:.0f} times its standard deviation ({of_mean:.2g} m)"
             )
         elif not means and scatter > max(
-            GROUND_TRUTH.large_scatter, np.sqrt(compute_chi_square_limit(count - 1.0) / (count - 1.0))
+            EFFECT.doubtful_factor, np.sqrt(compute_chi_square_limit(count - 1.0) / (count - 1.0))
         ):
             told.append(f"their scatter in {name} is {scatter:.1f} times the predicted one ({sigma:.2g} m)")
     return told
@@ -255,7 +226,7 @@ def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
     """
     for one in (part.apart for part in evidence.result.parts if part.apart is not None):
         yield Reason(
-            "control-ambiguous", Level.DOUBTFUL,
+            "control-misfit", Level.DOUBTFUL,
             f"GCPs {one.ids[0]} and {one.ids[1]} disagree by {one.metres:.2g} m on the ground of {one.image}, "
             f"{one.sigmas:.0f} times the standard deviation from survey, measurement and drift; with so few GCPs "
             "the wrong one is not identified, and the predicted accuracy includes the difference",
@@ -268,7 +239,7 @@ def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
         return
     factor = part.leave_one_out
     yield Reason(
-        "leave-one-out-misfit", Level.DOUBTFUL,
+        "control-misfit", Level.DOUBTFUL,
         f"leave-one-out errors of the {part.gcps} GCPs are {factor:.2g} times the predicted ones; the predicted "
         f"CE90 was raised from {part.ce90_m / factor:.2g} m to {part.ce90_m:.2g} m",
         "compare the GCPs with their source, and give realistic sigmas; use some of them as check points "
@@ -288,7 +259,7 @@ def do_check_points_agree(evidence: Evidence) -> bool:
     covariance = block.points.survey_covariance_m2(check) + pixel**2 * _compute_ray_cofactors(evidence, check)
     error = evidence.left.ground_m[check]
     usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
-    if usable.sum() < GROUND_TRUTH.fewest_agreeing:
+    if usable.sum() < EFFECT.fewest_points:
         return False
     squares, freedom = _compute_chi_squares(error[usable], covariance[usable])
     in_images = [0.0]
@@ -300,7 +271,7 @@ def do_check_points_agree(evidence: Evidence) -> bool:
         miss = evidence.left.at_known_px[here]
         in_images += (np.einsum("ki,kij,kj->k", miss, np.linalg.inv(expected), miss) / 2.0).tolist()
     factor = np.sqrt(max(squares.sum() / freedom.sum(), np.sum(in_images) / max(len(in_images) - 1, 1)))
-    return float(factor) < GROUND_TRUTH.agreeing_error
+    return float(factor) < EFFECT.agreeing_factor
 
 
 def are_other_gcps_consistent(evidence: Evidence, wrong: Sequence[str]) -> bool:
@@ -312,7 +283,7 @@ def are_other_gcps_consistent(evidence: Evidence, wrong: Sequence[str]) -> bool:
     out = {finding.id for finding in evidence.result.findings if finding.left_out}
     gcps = set(points.ids[points.role == Role.GCP].tolist())
     named, rest = gcps & set(wrong), gcps - out
-    return bool(named) and named <= out and len(rest) >= max(GROUND_TRUTH.fewest_rest, len(gcps & out) + 1)
+    return bool(named) and named <= out and len(rest) >= max(EFFECT.fewest_points, len(gcps & out) + 1)
 
 
 def _compute_ray_cofactors(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:
@@ -349,32 +320,52 @@ def _format_metres(values: np.ndarray) -> str:
 def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for laser points or a DEM that contradict one another, or the GCPs, in the block's height.
 
-    GCPs that agree decide, and so do most parts of a DEM; otherwise it is ambiguous which height is correct.
+    GCPs that agree decide, and so do most parts of a DEM; otherwise it is ambiguous which height is correct. A
+    contradiction exceeds the full standard deviation of the heights: that of the group, with the rays, and the stated
+    one of the source, which is common to its cells. Parts of a surface model above the ground by less than trees and
+    buildings are no contradiction.
     """
     le90_m = max((part.le90_m for part in evidence.result.parts if part.le90_m is not None), default=np.inf)
     for one in evidence.result.heights:
         off, compared = one.gcps
-        undecided = list(one.undecided)
-        told = [group for group in one.groups if group.wrong and not (undecided and group.left_out)]
+        told = [group for group in one.groups if group.wrong and _is_contradiction(one, group)]
+        undecided = any(not group.left_out for group in told)
+        told = [group for group in told if not (undecided and group.left_out)]
         middle = float(np.median([group.offset_m for group in told])) if told else 0.0
         share = sum(group.observations for group in told) / max(one.observations, 1)
         outvoted = off > GROUND_TRUTH.outvoted_share * compared and one.left_out < one.observations
-        if not (one.contradicts or undecided or outvoted or share > GROUND_TRUTH.doubtful_parts):
+        if not (undecided or outvoted or share > GROUND_TRUTH.doubtful_parts):
             continue
-        open_between = bool(undecided) or (not compared and share > GROUND_TRUTH.unusable_parts)
+        open_between = undecided or (not compared and share > GROUND_TRUTH.outvoted_share)
         if outvoted:
             what = f"its heights contradict those of {off} of {compared} GCPs, and outweigh them in the adjustment"
         else:
-            who = "all of its heights" if one.contradicts else f"the heights of {list_ids(g.name for g in told)}"
+            who = (
+                "all of its heights"
+                if len(told) == len(one.groups)
+                else f"the heights of {list_ids(g.name for g in told)}"
+            )
             done = "were used, because the wrong ones cannot be identified" if undecided else "were not used"
             what = f"{who} differ by {middle:+.1f} m (median) from the other height observations of the block"
-            what += f" (sigma {told[0].sigma_m:.1f} m); they {done}"
+            what += f" (sigma {_compute_full_sigma_m(one, told[0]):.1f} m); they {done}"
         unusable = outvoted or (open_between and abs(middle) > 2.0 * le90_m)
         yield Reason(
             "sources-disagree", Level.UNUSABLE if unusable else Level.DOUBTFUL, f"{one.source}: {what}",
             "check the height datum of laser points, DEM and GCPs: heights above a geoid and above the ellipsoid "
             "differ by tens of metres; a DEM with contradicting parts may be a mosaic with steps",
         )  # fmt: skip
+
+
+def _compute_full_sigma_m(source: HeightAgreement, group: SourceGroup) -> float:
+    """Return the standard deviation of a group's offset, with the stated one of its source, in metres."""
+    return float(np.hypot(group.sigma_m, source.sigma_m / source.sigma_factor))
+
+
+def _is_contradiction(source: HeightAgreement, group: SourceGroup) -> bool:
+    """Return True if the offset of a group exceeds its full standard deviation, trees and buildings included."""
+    limit_m = EFFECT.doubtful_factor * _compute_full_sigma_m(source, group)
+    above_m = GROUND_TRUTH.canopy_m if source.source == "DEM" else 0.0
+    return not -limit_m <= group.offset_m <= limit_m + above_m
 
 
 def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
@@ -384,10 +375,10 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
     if not result.heights or result.rpcs_alone_m is None or sigma_m is None:
         return
     away_m = -result.rpcs_alone_m[2]
-    if abs(away_m) > GROUND_TRUTH.doubtful_misfit * sigma_m:
+    if abs(away_m) > EFFECT.doubtful_factor * sigma_m:
         held = [one.source for one in result.heights if one.left_out < one.observations]
         yield Reason(
-            "heights-off-rpcs", Level.DOUBTFUL,
+            "sources-disagree", Level.DOUBTFUL,
             f"the heights of {' and '.join(held)} move the block by {away_m:+.1f} m from its height by the RPCs "
             f"alone, {abs(away_m) / sigma_m:.0f} times the standard deviation of that height",
             "check unit and datum of these heights (`laser_datum`, `dem_datum`): heights above a geoid and above "
@@ -398,13 +389,9 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
 def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for heights whose scatter about the ground is much larger than their standard deviations."""
     for one in evidence.result.heights:
-        if (
-            one.sigma_factor > GROUND_TRUTH.height_scatter
-            and one.rmse_m > GROUND_TRUTH.height_scatter_m
-            and not one.contradicts
-        ):
+        if one.sigma_factor > EFFECT.doubtful_factor and not one.contradicts:
             yield Reason(
-                "heights-scatter", Level.DOUBTFUL,
+                "sources-disagree", Level.DOUBTFUL,
                 f"{one.source}: the RMS difference of its heights from the ground in the images is {one.rmse_m:.0f} "
                 f"m, {one.sigma_factor:.0f} times the given standard deviation",
                 "check position, column and unit of these heights, or give a realistic sigma",
@@ -419,11 +406,11 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     fits = found.reason == ""
     low = (found.reason == MISFIT) & (found.residual_m < -GROUND_TRUTH.canopy_m)
     if low.sum() < max(
-        GROUND_TRUTH.fewest_lower, GROUND_TRUTH.lower_share * (fits.sum() + (found.reason == MISFIT).sum())
+        GROUND_TRUTH.few_laser, GROUND_TRUTH.few_laser_share * (fits.sum() + (found.reason == MISFIT).sum())
     ):
         return
     yield Reason(
-        "laser-tops", Level.DOUBTFUL,
+        "sources-disagree", Level.DOUBTFUL,
         f"{low.sum()} laser points are {-np.median(found.residual_m[low]):.1f} m (median) lower than the "
         f"{fits.sum()} used ones, which may be canopy or roofs",
         "use ground heights (terrain heights of ATL08, a SlideRule fit without canopy), give the canopy height in "
@@ -436,24 +423,19 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     found = evidence.result.laser
     if found is None:
         return
-    used, advice = int((found.reason == "").sum()), "the layer laser_points lists the reason for each; "
+    used, number = int((found.reason == "").sum()), len(found.reason)
+    enough = min(GROUND_TRUTH.few_laser, GROUND_TRUTH.few_laser_share * number)
+    if used and (used >= enough or any(part.gcps for part in evidence.result.parts)):
+        return
     reasons, count = np.unique(found.reason[found.reason != ""], return_counts=True)
     most = ", ".join(f"{count[k]} {reasons[k]}" for k in np.argsort(-count)[:3].tolist())
-    if not used:
-        yield Reason(
-            "laser-holds-nothing", Level.DOUBTFUL,
-            f"none of the {len(found.reason)} laser points is used for the height of the block: {most}",
-            f"{advice}name a file with more passes over the images, or leave it out",
-        )  # fmt: skip
-    elif used < min(GROUND_TRUTH.few_laser, GROUND_TRUTH.few_laser_share * len(found.reason)) and not any(
-        part.gcps for part in evidence.result.parts
-    ):
-        yield Reason(
-            "laser-few", Level.DOUBTFUL,
-            f"only {used} of {len(found.reason)} laser points are used for the height of the block, and no GCP "
-            f"controls them: {most}",
-            f"{advice}check coordinates and datum of the file",
-        )  # fmt: skip
+    yield Reason(
+        "laser-few", Level.DOUBTFUL,
+        f"{f'only {used}' if used else 'none'} of the {number} laser points can be used for the height of the block: "
+        f"{most}",
+        "the layer laser_points lists the reason for each; check coordinates and datum of the file, or name a file "
+        "with more passes over the images",
+    )  # fmt: skip
 
 
 ON_GROUND_TRUTH = (

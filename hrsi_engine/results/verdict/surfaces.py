@@ -6,22 +6,15 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import threshold, thresholds
 from .evidence import Evidence
-
-
-@thresholds
-class SURFACE_OFFSET:
-    """Limit for the displacement of a block by a surface relative to its RPCs."""
-
-    sigmas: float = threshold(3.5, "sigma", "displacement in plan relative to the RPCs that is reported")
+from .significance import EFFECT
 
 
 def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for parts that the relief displaces by more than the pointing error of their RPCs explains."""
     for one in evidence.result.surfaces:
         east, north, up = one.match.displacement_m.tolist()
-        if not one.open and one.beyond_pointing > SURFACE_OFFSET.sigmas:
+        if not one.open and one.beyond_pointing > EFFECT.doubtful_factor:
             yield Reason(
                 "surface-offset", Level.DOUBTFUL,
                 f"matching with the relief of the surface shifts {list_ids(one.images)} by "
@@ -38,7 +31,7 @@ def find_open_surfaces(evidence: Evidence) -> Iterator[Reason]:
     for one in evidence.result.surfaces:
         if one.open:
             yield Reason(
-                "surface-open", Level.OK,
+                "not-determined", Level.OK,
                 f"the relief of the surface does not determine {list_ids(one.images)} in plan: {one.open}",
                 "the position in plan follows from the RPCs alone, with the stated CE90: add GCPs or a reference "
                 "orthoimage",

@@ -10,7 +10,7 @@ from typing import Any
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ..lineage import add_untested_error
-from . import common_deformation, connections, datums, ground_truth, jitter, solution, surfaces, systematic
+from . import common_deformation, connections, datums, ground_truth, jitter, solution, surfaces
 from .evidence import Evidence
 
 #: Every check of a finished adjustment.
@@ -18,7 +18,6 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *solution.ON_SOLUTION,
     *ground_truth.ON_GROUND_TRUTH,
     *connections.ON_CONNECTIONS,
-    *systematic.ON_FIELDS,
     *jitter.ON_JITTER,
     *common_deformation.ON_SURVEY,
     *datums.ON_DATUMS,
@@ -27,16 +26,13 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
 
 #: Reasons that are consequences of any wrong points.
 CONSEQUENCES = frozenset({
-    "not-converged", "residuals-too-large", "sigmas-implausible", "correction-too-large", "control-misfit",
-    "control-left-out", "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out",
-    "systematic-residuals", "extrapolation", "drift-implausible", "sources-disagree", "heights-off-rpcs",
-    "leave-one-out-misfit", "survey-deformed", "surface-offset",
+    "not-converged", "sigmas-implausible", "control-misfit", "control-outliers", "check-misfit",
+    "ties-wrong", "not-determined", "drift-implausible", "sources-disagree",
+    "survey-deformed", "surface-offset",
 })  # fmt: skip
-#: Reasons for single wrong GCPs without a known input error that the user could correct.
-WRONG_POINTS = frozenset({"control-groups", "control-outliers"})
 #: Reasons that are reduced to doubtful if check points agree. These cannot detect errors common to them and the GCPs: a
 #: wrong datum, and a correction by it beyond any error of an RPC.
-MISFITS = frozenset({"residuals-too-large", "control-misfit", "control-ambiguous"})
+MISFITS = frozenset({"sigmas-implausible", "control-misfit", "sources-disagree"})
 
 
 @dataclass(frozen=True)
@@ -115,13 +111,22 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     if all(reason.level is not Level.UNUSABLE for reason in found):
         before = [
             replace(reason, level=min(reason.level, Level.DOUBTFUL))
-            if reason.code in WRONG_POINTS and ground_truth.are_other_gcps_consistent(evidence, reason.points)
+            if reason.code == "control-outliers" and ground_truth.are_other_gcps_consistent(evidence, reason.points)
             else reason
             for reason in before
         ]
     if any(reason.level is Level.UNUSABLE for reason in before):
         found = [reason for reason in found if reason.code not in CONSEQUENCES]
-    return [*before, *found]
+    levels = {reason.code: reason.level for reason in found}
+    # The adjustment tests every tie point: it confirms a suspicion from a sample, or not
+    before = [
+        reason
+        for reason in before
+        if reason.level > levels.get(reason.code, Level.OK)
+        and (reason.code != "ties-wrong" or reason.level is Level.UNUSABLE)
+    ]
+    codes = {reason.code for reason in before}
+    return [*before, *(reason for reason in found if reason.code not in codes)]
 
 
 def summarise_accuracy(report: Mapping[str, Any]) -> str:
@@ -137,7 +142,8 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     limits = "; ".join(f"{len(ids)} {what}: {list_ids(ids)}" for what, ids in weak.items() if ids)
     text += f"; {_format_count(gcps, 'GCP')}{f' ({limits})' if limits else ''}"
     text += f", {_format_count(check['points'], 'check point')}"
-    accuracy = _describe_check_points(check) if check["points"] else _describe_prediction(report)
+    part = next(iter(report["parts"]), None) or {}
+    accuracy = _describe_check_points(check, part) if check["points"] else _describe_prediction(report)
     accuracy += _describe_operation_error(check, report.get("untested_by_check_points"))
     return f"{text}: {accuracy}" if accuracy else text
 
@@ -146,9 +152,12 @@ def _format_count(number: int, what: str) -> str:
     return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
 
 
-def _describe_check_points(check: Mapping[str, Any]) -> str:
-    """Return the accuracy by check points as text; in the image if they have no ground position."""
-    predicted = check.get("predicted") or {}
+def _describe_check_points(check: Mapping[str, Any], predicted: Mapping[str, Any]) -> str:
+    """Return the accuracy by check points as text, with the prediction for the points of the block.
+
+    Without ground position it is the accuracy in the image. The prediction is that of a block without check points: it
+    contains no survey errors of theirs.
+    """
     if check["ce90_m"] is None:
         if check["rmse_sample_px"] is None:
             return ""
