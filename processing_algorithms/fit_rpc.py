@@ -12,7 +12,7 @@ from ..hrsi_engine.foundation.options import InMemory
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
-from ..hrsi_engine.io.exact_cameras import read_adjusted_rpc, read_exact_camera
+from ..hrsi_engine.io.exact_cameras import read_adjusted_camera, read_exact_camera
 from ..hrsi_engine.io.output_dir import require_plain_name
 from ..hrsi_engine.io.point_files.find import Correspondences, read_correspondences
 from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
@@ -39,7 +39,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     """Fit without some of the points and check the fit there, then fit to all points and write the RPC."""
     check_folder(options.folder, context)
     path = "" if isinstance(options.points, InMemory) else options.points
-    camera = (read_adjusted_rpc(path) or read_exact_camera(path)) if path else None
+    camera = (read_adjusted_camera(path) or read_exact_camera(path)) if path else None
     table = _sample_camera(camera, options) if camera is not None else read_correspondences(
         options.points, ground_crs=options.ground_crs, height_datum=options.height_datum
     )  # fmt: skip

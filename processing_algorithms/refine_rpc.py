@@ -33,6 +33,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     models = select_models(options.refinement.model, options.coefficient_covariance)
     block_run = BlockRun(context, options.output, options.points)
     block_run.open_images(options.images)
+    block_run.open_dem(options.dem)
     block_run.read()
     shift_px, drift = ANY_ORIENTATION if options.refinement.model.startswith("generic") else (None, None)
     block_run.check(AdjustOptions(sigma_shift_px=shift_px, sigma_drift=drift))

@@ -78,6 +78,12 @@ def _data_folder(name: str) -> Path:
 
 
 @pytest.fixture(scope="session")
+def case_data() -> Path:
+    """Return the folder of small cases that people reported."""
+    return _data_folder("cases")
+
+
+@pytest.fixture(scope="session")
 def repository() -> Path:
     """The root of the repository, which is the package ``hrsi``."""
     return REPOSITORY

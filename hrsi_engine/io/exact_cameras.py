@@ -1,22 +1,25 @@
 """Exact pushbroom cameras in the formats of vendors and other programs; each format is recognised by its content.
 
-* ISD XML of WorldView, GeoEye and QuickBird, basic images (LV1): EPH and ATT at equal steps of time, with x, y, z, w of
-  the quaternion from the camera's body, line times (TLC), principal distance and the position of the detectors in mm.
-  With increasing sample the detectors follow the camera's -y axis; the flight is along x. (ISD documentation, Maxar.)
+* ISD XML of WorldView, GeoEye and QuickBird, basic images (LV1, Stereo 1B): EPH and ATT at equal steps of time, with
+  x, y, z, w of the quaternion from the camera's body, line times (TLC), principal distance and the position of the
+  detectors in mm. With increasing sample the detectors follow the camera's -y axis; the flight is along x. (ISD
+  documentation, Maxar.)
 * DIMAP V1 of SPOT 5: Ephemeris, Corrected_Attitudes, a look angle of each detector. Positions are interpolated over
   eight points, attitudes linearly; lines and detectors are counted from 1. (SPOT 123-4-5 Geometry Handbook,
   GAEL-P135-DOC-001, equations 5 to 11.)
 * CSM states of the USGS line scanner, also those that ASP has adjusted: JSON after the model's name. Pixel coordinates
 refer to the corner of the first pixel. (DOI-USGS/usgscsm, ``UsgsAstroLsSensorModel``.)
-* ``.adjust`` of ASP for a camera that is an RPC, which the user names after it: ``FILE|camera=IMAGE``. Text: the
-translation (m), the quaternion with its scalar first, and, for cropped or scaled images, offset and scale of the
-pixels. (StereoPipeline, ``asp::read_adjustments``.)
+* ``.adjust`` of ASP for the camera that the user names after it, ``FILE|camera=CAMERA``: an ISD XML with ephemeris
+(session dg), or an image or file with an RPC (session rpc). Text: the translation (m), the quaternion with its scalar
+first, and, for cropped or scaled images, offset and scale of the pixels. A physical camera is rotated about its
+position at pixel (0, 0). (StereoPipeline, ``asp::read_adjustments``; VisionWorkbench, ``AdjustedCameraModel``.)
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -49,9 +52,14 @@ def read_exact_camera(path: str) -> LinescanCamera | None:
         raise InputError(f"{path}: its ephemeris, attitude or detectors are damaged ({error}): get it again") from None
 
 
-def read_adjusted_rpc(spec: str) -> AdjustedRpc | None:
-    """Return the RPC that ASP's adjustment moves (``FILE|camera=IMAGE``); None for a file that is no ``.adjust``."""
+def read_adjusted_camera(spec: str) -> AdjustedRpc | LinescanCamera | None:
+    """Return the camera that ASP's adjustment moves (``FILE|camera=CAMERA``); None for a file that is no ``.adjust``.
+
+    An image with RPC next to an ISD with ephemeris may have been adjusted with either camera: ``|session=rpc`` after
+    the image states that it was the RPC.
+    """
     path, _, camera = spec.partition("|camera=")
+    camera, _, session = camera.partition("|session=")
     if not camera and not path.lower().endswith(".adjust"):
         return None
     try:
@@ -63,20 +71,44 @@ def read_adjusted_rpc(spec: str) -> AdjustedRpc | None:
         raise InputError(f"{path}: is no translation and unit quaternion of one camera: obtain it again")
     if not camera:
         raise InputError(f"{path}: moves a camera that it does not contain: name it, {path}|camera=IMAGE")
-    exact = read_exact_camera(camera)
-    found = None if exact is not None and camera.lower().endswith(".json") else read_rpc_or_none(camera)
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(np.roll(numbers[3:7], -1)).as_matrix()
+    offset, scale = (numbers[7:9], float(numbers[9])) if len(numbers) > 7 else (np.zeros(2), 1.0)
+    exact, is_state = read_exact_camera(camera), camera.lower().endswith(".json")
+    if exact is not None and session != "rpc" and not is_state:
+        return _adjust_linescan(exact, turn, numbers[:3], offset, scale)
+    if session != "rpc" and not is_state and (beside := find_exact_camera(camera, None)) is not None:
+        raise InputError(
+            f"{camera}: next to it is the exact camera ({beside.source}), which {path} moves unless bundle_adjust ran "
+            "with -t rpc: name the XML file as the camera, or add |session=rpc after the image"
+        )
+    found = None if exact is not None and is_state else read_rpc_or_none(camera)
     if found is None:
         raise InputError(
             f"{camera}: {f'is a {exact.source}' if exact else 'has no RPC'}, and {path} can only be applied to an RPC: "
             "name the adjusted_state.json that bundle_adjust writes for CSM cameras"
         )
-    from scipy.spatial.transform import Rotation
-
-    rpc, turn = found.rpc, Rotation.from_quat(np.roll(numbers[3:7], -1)).as_matrix()
+    rpc = found.rpc
     size = found.size or (round(rpc.samp_off + abs(rpc.samp_scale)) + 1, round(rpc.line_off + abs(rpc.line_scale)) + 1)
-    offset, scale = (numbers[7:9], float(numbers[9])) if len(numbers) > 7 else (np.zeros(2), 1.0)
     low, high = sorted([rpc.height_off - rpc.height_scale, rpc.height_off + rpc.height_scale])
     return AdjustedRpc(rpc, size, turn, numbers[:3], offset, scale, (low, high))
+
+
+def _adjust_linescan(
+    camera: LinescanCamera, rotation: np.ndarray, translation: np.ndarray, offset: np.ndarray, scale: float
+) -> LinescanCamera:
+    """Return a camera rotated about its position at pixel (0, 0) and then translated, for the pixels of a crop."""
+    lines, times = camera.line_times.T
+    centre = camera.position(np.array([np.interp(0.0, lines, times)]))[0]
+    size = np.round((np.array(camera.size) - offset) / scale).astype(int).tolist()
+    return replace(
+        camera, size=(size[0], size[1]), line_times=np.column_stack([(lines - offset[1]) / scale, times]),
+        position=lambda time: (camera.position(time) - centre) @ rotation.T + centre + translation,
+        velocity=lambda time: camera.velocity(time) @ rotation.T,
+        attitude=lambda time: rotation @ camera.attitude(time),
+        look=lambda sample: camera.look(scale * sample + offset[0]),
+    )  # fmt: skip
 
 
 def find_exact_camera(path: str, size: tuple[int, int] | None) -> LinescanCamera | None:
@@ -117,9 +149,9 @@ def _read_isd(path: str) -> LinescanCamera | None:
 
     root = read_xml(path)
     eph, att, geo, image = (next(root.iter(name), None) for name in ("EPH", "ATT", "GEO", "IMAGE"))
-    if eph is None or att is None or geo is None or image is None or not (
-        element_text(root, "PRODUCTLEVEL") or ""
-    ).startswith("LV1"):  # fmt: skip
+    level = (element_text(root, "PRODUCTLEVEL") or "").strip()
+    is_basic = level.startswith("LV1") or level.endswith("1B")  # LV1B, Stereo 1B
+    if eph is None or att is None or geo is None or image is None or not is_basic:
         return None  # an RPC alone, or an image that has been resampled
     if float(element_text(geo, "POLYORDER") or -1) >= 0:
         raise InputError(f"{path}: has optical distortion, which is not read: use its RPC")

@@ -22,8 +22,9 @@ from ...hrsi_engine.adjustment.solver import adjust
 from ...hrsi_engine.block.block import Block, Image, ImagePoints
 from ...hrsi_engine.block.laser import LaserPoints
 from ...hrsi_engine.block.orthoimage import ReferencePlaces
-from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.reasons import Reason
+from ...hrsi_engine.measurement.no_match import explain_no_matches
 from ...hrsi_engine.measurement.tie_points import find_overlapping_pairs
 from ...hrsi_engine.results.block_results import assemble_result
 from ...hrsi_engine.results.judged_block import JudgedBlock, judge_block
@@ -155,6 +156,8 @@ class BlockRun:
             self.images, search, self._dem, output_dir, self._searching, earlier_ids
         )
         measured = ties.image_points
+        if not (len(measured) or self._ties or self.points.gcps or self.points.image_points):
+            raise SolveError(explain_no_matches(self.images, ties.pairs, search.search.smallest_overlap))
         for table in self.earlier.ties:
             measured, *_ = join_ties(measured, table)
         self._ties.append(measured)

@@ -106,6 +106,7 @@ class RefineAlgorithmOptions:
 
     images: tuple[str, ...] = groups.images_option()
     points: groups.PointFiles = nest_options(groups.PointFiles)
+    dem: groups.DemOptions = nest_options(groups.DemOptions)
     refinement: RefineOptions = nest_options(RefineOptions)
     compare: bool = option(False, "Add a table of all models with the same GCPs and check points")
     coefficient_covariance: str | None = option(

@@ -11,7 +11,7 @@ import pytest
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.exact_cameras import read_adjusted_rpc
+from hrsi.hrsi_engine.io.exact_cameras import read_adjusted_camera
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 from hrsi.tests.conftest import TEST_DATA
@@ -98,35 +98,35 @@ def test_the_fitted_rpc_is_the_adjusted_camera(camera, tmp_path):
 def test_offset_and_scale_of_a_crop(camera, tmp_path):
     """Pixels of the crop, times the scale and plus the offset, are those of the RPC."""
     path = write_adjustment(tmp_path / "run-img.adjust", "1000 500", "2")
-    adjusted = read_adjusted_rpc(f"{path}|camera={camera}")
+    adjusted = read_adjusted_camera(f"{path}|camera={camera}")
     ground, image = adjusted.sample_correspondences(*adjusted.heights_m)
     np.testing.assert_allclose(image_of(ground, camera), image * 2.0 + [1000.0, 500.0], atol=1e-4)
 
 
 def test_its_name_does_not_matter_where_a_camera_is_named(camera, tmp_path):
     files = [write_adjustment(tmp_path / name) for name in ("run-img.adjust", "renamed.txt")]
-    by_name, renamed = (read_adjusted_rpc(f"{path}|camera={camera}").sample_correspondences(0.0, 100.0)
+    by_name, renamed = (read_adjusted_camera(f"{path}|camera={camera}").sample_correspondences(0.0, 100.0)
                         for path in files)  # fmt: skip
     np.testing.assert_array_equal(by_name[1], renamed[1])
     with pytest.raises(InputError, match="no translation and unit quaternion"):
-        read_adjusted_rpc(f"{camera}|camera={camera}")
+        read_adjusted_camera(f"{camera}|camera={camera}")
 
 
 def test_what_is_no_adjustment_of_an_rpc_gets_an_answer(camera, tmp_path):
     path = Path(write_adjustment(tmp_path / "run-img.adjust"))
     with pytest.raises(InputError, match=r"name it, .*run-img\.adjust\|camera=IMAGE"):
-        read_adjusted_rpc(str(path))
+        read_adjusted_camera(str(path))
     write_csm(tmp_path / "run-img.adjusted_state.json")
     with pytest.raises(
         InputError, match=r"is a CSM state, .* only be applied to an RPC: name the adjusted_state\.json"
     ):
-        read_adjusted_rpc(f"{path}|camera={tmp_path / 'run-img.adjusted_state.json'}")
+        read_adjusted_camera(f"{path}|camera={tmp_path / 'run-img.adjusted_state.json'}")
     image = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "plain.tif"), 10, 10)
     image = None
     assert image is None
     with pytest.raises(InputError, match="has no RPC"):
-        read_adjusted_rpc(f"{path}|camera={tmp_path / 'plain.tif'}")
-    assert read_adjusted_rpc(str(camera)) is None
+        read_adjusted_camera(f"{path}|camera={tmp_path / 'plain.tif'}")
+    assert read_adjusted_camera(str(camera)) is None
     content = path.read_text()
     for wrong in (
         "",
@@ -137,6 +137,6 @@ def test_what_is_no_adjustment_of_an_rpc_gets_an_answer(camera, tmp_path):
     ):
         path.write_text(wrong)
         with pytest.raises(InputError, match="no translation and unit quaternion"):
-            read_adjusted_rpc(f"{path}|camera={camera}")
+            read_adjusted_camera(f"{path}|camera={camera}")
     with pytest.raises(InputError, match="no translation and unit quaternion"):
         run("fit-rpc", points=f"{path}|camera={camera}", output_dir=str(tmp_path / "none"))

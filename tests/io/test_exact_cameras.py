@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
+from rpc_samples import sample_rpc, write_image
 from scipy.spatial.transform import Rotation
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.exact_cameras import read_exact_camera
+from hrsi.hrsi_engine.io.exact_cameras import read_adjusted_camera, read_exact_camera
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 from hrsi.tests.conftest import TEST_DATA
@@ -237,6 +238,28 @@ def test_other_csm_states_get_an_answer(tmp_path, model):
     write_csm(tmp_path / "bent.json", m_opticalDistCoeffs=[0.0, 1e-3, 0.0])
     with pytest.raises(InputError, match="lens distortion"):
         read_exact_camera(str(tmp_path / "bent.json"))
+
+
+def test_an_adjustment_moves_the_exact_camera(tmp_path, isd):
+    """VisionWorkbench's formula about the position at pixel (0, 0): moved back, its points lie on the given rays."""
+    turn = Rotation.from_rotvec([1e-5, -2e-5, 1.5e-5])
+    move = np.array([1.25, -2.5, 0.75])
+    adjust = tmp_path / "run-isd.adjust"
+    adjust.write_text(f"{words(*move)}\n{words(*np.roll(turn.as_quat(), 1))}\n")
+    isd.write_text(isd.read_text().replace("LV1B", "Stereo 1B"))
+    given, adjusted = read_exact_camera(str(isd)), read_adjusted_camera(f"{adjust}|camera={isd}")
+    assert adjusted.size == given.size == SIZE
+    low, high = (to_xyz(given.localize(PLACES, level)) for level in (0.0, 1000.0))
+    ray = (high - low) / np.linalg.norm(high - low, axis=1)[:, None]
+    centre = position(0.0)
+    for level in (100.0, 900.0):
+        place = to_xyz(adjusted.localize(PLACES, level))
+        back = (place - centre - move) @ turn.as_matrix() + centre
+        np.testing.assert_allclose(np.cross(back - low, ray), 0.0, atol=0.02)  # refraction is not straight
+        assert np.linalg.norm(place - to_xyz(given.localize(PLACES, level)), axis=1).min() > 1.0
+    write_image(tmp_path / "isd.tif", sample_rpc())
+    with pytest.raises(InputError, match=r"isd\.tif: next to it is the exact camera .*add .session=rpc"):
+        read_adjusted_camera(f"{adjust}|camera={tmp_path / 'isd.tif'}")
 
 
 def test_damaged_and_other_files(tmp_path, isd):

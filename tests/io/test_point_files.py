@@ -497,6 +497,7 @@ def test_every_reader_is_described() -> None:
         "orthoengine",
         "ogr",
         "qgis-points",
+        "envi",
         "image-gcps",
         "orthority",
         "asp-gcp",

@@ -30,6 +30,7 @@ POINT_READERS: dict[str, PointReader] = {
     "metashape": gcp_texts.METASHAPE_REFERENCE,
     "orthoengine": gcp_texts.ORTHOENGINE_TEXT,
     "qgis-points": gcp_files.QGIS_POINTS,
+    "envi": gcp_files.ENVI_GCPS,
     "csv": csv_text.READER,
     "asp-gcp": gcp_files.ASP_GCPS,
     "asp-match": match_files.ASP_MATCHES,

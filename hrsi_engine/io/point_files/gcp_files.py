@@ -12,6 +12,9 @@ empty or numbers get the id of the image as a prefix. GDAL cannot express a miss
 * ``.points`` of the QGIS Georeferencer: map coordinates and pixels, no heights and no names. Pixels refer to the upper
 left *corner* of the image, with y negative downwards. Points that were switched off there are not used. The id of a
 point is ``IMAGE-ROW``; the image is that of the file's name (``a.tif.points``).
+* ``.pts`` of ENVI, one point a line: map x, y, elevation (of points for an RPC orthorectification), image x and y,
+where the first pixel is (1, 1). The image is that of the file's name (``a.pts``). CRS: ``projection info``; WGS84
+degrees are recognised, others need `ground_crs`.
 """
 
 import csv
@@ -30,6 +33,7 @@ from ..opening.datasets import open_dataset
 from ..opening.files import read_json
 from ..opening.numbers import has_decimal_commas, parse_finite
 from ..rasters.images import image_id
+from ..rpc_files.content import read_text
 from .table import PointReader, PointTable, parse_numbers
 
 # ---- Ames Stereo Pipeline ------------------------------------------------------------------------------------------
@@ -225,3 +229,35 @@ QGIS_POINTS = PointReader(
     lambda _path, name, head: name.endswith(".points") or bool(_QGIS_HEADER.search(head)),
     read_qgis_points,
 )
+
+# ---- ENVI ----------------------------------------------------------------------------------------------------------
+
+_ENVI_HEADER = re.compile(rb"^;\s*ENVI .*GCP", re.IGNORECASE)
+
+
+def read_envi_points(path: str, _layer: str = "") -> PointTable:
+    """Return the points of a ``.pts`` file; raise `InputError` with the line if one is damaged."""
+    lines = read_text(path).splitlines()
+    header = " ".join(line for line in lines if line.startswith(";"))
+    rows = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith(";")]
+    width = 5 if "elevation" in header.lower() else 4
+    for number, row in rows:
+        if len(row) != width:
+            raise InputError(f"{path}, line {number}: has {len(row)} numbers, {width} are needed: correct the line")
+    texts = [list(column) for column in zip(*(row for _, row in rows), strict=True)] or [[] for _ in range(width)]
+    values = [parse_numbers(column, lambda at: f"{path}, line {rows[at][0]}") for column in texts]
+    image = image_id(os.path.splitext(path)[0] if path.lower().endswith(".tif.pts") else path)
+    is_wgs84 = "geographic lat/lon" in header.lower() and "wgs-84" in header.lower()
+    height = values[2] if width == 5 else np.full(len(rows), np.nan)
+    columns = {
+        "id": np.array([f"{image}-{number}" for number in range(1, len(rows) + 1)], dtype=str),
+        "image": np.full(len(rows), image), "sample": values[-2] - 1.0, "line": values[-1] - 1.0,
+    }  # fmt: skip
+    geometry = np.column_stack([values[0], values[1], height])
+    return PointTable(
+        path, columns, ("x", "y", "elevation", "image x", "image y"), lambda row: f"line {rows[row][0]}", geometry,
+        "EPSG:4326" if is_wgs84 else "",
+    )  # fmt: skip
+
+
+ENVI_GCPS = PointReader("ENVI GCPs", lambda _path, _name, head: bool(_ENVI_HEADER.search(head)), read_envi_points)

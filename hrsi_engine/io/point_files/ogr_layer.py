@@ -68,7 +68,9 @@ def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
     if wanted.startswith("#"):
         chosen = [layer for index, layer in enumerate(layers) if f"#{index}" == wanted]
     else:
-        layers = [layer for layer in layers if layer.GetName() not in ("layer_styles", "qgis_projects")]  # of QGIS
+        # Not of QGIS, and not the matches that gcps-from-reference rejected
+        others = ("layer_styles", "qgis_projects", *(("rejected",) if len(layers) > 1 and not wanted else ()))
+        layers = [layer for layer in layers if layer.GetName() not in others]
         chosen = [layer for layer in layers if wanted in ("", layer.GetName())]
     if len(chosen) == 1:
         return chosen[0]

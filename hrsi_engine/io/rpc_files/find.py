@@ -42,6 +42,8 @@ RPC_READERS: dict[str, RpcReader] = {
     "enmap": xml_formats.ENMAP,
     "geom": text_formats.GEOM,
     "rpcm-json": text_formats.RPCM_JSON,
+    "orthority": text_formats.ORTHORITY,
+    "alos": text_formats.ALOS,
 }
 #: Metadata of images made here, with data from the vendor's side files of the original.
 SENSOR_ITEM, HEIGHT_ITEM = "HRSI_SENSOR", "HRSI_GROUND_HEIGHT_M"

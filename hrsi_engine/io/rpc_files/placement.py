@@ -149,6 +149,7 @@ def place_by_other_rpc(scene: RPC, other: RPC) -> CropPlace | None:
     if not same or not all(np.allclose(getattr(scene, n), getattr(other, n), rtol=1e-12) for n in fields.POLYNOMIALS):
         return None
     step = np.array([scene.samp_scale / other.samp_scale, scene.line_scale / other.line_scale])
+    step = np.where(np.isclose(step, 1.0, rtol=1e-9), 1.0, step)  # digits of the formats
     first = np.array([scene.samp_off, scene.line_off]) - step * [other.samp_off, other.line_off]
     return CropPlace(np.diag(step), first)
 

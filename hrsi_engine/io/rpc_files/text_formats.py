@@ -2,16 +2,21 @@
 
 * ``.RPB`` (QuickBird, WorldView, GaoFen): ``name = value;`` in groups, polynomials as lists in brackets.
 * ``_RPC.TXT`` / ``_rpc.txt`` (GeoEye, IKONOS, SkySat, ZY-3, OrbView) and KOMPSAT's ``.rpc``: ``NAME: value unit``. The
-  two are one format, but GDAL reads the vendor's XML after the first and before the second.
+  two are one format, but GDAL reads the vendor's XML after the first and before the second. What ``gdalinfo`` prints is
+  read, too: ``NAME=value``, with 20 numbers behind the name of a polynomial.
 * ``.geom`` of the Orfeo ToolBox and OSSIM: ``name: value`` in lower case, image coordinates from 0. The file describes
   the full scene, also next to a crop; an accuracy of 0 means unknown.
+* ``rpc_param.yaml`` of Orthority, with a part for each image name, whose names are those of GDAL in lower case.
+* ``RPC-*.txt`` of ALOS PRISM and AVNIR-2: one record of numbers in fields of fixed width. (JAXA, NEB-070062B.)
 * JSON of the rpcm package and the DFC2019 / IARPA datasets: an object ``rpc`` with ``row_offset``, ``col_num`` …
 """
 
+import itertools
 import json
 import os
 import re
 from collections.abc import Mapping
+from functools import partial
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
@@ -88,7 +93,9 @@ def read_rpc_txt(path: str) -> RpcReading:
     parts = (line.partition(" ") for line in lines)
     entries = fields.entries_of(path, ((name.upper(), value.strip()) for name, _, value in parts), GDAL_NAMES.values())
     values: dict[str, Text | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
-    values |= {name: [entries[key] for key in _NUMBERED[name] if key in entries] or None for name in POLYNOMIALS}
+    for name in POLYNOMIALS:  # GDAL prints all coefficients behind one name
+        listed = entries.get(GDAL_NAMES[name], "").replace(",", " ").split()
+        values[name] = [entries[key] for key in _NUMBERED[name] if key in entries] or listed or None
     return RpcReading(fields.rpc_from_text(path, values))
 
 
@@ -175,4 +182,54 @@ def rpcm_json_text(rpc: RPC) -> str:
 RPCM_JSON = RpcReader(
     "rpcm JSON", lambda stem: (f"{stem}.json",), lambda name, head: name.endswith(".json") and b"row_offset" in head,
     read_rpcm_json,
+)  # fmt: skip
+
+# ---- Orthority -----------------------------------------------------------------------------------------------------
+
+_YAML_NAMES = {name: title.lower() for name, title in GDAL_NAMES.items()} | {"size": "im_size"}
+_YAML_PART = re.compile(r"^([^\s#][^\n]*?)\s*:\s*$", re.MULTILINE)
+_YAML_ENTRY = re.compile(r"^[ \t]+(\w+)[ \t]*:[ \t]*(?:\[([^\]]*)\]|([^\s\[#]+))", re.MULTILINE)
+
+
+def read_orthority(image_path: str, path: str) -> RpcReading:
+    """Return the RPC of the part for an image; without image path, the file must have one part."""
+    _, *texts = _YAML_PART.split(read_text(path))
+    parts = {name.strip("'\""): text for name, text in zip(texts[::2], texts[1::2], strict=True)}
+    wanted = [name for name in parts if not image_path or os.path.basename(name) == os.path.basename(image_path)]
+    if len(wanted) != 1:
+        name = os.path.basename(image_path) or "one image"
+        listed = ", ".join(parts) or "none"
+        raise InputError(f"{path}: has {len(wanted)} RPCs for {name} (parts: {listed}): keep one of that name")
+    found = _YAML_ENTRY.findall(parts[wanted[0]])
+    entries = {key: listed.replace(",", " ").split() or scalar for key, listed, scalar in found}
+    names = (*ERRORS, *SCALARS, *POLYNOMIALS)
+    values: dict[str, Text | None] = {name: entries.get(_YAML_NAMES[name]) for name in names}
+    size = [*entries.get("im_size", ()), "", ""]
+    return RpcReading(fields.rpc_from_text(path, values, _YAML_NAMES), positive_size(size[0], size[1]))
+
+
+ORTHORITY = RpcReader(
+    "Orthority RPC", lambda stem: (f"{stem}.yaml", "rpc_param.yaml"),
+    lambda name, head: name.endswith((".yaml", ".yml")) and b"line_num_coeff" in head, partial(read_orthority, ""),
+    read_beside=read_orthority,
+)  # fmt: skip
+
+# ---- ALOS ----------------------------------------------------------------------------------------------------------
+
+_ALOS_WIDTHS = (6, 5, 8, 9, 5, 6, 5, 8, 9, 5, *(12,) * 80)
+_ALOS_ENDS = (*itertools.accumulate(_ALOS_WIDTHS),)
+
+
+def read_alos(path: str) -> RpcReading:
+    """Return the RPC of a record of fixed width: offsets, scales and coefficients in the order of GeoTIFF."""
+    text = read_text(path)
+    texts = [text[end - width : end].strip() for end, width in zip(_ALOS_ENDS, _ALOS_WIDTHS, strict=True)]
+    values: dict[str, Text | None] = dict(zip(SCALARS, texts, strict=False))
+    values |= {name: texts[10 + 20 * number : 30 + 20 * number] for number, name in enumerate(POLYNOMIALS)}
+    return RpcReading(fields.rpc_from_text(path, values))
+
+
+ALOS = RpcReader(
+    "ALOS RPC", lambda stem: (f"rpc{stem.removeprefix('img')}.txt",),
+    lambda name, head: name.startswith("rpc") and re.match(rb"[\d+. -]{66}[\d+.E -]{24}", head) is not None, read_alos,
 )  # fmt: skip
