@@ -640,6 +640,8 @@ def refine(
     sigma_image: float = 0.5,
     sigma_gcp_xy: float = 0.2,
     sigma_gcp_h: float = 0.3,
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
     model: Literal[
         "auto",
         "generic",
@@ -724,6 +726,10 @@ def refine(
     sigma_gcp_h : float, optional
         Standard deviation of the heights of GCPs without one in their file (unit m; at least 1e-06;
         default 0.3).
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        Height datum of the DEM, if it differs from ``height_datum``.
     model : str, optional
         Correction model of the RPCs (one of auto, generic, none, shift, shift-drift, conformal, affine,
         quadratic, ground-linear, ground-quadratic, object-shift, object-scale-shift, object-affine,
