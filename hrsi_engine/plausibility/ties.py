@@ -51,6 +51,9 @@ class TIE_CHECK:
     broken_share: float = threshold(
         0.25, "", "share of agreeing points of a pair below which the tie points are unusable", SIMULATED
     )
+    cured_ratio: float = threshold(
+        3.0, "", "smallest ratio of wrong points before and after the correction of an input error", SIMULATED
+    )
     fewest_cured: int = threshold(12, "points", "smallest number that is corrected by a named input error", SIMULATED)
     most_suspects: int = threshold(6, "images", "largest number of images tested for input errors of their own")
 
@@ -316,6 +319,7 @@ def _find_best_mistake(
     best: dict[str, tuple[float, Mistake, np.ndarray]] = {}
     for mistake, images, share in _iterate_hypotheses(pairs, given, suspects):
         cured = (given.share - share) * len(pairs.pair) >= TIE_CHECK.fewest_cured
+        cured = cured and share * TIE_CHECK.cured_ratio < given.share
         if share < TIE_CHECK.doubtful_share and cured and (mistake.what not in best or share < best[mistake.what][0]):
             best[mistake.what] = share, mistake, images
     if not best:
