@@ -18,17 +18,20 @@ The engine below, arrays and objects without files, is `hrsi.hrsi_engine`. The f
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
-from typing import TYPE_CHECKING, Any
 
-from .hrsi_engine.foundation.lazy_names import lazy_names
-from .hrsi_engine.foundation.version import VERSION
+_words = getattr(sys, "orig_argv", ())[1:]  # as Python was started: a program, or -m and a module
+_modules = {__name__, f"{__name__}.processing_algorithms.command_line.cli"}
+_is_program = _modules & {*_words} or [word for word in _words[:1] if os.path.basename(word).split(".")[0] == __name__]
+if _is_program and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process, until the command has its own handler
 
-_PROGRAMS = {f"{__name__}.processing_algorithms.command_line.cli", f"{sys.prefix}/bin/hrsi"}
-if _PROGRAMS & set(getattr(sys, "orig_argv", ())):
-    from .hrsi_engine.foundation.interruption import quit_on_signals
+from typing import TYPE_CHECKING, Any  # noqa: E402
 
-    quit_on_signals()  # the packages above a module are loaded before it runs
+from .hrsi_engine.foundation.lazy_names import lazy_names  # noqa: E402
+from .hrsi_engine.foundation.version import VERSION  # noqa: E402
 
 if TYPE_CHECKING:
     from .plugin.old_python import OldPythonPlugin

@@ -19,12 +19,13 @@ from ...hrsi_engine.ground.map_crs import map_epsg_of
 from ...hrsi_engine.ground.proj_operations import has_heights
 from ...hrsi_engine.io.catalogue.deliveries import resolve_images
 from ...hrsi_engine.io.laser_files import read_laser
+from ...hrsi_engine.io.opening.datasets import open_dataset
 from ...hrsi_engine.io.output_dir import RESULT_FILES
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.ogr_layer import is_area
 from ...hrsi_engine.io.rasters.images import open_image_and_source
 from ...hrsi_engine.io.rasters.raster_kinds import RasterKind, find_raster_kind
-from ...hrsi_engine.io.rpc_files.find import rpc_reader_of
+from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none, rpc_reader_of
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from .point_sources import PointSource, read_sources, state_datum
 
@@ -116,12 +117,14 @@ def read_folder(folder: str) -> FolderContent:
         size = "" if image.size is None else f"{image.size[0]} x {image.size[1]} px, "
         content.roles.append(FileRole(image.path, what, f"{size}{found.summary}"))
     content.roles += [FileRole(place, "earlier result", "not used") for place in results]
+    parts = _parts_of(content.images)
+    content.roles += [FileRole(path, f"part of {owner}") for path, owner in parts.items() if path in files]
     outlines = [compute_footprint(image, image.middle_height_m).exterior.coords for image in content.images]
     corners = np.concatenate([np.asarray(outline)[:, :2] for outline in outlines])
     region = np.array([corners.min(axis=0), corners.max(axis=0)])
     own = [one for one in files if os.path.basename(one) in OWN_FILES]
     content.roles += [FileRole(path, "file of HRSI", "not used") for path in own]
-    others = [one for one in files if one not in {*paths, *own} and not one.lower().endswith(COMPANIONS)]
+    others = [one for one in files if one not in {*paths, *own, *parts} and not one.lower().endswith(COMPANIONS)]
     rasters = [one for one in others if one.lower().endswith(RASTER_ENDINGS)]
     crs_names = [f"EPSG:{map_epsg_of(corners)}"]
     for path in rasters:
@@ -130,8 +133,19 @@ def read_folder(folder: str) -> FolderContent:
     known = {one.path for one in content.roles} | {one.path.removeprefix("/vsigzip/") for one in content.sources}
     for path in others:
         if path not in known:
-            content.roles.append(_describe_other(path))
+            content.roles.append(_describe_other(path, content.images))
     return content
+
+
+def _parts_of(images: Sequence[Image]) -> dict[str, str]:
+    """Return the other files of which images consist, with the name of the image: tiles, sources of virtual rasters."""
+    parts = dict[str, str]()
+    for image in images:
+        dataset = open_dataset(image.path)[0] if image.raster is not None else None
+        files = (dataset.GetFileList() or []) if dataset is not None else []
+        ours = {os.path.abspath(one) for one in files if one.lower().endswith(RASTER_ENDINGS)} - {image.path}
+        parts |= dict.fromkeys(sorted(ours), os.path.basename(image.path))
+    return parts
 
 
 # ---- rasters --------------------------------------------------------------------------------------------------------
@@ -195,10 +209,8 @@ def _add_points(
     """Add laser points, point clouds and point files."""
     rpc_files = set(_rpc_files(paths))
     for path in sorted(rpc_files):
-        owner = next((one.path for one in content.roles if os.path.basename(path) in one.reason), None)
-        belongs = (
-            "not used: its image is not here, or has another RPC" if owner is None else f"of {os.path.basename(owner)}"
-        )
+        owner = _owner_of(path, content)
+        belongs = f"of {owner}" if owner else "not used: its image is not here, or has another RPC"
         content.roles.append(FileRole(path, "RPC", belongs))
     points = []
     for path in (one for one in paths if one not in rpc_files):
@@ -217,10 +229,18 @@ def _add_points(
     content.sources = read_sources(points, images, region, crs_names)
 
 
+def _owner_of(path: str, content: FolderContent) -> str:
+    """Return the name of the image with an RPC file; empty if it is of no image."""
+    name = os.path.basename(path)
+    product = os.path.join(os.path.dirname(path), name.replace("RPC_", "DIM_", 1))
+    owners = (one.path for one in content.roles if name in one.reason or one.path == product != path)
+    return os.path.basename(next(owners, ""))
+
+
 def _rpc_files(paths: Sequence[str]) -> Iterator[str]:
     for path in paths:
         try:
-            if rpc_reader_of(path):
+            if rpc_reader_of(path) and read_rpc_or_none(path) is not None:
                 yield path
         except InputError:
             continue
@@ -234,8 +254,11 @@ def _has_laser_fields(path: str) -> bool:
     return "height" in columns and len(LASER_FIELDS & columns.keys()) > 1
 
 
-def _describe_other(path: str) -> FileRole:
-    """Return the role of a file that is not used: an area, or unknown."""
+def _describe_other(path: str, images: Sequence[Image]) -> FileRole:
+    """Return the role of a file that is not used: metadata of an image, an area, or unknown."""
+    owners = [one.path for one in images if path.startswith(os.path.splitext(one.path)[0])]
+    if owners:
+        return FileRole(path, "metadata", f"of {os.path.basename(max(owners, key=len))}", sure=False)
     if path.lower().endswith((".json", ".geojson", ".shp", ".gpkg", ".kml")) and is_area(path):
         return FileRole(path, "area", "footprint or area of interest, not used")
     return FileRole(path, "unknown", "not used", sure=False)

@@ -10,6 +10,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -27,6 +28,7 @@ from folders import FOLDERS, Source, simulate
 
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
+from hrsi.hrsi_engine.io.rpc_files.find import read_rpc_or_none
 from hrsi.processing_algorithms.command_line.cli import main
 
 REAL = ("s2p_triplet_phr", "qb2_gcp", "zy3_stereo_gcp", "kahramanmaras_phr4", "ventoux_phr_pair",
@@ -104,7 +106,9 @@ def true_error_px(source: Source, folder: Path) -> float:
     truth = source.folder / "truth.gpkg"
     refined = folder / "result" / "triangulated"
     ground = read_points(f"{truth}|layername=true_ground_points").ground
-    images = [path for path in refined.glob("*image_*") if path.suffix.lower() in (".tif", ".txt")]
+    images = [
+        path for path in refined.glob("*") if path.suffix.lower() in (".tif", ".txt") and read_rpc_or_none(str(path))
+    ]
     if ground is None or not images:
         return float("nan")
     place = {str(name): xyz for name, xyz in zip(ground.ids, ground.ground, strict=True)}
@@ -112,7 +116,8 @@ def true_error_px(source: Source, folder: Path) -> float:
     squares = []
     for path in images:
         image = open_image(str(path))
-        rows = [row for row in range(len(measured)) if str(measured.image_ids[row]) == image.id
+        name = re.sub(r"^(?:.*-P1BS-|DIM_).*00(\d)$", r"image_\1", image.id)  # of a vendor's product
+        rows = [row for row in range(len(measured)) if str(measured.image_ids[row]) == name
                 and str(measured.ids[row]) in place]  # fmt: skip
         found = image.rpc.project(np.array([place[str(measured.ids[row])] for row in rows]))
         squares.append(np.sum((found - measured.xy[rows]) ** 2, axis=1))

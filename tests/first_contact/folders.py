@@ -8,14 +8,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import deliveries
 import numpy as np
 from osgeo import gdal, ogr, osr
 
 from hrsi.hrsi_engine.ground.geoids import geoid_heights
-from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files.text_formats import geom_text
+from hrsi.hrsi_engine.io.rpc_files.xml_formats import isd_text
 from hrsi.processing_algorithms import run
 
 Row = dict[str, str]
+CROP = 300, 200  #: sample and line of a crop's first pixel in its scene
 
 
 @dataclass(frozen=True)
@@ -28,14 +32,14 @@ class Source:
 
     @property
     def images(self) -> list[Path]:
-        return sorted(self.folder.glob("image_*.tif"))
+        return sorted(self.folder.glob("image_?.tif"))
 
 
 def simulate(folder: Path) -> Source:
     """Return the block: three small images, 6 GCPs, 12 check points, ellipsoidal heights near 50 m of undulation."""
     run(
         "simulate", images=3, along="-12,0,12", size=256, gcps=6, checks=12, ties=0, relief=60.0, free_ortho=1.0,
-        laser_passes=2, output_dir=str(folder),
+        laser_passes=2, ms=True, output_dir=str(folder),
     )  # fmt: skip
     ground, measured = (list(csv.DictReader((folder / f"{name}.csv").open())) for name in
                         ("ground_points", "image_points"))  # fmt: skip
@@ -277,6 +281,117 @@ def one_image_alone(source: Source, folder: Path) -> None:
     copy(source, folder, (0,), dem=False, gcps=False)
 
 
+def rpb_beside_images(source: Source, folder: Path) -> None:
+    copy(source, folder, ())
+    write_measured(source, folder)
+    for image in source.images:
+        without_tag(image, folder / image.name)
+        write_rpb(str(folder / f"{image.stem}.RPB"), read_rpc(str(image)).rpc)
+
+
+def geom_beside_crops(source: Source, folder: Path) -> None:
+    """Crops whose files place them in their scenes, of which the ``.geom`` files are."""
+    copy(source, folder, ())
+    write_measured(source, folder)
+    for image in source.images:
+        scene = read_rpc(str(image)).rpc.shift(*CROP)
+        without_tag(image, folder / image.name)
+        gdal.Open(str(folder / image.name), gdal.GA_Update).SetGeoTransform((CROP[0], 1, 0, CROP[1], 0, 1))
+        (folder / f"{image.stem}.geom").write_text(geom_text(scene))
+
+
+def panchromatic_and_multispectral(source: Source, folder: Path) -> None:
+    copy(source, folder)
+    for image in source.images:
+        shutil.copy(image.with_name(f"{image.stem}_ms.tif"), folder)
+
+
+def maxar_delivery(source: Source, folder: Path) -> None:
+    """Two products of an order, PAN and MUL each, with all files that come with them; points of the client."""
+    rename = {}
+    for number, image in enumerate(source.images[:2], start=1):
+        for kind, letter, pixels in (("PAN", "P", image), ("MUL", "M", image.with_name(f"{image.stem}_ms.tif"))):
+            place = folder / f"050123456010_01_P00{number}_{kind}"
+            stem = f"24JUN0{number}1030{number}7-{letter}1BS-050123456010_01_P00{number}"
+            if kind == "PAN":
+                rename[image.stem] = stem
+            write_product(pixels, place, stem, kind)
+    shapes = folder / "GIS_FILES"
+    shapes.mkdir()
+    write_area(source, shapes / "050123456010_01_ORDER_SHAPE.shp")
+    (folder / "050123456010_01_README.TXT").write_text("BEGIN_GROUP = README\n\tcopyright = none;\nEND_GROUP\nEND;\n")
+    write_csv(folder / "gcps.csv", source.ground, ["id", "lon", "lat", "height"])
+    rows = [{**row, "image": rename[row["image"]]} for row in source.measured if row["image"] in rename]
+    write_csv(folder / "measured.csv", rows, ["id", "image", "sample", "line"])
+    shutil.copy(source.folder / "dem.tif", folder)
+
+
+def write_product(pixels: Path, folder: Path, stem: str, kind: str) -> None:
+    """Write a product of Maxar: image, .IMD, .TIL, .RPB, ISD XML, picture and text."""
+    folder.mkdir(parents=True)
+    gdal.Translate(str(folder / f"{stem}.TIF"), str(pixels), creationOptions=["PROFILE=BASELINE"])
+    (folder / f"{stem}.TIF.aux.xml").unlink(missing_ok=True)
+    size = gdal.Open(str(pixels))
+    rpc = read_rpc(str(pixels)).rpc
+    write_rpb(str(folder / f"{stem}.RPB"), rpc)
+    (folder / f"{stem}.XML").write_text(isd_text(rpc))
+    (folder / f"{stem}.IMD").write_text(
+        f'version = "28.3";\nproductLevel = "LV1B";\nbandId = "{"P" if kind == "PAN" else "Multi"}";\n'
+        f"numRows = {size.RasterYSize};\nnumColumns = {size.RasterXSize};\nEND;\n"
+    )
+    (folder / f"{stem}.TIL").write_text(
+        f'bandId = "P";\nnumTiles = 1;\nBEGIN_GROUP = TILE_1\n\tfilename = "{stem}.TIF";\n\tULColOffset = 0;\n'
+        f"\tULRowOffset = 0;\n\tLRColOffset = {size.RasterXSize - 1};\n\tLRRowOffset = {size.RasterYSize - 1};\n"
+        "END_GROUP = TILE_1\nEND;\n"
+    )
+    gdal.Translate(str(folder / f"{stem}-BROWSE.JPG"), str(pixels), format="JPEG", bandList=[1],
+                   outputType=gdal.GDT_Byte, scaleParams=[[]])  # fmt: skip
+    (folder / f"{stem}_README.TXT").write_text("README\n")
+
+
+def write_area(source: Source, path: Path) -> None:
+    """Write the area of an order as a polygon."""
+    lons, lats = ([float(row[axis]) for row in source.ground] for axis in ("lon", "lat"))
+    crs = osr.SpatialReference()
+    crs.ImportFromEPSG(4326)
+    layer = ogr.GetDriverByName("ESRI Shapefile").CreateDataSource(str(path))
+    area = layer.CreateLayer(path.stem, crs, ogr.wkbPolygon)
+    feature = ogr.Feature(area.GetLayerDefn())
+    west, east, south, north = min(lons), max(lons), min(lats), max(lats)
+    corners = [(west, south), (west, north), (east, north), (east, south), (west, south)]
+    text = ", ".join(f"{x} {y}" for x, y in corners)
+    feature.SetGeometry(ogr.CreateGeometryFromWkt(f"POLYGON (({text}))"))
+    area.CreateFeature(feature)
+
+
+def airbus_delivery(source: Source, folder: Path) -> None:
+    """A stereo pair in DIMAP: a folder for each image, one in tiles; points that name the scenes."""
+    rename = {}
+    for number, image in enumerate(source.images[:2], start=1):
+        scene = f"PHR1A_P_20240601103000{number}_SEN_7654321101-00{number}"
+        place = folder / "IMG_PHR1A_P" / f"IMG_PHR1A_P_00{number}"
+        (place / "LIBRARY").mkdir(parents=True)
+        size = gdal.Open(str(image)).RasterXSize
+        tile = size if number == 1 else size // 2
+        names = {}
+        for row, column in [(1, 1)] if number == 1 else [(1, 1), (1, 2), (2, 1), (2, 2)]:
+            name = f"IMG_{scene}_R{row}C{column}.TIF"
+            names[name] = row, column
+            deliveries.cut_tile(image, place / name, ((column - 1) * tile, (row - 1) * tile, tile, tile))
+        (place / f"RPC_{scene}.XML").write_text(deliveries.dimap_rpc(read_rpc(str(image)).rpc))
+        product = deliveries.dimap_product(f"RPC_{scene}.XML", (size, size), (tile, tile), names)
+        (place / f"DIM_{scene}.XML").write_text(product)
+        rename[image.stem] = f"IMG_{scene}_R1C1.TIF" if number == 1 else scene
+    (folder / "INDEX.HTM").write_text("<html><body>delivery</body></html>")
+    (folder / "VOL_PHR.XML").write_text("<?xml version='1.0'?><Dimap_Document><Metadata_Identification>"
+                                        "<METADATA_FORMAT version='2.15'>DIMAP</METADATA_FORMAT>"
+                                        "</Metadata_Identification></Dimap_Document>")  # fmt: skip
+    write_csv(folder / "gcps.csv", source.ground, ["id", "lon", "lat", "height"])
+    rows = [{**row, "image": rename[row["image"]]} for row in source.measured if row["image"] in rename]
+    write_csv(folder / "measured.csv", rows, ["id", "image", "sample", "line"])
+    shutil.copy(source.folder / "dem.tif", folder)
+
+
 def earlier_result(source: Source, folder: Path) -> None:
     copy(source, folder)
     run("adjust", images=[str(path) for path in source.images], gcps=str(source.folder / "ground_points.csv"),
@@ -332,5 +447,6 @@ FOLDERS: tuple[Callable[[Source, Path], None], ...] = (
     excel, degrees_minutes_seconds, georeferencer, control_and_check_apart, type_column, rpc_files_alone, side_files,
     virtual_and_cloud_optimised, without_control, images_alone, one_image_with_control, one_image_alone,
     earlier_result, nothing_usable, umlauts_and_blanks, small_dem, laser, reference_orthoimage,
-    rpc_files_with_tie_points, control_outside_the_image,
+    rpc_files_with_tie_points, control_outside_the_image, rpb_beside_images, geom_beside_crops,
+    panchromatic_and_multispectral, maxar_delivery, airbus_delivery,
 )  # fmt: skip

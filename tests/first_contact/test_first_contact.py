@@ -43,6 +43,15 @@ ROLES: dict[str, dict[str, str]] = {
     "reference_orthoimage": {"orthophoto.tif": "reference orthoimage"},
     "rpc_files_with_tie_points": {"measured.csv": "tie points: 54"},
 }
+ROLES |= {
+    "rpb_beside_images": {"image_1.RPB": "RPC: of image_1.tif", **MEASURED},
+    "geom_beside_crops": {"image_1.tif": "image: 256 x 256 px, RPC from OTB .geom", **MEASURED},
+    "panchromatic_and_multispectral": {"image_1_ms.tif": "image: 64 x 64 px", **MEASURED},
+    "maxar_delivery": {"GIS_FILES/050123456010_01_ORDER_SHAPE.shp": "area", "gcps.csv": "GCPs: 18",
+                       "measured.csv": "image measurements: 36"},
+    "airbus_delivery": {"VOL_PHR.XML": "unknown", "gcps.csv": "GCPs: 18", "measured.csv": "image measurements: 36",
+                        "IMG_PHR1A_P/IMG_PHR1A_P_002/IMG_PHR1A_P_202406011030002_SEN_7654321101-002_R2C2.TIF": "part"},
+}  # fmt: skip
 AS_COPIED = {"gcps.csv": "GCPs: 18", **MEASURED}
 #: Folders whose heights nothing can show: the one question is asked.
 ASKED = {"rpc_files_alone"}

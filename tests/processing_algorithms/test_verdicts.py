@@ -16,7 +16,7 @@ from simulated_blocks import VIEWS, oblique_rpc
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.results import block_results
+from hrsi.hrsi_engine.results import judged_block
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.command_line.cli import main
 
@@ -166,7 +166,7 @@ def test_a_camera_that_wrong_inputs_spoilt_is_told_by_what_is_wrong_with_them(
     def fail(*_given: object) -> None:
         raise SolveError("the RPC has no ground positions")
 
-    monkeypatch.setattr(block_results, "state_accuracy", fail)
+    monkeypatch.setattr(judged_block, "state_accuracy", fail)
     with pytest.raises(InputError, match=r"sample and line are exchanged.*sample-line-swapped.*no ground positions"):
         run(name, **options(scene, tmp_path / "out", "swapped.csv"))
     with pytest.raises(SolveError, match=r"^the RPC has no ground positions$"):

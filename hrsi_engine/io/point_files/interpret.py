@@ -10,6 +10,7 @@ east, north and height in m², as a network adjustment prints it. Elements of th
 correlations and sigmas, and these over ``sigma_xy``.
 """
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -136,8 +137,10 @@ def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -
 
 def matching_names(given: NameColumn, image_ids: Sequence[str], prefixed: bool = False) -> NameColumn:
     """Return the ids of block images for names that are ids, file names or paths; unknown names are unchanged."""
-    folded = Counter(image.casefold() for image in image_ids)  # Windows ignores the case of names
-    alike = {image.casefold(): image for image in image_ids if folded[image.casefold()] == 1}
+    # Windows ignores the case of names; the files of a product begin with the names of their kinds
+    keys = [(key, image) for image in image_ids for key in {image.casefold(), _product_name(image)}]
+    count = Counter(key for key, _ in keys)
+    alike = {key: image for key, image in keys if count[key] == 1}
     wanted = set(image_ids)
     ids = np.array([_matching_id(name, wanted, alike, prefixed) for name in given.names.tolist()], dtype=str)
     names, place = np.unique(ids, return_inverse=True)  # two names may be one image
@@ -147,18 +150,23 @@ def matching_names(given: NameColumn, image_ids: Sequence[str], prefixed: bool =
 def _matching_id(name: str, image_ids: set[str], alike: Mapping[str, str], prefixed: bool) -> str:
     """Return the id of the image for a name that is an id, file name or path; the name itself if no id matches.
 
-    ``alike`` has the image ids that are unique in lower case, by their lower case.
+    ``alike`` has the image ids that are unique in lower case or as names of products, by these names.
     """
     stem = image_id(name.replace("\\", "/"))
     for called in (name, stem):
         if called in image_ids:
             return called
-    for called in (name.casefold(), stem.casefold()):
+    for called in (name.casefold(), stem.casefold(), _product_name(stem)):
         if called in alike:
             return alike[called]
     # ``PREFIX-IMAGE``, as matchers name their files: the longest id that matches
     behind = [image for image in image_ids if name.endswith(f"-{image}")] if prefixed else []
     return max(behind, key=len, default=name)
+
+
+def _product_name(name: str) -> str:
+    """Return the common name, in lower case, of ``DIM_x``, ``RPC_x``, ``IMG_x`` and its first tile ``IMG_x_R1C1``."""
+    return re.sub(r"^(dim|img|rpc)_|_r1c1$", "", name.casefold())
 
 
 def _ground_points(table: PointTable, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
