@@ -119,6 +119,8 @@ def true_error_px(source: Source, folder: Path) -> float:
         name = re.sub(r"^(?:.*-P1BS-|DIM_).*00(\d)$", r"image_\1", image.id)  # of a vendor's product
         rows = [row for row in range(len(measured)) if str(measured.image_ids[row]) == name
                 and str(measured.ids[row]) in place]  # fmt: skip
+        if not rows:  # multispectral: the truth is in panchromatic pixels
+            continue
         found = image.rpc.project(np.array([place[str(measured.ids[row])] for row in rows]))
         squares.append(np.sum((found - measured.xy[rows]) ** 2, axis=1))
     return float(np.sqrt(np.mean(np.concatenate(squares))))
