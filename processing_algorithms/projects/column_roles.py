@@ -19,6 +19,7 @@ from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import ground_difference_m
+from ...hrsi_engine.io.opening.budgets import GROUND_HEIGHTS
 from ...hrsi_engine.io.opening.numbers import parse_angle, parse_finite
 from ...hrsi_engine.io.point_files.csv_text import read_lines, split_rows
 from ...hrsi_engine.io.point_files.table import match_fields
@@ -33,8 +34,6 @@ class COLUMN_ROLES:
     most_rows: int = threshold(2000, "rows", "rows that are read to find what the columns mean")
     margin_deg: float = threshold(0.5, "degree", "margin of ground points around the footprints")
     near_share: float = threshold(0.5, "", "smallest share of points on the images' ground, or of known images")
-    lowest_m: float = threshold(-600.0, "m", "lowest height of the ground", "Dead Sea, with a margin")
-    highest_m: float = threshold(9500.0, "m", "largest height of the ground", "Mount Everest, with a margin")
     fewest_points: int = threshold(3, "points", "fewest common points that identify image columns")
     misfit_share: float = threshold(0.02, "", "largest scatter of measurements over the image's size")
 
@@ -115,7 +114,7 @@ def find_ground_columns(table: TextTable, region: np.ndarray, crs_names: Sequenc
 
 
 def _are_heights(values: np.ndarray) -> bool:
-    return bool((values > COLUMN_ROLES.lowest_m).all() and (values < COLUMN_ROLES.highest_m).all())
+    return bool((values > GROUND_HEIGHTS.lowest_m).all() and (values < GROUND_HEIGHTS.highest_m).all())
 
 
 def _to_lonlat(xy: np.ndarray, crs: str) -> np.ndarray | None:

@@ -44,12 +44,12 @@ class DatumEvidence(NamedTuple):
 
 
 class RayHeights(NamedTuple):
-    """Positions lon, lat (n, 2), ellipsoidal heights (n,), the standard deviation common to all (m), and ids."""
+    """Positions lon, lat (n, 2), ellipsoidal heights (n,), the standard deviation common to all (m), and ids (n)."""
 
     lonlat: np.ndarray
     height_m: np.ndarray
     sigma_m: float
-    ids: tuple[str, ...] = ()
+    ids: tuple[str, ...]
 
 
 def weigh_hypotheses(
@@ -91,9 +91,10 @@ def _trace(first: Image, second: Image, xy: np.ndarray, low_m: float, high_m: fl
 
 
 def _intersect(
-    first: Image, second: Image, xy: np.ndarray, other_xy: np.ndarray, low_m: float, high_m: float
+    first: Image, second: Image, xy: np.ndarray, other_xy: np.ndarray, height_m: float, ids: Sequence[str]
 ) -> RayHeights:
     """Return the heights of points (n, 2) that are measured in two images."""
+    low_m, high_m = height_m - HEIGHT_EVIDENCE.reach_m, height_m + HEIGHT_EVIDENCE.reach_m
     low, high = _trace(first, second, xy, low_m, high_m)
     line = high - low
     length2 = np.square(line).sum(axis=1)
@@ -101,7 +102,7 @@ def _intersect(
     ground = first.rpc.localize(xy, height).ground
     error_px = np.linalg.norm([estimate_pointing(one).sigma_m / compute_gsd_m(one) for one in (first, second)])
     sigma_m = float(error_px / np.median(np.sqrt(length2)) * (high_m - low_m))
-    return RayHeights(ground[:, :2], height, sigma_m)
+    return RayHeights(ground[:, :2], height, sigma_m, tuple(ids))
 
 
 def intersect_tracks(images: Sequence[Image], tables: Sequence[ImagePoints], height_m: float) -> RayHeights | None:
@@ -112,9 +113,7 @@ def intersect_tracks(images: Sequence[Image], tables: Sequence[ImagePoints], hei
         common = sorted(places[first.id].keys() & places[second.id].keys())
         if len(common) >= HEIGHT_EVIDENCE.fewest:
             xy, other = (np.array([places[image.id][name] for name in common]) for image in (first, second))
-            reach = HEIGHT_EVIDENCE.reach_m
-            rays = _intersect(first, second, xy, other, height_m - reach, height_m + reach)
-            found.append(rays._replace(ids=tuple(common)))
+            found.append(_intersect(first, second, xy, other, height_m, common))
     return min(found, key=lambda one: one.sigma_m, default=None)
 
 
@@ -151,4 +150,4 @@ def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:
             places.append(moved.xy)
     if len(rows) < HEIGHT_EVIDENCE.fewest:
         return None
-    return _intersect(first, second, xy[rows], np.array(places), height_m - reach, height_m + reach)
+    return _intersect(first, second, xy[rows], np.array(places), height_m, [""] * len(rows))

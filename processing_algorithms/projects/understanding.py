@@ -4,27 +4,19 @@ DatumEvidence decides where it can, and each decision has its reason. What remai
 """
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ...hrsi_engine.block.block import GroundPoints
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.rasters.dems import fill_gaps, open_geoid, read_geoid_heights
 from ...hrsi_engine.plausibility.places import compute_coverage
 from ...hrsi_engine.surface.dem import surface_heights
 from .folder_files import FileRole, FolderContent, HeightRaster
-from .height_evidence import (
-    DatumEvidence,
-    RayHeights,
-    find_installed_geoid,
-    intersect_tracks,
-    measure_rays,
-    weigh_hypotheses,
-)
+from .height_evidence import RayHeights, find_installed_geoid, intersect_tracks, measure_rays, weigh_hypotheses
 from .point_sources import PointRoles, PointSource, decide_roles
 from .project_file import ASK
 
@@ -35,8 +27,8 @@ LAYER, ELLIPSOIDAL = "layer", "ellipsoidal"
 class UNDERSTANDING:
     """Limits for the choice of a DEM."""
 
+    undulation_share: float = threshold(0.25, "", "largest deviation of a difference from the undulation, of it")
     dem_share: float = threshold(0.5, "", "smallest share of the images' ground that a DEM must cover to be used")
-    flat_geoid_m: float = threshold(2.0, "m", "undulation below which ellipsoidal and geoid heights are taken as equal")
 
 
 @dataclass
@@ -123,115 +115,84 @@ def _decide_datums(made: Understanding, points: PointRoles, dem: HeightRaster | 
     """Set `height_datum` and `dem_datum`, by what states them, by evidence, or by the question."""
     open_points = [one for one in points.control if one.datum is None and one.has_heights]
     stated = [one.datum for one in points.control if one.datum]
-    of_points = answer if open_points else stated[0] if stated else LAYER
-    of_dem = None if dem is None else dem.datum or (LAYER if dem.datum == "" else answer)
-    if dem is not None and dem.datum:
-        made.decisions.append(f"{os.path.basename(dem.path)}: heights {dem.datum}, by its name")
-    if of_points is None or (dem is not None and of_dem is None):
-        of_points, of_dem, told = _weigh_evidence(made, points, open_points, dem, of_points, of_dem)
-        made.decisions += told
-    unknown = [] if of_points is not None else [_names(open_points)]
-    unknown += [os.path.basename(dem.path)] if dem is not None and of_dem is None else []
+    datums = {"height_datum": answer if open_points else stated[0] if stated else LAYER}
+    names = {"height_datum": _names(open_points or points.control)}
+    if dem is not None:
+        datums["dem_datum"] = dem.datum or (LAYER if dem.datum == "" else answer)
+        names["dem_datum"] = os.path.basename(dem.path)
+        if dem.datum:
+            made.decisions.append(f"{names['dem_datum']}: heights {dem.datum}, by its name")
+    if None in datums.values():
+        _weigh_evidence(made, [one for one in open_points or points.control if one.has_heights], dem, datums, names)
+    unknown = [key for key, datum in datums.items() if datum is None]
     if unknown:
-        keys = [key for key, value in (("height_datum", of_points), ("dem_datum", of_dem)) if value is None]
-        keys = keys[:1] if dem is None or len(unknown) > 1 else keys
         made.question = (
-            f"Do the heights of {' and '.join(unknown)} refer to the ellipsoid or to the geoid (sea level)? Set "
-            f'{" and ".join(keys)} = "ellipsoidal" or "egm2008" in the project file, or give `height_datum`'
+            f"Do the heights of {' and '.join(names[key] for key in unknown)} refer to the ellipsoid or to the geoid "
+            f'(sea level)? Set {" and ".join(unknown)} = "ellipsoidal" or "egm2008" in the project file, or give '
+            "`height_datum`"
         )
     if points.control:
-        made.shared["height_datum"] = of_points or ASK
+        made.shared["height_datum"] = datums["height_datum"] or ASK
     if dem is not None:
-        made.shared["dem"] = dem.path
-        made.shared["dem_datum"] = of_dem or (ASK if of_points else made.shared["height_datum"])
+        made.shared |= {"dem": dem.path, "dem_datum": datums["dem_datum"] or ASK}
 
 
 def _weigh_evidence(
-    made: Understanding, points: PointRoles, open_points: Sequence[PointSource], dem: HeightRaster | None,
-    of_points: str | None, of_dem: str | None,
-) -> tuple[str | None, str | None, list[str]]:  # fmt: skip
-    """Return the datums of points and DEM by evidence, None if it does not decide, and the reasons."""
-    told = list[str]()
+    made: Understanding, surveys: Sequence[PointSource], dem: HeightRaster | None, datums: dict[str, str | None],
+    names: Mapping[str, str],
+) -> None:  # fmt: skip
+    """Replace unknown datums by evidence: heights of points and DEM against each other, then both against rays."""
+    surveyed = np.concatenate([np.empty((0, 3)), *(one.ground.ground for one in surveys if one.ground is not None)])
+    ids = [str(name) for one in surveys if one.ground is not None for name in one.ground.ids]
+
+    def weigh(key: str, *heights: Any) -> None:
+        found = weigh_hypotheses(*heights)
+        datums[key] = found.datum
+        if found.reason:
+            made.decisions.append(f"{names[key]}: heights {found.datum or 'undecided'}: {found.reason}")
+
+    def compare() -> None:
+        known, unknown = sorted(datums, key=lambda key: datums[key] is None)[:2] if dem is not None else ("", "")
+        if dem is None or not len(surveyed) or datums[unknown] is not None:
+            return
+        heights = {"height_datum": surveyed[:, 2], "dem_datum": surface_heights(dem.surface, surveyed[:, :2])}
+        if (datum := datums[known]) is not None:
+            ellipsoidal = heights[known] + _geoid_offset(surveyed, datum)
+            weigh(unknown, surveyed[:, :2], ellipsoidal, heights[unknown], 0.0, f"{names[known]}: heights")
+        elif geoid := find_installed_geoid(surveyed):  # a difference of the undulation shows both
+            share = float(np.nanmedian((heights["height_datum"] - heights["dem_datum"]) / geoid[1]))
+            if abs(abs(share) - 1.0) < UNDERSTANDING.undulation_share:
+                datums.update(zip(names, (ELLIPSOIDAL, geoid[0])[:: 1 if share > 0.0 else -1], strict=True))
+                made.decisions.append(" and ".join(f"{names[key]}: heights {datums[key]}" for key in names)
+                                      + ", by their difference, the undulation")  # fmt: skip
+
+    compare()
+    rays = _find_rays(made, surveyed, dem) if None in datums.values() else None
+    if rays is not None:
+        places = dict(zip(ids, surveyed[:, 2].tolist(), strict=True))
+        heights = {"height_datum": np.array([places.get(name, np.nan) for name in rays.ids])}
+        if dem is not None:
+            heights["dem_datum"] = surface_heights(dem.surface, rays.lonlat)
+        for key in [key for key, datum in datums.items() if datum is None]:
+            weigh(key, rays.lonlat, rays.height_m, heights[key], rays.sigma_m, "heights of rays")
+        compare()
+
+
+def _find_rays(made: Understanding, surveyed: np.ndarray, dem: HeightRaster | None) -> RayHeights | None:
+    """Return heights of rays about those of the points or the DEM: of measured points, else of pixels."""
     images = made.content.images
-    middle = images[0].rpc.localize(images[0].centre_px[None], images[0].middle_height_m).ground
-    geoid = find_installed_geoid(middle)
-    if geoid is not None and abs(float(geoid[1][0])) < UNDERSTANDING.flat_geoid_m:
-        told.append(f"the geoid is {geoid[1][0]:+.1f} m from the ellipsoid here: heights without datum taken above it")
-        return of_points or geoid[0], of_dem or (geoid[0] if dem else None), told
-    ground = [one.ground for one in (open_points or points.control) if one.ground is not None and one.has_heights]
-    surveyed = np.concatenate([one.ground for one in ground]) if ground else np.empty((0, 3))
-    file = os.path.basename(dem.path) if dem is not None else ""
-    if dem is not None and len(surveyed):
-        of_cells = surface_heights(dem.surface, surveyed[:, :2])
-        if of_points is None and of_dem is not None:
-            cells = of_cells + _geoid_offset(surveyed, of_dem)
-            found = weigh_hypotheses(surveyed[:, :2], cells, surveyed[:, 2], 0.0, f"{file}: heights")
-            told += _tell(found, _names(open_points))
-            of_points = found.datum
-        elif of_points is not None and of_dem is None:
-            heights = surveyed[:, 2] + _geoid_offset(surveyed, of_points)
-            found = weigh_hypotheses(surveyed[:, :2], heights, of_cells, 0.0, f"{_names(points.control)}: heights")
-            told += _tell(found, file)
-            of_dem = found.datum
-        else:
-            of_points, of_dem = _compare_both(surveyed, of_cells, geoid)
-            if of_points is not None:
-                told.append(f"{_names(open_points)}: {of_points}, {file}: {of_dem}, by their difference")
-    if of_points is None or (dem is not None and of_dem is None):
-        height = float(np.median(surveyed[:, 2])) if len(surveyed) else images[0].middle_height_m
-        if dem is not None and not len(surveyed):
-            lonlat = images[0].rpc.localize(images[0].grid_px(9, 9), images[0].middle_height_m).ground[:, :2]
-            height = float(np.nanmedian(np.append(surface_heights(dem.surface, lonlat), height)))
-        tables = [table for one in made.content.sources for table in one.measured]
-        rays = intersect_tracks(images, tables, height) if tables else None
-        rays = measure_rays(images, height) if rays is None else rays
-        if rays is not None:
-            return _weigh_rays(rays, open_points, ground, dem, of_points, of_dem, told)
-    return of_points, of_dem, told
-
-
-def _weigh_rays(
-    rays: RayHeights, open_points: Sequence[PointSource], ground: Sequence[GroundPoints], dem: HeightRaster | None,
-    of_points: str | None, of_dem: str | None, told: list[str],
-) -> tuple[str | None, str | None, list[str]]:  # fmt: skip
-    """Return the datums by heights of rays, with the reasons."""
-    what = "heights of rays"
-    if of_points is None:
-        heights = {str(name): xyz[2] for one in ground for name, xyz in zip(one.ids, one.ground, strict=True)}
-        given = np.array([heights.get(name, np.nan) for name in rays.ids])
-        found = weigh_hypotheses(rays.lonlat, rays.height_m, given, rays.sigma_m, what)
-        told += _tell(found, _names(open_points))
-        of_points = found.datum
-    if dem is not None and of_dem is None:
-        cells = surface_heights(dem.surface, rays.lonlat)
-        found = weigh_hypotheses(rays.lonlat, rays.height_m, cells, rays.sigma_m, what)
-        told += _tell(found, os.path.basename(dem.path))
-        of_dem = found.datum
-        of_points = of_points or (found.datum if open_points else None)
-    return of_points, of_dem, told
-
-
-def _tell(found: DatumEvidence, file: str) -> list[str]:
-    return [f"{file}: heights {found.datum or 'undecided'}: {found.reason}"] if found.reason else []
+    around = surveyed[:, 2]
+    if dem is not None and not len(surveyed):
+        around = surface_heights(
+            dem.surface, images[0].rpc.localize(images[0].grid_px(9, 9), images[0].middle_height_m).ground[:, :2]
+        )
+    height = float(np.nanmedian(around)) if np.isfinite(around).any() else images[0].middle_height_m
+    tables = [table for one in made.content.sources for table in one.measured]
+    return intersect_tracks(images, tables, height) or measure_rays(images, height)
 
 
 def _geoid_offset(ground: np.ndarray, datum: str) -> np.ndarray:
     return np.zeros(len(ground)) if datum in (LAYER, ELLIPSOIDAL) else read_geoid_heights(ground, open_geoid(datum))
-
-
-def _compare_both(
-    surveyed: np.ndarray, of_cells: np.ndarray, geoid: tuple[str, np.ndarray] | None
-) -> tuple[str | None, str | None]:
-    """Return the datums of points and DEM, of which neither is known, if they differ by the undulation."""
-    difference = float(np.nanmedian(surveyed[:, 2] - of_cells)) if np.isfinite(of_cells).any() else np.nan
-    if geoid is None or not np.isfinite(difference):
-        return None, None
-    undulation = float(geoid[1][0])
-    if abs(difference - undulation) < abs(undulation) / 4.0:
-        return ELLIPSOIDAL, geoid[0]
-    if abs(difference + undulation) < abs(undulation) / 4.0:
-        return geoid[0], ELLIPSOIDAL
-    return None, None
 
 
 # ---- steps -----------------------------------------------------------------------------------------------------------

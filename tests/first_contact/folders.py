@@ -265,6 +265,11 @@ def virtual_and_cloud_optimised(source: Source, folder: Path) -> None:
     gdal.Translate(str(folder / second.name), str(second), format="COG")
 
 
+def orthometric_dem_without_control(source: Source, folder: Path) -> None:
+    copy(source, folder, dem=False, gcps=False)
+    write_dem(source, folder / "dem.tif", lambda h: h - undulation(source), epsg=32632)
+
+
 def without_control(source: Source, folder: Path) -> None:
     copy(source, folder, gcps=False)
 
@@ -447,6 +452,6 @@ FOLDERS: tuple[Callable[[Source, Path], None], ...] = (
     excel, degrees_minutes_seconds, georeferencer, control_and_check_apart, type_column, rpc_files_alone, side_files,
     virtual_and_cloud_optimised, without_control, images_alone, one_image_with_control, one_image_alone,
     earlier_result, nothing_usable, umlauts_and_blanks, small_dem, laser, reference_orthoimage,
-    rpc_files_with_tie_points, control_outside_the_image, rpb_beside_images, geom_beside_crops,
-    panchromatic_and_multispectral, maxar_delivery, airbus_delivery,
+    orthometric_dem_without_control, rpc_files_with_tie_points, control_outside_the_image,
+    rpb_beside_images, geom_beside_crops, panchromatic_and_multispectral, maxar_delivery, airbus_delivery,
 )  # fmt: skip
