@@ -1,6 +1,6 @@
 """What the columns of a text table mean, by their contents: for files whose header, if any, names no fields of points.
 
-A pair of neighbouring columns is a position if it lies on the ground of the images in one of the likely CRSs. A pair is
+Neighbouring columns are a position if they lie on the ground of the images in one of the likely CRSs. A pair is
 a measurement in an image if it agrees with the projections of known ground points, except for a common shift, which is
 the error of the RPC. Without known ground points, names of columns and files identify the image, and sample and line
 have the order in which the rays of the images differ less.
@@ -14,12 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 from ...hrsi_engine.block.block import Image
-from ...hrsi_engine.foundation.errors import HrsiError
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import ground_difference_m
-from ...hrsi_engine.io.opening.budgets import GROUND_HEIGHTS
 from ...hrsi_engine.io.opening.numbers import parse_angle, parse_finite
 from ...hrsi_engine.io.point_files.csv_text import read_lines, split_rows
 from ...hrsi_engine.io.point_files.table import match_fields
@@ -89,41 +86,17 @@ def share_near(lonlat: np.ndarray, region: np.ndarray) -> float:
     return float(near.all(axis=1).mean() + inside.all(axis=1).mean()) / 2.0 if len(lonlat) else 0.0
 
 
-def find_ground_columns(table: TextTable, region: np.ndarray, crs_names: Sequence[str]) -> tuple[list[str], str] | None:
-    """Return the names of the columns, and the CRS ('' for degrees), with most points on the images' ground."""
-    found: list[tuple[float, list[str], str]] = []
-    name = table.id_column
-    for first, second in pairwise(k for k in table.numeric if k != name):
+def list_ground_columns(table: TextTable) -> Iterator[list[str]]:
+    """Yield names of the columns in which neighbours are a position, with a height beside them and without."""
+    name, numeric = table.id_column, [k for k in table.numeric if k != table.id_column]
+    for first, second in pairwise(numeric):
         for axes in (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x")):
-            for crs in [""] if "lon" in axes else crs_names:
-                xy = table.numbers[:, [first, second] if axes[0] in ("lon", "x") else [second, first]]
-                lonlat = _to_lonlat(xy, crs)
-                if lonlat is None:
-                    continue
+            for height in (*(k for k in (second + 1, first - 1) if k in numeric), None):
                 roles = [UNUSED] * len(table.names)
-                roles[first], roles[second] = axes
-                beside = [k for k in (second + 1, first - 1) if k in table.numeric and k != name]
-                heights = [k for k in beside if _are_heights(table.numbers[:, k])]
-                for k in heights[:1]:
-                    roles[k] = "height"
-                if name is not None:
-                    roles[name] = "id"
-                found.append((share_near(lonlat, region), roles, crs))
-    share, roles, crs = max(found, key=lambda one: one[0], default=(0.0, [], ""))
-    return (roles, crs) if share >= COLUMN_ROLES.near_share else None
-
-
-def _are_heights(values: np.ndarray) -> bool:
-    return bool((values > GROUND_HEIGHTS.lowest_m).all() and (values < GROUND_HEIGHTS.highest_m).all())
-
-
-def _to_lonlat(xy: np.ndarray, crs: str) -> np.ndarray | None:
-    if not crs:
-        return xy if (np.abs(xy) <= (360.0, 90.0)).all() else None
-    try:
-        return operations_of(crs).to_wgs84(np.pad(xy, ((0, 0), (0, 1))))[:, :2]
-    except HrsiError:
-        return None
+                for column, role in ((first, axes[0]), (second, axes[1]), (height, "height"), (name, "id")):
+                    if column is not None:
+                        roles[column] = role
+                yield roles
 
 
 # ---- measurements ---------------------------------------------------------------------------------------------------

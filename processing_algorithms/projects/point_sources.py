@@ -105,15 +105,16 @@ def _read_source(
         if tables is not None and _is_plausible(tables, images, region):
             return _make_source(path, *_with_roles(spec, tables, images, crs), crs)
     table = column_roles.read_text_table(path) if _is_text(path) else None
-    found = None if table is None else column_roles.find_ground_columns(table, region, crs_names)
-    if table is None or found is None:
+    readings = []
+    for names in column_roles.list_ground_columns(table) if table is not None else ():
+        for crs in crs_names if "x" in names else ("",):
+            tables = _try(f"{path}|columns={','.join(names)}", images, crs)
+            if tables is not None and tables.ground is not None and _is_plausible(tables, images, region):
+                readings.append((share_near(tables.ground.ground[:, :2], region), ",".join(names), tables, crs))
+    if table is None or not readings:
         return None
-    named, crs = found
-    spec = f"{path}|columns={','.join(named)}"
-    tables = _try(spec, images, crs)
-    if tables is None or tables.ground is None:
-        return None
-    source = _make_source(path, spec, tables, crs)
+    _, listed, tables, crs = max(readings, key=lambda one: one[0])
+    source = _make_source(path, f"{path}|columns={listed}", tables, crs)
     source.datum = state_datum(*table.names) if source.datum is None else source.datum
     return source
 

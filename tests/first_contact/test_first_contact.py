@@ -35,6 +35,7 @@ ROLES: dict[str, dict[str, str]] = {
     "type_column": {"gcps.csv": "ground points with roles: 6 GCPs, 12 check points"},
     "rpc_files_alone": {"image_1_RPC.TXT": "RPC without pixels", "gcps.csv": "GCPs: 18", **MEASURED},
     "without_control": {"dem.tif": "DEM"},
+    "orthometric_dem_without_control": {"dem.tif": "DEM"},
     "images_alone": {"image_1.tif": "image"},
     "one_image_alone": {"image_1.tif": "image"},
     "earlier_result": {"old": "earlier result", "gcps.csv": "GCPs: 18"},
@@ -55,7 +56,8 @@ ROLES |= {
 AS_COPIED = {"gcps.csv": "GCPs: 18", **MEASURED}
 #: Folders whose heights nothing can show: the one question is asked.
 ASKED = {"rpc_files_alone"}
-WITHOUT_GCPS = {"without_control", "images_alone", "laser", "reference_orthoimage", "rpc_files_with_tie_points"}
+WITHOUT_GCPS = {"without_control", "orthometric_dem_without_control", "images_alone", "laser", "reference_orthoimage",
+                "rpc_files_with_tie_points"}  # fmt: skip
 #: Largest error (px) with GCPs: the noise of 6 GCPs is 0.2 m and 0.3 px of 0.5 m; without them that of a vendor's RPC.
 MOST_PX = {True: 1.0, False: 60.0}
 
