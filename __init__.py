@@ -33,6 +33,11 @@ from typing import TYPE_CHECKING, Any  # noqa: E402
 from .hrsi_engine.foundation.lazy_names import lazy_names  # noqa: E402
 from .hrsi_engine.foundation.version import VERSION  # noqa: E402
 
+if _is_program:
+    from .hrsi_engine.foundation.interruption import quit_on_signals
+
+    quit_on_signals()  # with a line that says so; the packages above a module are loaded before it runs
+
 if TYPE_CHECKING:
     from .plugin.old_python import OldPythonPlugin
     from .plugin.plugin import HrsiPlugin

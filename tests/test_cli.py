@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -284,6 +285,21 @@ def _wait_for_handler(process_id: int) -> None:
             return
         time.sleep(0.002)
     raise AssertionError("SIGTERM is not caught")
+
+
+@pytest.mark.parametrize("module", ["foundation.lazy_names", "foundation.interruption", "foundation.thresholds"])
+def test_an_interrupt_before_the_first_module_gives_no_traceback(tmp_path, module):
+    """The signal comes while HRSI's first modules are looked up, before its own handler exists."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, signal, sys\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == 'hrsi.hrsi_engine.{module}': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder())\n"
+    )
+    done = subprocess.run([sys.executable, "-m", "hrsi", "--version"], capture_output=True, text=True, timeout=60,
+                          env={**os.environ, "PYTHONPATH": str(tmp_path)})  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
 
 
 def test_an_interrupt_that_was_swallowed_comes_again():

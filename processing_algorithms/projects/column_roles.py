@@ -87,7 +87,7 @@ def share_near(lonlat: np.ndarray, region: np.ndarray) -> float:
 
 
 def list_ground_columns(table: TextTable) -> Iterator[list[str]]:
-    """Yield names of the columns in which neighbours are a position, with a height beside them and without."""
+    """Yield names of the columns in which neighbours are a position, with the height next to them and without."""
     name, numeric = table.id_column, [k for k in table.numeric if k != table.id_column]
     for first, second in pairwise(numeric):
         for axes in (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x")):
