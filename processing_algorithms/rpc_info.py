@@ -14,7 +14,7 @@ from ..hrsi_engine.ground.operation_uses import CrsOperation, OperationUse
 from ..hrsi_engine.io.exact_cameras import find_exact_camera
 from ..hrsi_engine.io.geopackage.declared_layers import PairRows, ViewRows
 from ..hrsi_engine.io.geopackage.layers import Layer
-from ..hrsi_engine.io.rasters.images import placement_doubt
+from ..hrsi_engine.io.rasters.images import map_evidence, placement_doubt
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
@@ -67,7 +67,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
         "crs_operations": _list_operations(options.crs, views),
         "warnings": warnings,
     }  # fmt: skip
-    left_out = ("footprint", "rpc_ignored", "exact_camera")
+    left_out = ("footprint", "rpc_ignored", "exact_camera", "map_evidence")
     rows = [
         {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
         for key, entry in report["images"].items()
@@ -121,6 +121,7 @@ def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
         "path": view.image.path,
         "rpc_source": found.source,
         "rpc_ignored": list(found.ignored),
+        "map_evidence": map_evidence(view.image),
         "samples": view.image.size[0] if view.image.size else None,
         "lines": view.image.size[1] if view.image.size else None,
         "lon": lon, "lat": lat, "height_m": height,
@@ -152,6 +153,7 @@ def summarise(report: Report) -> str:
         for name, image in report["images"].items()
         if (exact := image["exact_camera"])
     ]
+    lines += [f"{name}: {image['map_evidence']}" for name, image in report["images"].items() if image["map_evidence"]]
     if report["pairs"]:
         lines += ["", f"{'pair':{2 * width + 3}}   overlap        convergence    B/H"]
         for pair in report["pairs"]:

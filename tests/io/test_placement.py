@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,6 +13,7 @@ import numpy as np
 import placement_cases
 import pytest
 from osgeo import gdal
+from pyproj import CRS, Geod
 from rpc_samples import ground_grid, sample_rpc, write_image
 from simulated_blocks import oblique_rpc
 
@@ -181,6 +183,43 @@ def test_a_half_resolution_copy_of_a_real_crop(tmp_path: Path, real_data: Path) 
     full = read_rpc(whole).rpc.localize(np.array([[499.5, 499.5], [20.5, 900.5]]), 704.0).ground
     half = read_rpc(str(tmp_path / "half.tif")).rpc.localize(np.array([[249.5, 249.5], [10.0, 450.0]]), 704.0).ground
     np.testing.assert_allclose(half, full, atol=1e-9)  # degrees: 0.1 mm
+
+
+# ---- map coordinates -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "cut_m", "told"),
+    [("product", 20.0, False), ("product", 35.0, True), ("WV03_product", 5.0, False), ("WV03_product", 9.0, True),
+     ("product", 0.0, None)],
+)  # fmt: skip
+def test_a_thin_cut_of_a_map_product(tmp_path: Path, name: str, cut_m: float, told: bool | None) -> None:
+    """Told from 4 sigma of the sensor's pointing (7 m, WorldView-3: 3.5 m CE90), also if ERR_BIAS is that of a refined
+    RPC; below, `rpc-info` says how far map and RPC differ. Both positions are those of the geotransform and of pyproj.
+    """
+    _, lon, lat, height = np.eye(20)[:4]  # seen from above, so that no height explains a displacement
+    rpc = replace(placement_cases.scene_rpc("map"), samp_num=lon, line_num=-lat + 1e-6 * height, err_bias=0.2)
+    degrees = rpc.long_scale / rpc.samp_scale, rpc.lat_scale / rpc.line_scale
+    west, north = (rpc.long_off - (rpc.samp_off + 0.5) * degrees[0], rpc.lat_off + (rpc.line_off + 0.5) * degrees[1])
+    pixel_m = Geod(ellps="WGS84").inv(west, rpc.lat_off, west + degrees[0], rpc.lat_off)[2]
+    size, cut = placement_cases.SIZE, round(cut_m / pixel_m)
+    path, left = tmp_path / f"{name}.tif", west + cut * degrees[0]
+    geotransform = (left, degrees[0], 0.0, north, 0.0, -degrees[1])
+    write_image(path, rpc, geotransform=geotransform, size=(size[0] - cut, size[1]))
+    product = gdal.Open(str(path), gdal.GA_Update)
+    product.SetProjection(CRS.from_epsg(4326).to_wkt())
+    del product
+    found = run("rpc-info", images=[str(path)], height=rpc.height_off)
+    text, doubt = found["images"][name]["map_evidence"], doubt_of(path)
+    assert (doubt is not None) is bool(told)
+    assert bool(text) is (told is False)
+    if told is None:
+        return
+    positions = re.findall(r"lon (-?[0-9.]+), lat (-?[0-9.]+)", doubt.message if doubt else text)
+    by_map, by_rpc = np.array(positions, dtype=float)
+    middle = left + (size[0] - cut) / 2 * degrees[0], north - size[1] / 2 * degrees[1]
+    np.testing.assert_allclose(by_map, middle, atol=1e-6)
+    assert Geod(ellps="WGS84").inv(*by_map, *by_rpc)[2] == pytest.approx(cut * pixel_m, abs=0.5)
 
 
 # ---- sizes -----------------------------------------------------------------------------------------------------------

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import simulated_blocks as blocks
 from parsed_sources import walk_sources
 
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
 from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.block_steps import plausibility
 from hrsi.processing_algorithms.command_line.command_parser import algorithm_parser
 from hrsi.processing_algorithms.interface.declare import (
     POSITIONAL_KINDS,
@@ -93,9 +95,9 @@ def test_the_panel_adjusts_with_the_same_defaults(monkeypatch):
         raise InterruptedError
 
     monkeypatch.setattr(panel, "BlockUpdater", keep)
-    monkeypatch.setattr(panel, "check_block", lambda block: [])
+    monkeypatch.setattr(plausibility, "check_block", lambda *_, **__: [])
     with pytest.raises(InterruptedError):
-        panel.adjust_block(None, MODEL.default)
+        panel.adjust_block(blocks.block()[0], MODEL.default)
     assert used == [AdjustOptions()]
     assert MODEL.default is AdjustOptions.model
     assert (AdjustOptions.reject_sigma, AdjustOptions.sigma_dem_m) == (4.0, None)

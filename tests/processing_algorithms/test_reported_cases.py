@@ -128,7 +128,7 @@ def test_a_clip_of_a_map_product(scene: Path, tmp_path: Path) -> None:
         np.linspace(170.0, 330.0, 5),
     ))  # fmt: skip
     pixels = rpc.project(np.column_stack([lon, lat, heights]))
-    placed = np.array([to_map.TransformPoint(0, x + 0.5, y + 0.5, height)[1][:2] for x, y in pixels.tolist()]) - 0.5
+    placed = np.array([to_map.TransformPoint(0, x + 0.5, y + 0.5)[1][:2] for x, y in pixels.tolist()]) - 0.5
     rows = np.column_stack([lon, lat, heights, placed])
     header = {"header": "lon,lat,height,sample,line", "comments": "", "fmt": "%.12f", "delimiter": ","}
     np.savetxt(tmp_path / "grid.csv", rows, **header)

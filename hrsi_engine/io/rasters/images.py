@@ -25,7 +25,7 @@ from ..opening.files import open_raster
 from ..opening.item_images import item_of
 from ..rpc_files.fields import FoundRpc
 from ..rpc_files.find import read_rpc_file, rpc_of_dataset
-from ..rpc_files.placement import find_placement_doubt
+from ..rpc_files.placement import describe_map_evidence, find_placement_doubt
 from ..safety.content_marks import content_mark
 
 RPC_SUFFIX = "_rpc"
@@ -157,6 +157,14 @@ def placement_doubt(image: Image) -> PlacementDoubt | None:
     if not isinstance(raster, GdalRaster) or raster.found is None:
         return None if image.path or image.size is None else judge_size(image.rpc, image.size)
     return find_placement_doubt(raster.path, raster.dataset, replace(raster.found, rpc=image.rpc))
+
+
+def map_evidence(image: Image) -> str:
+    """Return how closely the map coordinates of an image agree with its RPC, if not to the pixel; else ""."""
+    raster = image.raster
+    if not isinstance(raster, GdalRaster) or raster.found is None:
+        return ""
+    return describe_map_evidence(raster.path, raster.dataset, replace(raster.found, rpc=image.rpc))
 
 
 def file_stamp(path: str) -> tuple[int, ...]:

@@ -15,7 +15,9 @@ determine the position. The evidence, in the order in which it is used:
 * a geotransform with a coordinate system shows the position of each pixel on a map. Products in map projection (IKONOS
   Geo, ORStandard) have an RPC of their own pixels: from a pixel to the map, and from there through the RPC, the result
   is the same pixel, except for the error of the RPC and the height for which the product was made. With the RPC of the
-  raw image the result is rotated and scaled, with that of a product from which the image was cut it is displaced;
+  raw image the result is rotated and scaled, with that of a product from which the image was cut it is displaced. A
+  displacement is evidence if it exceeds the pointing error that a refinement of the RPC may have removed: the map is
+  the vendor's, so that the ERR_BIAS of a refined RPC says nothing of it. A smaller one may be either, and is reported;
 * the size for which the RPC was delivered, which its file states or OFF and SCALE show (`block.placement`);
 * vendors centre RPCs at W / 2 - c / 2 with an integer c. GDAL (to 3.13) scales OFF itself with an image resampled by r,
   which is 0.5 (1 - r) px too much: then W - 2 OFF is c r, which is no integer.
@@ -25,12 +27,23 @@ from __future__ import annotations
 
 import os
 import re
+from typing import NamedTuple
 
 import numpy as np
 from osgeo import gdal
 
 from ...block.block import Image
-from ...block.placement import FRAME, PlacementDoubt, Size, format_offset, judge_size, pixel_size_m, rpc_range
+from ...block.placement import (
+    FRAME,
+    PlacementDoubt,
+    Size,
+    format_lonlat,
+    format_offset,
+    judge_size,
+    pixel_size_m,
+    rpc_range,
+)
+from ...block.pointing import POINTING, SIGMAS_OF_CE90, find_sensor
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
@@ -63,7 +76,13 @@ class PLACEMENT_EVIDENCE:
     step_share: float = threshold(
         0.03, "", "largest relative difference of a pixel's step on the map and by the RPC", "map products: 0.002"
     )
-    map_m: float = threshold(50.0, "m", "largest distance of a pixel on the map and by its RPC", "error of an RPC")
+    map_m: float = threshold(50.0, "m", "largest distance of a pixel on the map and by its RPC of any sensor")
+    map_sigmas: float = threshold(
+        4.0,
+        "sigma",
+        "… over the sensor's pointing error of a coordinate",
+        "exp(-8) of refined RPCs exceed it by chance",
+    )
     map_px: float = threshold(2.0, "px", "… below which map and RPC confirm each other")
 
 
@@ -109,8 +128,9 @@ def place_in_scene(
         return (place if of_scene else None), None
     message = (
         f"its geotransform states that it is {place}, which does not agree with the size of its RPC's image: the two "
-        f"positions differ by up to {format_offset(rpc, distance)}; the geotransform is not used. Correct it, or write "
-        "the RPC of these pixels into the image with 'write-rpc'"
+        f"positions differ by up to {format_offset(rpc, distance)}. The first pixel is at "
+        f"{_ground_of(rpc, place.first)} by the geotransform, at {_ground_of(rpc, np.zeros(2))} without it. The "
+        "geotransform is not used. Correct it, or write the RPC of these pixels into the image with 'write-rpc'"
     )
     return None, PlacementDoubt(distance, message, contradictory=True)
 
@@ -142,6 +162,10 @@ def _is_of_scene(rpc: RPC, place: CropPlace, size: Size, stated: Size | None) ->
     return ends_with_scene if ends_with_scene != ends_with_image else None
 
 
+def _ground_of(rpc: RPC, pixel: np.ndarray) -> str:
+    return format_lonlat(rpc.localize(pixel[None], rpc.height_off).ground)
+
+
 def place_by_other_rpc(scene: RPC, other: RPC) -> CropPlace | None:
     """Return the place of an image whose RPC is ``other`` in the image of the RPC ``scene``; None if they differ."""
     names = [name for name in fields.SCALARS if not name.startswith(("line", "samp"))]
@@ -171,14 +195,18 @@ def find_placement_doubt(path: str, dataset: gdal.Dataset, found: fields.FoundRp
     by_size = None if found.is_placed else judge_size(rpc, size, found.stated_size)
     if _FIRST_TILE.search(os.path.basename(path)):
         by_size = None
-    distance = _compare_with_map(path, dataset, rpc)
-    if isinstance(distance, PlacementDoubt):
-        return distance
-    if by_size is not None and distance is not None:
-        if distance <= PLACEMENT_EVIDENCE.map_px:
+    difference = compare_with_map(path, dataset, rpc, found.sensor)
+    if difference is not None:
+        if doubt := _doubt_by_map(difference, rpc, size[0]):
+            return doubt
+        if by_size is not None and difference.distance_px <= PLACEMENT_EVIDENCE.map_px:
             return None
-        message = f"{by_size}. Map coordinates and RPC of the same pixels differ by {format_offset(rpc, distance)}"
-        return PlacementDoubt(by_size.offset_px, message, contradictory=True)
+        if by_size is not None:
+            message = (
+                f"{by_size}. Map coordinates and RPC of the same pixels differ by "
+                f"{format_offset(rpc, difference.distance_px)}: {difference.places}"
+            )
+            return PlacementDoubt(by_size.offset_px, message, contradictory=True)
     return by_size or _find_scaled_centre(size, rpc)
 
 
@@ -222,10 +250,25 @@ def _read_rectangles(source: Element) -> tuple[float, ...]:
     return tuple(float("nan") if number is None else number for number in numbers) if len(texts) == 8 else (np.nan,) * 8
 
 
-def _compare_with_map(path: str, dataset: gdal.Dataset, rpc: RPC) -> PlacementDoubt | float | None:
-    """Return the distance (px) of an image's pixels on its map from those by its RPC; a doubt if it is too large.
+class MapDifference(NamedTuple):
+    """Difference of the positions of an image's pixels on its map from those by its RPC.
 
-    The height for which the map was made is unknown: that with the smallest distance is used. None without a map.
+    distance_px : mean distance, at the height of the RPC's range where it is smallest
+    limit_m : distance that an RPC of these pixels does not exceed
+    turn : (2, 2) steps of the RPC's image along the image's columns and rows; the identity without rotation and scale
+    places : text of both positions of the middle of the image, and of the map's name
+    """
+
+    distance_px: float
+    limit_m: float
+    turn: np.ndarray
+    places: str
+
+
+def compare_with_map(path: str, dataset: gdal.Dataset, rpc: RPC, sensor: str = "") -> MapDifference | None:
+    """Return the difference of an image's map from its RPC; None without a map, or where they cannot be compared.
+
+    The height for which the map was made is unknown: that with the smallest distance is used.
     """
     if dataset.GetGeoTransform(can_return_null=True) is None or not dataset.GetProjection():
         return None
@@ -243,26 +286,53 @@ def _compare_with_map(path: str, dataset: gdal.Dataset, rpc: RPC) -> PlacementDo
         return None
     _, low, high = by_height.mean(axis=1) - pixels.mean(axis=0)
     along = high - low
-    nearest = low + np.clip(-(low @ along) / max(along @ along, 1e-12), 0.0, 1.0) * along
-    distance = float(np.hypot(*nearest))
+    share = float(np.clip(-(low @ along) / max(along @ along, 1e-12), 0.0, 1.0))
     steps = np.column_stack([by_height[0, 1] - by_height[0, 0], by_height[0, 3] - by_height[0, 2]]) / (2.0 * half)
-    if np.abs(steps - np.eye(2)).max() >= PLACEMENT_EVIDENCE.step_share:
-        turn = np.degrees(np.arctan2(steps[1, 0] - steps[0, 1], steps[0, 0] + steps[1, 1]))
+    published = find_sensor(sensor, os.path.basename(path))
+    sigma_m = published.ce90_m / SIGMAS_OF_CE90 if published else POINTING.unknown_m
+    limit_m = min(PLACEMENT_EVIDENCE.map_m, PLACEMENT_EVIDENCE.map_sigmas * max(sigma_m, rpc.err_bias or 0.0))
+    middle, height = 2.0 * half[None] - 0.5, rpc.height_range[0] + share * np.ptp(rpc.height_range)
+    by_map, by_rpc = grid.to_lonlat(middle), rpc.localize(middle, height).ground[:, :2]
+    places = (
+        f"the middle of the image is at {format_lonlat(by_map)} by the grid of the map ({grid.horizontal.name}), at "
+        f"{format_lonlat(by_rpc)} by the RPC at height {height:.0f} m"
+    )
+    return MapDifference(float(np.hypot(*(low + share * along))), limit_m, steps, places)
+
+
+def _doubt_by_map(difference: MapDifference, rpc: RPC, samples: int) -> PlacementDoubt | None:
+    """Return the doubt if the map and the RPC of an image of that many samples contradict each other."""
+    distance, turn = difference.distance_px, difference.turn
+    if np.abs(turn - np.eye(2)).max() >= PLACEMENT_EVIDENCE.step_share:
+        angle = np.degrees(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
         message = (
-            f"its pixels are on the grid of a map ({grid.horizontal.name}) that its RPC does not follow: turned by "
-            f"{abs(turn):.0f} degrees, {np.sqrt(abs(np.linalg.det(steps))):.3g} of its pixels long. If it is an "
-            "orthoimage that kept the RPC of the raw image, name the raw image"
+            "its pixels are on the grid of a map that its RPC does not follow: turned by "
+            f"{abs(angle):.0f} degrees, {np.sqrt(abs(np.linalg.det(turn))):.3g} of its pixels long; "
+            f"{difference.places}. If it is an orthoimage that kept the RPC of the raw image, name the raw image"
         )
-        return PlacementDoubt(max(distance, float(dataset.RasterXSize)), message, contradictory=True)
-    if distance * pixel_size_m(rpc) <= PLACEMENT_EVIDENCE.map_m:
-        return distance
+        return PlacementDoubt(max(distance, float(samples)), message, contradictory=True)
+    if distance * pixel_size_m(rpc) <= difference.limit_m:
+        return None
     message = (
-        f"its map coordinates ({grid.horizontal.name}) and its RPC place the same pixels "
-        f"{format_offset(rpc, distance)} apart, at the height where they fit best: the RPC is that of "
-        "the image from which it was cut, or its map coordinates are wrong. Cut the original with 'crop', which moves "
-        "the RPC"
+        f"its map coordinates and its RPC place the same pixels {format_offset(rpc, distance)} apart, at the height "
+        f"where they fit best: {difference.places}. The RPC is that of the image from which it was cut, or its map "
+        "coordinates are wrong. Cut the original with 'crop', which moves the RPC"
     )
     return PlacementDoubt(distance, message, contradictory=True)
+
+
+def describe_map_evidence(path: str, dataset: gdal.Dataset, found: fields.FoundRpc) -> str:
+    """Return how closely map and RPC of an image agree, if not to the pixel, and what would not be seen; else ""."""
+    difference = compare_with_map(path, dataset, found.rpc, found.sensor)
+    if difference is None or difference.distance_px <= PLACEMENT_EVIDENCE.map_px:
+        return ""
+    if _doubt_by_map(difference, found.rpc, dataset.RasterXSize):
+        return ""
+    return (
+        f"its map coordinates and its RPC differ by {format_offset(found.rpc, difference.distance_px)}, as a refined "
+        f"RPC may (to {difference.limit_m:.3g} m), or one of an image from which a thin edge was cut: "
+        f"{difference.places}"
+    )
 
 
 def _find_scaled_centre(size: Size, rpc: RPC) -> PlacementDoubt | None:
