@@ -25,6 +25,7 @@ from .in_place import prepare_sidecar as prepare_sidecar
 from .in_place import require_in_place as require_in_place
 from .in_place import restore as restore
 from .in_place import write_in_place as write_in_place
+from .placement import describe_map_evidence as describe_map_evidence
 from .placement import difference_px as difference_px
 from .placement import find_placement_doubt as find_placement_doubt
 from .sidecars import set_aside_conflicting_rpcs as set_aside_conflicting_rpcs

@@ -16,8 +16,8 @@ determine the position. The evidence, in the order in which it is used:
   Geo, ORStandard) have an RPC of their own pixels: from a pixel to the map, and from there through the RPC, the result
   is the same pixel, except for the error of the RPC and the height for which the product was made. With the RPC of the
   raw image the result is rotated and scaled, with that of a product from which the image was cut it is displaced. A
-  displacement is evidence if it exceeds the pointing error that a refinement of the RPC may have removed: the map is
-  the vendor's, so that the ERR_BIAS of a refined RPC says nothing of it. A smaller one may be either, and is reported;
+  displacement is evidence if it exceeds the pointing error that a refinement of the RPC may have removed. The map is
+  the vendor's, and the ERR_BIAS of a refined RPC does not describe it. A smaller one may be either, and is reported;
 * the size for which the RPC was delivered, which its file states or OFF and SCALE show (`block.placement`);
 * vendors centre RPCs at W / 2 - c / 2 with an integer c. GDAL (to 3.13) scales OFF itself with an image resampled by r,
   which is 0.5 (1 - r) px too much: then W - 2 OFF is c r, which is no integer.
