@@ -2,7 +2,7 @@
 
 A step is not repeated if its folder contains its files, and its options and the content of its inputs are unchanged:
 both are in the digest that ``report.json`` stores for each step. A stopped run therefore continues, and after a change
-of the DEM orthoimages are made again, but tie points are not.
+of an option of orthoimages they are made again, but tie points are not.
 """
 
 import os

@@ -80,7 +80,8 @@ def lay_out(layout: Callable[[Source, Path], None], source: Source, folder: Path
     return folder
 
 
-PLANNED = (folders.text_without_header, folders.control_and_check_apart, folders.georeferencer, folders.type_column)
+PLANNED = (folders.text_without_header, folders.control_and_check_apart, folders.georeferencer, folders.type_column,
+           folders.airbus_delivery)  # fmt: skip
 RUN = (folders.one_image_with_control, folders.rpc_files_alone)
 
 
