@@ -20,6 +20,7 @@ from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.io.opening.numbers import parse_angle, parse_finite
 from ...hrsi_engine.io.point_files.csv_text import read_lines, split_rows
 from ...hrsi_engine.io.point_files.table import match_fields
+from .height_evidence import HEIGHT_EVIDENCE
 
 UNUSED = "-"  #: name of a column that is not read
 
@@ -31,7 +32,6 @@ class COLUMN_ROLES:
     most_rows: int = threshold(2000, "rows", "rows that are read to find what the columns mean")
     margin_deg: float = threshold(0.5, "degree", "margin of ground points around the footprints")
     near_share: float = threshold(0.5, "", "smallest share of points on the images' ground, or of known images")
-    fewest_points: int = threshold(3, "points", "fewest common points that identify image columns")
     misfit_share: float = threshold(0.02, "", "largest scatter of measurements over the image's size")
 
 
@@ -150,7 +150,7 @@ def find_image_columns(
         return by_name
     ids = np.array(table.columns[name])
     rows = np.flatnonzero([one in known for one in ids])
-    if len(rows) >= COLUMN_ROLES.fewest_points:
+    if len(rows) >= HEIGHT_EVIDENCE.fewest:
         ground = np.array([known[one] for one in ids[rows]])
         fits = [_assign_columns(table.numbers[rows], ground, layout, images) for layout in layouts]
         return max(fits, key=lambda one: (len(one), -sum(fit.scatter_px for fit in one)))
@@ -178,7 +178,7 @@ def _fit_columns(
             for sample, line in ((first, second), (second, first)):
                 difference = numbers[:, [sample, line]] - projected
                 difference = difference[np.isfinite(difference).all(axis=1)]
-                if len(difference) < COLUMN_ROLES.fewest_points:
+                if len(difference) < HEIGHT_EVIDENCE.fewest:
                     continue
                 middle = np.median(difference, axis=0)
                 scatter = float(np.hypot(*(robust_sigma(part) for part in (difference - middle).T)))

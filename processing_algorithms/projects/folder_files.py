@@ -24,7 +24,7 @@ from ...hrsi_engine.io.output_dir import RESULT_FILES
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.ogr_layer import is_area
 from ...hrsi_engine.io.rasters.images import open_image_and_source
-from ...hrsi_engine.io.rasters.raster_kinds import RasterKind, find_raster_kind
+from ...hrsi_engine.io.rasters.raster_kinds import RASTER_KINDS, RasterKind, find_raster_kind
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none, rpc_reader_of
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from .point_sources import PointSource, read_sources, state_datum
@@ -47,9 +47,8 @@ COMPANIONS = (".dbf", ".shx", ".prj", ".cpg", ".qix", ".aux.xml", ".ovr", ".tfw"
 
 @thresholds
 class RASTERS:
-    """Sampling of the rasters of a folder."""
+    """Limit for the interpolation of rasters."""
 
-    nodes: int = threshold(600, "nodes", "largest number of heights along a side that are read to find gaps of a DEM")
     widest_gap: int = threshold(1000, "cells", "widest gap of a DEM for interpolation", "maximum of `fill_gaps`")
 
 
@@ -193,7 +192,7 @@ def _sample_heights(surface: GridSurface, region: np.ndarray) -> tuple[np.ndarra
     high = np.minimum(np.ceil(cells.max(axis=0)), (columns - 1, rows - 1)).astype(int)
     if (high <= low).any():
         return None
-    step = max(1, int((high - low).max()) // RASTERS.nodes)
+    step = max(1, int((high - low).max()) // RASTER_KINDS.sample)
     column, row = np.meshgrid(np.arange(low[0], high[0] + 1, step), np.arange(low[1], high[1] + 1, step))
     heights = surface.heights(np.column_stack([column.ravel(), row.ravel()]).astype(np.float64))
     return heights.reshape(column.shape), step

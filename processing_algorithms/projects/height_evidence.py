@@ -11,7 +11,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 
 from ...hrsi_engine.block.block import Image, ImagePoints
 from ...hrsi_engine.block.pointing import compute_gsd_m, estimate_pointing
@@ -27,9 +26,8 @@ class HEIGHT_EVIDENCE:
     """Limits for the decision on a height datum."""
 
     decisive_ratio: float = threshold(20.0, "", "smallest ratio of the likelihoods of both hypotheses that decides")
-    related_share: float = threshold(0.2, "", "a priori share of surfaces that were made from the images' RPCs")
     dem_sigma_m: float = threshold(2.0, "m", "smallest sigma of the median difference from a DEM: canopy, coarse cells")
-    fewest: int = threshold(3, "points", "fewest points of a comparison")
+    fewest: int = threshold(3, "points", "fewest common points of a comparison")
     reach_m: float = threshold(
         150.0, "m", "heights above and below the expected one, between which points are searched"
     )
@@ -67,11 +65,9 @@ def weigh_hypotheses(
     spread = float(robust_sigma(difference)) / np.sqrt(known.sum())
     sigma = float(np.hypot(np.hypot(sigma_m, spread), HEIGHT_EVIDENCE.dem_sigma_m))
     middle = [float(np.median(difference)), float(np.median(difference - geoid[1]))]
-    # Surfaces often come from such images, so that heights agree better than their a priori errors let expect
-    share, close = HEIGHT_EVIDENCE.related_share, HEIGHT_EVIDENCE.dem_sigma_m
-    likelihoods = share * norm.pdf(middle, scale=close) + (1.0 - share) * norm.pdf(middle, scale=sigma)
-    best = int(np.argmax(likelihoods))
-    is_decisive = likelihoods[best] > HEIGHT_EVIDENCE.decisive_ratio * likelihoods[1 - best]
+    loss = 0.5 * np.square(middle) / sigma**2  # negative logarithms of the likelihoods of normal errors
+    best, limit = int(np.argmin(loss)), np.log(HEIGHT_EVIDENCE.decisive_ratio)
+    is_decisive = loss[1 - best] - loss[best] > limit > loss[best]  # other units, other places agree with neither
     figures = (
         f"{what} differ by {middle[0]:+.1f} m from it if its heights are ellipsoidal, and by {middle[1]:+.1f} m if "
         f"they refer to the geoid ({known.sum()} points, sigma {sigma:.1f} m)"

@@ -130,4 +130,5 @@ def test_heights_without_datum_are_weighed_with_the_chance_of_an_agreement():
     for unknown, datum in ((heights, "ellipsoidal"), (heights - geoid[1], geoid[0])):
         assert weigh_hypotheses(lonlat, heights, unknown, 10.0, "heights").datum == datum
         assert weigh_hypotheses(lonlat, heights + 10.0, unknown, 200.0, "heights").datum is None
-    assert weigh_hypotheses(lonlat, heights, np.full(20, np.nan), 1.0, "heights").datum is None
+    for unknown in (np.full(20, np.nan), heights / 0.3048):  # no heights, feet
+        assert weigh_hypotheses(lonlat, heights, unknown, 10.0, "heights").datum is None
