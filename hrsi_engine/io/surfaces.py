@@ -38,6 +38,11 @@ class CLOUD:
     sample: int = threshold(2_000, "points", "number of points from which the spacing is estimated")
 
 
+def is_cloud(path: str) -> bool:
+    """Return whether a file is a lidar cloud (LAS, LAZ)."""
+    return os.path.isfile(path) and read_head(path, len(LAS_HEAD)).startswith(LAS_HEAD)
+
+
 def open_surface(
     spec: str, height_datum: str = "layer", ground_crs: str | None = None, epoch: float | None = None, kind: str = "dsm"
 ) -> GridSurface:
@@ -51,9 +56,9 @@ def open_surface(
     Raises `InputError` if the file has no heights, or does not state their position.
     """
     path, layer = split_spec(spec)
-    head = read_head(path, len(HDF5_HEAD)) if os.path.isfile(path) else b""
-    if head.startswith(LAS_HEAD):
+    if is_cloud(path):
         return _open_cloud(path, height_datum, ground_crs, epoch, kind)
+    head = read_head(path, len(HDF5_HEAD)) if os.path.isfile(path) else b""
     of_points = bool(layer) or head.startswith((HDF5_HEAD, b"PAR1")) or path.lower().endswith(POINT_SUFFIXES)
     if not of_points and (open_dataset(path)[0] is not None or not os.path.exists(path)):
         return open_dem(path, height_datum, epoch)

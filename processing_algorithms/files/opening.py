@@ -1,5 +1,6 @@
 """Opening of images, with their pixels where they are needed, and of the terrain, as several algorithms need it."""
 
+import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,9 +12,9 @@ from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.operation_uses import require_strict_datums
 from ...hrsi_engine.io.rasters.dems import open_dem
-from ...hrsi_engine.io.rasters.images import GdalRaster, image_id, open_image_and_source, placement_doubt
+from ...hrsi_engine.io.rasters.images import RPC_SUFFIX, GdalRaster, image_id, open_image_and_source, placement_doubt
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
-from ...hrsi_engine.io.surfaces import open_surface
+from ...hrsi_engine.io.surfaces import is_cloud, open_surface
 from ...hrsi_engine.measurement.interest_points.windows import Area
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m, intersect_surface
 from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
@@ -47,7 +48,13 @@ def require_ids(paths: Sequence[str], ids: Sequence[str]) -> None:
         if name in named:
             if named[name] == path:
                 raise InputError(f"{path} is given twice: name each image once")
-            raise InputError(f"{named[name]} and {path} have the same id {name!r}: rename one")
+            is_shortened = any(
+                f"{name}{RPC_SUFFIX}.".lower() in os.path.basename(str(file)).lower() for file in (path, named[name])
+            )
+            reason = ", which leaves out _RPC at the end of a file name" if is_shortened else ""
+            raise InputError(
+                f"{named[name]} and {path} have the same id {name!r}{reason}: rename one, or give only one"
+            )
         named[name] = path
 
 
@@ -105,8 +112,16 @@ def ground_warnings(images: Sequence[ImagePixels], grounds: Sequence[np.ndarray]
 
 
 def dem_surface(dem: DemOptions, height_datum: str, epoch: float | None = None) -> GridSurface | None:
-    """Return the opened DEM of the options, None if none is named; its own datum precedes ``height_datum``."""
-    return open_dem(dem.dem, dem.dem_datum or height_datum, epoch) if dem.dem else None
+    """Return the opened DEM of the options, None if none is named; its own datum precedes ``height_datum``.
+
+    Of a lidar cloud (LAS, LAZ) the ground points are used.
+    """
+    if not dem.dem:
+        return None
+    datum = dem.dem_datum or height_datum
+    if is_cloud(dem.dem):
+        return open_surface(dem.dem, datum, epoch=epoch, kind="dtm")
+    return open_dem(dem.dem, datum, epoch)
 
 
 def open_control_surface(

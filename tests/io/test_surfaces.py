@@ -12,6 +12,8 @@ from osgeo import gdal
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.surfaces import open_surface
 from hrsi.hrsi_engine.surface.dem import surface_heights
+from hrsi.processing_algorithms.files.opening import dem_surface
+from hrsi.processing_algorithms.interface.option_groups import DemOptions
 
 EAST, NORTH, SIDE_M = 500_000.0, 4_800_000.0, 300.0
 TO_WGS84 = pyproj.Transformer.from_crs("EPSG:32631", "EPSG:4326", always_xy=True)
@@ -65,6 +67,10 @@ def test_a_lidar_cloud(tmp_path: Path, name: str, kind: str) -> None:
     write_cloud(tmp_path / name, "EPSG:32631")
     # cells of 2.4 m, slopes up to 0.25: the mean of a cell is within 0.3 m, four points at random places in it
     require_ground(open_surface(str(tmp_path / name), "ellipsoidal", kind=kind), 0.5)
+    if kind == "dtm":  # also where an algorithm takes a DEM
+        dem = dem_surface(DemOptions(dem=str(tmp_path / name)), "ellipsoidal")
+        assert dem is not None
+        require_ground(dem, 0.5)
 
 
 def test_heights_above_a_geoid(tmp_path: Path) -> None:
