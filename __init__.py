@@ -21,10 +21,13 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from itertools import pairwise
 
 _words = getattr(sys, "orig_argv", ())[1:]  # as Python was started: a program, or -m and a module
-_modules = {__name__, f"{__name__}.processing_algorithms.command_line.cli"}
-_is_program = _modules & {*_words} or [word for word in _words[:1] if os.path.basename(word).split(".")[0] == __name__]
+_modules = {("-m", __name__), ("-m", f"{__name__}.processing_algorithms.command_line.cli")}
+_is_program = bool(_modules & {*pairwise(_words)}) or __name__ in [
+    os.path.basename(word).split(".")[0] for word in _words[:1]
+]
 if _is_program and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process, until the command has its own handler
 
