@@ -21,11 +21,10 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from itertools import pairwise
 
 _words = getattr(sys, "orig_argv", ())[1:]  # as Python was started: a program, or -m and a module
-_modules = {("-m", __name__), ("-m", f"{__name__}.processing_algorithms.command_line.cli")}
-_is_program = bool(_modules & {*pairwise(_words)}) or __name__ in [
+_modules = {_words[k + 1] for k, word in enumerate(_words[:-1]) if word == "-m"}
+_is_program = bool(_modules & {__name__, f"{__name__}.processing_algorithms.command_line.cli"}) or __name__ in [
     os.path.basename(word).split(".")[0] for word in _words[:1]
 ]
 if _is_program and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
