@@ -394,9 +394,9 @@ BAD = {
         lambda t, h, r: ["adjust", h["images"][0], shutil.copy(h["images"][0], t), "--image-points", h["image_points"]],
         2, "have the same id",
     ),
-    "an image and a copy with _RPC at its end": (
+    "a name with _RPC at its end, and without": (
         lambda t, h, r: [
-            "adjust", h["images"][0], shutil.copy(h["images"][0], f"{t}/{Path(h['images'][0]).stem}_rpc.tif"),
+            "adjust", h["images"][0], shutil.copy(h["images"][0], f"{t}/{Path(h['images'][0]).stem[:-4]}.txt"),
             "--image-points", h["image_points"],
         ],
         2, "leaves out _RPC at the end of a file name: rename one, or give only one",
