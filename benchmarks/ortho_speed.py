@@ -127,7 +127,9 @@ def position_errors(image: str, dem: str, grid: MapGrid) -> tuple[np.ndarray, np
         theirs = np.array(points)[:, :2] - 0.5
         keep = np.array(good, dtype=bool)
         for errors_of, ours in zip(
-            errors, (_interpolate_nodes(found.positions, at / found.step), mapping.exact(at + window[:2])), strict=True
+            errors,
+            (_interpolate_nodes(found.positions, (at + found.first) / found.step), mapping.exact(at + window[:2])),
+            strict=True,
         ):
             errors_of.append(np.hypot(*(ours - theirs).T)[keep])
     return tuple(np.concatenate(parts) for parts in errors)  # type: ignore[return-value]
@@ -199,7 +201,7 @@ def in_process(image: str, dem: str, grid: MapGrid) -> None:
         for window in GridWindow(column, row, 1024, 1024).parts(*chunk_size(1.0)):
             chunk = mapping.chunk(window)
             assert chunk is not None
-            warp_chunk(source, chunk.positions, chunk.step, window.columns, window.rows, Warp("cubic", 1.0, 0.0))
+            warp_chunk(source, chunk, window.columns, window.rows, Warp("cubic", 1.0, 0.0))
 
     ways: dict[str, Callable[[], None]] = {EXACT: lambda: theirs(0.0), "gdalwarp -rpc -et 0.125": lambda: theirs(0.125)}
     ways[OURS] = ours

@@ -26,16 +26,18 @@ from .grid import ORTHO, GridWindow, MapGrid
 class ChunkMapping(NamedTuple):
     """Image positions of the pixels of a chunk.
 
-    positions : (2, rows, columns) sample, line of nodes every ``step`` pixels from the centre of the chunk's first
-        pixel, one node beyond the last pixel; NaN where the terrain has nodata
+    positions : (2, rows, columns) sample, line of nodes every ``step`` pixels, one node beyond the last pixel; NaN
+        where the terrain has nodata
     errors_px : (k,) distances between interpolated and exact positions at random pixels
     unknown : number of pixels inside the image without terrain height
+    first : column, row of the chunk's first pixel from the first node
     """
 
     positions: np.ndarray
     step: int
     errors_px: np.ndarray
     unknown: int
+    first: tuple[int, int] = (0, 0)
 
 
 class _Cells:
@@ -217,7 +219,9 @@ class OrthoMapping:
             return ChunkMapping(
                 nodes, 1, np.zeros(1), 0 if has_height.all() else self._count_unknown(window, has_height)
             )
-        chunk = _Chunk(self, window)
+        # Nodes are on the lattice of the map, so that orthoimages of parts of an area have the same ones
+        first = np.array([self.grid.left + window.column, window.row - self.grid.top]) % ORTHO.lattice_px
+        chunk = _Chunk(self, GridWindow(*(window[:2] - first).tolist(), *(window[2:] + first).tolist()))
         if not chunk.known:
             return self._make_empty_mapping(window, np.zeros((2, 2), dtype=bool))
         # Random pixels of the window, equal in every run
@@ -231,16 +235,19 @@ class OrthoMapping:
             step //= 2
         while True:
             nodes = chunk.nodes(step)
-            has_height = np.isfinite(nodes[0])
+            has_height = np.isfinite(nodes[0, first[1] // step :, first[0] // step :])
             if not self._touches_image(nodes, float(step)):
                 return None if has_height.all() else self._make_empty_mapping(window, has_height)
-            errors = np.hypot(*(_interpolate_nodes(nodes, checks / step) - truth).T)
+            errors = np.hypot(*(_interpolate_nodes(nodes, (checks + first) / step) - truth).T)
             errors = errors[np.isfinite(errors)]
             is_accurate = has_height.all() and errors.max(initial=0.0) <= self.error_px
             if step == 1 or (is_accurate and chunk.is_interpolation_accurate(self.error_px, nodes, step)):
                 break
             step = step // 2 if has_height.all() else 1
-        return ChunkMapping(nodes, step, errors, 0 if has_height.all() else self._count_unknown(window, has_height))
+        unknown = 0 if has_height.all() else self._count_unknown(window, has_height)
+        part = nodes[:, first[1] // step :, first[0] // step :]
+        column, row = (first % step).tolist()
+        return ChunkMapping(part, step, errors, unknown, (column, row))
 
     def _make_empty_mapping(self, window: GridWindow, has_height: np.ndarray) -> ChunkMapping | None:
         """Return the mapping of a chunk whose pixels inside the image have no height; None if it has no such pixels."""

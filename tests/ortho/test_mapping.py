@@ -65,7 +65,7 @@ def test_positions_keep_the_error_asked_for(tmp_path: Path, cell_deg: float, rou
             continue  # beside the image
         at = pixels_of(MapGrid(found.grid.crs, 1.0, 0, 0, window.columns, window.rows), 100)
         theirs = by_gdal(tmp_path, found, at + (window.column, window.row))
-        errors.append(np.hypot(*(_interpolate_nodes(chunk.positions, at / chunk.step) - theirs).T))
+        errors.append(np.hypot(*(_interpolate_nodes(chunk.positions, (at + chunk.first) / chunk.step) - theirs).T))
         steps.append(chunk.step)
         assert chunk.errors_px.max() <= error_px
     assert len(errors) >= 4 and np.concatenate(errors).max() <= error_px
@@ -171,5 +171,5 @@ def test_jitter_of_the_image_displaces_its_lines(tmp_path: Path, error_px: float
     assert np.abs(shaken.exact(pixels) - expected).max() < POSITION_PX
     found = shaken.chunk(window)
     assert found is not None
-    nodes = _interpolate_nodes(found.positions, (pixels - 150.0) / found.step)
+    nodes = _interpolate_nodes(found.positions, (pixels - 150.0 + found.first) / found.step)
     assert np.hypot(*(nodes - expected).T).max() <= error_px + 1e-6

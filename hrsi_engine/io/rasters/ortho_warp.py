@@ -10,7 +10,7 @@ import math
 import secrets
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from osgeo import gdal, gdal_array
@@ -135,13 +135,12 @@ class Warp:
         return math.ceil(RESAMPLING[self.resampling] * max(1.0, self.scale)) + 2
 
 
-def warp_chunk(
-    source: OrthoSource, positions: np.ndarray, step: int, columns: int, rows: int, warp: Warp
-) -> Pixels | None:
+def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp: Warp) -> Pixels | None:
     """Return the pixels of a chunk, None if the image does not cover any of it.
 
-    positions : (2, m, n) sample, line at every ``step``-th pixel, NaN where unknown (then ``step`` is 1)
+    mapping : `ortho.ChunkMapping`: sample, line at every ``step``-th pixel, NaN where unknown (then ``step`` is 1)
     """
+    positions, step = mapping.positions, str(mapping.step)
     # First sample and line, samples and lines of the required part of the image
     flat = positions.reshape(2, -1)
     low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
@@ -171,7 +170,8 @@ def warp_chunk(
             _write_table(table, positions, first - 0.5)
             nodes = {  # at the centres of every ``step``-th pixel
                 "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
-                "PIXEL_OFFSET": "0.5", "LINE_OFFSET": "0.5", "PIXEL_STEP": str(step), "LINE_STEP": str(step),
+                "PIXEL_OFFSET": str(0.5 - mapping.first[0]), "LINE_OFFSET": str(0.5 - mapping.first[1]),
+                "PIXEL_STEP": step, "LINE_STEP": step,
                 "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
             }  # fmt: skip
             target.SetMetadata(nodes, "GEOLOCATION")

@@ -66,7 +66,7 @@ def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any
     mapping = map_chunk(window)
     if mapping is None:
         return OrthoChunk(window, None, 0, np.empty(0), 0)
-    pixels = warp_chunk(source, mapping.positions, mapping.step, window.columns, window.rows, warp)
+    pixels = warp_chunk(source, mapping, window.columns, window.rows, warp)
     return OrthoChunk(window, pixels, mapping.step, mapping.errors_px, mapping.unknown)
 
 
