@@ -143,18 +143,23 @@ def _predict(observations: Observations, by_ground: np.ndarray, fit: np.ndarray)
     return predicted, enlargement
 
 
-def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
-    """Return the fit of each pair of images with common points: residuals of rays across the epipolar lines."""
-    usable = np.flatnonzero(finite_rows(fit.fit_px))
-    point, count = observations.point[usable], len(observations.images)
+def _list_common_points(observations: Observations, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows ``(n,)`` of each point in two images, that of the image with the smaller index first."""
+    point = observations.point[usable]
     ones, others = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for step in range(1, int(np.diff(observations.first).max(initial=1))):  # rows of one point follow one another
-        here = np.flatnonzero(point[step:] == point[:-step])
-        one, other = usable[here], usable[here + step]
-        turned = observations.image[one] > observations.image[other]
-        ones.append(np.where(turned, other, one))
-        others.append(np.where(turned, one, other))
-    first, second = np.concatenate(ones), np.concatenate(others)
+        same_point = np.flatnonzero(point[step:] == point[:-step])
+        one, other = usable[same_point], usable[same_point + step]
+        is_reversed = observations.image[one] > observations.image[other]
+        ones.append(np.where(is_reversed, other, one))
+        others.append(np.where(is_reversed, one, other))
+    return np.concatenate(ones), np.concatenate(others)
+
+
+def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
+    """Return the fit of each pair of images with common points: residuals of rays across the epipolar lines."""
+    first, second = _list_common_points(observations, np.flatnonzero(finite_rows(fit.fit_px)))
+    count = len(observations.images)
     # parallel rays have no distance across an epipolar line
     ray = np.cross(fit.by_ground[:, 0], fit.by_ground[:, 1])
     apart = np.linalg.norm(np.cross(ray[first], ray[second]), axis=1)

@@ -154,6 +154,28 @@ class PanelLayout(QWidget):
         return bar
 
     def _arrange(self) -> None:
+        """Put the widgets into the panel: tools, tables next to image views, messages."""
+        tables = self._arrange_tables()
+        self._prepare_pictures()
+        self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.empty.setWordWrap(True)
+        self.empty.setMargin(20)
+        self.whole = QSplitter(Qt.Orientation.Horizontal)
+        for widget in (tables, self.grid):
+            self.whole.addWidget(widget)
+        self.whole.setSizes([TABLES_WIDTH_PX, 900])
+        self.whole.setCollapsible(0, False)
+        self.whole.setStretchFactor(1, 1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(2, 2, 2, 2)
+        for bar in (self.bar, self.second_bar):
+            layout.addWidget(bar)
+        layout.addWidget(self.whole, 1)
+        layout.addWidget(self.empty, 1)
+        layout.addLayout(self._arrange_messages())
+
+    def _arrange_tables(self) -> QSplitter:
+        """Return the tables of points, residuals, reasons and measurements, above the pictures."""
         residuals = QWidget()
         column = QVBoxLayout(residuals)
         column.setContentsMargins(0, 2, 0, 0)
@@ -182,10 +204,10 @@ class PanelLayout(QWidget):
             tables.addWidget(widget)
         tables.setSizes([300, 150, PICTURE_HEIGHT_PX])
         tables.setStretchFactor(0, 1)
-        self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.empty.setWordWrap(True)
-        self.empty.setMargin(20)
-        self.whole = QSplitter(Qt.Orientation.Horizontal)
+        return tables
+
+    def _prepare_pictures(self) -> None:
+        """Show photographs and chips in one row."""
         self.pictures.setViewMode(QListWidget.ViewMode.IconMode)
         self.pictures.setMovement(QListWidget.Movement.Static)
         self.pictures.setResizeMode(QListWidget.ResizeMode.Adjust)
@@ -196,17 +218,9 @@ class PanelLayout(QWidget):
         self.pictures.setToolTip(
             tr("Photographs of the survey, and where the point was measured; a double click opens one")
         )
-        for widget in (tables, self.grid):
-            self.whole.addWidget(widget)
-        self.whole.setSizes([TABLES_WIDTH_PX, 900])
-        self.whole.setCollapsible(0, False)
-        self.whole.setStretchFactor(1, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2, 2, 2, 2)
-        for bar in (self.bar, self.second_bar):
-            layout.addWidget(bar)
-        layout.addWidget(self.whole, 1)
-        layout.addWidget(self.empty, 1)
+
+    def _arrange_messages(self) -> QHBoxLayout:
+        """Return the line of messages and progress."""
         # Two lines for messages, more with the wheel, and the progress: with variable sizes the images would move
         scrolled = QScrollArea()
         scrolled.setFrameShape(QScrollArea.Shape.NoFrame)
@@ -220,7 +234,7 @@ class PanelLayout(QWidget):
         bottom = QHBoxLayout()
         bottom.addWidget(scrolled, 1)
         bottom.addWidget(self.progress)
-        layout.addLayout(bottom)
+        return bottom
 
     def show_models(self, points: Any, measurements: Any, residuals: Any) -> None:
         """Show these tables, with a choice of words for cells that have one."""

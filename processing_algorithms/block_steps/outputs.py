@@ -178,13 +178,9 @@ def write_results(
         for name, parts in result.tables.items():
             write_large_table(str(folder / COMPLETE_FILES[name]), parts)
             report["outputs"][name] = complete[name]
-        # Files of earlier runs and other programs that would take precedence over the new ones
         for file in stale:
             changes.remove(file)
-        for image, new in new_files:
-            if names[image.id].endswith(NEW_FILES["copy"][0]):
-                file = os.path.join(target.output_dir, names[image.id])
-                report["warnings"] += set_aside_conflicting_rpcs(file, image.path, new.rpc, changes)
+        report["warnings"] += _set_aside_other_rpcs(new_files, names, target.output_dir, changes)
         for part, (image, new) in _tell_writing(in_place, context.stage(0.7, 0.95)):  # all images or none
             lineage = _lineage_of(image, result.lineage)
             report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, lineage)
@@ -203,6 +199,18 @@ def write_results(
     for image, new in in_place:
         require_in_place(image.path, new.rpc)
     return report
+
+
+def _set_aside_other_rpcs(pairs: Pairs, names: Mapping[str, str], output_dir: str, changes: Transaction) -> list[str]:
+    """Set files aside that would take precedence over the RPCs in new images by id; return warnings."""
+    copies = [(image, new) for image, new in pairs if names[image.id].endswith(NEW_FILES["copy"][0])]
+    return [
+        warning
+        for image, new in copies
+        for warning in set_aside_conflicting_rpcs(
+            os.path.join(output_dir, names[image.id]), image.path, new.rpc, changes
+        )
+    ]
 
 
 def _write_new_files(

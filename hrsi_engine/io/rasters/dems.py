@@ -19,8 +19,8 @@ from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import require_heights, require_raster
 from ..opening.datasets import call_quiet, check_advice, gdal_messages, open_dataset
+from ..opening.georeference import Georeference
 from ..opening.plain_files import require_plain
-from .georeference import Georeference
 
 #: Metres per unit of height, by the unit names of GDAL's drivers (lower case).
 HEIGHT_UNITS_M = {

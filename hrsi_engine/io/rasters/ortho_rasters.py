@@ -15,7 +15,7 @@ from ...foundation.errors import InputError
 from ...ground.crs_operations import operations_of
 from ...ground.geodesy import metres_per_degree
 from ..opening.datasets import gdal_messages
-from .georeference import Georeference
+from ..opening.georeference import Georeference
 from .images import GdalRaster
 
 

@@ -15,8 +15,8 @@ from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import GROUND_HEIGHTS
 from ..opening.datasets import open_dataset
+from ..opening.georeference import Georeference
 from .dems import surface_of_dataset
-from .georeference import Georeference
 
 
 class RasterKind(StrEnum):

@@ -48,7 +48,7 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import metadata_of, open_dataset
-from ..rasters.georeference import Georeference
+from ..opening.georeference import Georeference
 from . import fields
 from .content import Element, finite_number, read_xml
 from .crop import CropPlace, crop_rpc

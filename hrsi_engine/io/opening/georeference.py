@@ -11,7 +11,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ...ground.crs_operations import operations_of
 from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
 from ...ground.proj_operations import without_heights
-from ..opening.budgets import RASTER_BUDGETS
+from .budgets import RASTER_BUDGETS
 
 
 @thresholds
