@@ -16,6 +16,7 @@ import os
 import signal
 import sys
 import traceback
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -152,6 +153,8 @@ class Agent:
 
     def __init__(self, path: str) -> None:
         self.names = dict(globals())
+        # A function that refers to a connection and is called by its signal is a cycle that the collector may clear
+        self.connections: list[tuple[Any, Any]] = []
         self.server = QLocalServer()
         self.server.newConnection.connect(self._on_connection)
         if not self.server.listen(path):
@@ -159,7 +162,9 @@ class Agent:
 
     def _on_connection(self) -> None:
         connection = self.server.nextPendingConnection()
-        connection.readyRead.connect(lambda: self._on_data(connection))
+        answer = partial(self._on_data, connection)
+        connection.readyRead.connect(answer)
+        self.connections.append((connection, answer))
 
     def _on_data(self, connection: Any) -> None:
         while connection.canReadLine():
