@@ -7,7 +7,7 @@ from typing import Any
 
 from qgis.core import Qgis, QgsApplication
 from qgis.gui import QgsMessageBar
-from qgis.PyQt.QtCore import QProcess, Qt
+from qgis.PyQt.QtCore import QProcess, Qt, QTimer
 from qgis.PyQt.QtWidgets import QMessageBox, QPushButton, QWidget
 from qgis.utils import iface
 
@@ -24,13 +24,15 @@ from .dependencies import (
 from .translation import tr
 
 SHOWN_LINES = 3  # last lines of the output of pip
+OFFER_AFTER_MS = 1000  # QGIS shows "Task failed" above earlier messages
 
 
 @in_main_thread
 def offer_packages() -> None:
     """Offer the packages that matching needs above the map, if there is a desktop and pip is there."""
     if iface is not None and list_missing_packages():
-        PackageOffer(iface.messageBar(), iface.mainWindow()).push()
+        offer = PackageOffer(iface.messageBar(), iface.mainWindow())
+        QTimer.singleShot(OFFER_AFTER_MS, lambda: offer.push())  # the function keeps the offer alive
 
 
 class PackageOffer:

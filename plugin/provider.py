@@ -57,6 +57,7 @@ from .translation import tr
 
 QUICK_LOOK_SOURCE = "block.gpkg|layername=images"  # of algorithms that adjust a block
 REMAINING_FROM, REMAINING_EVERY_S = 0.1, 5.0  # share of the work, and time, after which the remaining time is shown
+STEP_FEEDBACK = "QgsProcessingMultiStepFeedback"  # class in C++ of the feedback of a step of a model
 
 
 class PluginAlgorithm(QgsProcessingAlgorithm):
@@ -162,7 +163,9 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
             elif verdict["level"] == Level.DOUBTFUL.label:
                 feedback.pushWarning(told_verdict)
         self._report = report
-        if QUICK_LOOK_SOURCE in self.declaration.layers and self._options["output_dir"] and context.project():
+        # A step of a model has none: the model has outputs of its own
+        is_shown = context.project() is not None and feedback.metaObject().className() != STEP_FEEDBACK
+        if QUICK_LOOK_SOURCE in self.declaration.layers and self._options["output_dir"] and is_shown:
             from ..processing_algorithms.files.map_layers import write_quick_looks
 
             with suppress(HrsiError, OSError):  # the result itself is written

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from hrsi.tests.desktop.conftest import link_packages
 from hrsi.tests.desktop.desktop import SYSTEM_PATH, Desktop
 
 pytestmark = pytest.mark.programs
@@ -38,6 +39,7 @@ def test_documented_command_works_as_typed(installed: Path, named: Path, tmp_pat
     """Its outputs are rasters, too."""
     (command,) = re.findall(r"```sh\n(qgis_process.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     shutil.copytree(installed, tmp_path / "qgis")
+    link_packages(tmp_path / "qgis" / "profiles" / "default")  # matching needs them
     environment = {"PATH": SYSTEM_PATH, "QGIS_CUSTOM_CONFIG_PATH": str(tmp_path / "qgis"), "HOME": os.environ["HOME"]}
     environment |= {"QT_QPA_PLATFORM": "offscreen", "XDG_RUNTIME_DIR": str(tmp_path / "qgis" / "runtime")}
     ran = subprocess.run(
