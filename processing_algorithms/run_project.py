@@ -208,6 +208,7 @@ def _read_chapters(report: Report) -> list[Report]:
         html = re.sub(r"<script.*?</script>", "", main[1] if main else "", flags=re.DOTALL)
         # The document has the verdict and the settings once; those of a step are on its own page
         html = re.sub(r'<section (?:class="verdict|id="lineage").*?</section>', "", html, flags=re.DOTALL)
+        html = re.sub(r'<li><a href="#lineage">.*?</a></li>', "", html)
         names = re.compile(r'(\b(?:id|for|aria-labelledby|aria-controls|aria-describedby)="|href="#|url\(#)([\w-])')
         html = names.sub(rf"\g<1>{step}-\g<2>", html)
         chapters.append({"step": step, "link": f"{FOLDERS[step]}/{PAGE_FILE}", "html": html})
