@@ -10,10 +10,10 @@ clouds.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from ..block.block import Image
+from ..foundation.pixel_filters import load_opencv
 from ..foundation.thresholds import threshold, thresholds
 from .block_matching.windows import read_overview
 from .tie_points import PairSummary
@@ -115,6 +115,7 @@ def _reduce(image: Image) -> _Overview | None:
 
 def _match(first: np.ndarray, second: np.ndarray) -> _AffineMap:
     """Return the affine map with most matches of two grey images."""
+    cv2 = load_opencv()
     sift = cv2.SIFT_create(nfeatures=4000)
     (places, described), (others, described_others) = (sift.detectAndCompute(grey, None) for grey in (first, second))
     nothing = _AffineMap(np.eye(2, 3), 0)
