@@ -115,7 +115,7 @@ def test_the_tile_reads_without_the_document_type(tmp_path: Path):
     """The scene of the test above is sound but for that."""
     path = as_product_of_tiles(tmp_path, "", "utf-8")
     put(tmp_path / "DIM_x.XML", "<Dimap_Document><NTILES_SIZE ncols='20' nrows='30'/></Dimap_Document>", "utf-8")
-    assert read_rpc(str(path)).source.endswith("XML RPC_x.XML")
+    assert read_rpc(str(path)).source == "DIMAP XML RPC_x.XML, moved to the crop at sample 0, line 30 of its scene"
 
 
 def test_xml_is_parsed_in_one_place(repository: Path):
