@@ -31,7 +31,7 @@ from ..hrsi_engine.foundation.json_values import json_text
 from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 from .help import as_rich_text
-from .quick_looks import STATE_AFTER
+from .quick_looks import STATE_AFTER, STATE_BEFORE
 from .translation import tr
 
 BATCH_LISTS_REPORTS = 32800  #: version of QGIS since which a batch can list reports; QGIS 3.22 raises a TypeError
@@ -143,7 +143,7 @@ class Placement(QgsProcessingLayerPostProcessorInterface):
         group = root.findGroup(self._group) or root.insertGroup(0, self._group)
         node = root.findLayer(layer.id())
         if node is not None:  # at any place in the layer tree
-            # Order of the nodes: points above footprints above images, the latest of a kind on top
+            # Order: points above footprints above images, the latest of a kind on top; quick-looks "before" last
             nodes = group.children()
             below = (place for place, other in enumerate(nodes) if other is not node and _rank(other) >= _rank(node))
             group.insertChildNode(next(below, len(nodes)), node.clone())  # first: a layer goes with its last node
@@ -154,7 +154,7 @@ class Placement(QgsProcessingLayerPostProcessorInterface):
 def _rank(node: QgsLayerTreeNode) -> int:
     layer = node.layer() if isinstance(node, QgsLayerTreeLayer) else None
     if not isinstance(layer, QgsVectorLayer):
-        return 2
+        return 3 if node.name().endswith(f"_{STATE_BEFORE}") else 2
     return int(layer.geometryType() == QgsWkbTypes.GeometryType.PolygonGeometry)
 
 

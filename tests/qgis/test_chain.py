@@ -72,8 +72,10 @@ def test_map_shows_the_result_in_its_group(hrsi_provider, qgis_new_project, bloc
     root = QgsProject.instance().layerTreeRoot()
     groups = {group.name(): [node.layer() for node in group.findLayers()] for group in root.findGroups()}
     assert list(groups) == ["HRSI Orthorectify block: ortho", "HRSI Triangulate block: result"]
-    residuals, points, footprints = groups["HRSI Triangulate block: result"]
+    residuals, points, footprints, *quick_looks = groups["HRSI Triangulate block: result"]
     assert [layer.name() for layer in (residuals, points, footprints)] == ["residuals_utm", "ground_points", "images"]
     assert all(isinstance(layer, QgsVectorLayer) for layer in (residuals, points, footprints))
     assert [layer.source() for layer in groups["HRSI Orthorectify block: ortho"]] == made[::-1]
-    assert len(root.findLayers()) == 5  # no layer stands outside its group
+    names = [layer.name() for layer in quick_looks]  # those after the adjustment above those before
+    assert names == ["image_2_after", "image_1_after", "image_2_before", "image_1_before"]
+    assert len(root.findLayers()) == 9  # no layer stands outside its group

@@ -28,7 +28,7 @@ from hrsi.plugin.provider import PluginAlgorithm, describe_remaining, keep_colum
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import fill_options, settings_of
 from hrsi.tests.qgis import answer
-from hrsi.tests.qgis.panels import run_in_background
+from hrsi.tests.qgis.panels import run_in_background, wait_for
 from hrsi.tests.qgis.profile import REPOSITORY
 from hrsi.tests.qgis.tiny import TINY, TinyFields
 
@@ -155,6 +155,7 @@ def test_missing_package_is_offered(run_tiny, monkeypatch) -> None:
     monkeypatch.setattr("hrsi.plugin.package_offer.list_missing_packages", lambda: ["opencv-python-headless"])
     with pytest.raises(QgsProcessingException, match=r"Matching needs opencv-python-headless.*Packages for matching"):
         run_tiny(TEXT="no opencv")
+    wait_for(lambda: bar.currentItem() is not None)
     (button,) = (one for one in bar.currentItem().findChildren(QPushButton) if one.text() == "Install")
     assert f"--target {QgsApplication.qgisSettingsDirPath()}" in button.toolTip()
     assert "opencv-python-headless" in button.toolTip()
