@@ -32,10 +32,9 @@ def missing_package_message(error: ImportError | MissingPackageError) -> str | N
         return None
     if package in SYSTEM_NAMES:
         return f"The Python package {package} cannot be loaded ({error}): {_system_advice(package)}"
-    if package in PIXEL_PACKAGES:
-        return f"This needs {PIXEL_PACKAGES[package]}, which this QGIS lacks: choose Plugins, HRSI, {MENU_ENTRY}"
-    command = quote_command([python_executable(), "-m", "pip", "install", package])
-    return f"The Python package {package} cannot be loaded ({error}): run  {command}  and restart QGIS"
+    name = PIXEL_PACKAGES.get(package, package)
+    command = quote_command([python_executable(), "-m", "pip", "install", name])
+    return f"The Python package {name} cannot be loaded ({error}): run  {command}  and restart QGIS"
 
 
 def absence_note() -> str:
