@@ -109,7 +109,7 @@ def test_corrections_at_a_solution_spare_solutions(monkeypatch):
     """Where each correction is followed by a solution, and until 0.1 %, more solutions give the same sizes."""
     block = simulated(90)
     quick = adjust(block)
-    monkeypatch.setattr(drift_prior, "DRIFT", replace(drift_prior.DRIFT, settled=1e-3, corrections=1))
+    monkeypatch.setattr(drift_prior, "ITERATIONS", replace(drift_prior.ITERATIONS, coarse=1e-3, most=1))
     slow = adjust(block)
     of_images = np.abs(quick.values - slow.values)[:, quick.model.drifts] / slow.values_sigma[:, slow.model.drifts]
     print(f"{quick.solves} and {slow.solves} solutions, {of_images.max():.3f} of a drift's sigma apart")

@@ -147,8 +147,9 @@ def test_the_verdict_doubts_laser_heights_that_are_far_from_the_rpcs(block, tmp_
         "triangulate", **options(block, tmp_path / "out", tie_points=str(block / "image_points.csv"), laser=laser)
     )["verdict"]
     assert verdict["level"] != "ok"
-    (reason,) = [reason for reason in verdict["reasons"] if reason["code"] == "sources-disagree"]
-    assert reason["message"].startswith("the heights of laser move the block")
+    # heights in feet also steepen the ground, so that passes contradict one another: further reasons of the same code
+    told = [reason["message"] for reason in verdict["reasons"] if reason["code"] == "sources-disagree"]
+    assert sum(message.startswith("the heights of laser move the block") for message in told) == 1
 
 
 @pytest.mark.rendered

@@ -167,7 +167,7 @@ def test_a_camera_that_wrong_inputs_spoilt_is_told_by_what_is_wrong_with_them(
         raise SolveError("the RPC has no ground positions")
 
     monkeypatch.setattr(judged_block, "state_accuracy", fail)
-    with pytest.raises(InputError, match=r"sample and line are exchanged.*sample-line-swapped.*no ground positions"):
+    with pytest.raises(InputError, match=r"sample and line are exchanged.*image-axes.*no ground positions"):
         run(name, **options(scene, tmp_path / "out", "swapped.csv"))
     with pytest.raises(SolveError, match=r"^the RPC has no ground positions$"):
         run(name, **options(scene, tmp_path / "out"))

@@ -17,6 +17,9 @@ class SOLUTION:
     """Limits beyond which the solution of an adjustment is not reliable."""
 
     settled_sigmas: float = threshold(1.0, "sigma", "change by another iteration from which a block is unusable")
+    implausible_factor: float = threshold(
+        2.5, "", "smallest reported residuals, of a group or of all (sigma0), over the given sigmas", SOUND_BLOCKS
+    )
     implausible_drift: float = threshold(
         5.0, "sigma", "largest drift of an image that no GCPs confirm, in a priori sigmas of its sensor", SOUND_BLOCKS
     )
@@ -52,7 +55,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
     wrong = [
         f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
         for part in result.variance_components
-        if part.estimated and part.unit in ("px", "m") and part.factor >= EFFECT.doubtful_factor
+        if part.estimated and part.unit in ("px", "m") and part.factor >= SOLUTION.implausible_factor
         and is_significant(part.factor**2 * part.redundancy, part.redundancy)
     ]  # fmt: skip
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
@@ -61,7 +64,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
         float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2)),
     )
     unusable = needed >= EFFECT.unusable_factor * allowed
-    if (unusable or result.sigma0 >= EFFECT.doubtful_factor) and is_significant(
+    if (unusable or result.sigma0 >= SOLUTION.implausible_factor) and is_significant(
         (needed / stated) ** 2 * result.redundancy, result.redundancy
     ):
         wrong.append(
