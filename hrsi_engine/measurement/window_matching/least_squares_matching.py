@@ -22,7 +22,8 @@ The loops over windows are compiled (`lsm_kernels`).
 
 import numpy as np
 
-from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, PatchMatches, Results, load_kernels
+from .kernel_loading import load_kernels
+from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, PatchMatches, Results
 
 
 def match_patches(

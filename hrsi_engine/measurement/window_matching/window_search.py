@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .windows import MatchImage, load_kernels
+from .kernel_loading import load_kernels
+from .windows import MatchImage
 
 
 class SearchPeaks(NamedTuple):

@@ -8,12 +8,10 @@ generalised least-squares adjustment. Noisy or blurred images need more smoothin
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...foundation.packages import require_package
 from ...foundation.pixel_filters import blur, erode, filter_separable, slopes
 from ...foundation.thresholds import threshold, thresholds
 
@@ -130,12 +128,6 @@ class MatchImage(ResultCache):
             ("clear", distance_px), lambda: erode(self.valid, 2 * distance_px + 1, outside=False)
         )
         return clear
-
-
-def load_kernels() -> Any:
-    """Return the module `lsm_kernels`; raise `MissingPackageError` without numba."""
-    require_package("numba")
-    return import_module(".lsm_kernels", __package__)
 
 
 Results = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
