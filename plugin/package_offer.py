@@ -1,29 +1,34 @@
-"""The offer to install the packages that matching needs into the user's profile: one click runs the shown command."""
+"""The packages that matching needs: one click installs them into the user's profile, and their loops are compiled."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
 from typing import Any
 
-from qgis.core import Qgis, QgsApplication
+from qgis.core import Qgis, QgsApplication, QgsSettings
 from qgis.gui import QgsMessageBar
 from qgis.PyQt.QtCore import QProcess, Qt, QTimer
 from qgis.PyQt.QtWidgets import QMessageBox, QPushButton, QWidget
 from qgis.utils import iface
 
 from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.version import VERSION
 from .background_task import BackgroundTask, in_main_thread
 from .dependencies import (
     can_install,
     install_command,
     list_missing_packages,
     package_folder,
+    python_executable,
     quote_command,
     use_packages,
 )
 from .translation import tr
 
 SHOWN_LINES = 3  # last lines of the output of pip
+COMPILED_FOR = "hrsi/compiled_for"  #: setting: the versions for which all loops have been compiled
 OFFER_AFTER_MS = 1000  # QGIS shows "Task failed" above earlier messages
 
 
@@ -33,6 +38,31 @@ def offer_packages() -> None:
     if iface is not None and list_missing_packages():
         offer = PackageOffer(iface.messageBar(), iface.mainWindow())
         QTimer.singleShot(OFFER_AFTER_MS, lambda: offer.push())  # the function keeps the offer alive
+
+
+def compile_in_background(parent: QWidget) -> QProcess | None:
+    """Start the process that compiles the loops of matching, once for each version; None: nothing is to be compiled.
+
+    It ends with ``parent``, the main window, and then begins again at the next start.
+    """
+    if list_missing_packages():
+        return None
+    versions = f"{VERSION} with numba {metadata.version('numba')}"
+    if QgsSettings().value(COMPILED_FOR) == versions:
+        return None
+    process = QProcess(parent)
+
+    def note_end(code: int) -> None:
+        if code == 0:
+            QgsSettings().setValue(COMPILED_FOR, versions)
+
+    process.finished.connect(note_end)
+    process.setStandardOutputFile(QProcess.nullDevice())
+    process.setStandardErrorFile(QProcess.nullDevice())
+    process.setWorkingDirectory(str(Path(__file__).resolve().parents[2]))  # Python finds HRSI there
+    packages = package_folder(QgsApplication.qgisSettingsDirPath())
+    process.start(python_executable(), ["-m", f"{__package__}.compile_loops", str(packages)])
+    return process
 
 
 class PackageOffer:
@@ -86,6 +116,8 @@ class PackageOffer:
         if task.is_done:
             use_packages(self.folder)
             self._bar.pushMessage("HRSI", tr("Installed. Matching works now."), Qgis.MessageLevel.Success)
+            if self._parent is not None:
+                compile_in_background(self._parent)
         elif task.failure:
             self._bar.pushMessage("HRSI", task.failure, Qgis.MessageLevel.Warning)
 

@@ -43,7 +43,7 @@ class HrsiPlugin:
         keep_threads()
         try:
             from .first_steps import FirstSteps, is_tour_wanted
-            from .package_offer import PackageOffer
+            from .package_offer import PackageOffer, compile_in_background
             from .points_panel.dock import PointsDock
             from .points_panel.guards import ExitGuard, RecoveryOffer
         except ImportError as error:  # the provider has reported what is missing
@@ -77,6 +77,7 @@ class HrsiPlugin:
         compare.toggled.connect(comparison.switch)
         self.iface.addPluginToMenu("HRSI", compare)
         self._actions.append(compare)
+        compile_in_background(self.iface.mainWindow())
         self._recovery.show()
         if is_tour_wanted() and self.iface.mainWindow().isVisible():
             self._steps.show_in_front()

@@ -191,12 +191,13 @@ def progress_to(feedback: QgsProcessingFeedback, is_given_up: threading.Event) -
 
     From the first tenth on, the text above the progress bar has the time that remains at the present average speed.
     """
-    began_s, shown, told_s = time.monotonic(), "", -math.inf
+    began_s, shown, told_s, done = time.monotonic(), "", -math.inf, 0.0
 
     def progress(fraction: float, message: str = "") -> bool:
-        nonlocal shown, told_s
+        nonlocal shown, told_s, done
         if is_given_up.is_set():
             return False
+        done = fraction = max(done, fraction)  # an adjustment with further iterations begins its part again
         feedback.setProgress(100.0 * fraction)
         passed_s = time.monotonic() - began_s
         is_due = passed_s - told_s > REMAINING_EVERY_S and passed_s > REMAINING_EVERY_S

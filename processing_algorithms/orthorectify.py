@@ -44,8 +44,8 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
         *planned.warnings,
         *(f"{name}: the orthoimage is empty: check the pixels and the nodata value of the image"
           for name, entry in entries.items() if not entry["shown_pixels"]),
-        *(f"{name}: about {entry['unknown_pixels']} pixels of the image lie where the terrain is not known: they are "
-          "nodata; `fill_gaps` bridges small gaps of the DEM, another DEM large ones"
+        *(f"{name}: about {entry['unknown_pixels']} pixels have no DEM height and become nodata: `fill_gaps` closes "
+          "small gaps of the DEM; for large ones use another DEM"
           for name, entry in entries.items() if entry["unknown_pixels"]),
     ]  # fmt: skip
     crs = pyproj.CRS.from_wkt(planned.crs)

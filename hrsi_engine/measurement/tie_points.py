@@ -104,8 +104,8 @@ def find_tie_points(
     """
     search = TieSearch(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper,
                        earlier=earlier)  # fmt: skip
-    search.choose_pairs(stage(progress, 0.0, 0.3))
-    search.match_pairs(stage(progress, 0.3, 0.85))
+    search.choose_pairs(stage(progress, 0.0, 0.2))
+    search.match_pairs(stage(progress, 0.2, 0.85))
     good, links = search.judge()
     # False or weak links are replaced by others, once; images with few links are matched more thoroughly
     replaced = search.replace_links(links, stage(progress, 0.85, 0.88))

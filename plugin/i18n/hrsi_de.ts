@@ -45,7 +45,7 @@
     </message>
     <message>
       <source>A DEM of the ground</source>
-      <translation>Ein DHM des Geländes</translation>
+      <translation>Ein DGM des Geländes</translation>
     </message>
     <message>
       <source>A block adjusted before, which the images join</source>
@@ -65,7 +65,7 @@
     </message>
     <message>
       <source>A required DEM</source>
-      <translation>Ein DHM (nötig)</translation>
+      <translation>Ein DGM (nötig)</translation>
     </message>
     <message>
       <source>A required reference orthoimage</source>
@@ -86,6 +86,14 @@
     <message>
       <source>Accept all</source>
       <translation>Alle annehmen</translation>
+    </message>
+    <message>
+      <source>Accept the match in the active view</source>
+      <translation>Die Zuordnung in der aktiven Ansicht annehmen</translation>
+    </message>
+    <message>
+      <source>Accept the matches in all images</source>
+      <translation>Die Zuordnungen in allen Bildern annehmen</translation>
     </message>
     <message>
       <source>Accuracy of one or more sets of RPCs with tracks, ground points and a DEM</source>
@@ -120,16 +128,16 @@
       <translation>Ausgleichen</translation>
     </message>
     <message>
-      <source>Adjust again after every change: the residuals follow at once</source>
-      <translation>Nach jeder Änderung neu ausgleichen: die Restklaffungen folgen sofort</translation>
+      <source>Adjust again after every change, so that the residuals are always those of the present measurements</source>
+      <translation>Nach jeder Änderung neu ausgleichen: die Residuen gehören immer zu den vorhandenen Messungen</translation>
     </message>
     <message>
       <source>Adjust block</source>
       <translation>Block ausgleichen</translation>
     </message>
     <message>
-      <source>Adjust the block with what is measured so far</source>
-      <translation>Den Block mit dem bisher Gemessenen ausgleichen</translation>
+      <source>Adjust the block with the present measurements</source>
+      <translation>Den Block mit den vorhandenen Messungen ausgleichen</translation>
     </message>
     <message>
       <source>All</source>
@@ -200,8 +208,8 @@
       <translation>KBS</translation>
     </message>
     <message>
-      <source>CRS, where the points name none</source>
-      <translation>KBS, wo die Punkte keines nennen</translation>
+      <source>CRS if the file has none</source>
+      <translation>KBS, wenn die Datei keines hat</translation>
     </message>
     <message>
       <source>Cancel</source>
@@ -252,11 +260,11 @@
       <translation>Zuerst einen Bodenpunkt in der Liste wählen</translation>
     </message>
     <message>
-      <source>Click in an image on what the other images show too: a new tie point</source>
-      <translation>In einem Bild auf etwas klicken, das auch die anderen Bilder zeigen: ein neuer Verknüpfungspunkt</translation>
+      <source>Click in an image on a detail that the other images show too: it becomes a tie point</source>
+      <translation>In einem Bild auf etwas klicken, das auch die anderen Bilder zeigen: es wird ein Verknüpfungspunkt</translation>
     </message>
     <message>
-      <source>Click in an image: a new tie point there, looked for in the others</source>
+      <source>Click in an image: a new tie point there, searched for in the other images</source>
       <translation>In ein Bild klicken: dort entsteht ein Verknüpfungspunkt, der in den anderen gesucht wird</translation>
     </message>
     <message>
@@ -362,6 +370,10 @@
     <message>
       <source>Dates</source>
       <translation>Aufnahmetage</translation>
+    </message>
+    <message>
+      <source>Delete the measurement in the active view</source>
+      <translation>Die Messung in der aktiven Ansicht löschen</translation>
     </message>
     <message>
       <source>Dense</source>
@@ -848,10 +860,6 @@
       <translation>Länge</translation>
     </message>
     <message>
-      <source>Look for the point, by matching, in all images that should show it</source>
-      <translation>Den Punkt durch Bildzuordnung in allen Bildern suchen, die ihn zeigen sollten</translation>
-    </message>
-    <message>
       <source>Mask saturated</source>
       <translation>Übersättigtes maskieren</translation>
     </message>
@@ -1089,7 +1097,7 @@
     </message>
     <message>
       <source>Project file for run from the images, points and DEM of a folder</source>
-      <translation>Projektdatei für „Projekt ausführen“ aus Bildern, Punkten und DHM eines Ordners</translation>
+      <translation>Projektdatei für „Projekt ausführen“ aus Bildern, Punkten und DGM eines Ordners</translation>
     </message>
     <message>
       <source>Project ground points</source>
@@ -1168,10 +1176,6 @@
       <translation>Bilder mit verbesserten RPCs</translation>
     </message>
     <message>
-      <source>Refuse what was found in the active view</source>
-      <translation>Den Fund in der aktiven Ansicht ablehnen</translation>
-    </message>
-    <message>
       <source>Register two images</source>
       <translation>Zwei Bilder einpassen</translation>
     </message>
@@ -1182,6 +1186,10 @@
     <message>
       <source>Reject</source>
       <translation>Ablehnen</translation>
+    </message>
+    <message>
+      <source>Reject the match in the active view</source>
+      <translation>Die Zuordnung in der aktiven Ansicht ablehnen</translation>
     </message>
     <message>
       <source>Relief</source>
@@ -1213,7 +1221,7 @@
     </message>
     <message>
       <source>Residual CRS</source>
-      <translation>KBS der Restklaffungen</translation>
+      <translation>KBS der Residuen</translation>
     </message>
     <message>
       <source>Residuals</source>
@@ -1296,12 +1304,20 @@
       <translation>Suchweite</translation>
     </message>
     <message>
+      <source>Search for the point by matching in all other images that contain it</source>
+      <translation>Den Punkt durch Bildzuordnung in allen anderen Bildern suchen, die ihn enthalten</translation>
+    </message>
+    <message>
       <source>Search for tie points</source>
       <translation>Suche nach Verknüpfungspunkten</translation>
     </message>
     <message>
       <source>Search margin</source>
       <translation>Suchrand</translation>
+    </message>
+    <message>
+      <source>Searching for {} by its chips.</source>
+      <translation>{} wird anhand seiner Bildausschnitte gesucht.</translation>
     </message>
     <message>
       <source>Second</source>
@@ -1344,8 +1360,8 @@
       <translation>Befehl zeigen</translation>
     </message>
     <message>
-      <source>Show the residuals of one image, or of what a reason of the verdict concerns</source>
-      <translation>Die Residuen eines Bildes zeigen, oder dessen, was ein Grund des Urteils betrifft</translation>
+      <source>Show the residuals of one image, or those that a reason of the verdict is about</source>
+      <translation>Die Residuen eines Bildes zeigen, oder die, um die es in einem Grund des Urteils geht</translation>
     </message>
     <message>
       <source>Show the whole image; choosing the point again comes back</source>
@@ -1460,18 +1476,6 @@
       <translation>Erwartung nehmen</translation>
     </message>
     <message>
-      <source>Take the measurement in the active view away</source>
-      <translation>Die Messung in der aktiven Ansicht löschen</translation>
-    </message>
-    <message>
-      <source>Take what was found in all images</source>
-      <translation>Den Fund in allen Bildern annehmen</translation>
-    </message>
-    <message>
-      <source>Take what was found in the active view</source>
-      <translation>Den Fund in der aktiven Ansicht annehmen</translation>
-    </message>
-    <message>
       <source>Terrain points</source>
       <translation>Geländepunkte</translation>
     </message>
@@ -1492,16 +1496,24 @@
       <translation>Der Befehl für das Python dieses QGIS ist</translation>
     </message>
     <message>
+      <source>The measurements of the previous block are still here; they are not saved yet</source>
+      <translation>Die Messungen des vorigen Blocks sind noch da; sie sind noch nicht gespeichert</translation>
+    </message>
+    <message>
       <source>The next point that is not measured on all images that show it</source>
       <translation>Der nächste Punkt, der nicht in allen Bildern gemessen ist, die ihn zeigen</translation>
     </message>
     <message>
-      <source>The point before that is not measured everywhere</source>
-      <translation>Der vorige Punkt, der nicht überall gemessen ist</translation>
+      <source>The previous point that is not measured on all images that show it</source>
+      <translation>Der vorige Punkt, der nicht in allen Bildern gemessen ist, die ihn zeigen</translation>
     </message>
     <message>
       <source>The wheel zooms all images</source>
       <translation>Das Mausrad zoomt alle Bilder</translation>
+    </message>
+    <message>
+      <source>There are no unsaved measurements</source>
+      <translation>Es gibt keine ungespeicherten Messungen</translation>
     </message>
     <message>
       <source>This was the last step. Use New… in the panel for your own block, and the toolbox for all other algorithms.</source>
@@ -1609,7 +1621,7 @@
     </message>
     <message>
       <source>What a free DEM of a scene is like</source>
-      <translation>Wie ein freies DHM einer Szene ist</translation>
+      <translation>Wie ein freies DGM einer Szene ist</translation>
     </message>
     <message>
       <source>What a free orthoimage of a scene is like</source>
@@ -1684,8 +1696,8 @@
       <translation>Falsche Höhen</translation>
     </message>
     <message>
-      <source>Y takes what was found in the framed view, Shift+Y all, X refuses it.</source>
-      <translation>Y nimmt den Fund in der umrahmten Ansicht an, Umschalt+Y alle, X lehnt ihn ab.</translation>
+      <source>Y accepts the match in the framed view, Shift+Y all matches, X rejects it.</source>
+      <translation>Y nimmt die Zuordnung in der umrahmten Ansicht an, Umschalt+Y alle, X lehnt sie ab.</translation>
     </message>
     <message>
       <source>a block that was never saved</source>
@@ -1732,10 +1744,6 @@
       <translation>dz px</translation>
     </message>
     <message>
-      <source>done again</source>
-      <translation>wiederholt</translation>
-    </message>
-    <message>
       <source>doubtful</source>
       <translation>zweifelhaft</translation>
     </message>
@@ -1780,16 +1788,12 @@
       <translation>kein DGM: wie eingegeben</translation>
     </message>
     <message>
-      <source>no other image should show it</source>
-      <translation>kein anderes Bild sollte ihn zeigen</translation>
+      <source>no other image contains this point</source>
+      <translation>kein anderes Bild enthält diesen Punkt</translation>
     </message>
     <message>
       <source>no pixels</source>
       <translation>keine Pixel</translation>
-    </message>
-    <message>
-      <source>no session has left anything unsaved</source>
-      <translation>keine Sitzung hat etwas ungespeichert hinterlassen</translation>
     </message>
     <message>
       <source>normalised</source>
@@ -1810,6 +1814,10 @@
     <message>
       <source>predicted at sample {:.1f}, line {:.1f}</source>
       <translation>erwartet in Spalte {:.1f}, Zeile {:.1f}</translation>
+    </message>
+    <message>
+      <source>redone</source>
+      <translation>wiederholt</translation>
     </message>
     <message>
       <source>role</source>
@@ -1844,16 +1852,12 @@
       <translation>Standardabweichung {:.2f} px</translation>
     </message>
     <message>
-      <source>taken back</source>
-      <translation>rückgängig gemacht</translation>
-    </message>
-    <message>
-      <source>the measurements of the block before are still here; they are not saved yet</source>
-      <translation>die Messungen des vorigen Blocks sind noch da; sie sind noch nicht gespeichert</translation>
-    </message>
-    <message>
       <source>tie point on {}: {}</source>
       <translation>Verknüpfungspunkt in {}: {}</translation>
+    </message>
+    <message>
+      <source>undone</source>
+      <translation>rückgängig gemacht</translation>
     </message>
     <message>
       <source>unusable</source>
@@ -1866,10 +1870,6 @@
     <message>
       <source>{} images chosen</source>
       <translation>{} Bilder gewählt</translation>
-    </message>
-    <message>
-      <source>{} is looked for by its chips.</source>
-      <translation>{} wird anhand seiner Bildausschnitte gesucht.</translation>
     </message>
     <message>
       <source>{} is not a number</source>
@@ -1888,8 +1888,8 @@
       <translation>{} Messungen von {} waren nicht gespeichert: {}</translation>
     </message>
     <message>
-      <source>{} on {}: refused; click where it is, or leave it</source>
-      <translation>{} in {}: abgelehnt; klicken, wo er ist, oder so lassen</translation>
+      <source>{} on {}: match rejected; click on the point, or leave it out</source>
+      <translation>{} in {}: Zuordnung abgelehnt; den Punkt anklicken oder weglassen</translation>
     </message>
     <message>
       <source>{} on {}: {}</source>

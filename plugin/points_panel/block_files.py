@@ -152,7 +152,7 @@ class BlockFiles:
         state = restore_state(QgsProject.instance())  # now: saving writes the old block's path into the project
         if self.dock.session.changed:
             if not state.path or state.path == self.dock.session.path or not self.may_leave():
-                self.tell(tr("the measurements of the block before are still here; they are not saved yet"))
+                self.tell(tr("The measurements of the previous block are still here; they are not saved yet"))
                 return
         elif not state.path:
             self.dock.show_session(PointSession())

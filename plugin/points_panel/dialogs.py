@@ -80,7 +80,7 @@ class NewBlockDialog(QDialog):
             rows.addRow(label, self.fields[field])
         form.addRow(fields)
         form.addRow(tr("Image points (optional)"), self.image_points.widget)
-        form.addRow(tr("CRS, where the points name none"), self.crs)
+        form.addRow(tr("CRS if the file has none"), self.crs)
         form.addRow(tr("Heights refer to"), self.datum)
         form.addWidget(box)
         self.resize(720, self.sizeHint().height())  # file names are long

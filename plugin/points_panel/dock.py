@@ -193,7 +193,7 @@ class PointsDock(QDockWidget):
         self._show_pictures()
         library, measured = self.session.library, any(other == name for other, _ in self.session.measured)
         if point is not None and library is not None and not measured and library.find_rows(point).size:
-            self._clicked = tr("{} is looked for by its chips.").format(name)
+            self._clicked = tr("Searching for {} by its chips.").format(name)
             self.search.begin(self.ui.grid.list_images())
 
     @show_errors
@@ -251,7 +251,7 @@ class PointsDock(QDockWidget):
     def begin_tie(self) -> None:
         """Start a tie point with the next click in an image."""
         if self.ui.tie.isChecked():
-            self.tell(tr("Click in an image on what the other images show too: a new tie point"))
+            self.tell(tr("Click in an image on a detail that the other images show too: it becomes a tie point"))
 
     def _begin_tie_at(self, image: str, click: tuple[float, float]) -> None:
         self.ui.tie.setChecked(False)
@@ -288,7 +288,7 @@ class PointsDock(QDockWidget):
         good = tr("found, correlation {:.2f}")
         lines = [f"{image}: {one.refusal or good.format(one.correlation)}" for image, one in results.items()]
         self.tell(
-            f"{self.point()}  {self._describe_keys()}  {';  '.join(lines) or tr('no other image should show it')}"
+            f"{self.point()}  {self._describe_keys()}  {';  '.join(lines) or tr('no other image contains this point')}"
         )
 
     @show_errors
@@ -303,7 +303,7 @@ class PointsDock(QDockWidget):
         """Return the keys that answer the proposals, and where some are not in view."""
         if not self.search.proposals:
             return ""
-        text = tr("Y takes what was found in the framed view, Shift+Y all, X refuses it.")
+        text = tr("Y accepts the match in the framed view, Shift+Y all matches, X rejects it.")
         hidden = ", ".join(self.ui.grid.list_hidden_proposals())
         return f"{text} {tr('Not in view: {}; M shows it.').format(hidden)}" if hidden else text
 
@@ -323,7 +323,7 @@ class PointsDock(QDockWidget):
         """Reject the proposal in the active view."""
         image = self.ui.grid.activate_proposal()
         if self.search.reject(image):
-            self.tell(tr("{} on {}: refused; click where it is, or leave it").format(self.point(), image))
+            self.tell(tr("{} on {}: match rejected; click on the point, or leave it out").format(self.point(), image))
             self.refresh()
 
     @show_errors
@@ -345,7 +345,7 @@ class PointsDock(QDockWidget):
         if title := self.session.redo() if again else self.session.undo():
             if self.point() not in self.session.points:
                 self.measurements_model.show_point("")
-            self.tell(f"{title}: {tr('done again') if again else tr('taken back')}")
+            self.tell(f"{title}: {tr('redone') if again else tr('undone')}")
             self.show_edit()
 
     def step_to_gap(self, step: int) -> None:

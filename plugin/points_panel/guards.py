@@ -53,7 +53,7 @@ class RecoveryOffer:
             self._items[unsaved.folder] = item
             self._bar.pushWidget(item, Qgis.MessageLevel.Warning)
         if is_asked and not journals:
-            self._bar.pushMessage(tr("HRSI Points"), tr("no session has left anything unsaved"))
+            self._bar.pushMessage(tr("HRSI Points"), tr("There are no unsaved measurements"))
 
     def _answer(self, unsaved: Any, action: Callable[[Any], Any], _checked: bool = False) -> None:
         action(unsaved)

@@ -91,7 +91,7 @@ class PanelLayout(QWidget):
         self.message.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.points, self.measurements, self.residuals = QTableView(), QTableView(), QTableView()
         self.filter, self.rmse, self.verdict, self.tabs = QComboBox(), QLabel(), QListWidget(), QTabWidget()
-        self.filter.setToolTip(tr("Show the residuals of one image, or of what a reason of the verdict concerns"))
+        self.filter.setToolTip(tr("Show the residuals of one image, or those that a reason of the verdict is about"))
         self.pictures = QListWidget()
         self._verdict_of: tuple[AdjustmentView | None, str] = None, ""
         self.empty, self.grid = QLabel(tr(EMPTY)), ViewGrid()
@@ -116,8 +116,8 @@ class PanelLayout(QWidget):
         bar.addSeparator()
         bar.addWidget(QLabel(f" {tr('Model')}: "))
         bar.addWidget(self.model)
-        self.adjust = _action(bar, "Adjust", "Adjust the block with what is measured so far", "F5")
-        self.live = _action(bar, "Live", "Adjust again after every change: the residuals follow at once")
+        self.adjust = _action(bar, "Adjust", "Adjust the block with the present measurements", "F5")
+        self.live = _action(bar, "Live", "Adjust again after every change, so that the residuals are always those of the present measurements")
         self.cancel = _action(bar, "Cancel", "Stop the adjustment")
         bar.addSeparator()
         bar.addWidget(QLabel(f" {tr('Click on')}: "))
@@ -135,22 +135,22 @@ class PanelLayout(QWidget):
             bar, "Point from map", "Click in the map: a new ground point there, with the height of a DEM"
         )
         self.go_to = _action(bar, "Go to place", "Click in the map: the images show that place")
-        self.tie = _action(bar, "Tie point", "Click in an image: a new tie point there, looked for in the others", "T")
+        self.tie = _action(bar, "Tie point", "Click in an image: a new tie point there, searched for in the other images", "T")
         self.library = _action(
             bar, "Chip library…", "Keep chips of measured GCPs in a file, and find these GCPs in new images by matching"
         )
         self.remove = _action(bar, "Remove", "Remove the chosen point and its measurements")
         bar.addSeparator()
-        self.previous = _action(bar, "Previous", "The point before that is not measured everywhere", "P")
+        self.previous = _action(bar, "Previous", "The previous point that is not measured on all images that show it", "P")
         self.next = _action(bar, "Next", "The next point that is not measured on all images that show it", "N")
         self.take = _action(bar, "Take prediction", "Measure where the point is predicted, in the active view", "A")
-        self.forget = _action(bar, "Forget", "Take the measurement in the active view away", "Del")
+        self.forget = _action(bar, "Forget", "Delete the measurement in the active view", "Del")
         self.transfer = _action(
-            bar, "Transfer", "Look for the point, by matching, in all images that should show it", "M"
+            bar, "Transfer", "Search for the point by matching in all other images that contain it", "M"
         )
-        self.accept = _action(bar, "Accept", "Take what was found in the active view", "Y")
-        self.accept_all = _action(bar, "Accept all", "Take what was found in all images", "Shift+Y")
-        self.reject = _action(bar, "Reject", "Refuse what was found in the active view", "X")
+        self.accept = _action(bar, "Accept", "Accept the match in the active view", "Y")
+        self.accept_all = _action(bar, "Accept all", "Accept the matches in all images", "Shift+Y")
+        self.reject = _action(bar, "Reject", "Reject the match in the active view", "X")
         return bar
 
     def _arrange(self) -> None:

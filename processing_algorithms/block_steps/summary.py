@@ -15,8 +15,7 @@ def summarise(report: Report) -> str:
     """Return the lines on convergence, control and check points, warnings and verdict."""
     redundancy, explained = report["redundancy"], list[str]()
     if redundancy != round(redundancy):
-        share = "a parameter with a prior counts with the share that follows from observations"
-        explained.append(f"redundancy {redundancy:.1f}: {share}")
+        explained.append(f"redundancy {redundancy:.1f} (parameters with a priori sigmas count in part)")
     lines = [
         f"model {report['model']}, sigma0 {report['sigma0']:.3f}, {report['status']} after {report['iterations']} "
         f"iterations, {report['observations']} observations, {report['unknowns']} unknowns",

@@ -6,18 +6,21 @@ import csv
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.plugin.dependencies import package_folder
 from hrsi.processing_algorithms import run
 from hrsi.tests.desktop.desktop import Desktop, build_zip
 
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "desktop"  #: of every step, to be looked at
 BLOCK = {"images": 3, "size": 700, "gcps": 9, "checks": 3, "ties": 30, "seed": 5, "noise_image": 0.0}
+COMPILED_FOR = f"{VERSION} with numba {metadata.version('numba')}"  # as the plugin notes it in its settings
 RUN_S = 300.0  # of an algorithm, on cores that others keep busy
 DIALOG = """
 import processing
@@ -58,14 +61,19 @@ def link_file(source: str, target: str) -> None:
 
 @pytest.fixture
 def start(installed: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Callable[..., Desktop]]:
-    """Start QGIS with a copy of the profile, with packages for matching or without; after a kill: with the same one."""
+    """Start QGIS with a copy of the profile, with packages for matching or without; after a kill: with the same one.
+
+    ``compiles``: the plugin compiles the loops of matching, as at its first start; otherwise the first run does.
+    """
     work, running = tmp_path / "qgis", []
 
-    def begin(packages: bool = True, **options: Any) -> Desktop:
+    def begin(packages: bool = True, compiles: bool = False, **options: Any) -> Desktop:
         if not work.exists():
             shutil.copytree(installed, work)
             if packages:
                 link_packages(work / "profiles" / "default")
+        if not compiles:
+            options["settings"] = f"{options.get('settings', '')}\n[hrsi]\ncompiled_for={COMPILED_FOR}\n"
         running.append(Desktop(work, pictures=PICTURES / request.node.name, **options).__enter__())
         return running[-1]
 

@@ -36,6 +36,7 @@ class WorkPart:
     function : does the work, possibly in another process; job : its complete input
     needs : keys of the parts whose results are its further arguments
     keep : whether the result is stored in a file; intermediate results are not; label : description for the progress
+    cost : expected time of the part in comparison with the others of its round
     """
 
     key: str
@@ -44,6 +45,7 @@ class WorkPart:
     needs: tuple[str, ...] = ()
     keep: bool = True
     label: str = ""
+    cost: float = 1.0
 
 
 class ResultStore(Protocol):
@@ -81,18 +83,20 @@ def run_parts(
         if kept is not None:
             results[key] = kept
     missing = [key for key in dict.fromkeys(wanted) if key not in results]
-    before = len(results)
+    every, left_cost = len(results) + len(missing), sum(by_key[key].cost for key in missing)
+    all_costs = left_cost + sum(by_key[key].cost for key in results)
 
     def finish(key: str, result: PartResult) -> None:
         if keeper is not None and by_key[key].keep:
             keeper.save(key, result)
         results[key] = result
+        nonlocal left_cost
+        left_cost -= by_key[key].cost
         tell(key)
 
     def tell(key: str) -> None:
-        every = before + len(missing)
-        label = by_key[key].label
-        advance(progress, len(results) / every, f"{label} ({len(results)} of {every} parts done)" if label else "")
+        label, fraction = by_key[key].label, 1.0 - left_cost / all_costs
+        advance(progress, fraction, f"{label} ({len(results)} of {every} parts done)" if label else "")
 
     if missing:
         tell(missing[0])

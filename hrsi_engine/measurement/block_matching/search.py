@@ -71,8 +71,9 @@ class TieSearch:
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
         if len(self.usable) < 2:
             raise InputError(
-                "tie points are found in the pixels of two images or more: one image with GCPs is refined by "
-                "refine-rpc; of a block give image files, or measured points (`tie_points`, or `tracks` of evaluate)"
+                "these inputs give no tie points: fewer than two of the images have pixels (RPC files have none). Give "
+                "image files, or measured points (`tie_points`, or `tracks` of evaluate); one image with GCPs is "
+                "refined by refine-rpc"
             )
         self._scheduler, self._keeper = scheduler, keeper
         self.earlier = frozenset(earlier)  #: ids of images that were already matched with each other
@@ -344,7 +345,8 @@ class TieSearch:
             for start in range(0, len(cells), per_part):
                 job = StarJob(number, image, tuple(cells[start : start + per_part]), tuple(own), options)
                 key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
-                parts.append(WorkPart(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
+                label = f"matching {image.id}"
+                parts.append(WorkPart(f"windows-{key}", match_stars, job, label=label, cost=float(len(own))))
         if parts:
             found = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
             self._results += [(part.job.number, found[part.key]) for part in parts]
