@@ -96,6 +96,10 @@ first-contact: set-up-test  ## init and run on folders as people have them, simu
 test-desktop: set-up-test  ## the plugin in the real window of QGIS, by mouse and keyboard; pictures in build/desktop
 	@$(PYTEST) -p no:pytest_qgis tests/desktop
 
+.PHONY: test-session
+test-session: set-up-test  ## 45 minutes of work in the real window of QGIS: three blocks, five algorithms, two projects
+	@HRSI_SESSION_MINUTES=45 $(PYTEST) -p no:pytest_qgis -s tests/desktop/test_long_use.py
+
 .PHONY: test-desktop-new
 test-desktop-new:  ## the same with the QGIS, Python, NumPy and GDAL of Debian 13, made in build/trixie; needs root
 	@scripts/test_on_new_debian.sh

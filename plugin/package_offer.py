@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from .dependencies import (
 from .translation import tr
 
 SHOWN_LINES = 3  # last lines of the output of pip
-COMPILED_FOR = "hrsi/compiled_for"  #: setting: the versions for which all loops have been compiled
+COMPILED_FOR = "hrsi/compiled_for"  #: setting: the version of HRSI whose loops have been compiled
 OFFER_AFTER_MS = 1000  # QGIS shows "Task failed" above earlier messages
 
 
@@ -45,21 +44,18 @@ def compile_in_background(parent: QWidget) -> QProcess | None:
 
     It ends with ``parent``, the main window, and then begins again at the next start.
     """
-    if list_missing_packages():
-        return None
-    versions = f"{VERSION} with numba {metadata.version('numba')}"
-    if QgsSettings().value(COMPILED_FOR) == versions:
+    if list_missing_packages() or QgsSettings().value(COMPILED_FOR) == VERSION:
         return None
     process = QProcess(parent)
 
     def note_end(code: int) -> None:
         if code == 0:
-            QgsSettings().setValue(COMPILED_FOR, versions)
+            QgsSettings().setValue(COMPILED_FOR, VERSION)
 
     process.finished.connect(note_end)
     process.setStandardOutputFile(QProcess.nullDevice())
     process.setStandardErrorFile(QProcess.nullDevice())
-    process.setWorkingDirectory(str(Path(__file__).resolve().parents[2]))  # Python finds HRSI there
+    process.setWorkingDirectory(str(Path(__file__).parents[2]))  # Python finds HRSI there
     packages = package_folder(QgsApplication.qgisSettingsDirPath())
     process.start(python_executable(), ["-m", f"{__package__}.compile_loops", str(packages)])
     return process

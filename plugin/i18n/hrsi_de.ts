@@ -128,8 +128,8 @@
       <translation>Ausgleichen</translation>
     </message>
     <message>
-      <source>Adjust again after every change, so that the residuals are always those of the present measurements</source>
-      <translation>Nach jeder Änderung neu ausgleichen: die Residuen gehören immer zu den vorhandenen Messungen</translation>
+      <source>Adjust again after every change of the measurements</source>
+      <translation>Nach jeder Änderung der Messungen neu ausgleichen</translation>
     </message>
     <message>
       <source>Adjust block</source>
@@ -264,7 +264,7 @@
       <translation>In einem Bild auf etwas klicken, das auch die anderen Bilder zeigen: es wird ein Verknüpfungspunkt</translation>
     </message>
     <message>
-      <source>Click in an image: a new tie point there, searched for in the other images</source>
+      <source>Click in an image: a new tie point, searched for in the other images</source>
       <translation>In ein Bild klicken: dort entsteht ein Verknüpfungspunkt, der in den anderen gesucht wird</translation>
     </message>
     <message>
@@ -1500,11 +1500,11 @@
       <translation>Die Messungen des vorigen Blocks sind noch da; sie sind noch nicht gespeichert</translation>
     </message>
     <message>
-      <source>The next point that is not measured on all images that show it</source>
+      <source>The next point that is not measured on all its images</source>
       <translation>Der nächste Punkt, der nicht in allen Bildern gemessen ist, die ihn zeigen</translation>
     </message>
     <message>
-      <source>The previous point that is not measured on all images that show it</source>
+      <source>The previous point that is not measured on all its images</source>
       <translation>Der vorige Punkt, der nicht in allen Bildern gemessen ist, die ihn zeigen</translation>
     </message>
     <message>

@@ -117,7 +117,7 @@ class PanelLayout(QWidget):
         bar.addWidget(QLabel(f" {tr('Model')}: "))
         bar.addWidget(self.model)
         self.adjust = _action(bar, "Adjust", "Adjust the block with the present measurements", "F5")
-        self.live = _action(bar, "Live", "Adjust again after every change, so that the residuals are always those of the present measurements")
+        self.live = _action(bar, "Live", "Adjust again after every change of the measurements")
         self.cancel = _action(bar, "Cancel", "Stop the adjustment")
         bar.addSeparator()
         bar.addWidget(QLabel(f" {tr('Click on')}: "))
@@ -135,14 +135,16 @@ class PanelLayout(QWidget):
             bar, "Point from map", "Click in the map: a new ground point there, with the height of a DEM"
         )
         self.go_to = _action(bar, "Go to place", "Click in the map: the images show that place")
-        self.tie = _action(bar, "Tie point", "Click in an image: a new tie point there, searched for in the other images", "T")
+        self.tie = _action(
+            bar, "Tie point", "Click in an image: a new tie point, searched for in the other images", "T"
+        )
         self.library = _action(
             bar, "Chip library…", "Keep chips of measured GCPs in a file, and find these GCPs in new images by matching"
         )
         self.remove = _action(bar, "Remove", "Remove the chosen point and its measurements")
         bar.addSeparator()
-        self.previous = _action(bar, "Previous", "The previous point that is not measured on all images that show it", "P")
-        self.next = _action(bar, "Next", "The next point that is not measured on all images that show it", "N")
+        self.previous = _action(bar, "Previous", "The previous point that is not measured on all its images", "P")
+        self.next = _action(bar, "Next", "The next point that is not measured on all its images", "N")
         self.take = _action(bar, "Take prediction", "Measure where the point is predicted, in the active view", "A")
         self.forget = _action(bar, "Forget", "Delete the measurement in the active view", "Del")
         self.transfer = _action(

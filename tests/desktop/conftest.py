@@ -6,7 +6,6 @@ import csv
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from hrsi.tests.desktop.desktop import Desktop, build_zip
 
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "desktop"  #: of every step, to be looked at
 BLOCK = {"images": 3, "size": 700, "gcps": 9, "checks": 3, "ties": 30, "seed": 5, "noise_image": 0.0}
-COMPILED_FOR = f"{VERSION} with numba {metadata.version('numba')}"  # as the plugin notes it in its settings
 RUN_S = 300.0  # of an algorithm, on cores that others keep busy
 DIALOG = """
 import processing
@@ -73,7 +71,7 @@ def start(installed: Path, tmp_path: Path, request: pytest.FixtureRequest) -> It
             if packages:
                 link_packages(work / "profiles" / "default")
         if not compiles:
-            options["settings"] = f"{options.get('settings', '')}\n[hrsi]\ncompiled_for={COMPILED_FOR}\n"
+            options["settings"] = f"{options.get('settings', '')}\n[hrsi]\ncompiled_for={VERSION}\n"
         running.append(Desktop(work, pictures=PICTURES / request.node.name, **options).__enter__())
         return running[-1]
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import pytest
 
-from hrsi.tests.desktop.conftest import COMPILED_FOR, DIALOG
+from hrsi.hrsi_engine.foundation.version import VERSION
+from hrsi.tests.desktop.conftest import DIALOG
 from hrsi.tests.desktop.desktop import Desktop
 
 pytestmark = [pytest.mark.programs, pytest.mark.real]
@@ -92,7 +93,7 @@ def test_triplet_takes_at_most_twice_as_long_in_qgis(start, real_data: Path, tmp
     desktop = start(compiles=True)
     desktop.ask("from qgis.core import QgsSettings")
     began_s = time.monotonic()
-    desktop.wait(f"QgsSettings().value('hrsi/compiled_for') == {COMPILED_FOR!r}", COMPILE_S)
+    desktop.wait(f"QgsSettings().value('hrsi/compiled_for') == {VERSION!r}", COMPILE_S)
     print(f"compiled in the background in {time.monotonic() - began_s:.0f} s")
     first = run_command_line(images, tmp_path / "out")
     time_s, used_s, news = run_in_window(desktop, images, tmp_path / "qgis")
