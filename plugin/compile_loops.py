@@ -1,8 +1,8 @@
 """The loops of matching are compiled in a process of their own when the plugin starts for the first time.
 
 `compile_loops` triangulates a small simulated block, so that numba compiles all loops and stores them next to
-their modules. A first run in QGIS then need not wait for them, and the process can be ended at any time. This module imports
-nothing of QGIS: ``python -m hrsi.plugin.compile_loops FOLDER``, with the folder of packages in the profile.
+their modules. A first run in QGIS then need not wait for them, and the process can be ended at any time. This module
+imports nothing of QGIS: ``python -m hrsi.plugin.compile_loops FOLDER``, with the folder of packages in the profile.
 """
 
 import os
