@@ -391,7 +391,7 @@ class RPC:
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
         converged = np.empty(len(image), dtype=bool)
-        solver = self._solver  # created once, before the threads start
+        solver = self._solver
 
         def localize_part(part: slice, work: Workspace) -> None:
             target = np.empty((2, part.stop - part.start))

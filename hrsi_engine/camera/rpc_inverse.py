@@ -4,9 +4,10 @@ An RPC has no closed inverse. Once per RPC a cubic polynomial for normalised lon
 height) is fitted over the RPC's ground domain; its error is about a thousandth of a pixel, and its derivatives replace
 the inverse Jacobian in Newton's method. After two evaluations of the RPC most points have an error below 1e-9 px.
 Points that do not converge (outside the domain, near zeros of the denominator) are computed by Newton's iteration with
-the analytic Jacobian.
+the analytic Jacobian. So are few points, for which the fit would take longer.
 """
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +73,6 @@ class Solver:
         self._polynomials, self._scale_px = polynomials, np.abs(image_scale)[:, None]
         self._derivatives = np.concatenate([polynomials @ matrix for matrix in DERIVATIVES[:2]])
         with np.errstate(all="ignore"):
-            self._inverse = fit_inverse(polynomials)
             # ``(2, 4)``: normalised L, P as an affine function of (1, sample, line, H), from the centre's derivatives
             terms = monomials(np.zeros((3, 1)))
             values = self._polynomials @ terms
@@ -82,22 +82,17 @@ class Solver:
             inverse = np.linalg.pinv(slopes[:2].T) if np.isfinite(slopes).all() else np.zeros((2, 2))
             self._affine = np.column_stack([-inverse @ ratios, inverse, -inverse @ slopes[2]])
 
+    @cached_property
+    def _inverse(self) -> Inverse:
+        with np.errstate(all="ignore"):
+            return fit_inverse(self._polynomials)
+
     def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised lon, lat ``(2, n)`` and whether each converged; at most `EVALUATION.chunk` points."""
-        # Newton's iteration with the derivatives of the inverse polynomial
-        lonlat, slopes = self._predict(target, height, work)
-        terms = work.terms(height.size)
-        terms[1:3], terms[3] = lonlat, height
-        for evaluation in range(1, EVALUATION.chord_evaluations + 1):
-            ratios, _ = work.ratios(self._polynomials, terms)
-            miss = np.subtract(target, ratios, out=ratios)
-            error = np.abs(miss * self._scale_px).max(axis=0)
-            still_open = height.size - np.count_nonzero(error <= EVALUATION.closure_px)
-            if evaluation == EVALUATION.chord_evaluations or still_open <= EVALUATION.few_open * height.size:
-                break
-            terms[1:3] += slopes[:2] * miss[0]
-            terms[1:3] += slopes[2:] * miss[1]
-        lonlat = terms[1:3].copy()
+        if height.size < EVALUATION.nodes**3:  # fewer than are needed for the fit of the inverse
+            lonlat, error = self._predict_by_affine(target, height), np.full(height.size, np.inf)
+        else:
+            lonlat, error = self._iterate_by_inverse(target, height, work)
         unsolved = np.flatnonzero(~(error <= EVALUATION.closure_px))
         error[unsolved] = np.inf  # the next iteration starts at these positions, and computes their errors again
         self._iterate_by_newton(
@@ -111,6 +106,24 @@ class Solver:
         )
         return lonlat, error <= EVALUATION.accepted_px
 
+    def _iterate_by_inverse(
+        self, target: np.ndarray, height: np.ndarray, work: Workspace
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return lon, lat ``(2, n)`` and errors in px of Newton's iteration with the inverse's derivatives."""
+        lonlat, slopes = self._predict(target, height, work)
+        terms = work.terms(height.size)
+        terms[1:3], terms[3] = lonlat, height
+        for evaluation in range(1, EVALUATION.chord_evaluations + 1):
+            ratios, _ = work.ratios(self._polynomials, terms)
+            miss = np.subtract(target, ratios, out=ratios)
+            error = np.abs(miss * self._scale_px).max(axis=0)
+            still_open = height.size - np.count_nonzero(error <= EVALUATION.closure_px)
+            if evaluation == EVALUATION.chord_evaluations or still_open <= EVALUATION.few_open * height.size:
+                break
+            terms[1:3] += slopes[:2] * miss[0]
+            terms[1:3] += slopes[2:] * miss[1]
+        return terms[1:3].copy(), error
+
     def _predict(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return approximate lon, lat ``(2, n)`` and their derivatives ``(4, n)`` by normalised sample, then line."""
         inverse, terms = self._inverse, work.terms(height.size)
@@ -122,9 +135,11 @@ class Solver:
         lonlat = multiply(inverse.lonlat, terms, np.empty((2, height.size)))
         slopes = multiply(inverse.slopes, terms[:QUADRATIC_TERMS], np.empty((4, height.size)))
         if outside.any():
-            affine = self._affine
-            lonlat[:, outside] = affine[:, :1] + affine[:, 1:3] @ target[:, outside] + affine[:, 3:] * height[outside]
+            lonlat[:, outside] = self._predict_by_affine(target[:, outside], height[outside])
         return lonlat, slopes
+
+    def _predict_by_affine(self, target: np.ndarray, height: np.ndarray) -> np.ndarray:
+        return np.asarray(self._affine[:, :1] + self._affine[:, 1:3] @ target + self._affine[:, 3:] * height)
 
     def _iterate_by_newton(
         self, lonlat: np.ndarray, error: np.ndarray, places: np.ndarray, target: np.ndarray, height: np.ndarray,

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special  # not scipy.stats, which takes a quarter of a second to load
 
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
@@ -387,7 +387,8 @@ def find_agreement(
     radius = ROBUST.outlier * spread
     chance = min(np.pi * radius**2 / (2.0 * reach_px + 1.0) ** 2, 1.0)
     # the cluster was selected among all offsets, so the probability is multiplied by their number
-    log10 = float(stats.binom.logsf(used.sum() - 2, len(offset) - 1, chance) / np.log(10.0) + np.log10(len(offset)))
+    tail = max(float(special.bdtrc(used.sum() - 2, len(offset) - 1, chance)), np.finfo(np.float64).tiny)
+    log10 = float(np.log10(tail) + np.log10(len(offset)))
     return Agreement(coefficients, centre, half_size, residual, used, spread, log10)
 
 
