@@ -89,28 +89,30 @@ def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
 
     If the overviews have too few, windows of a higher resolution are compared.
     """
-    found = _match_in_any_contrast(job, first, second)
-    if len(found["first_xy"]) < COARSE.fewest and max(job.steps) > 1:
+    agreement = _match_in_any_contrast(job, first, second)
+    if len(agreement["first_xy"]) < COARSE.fewest and max(job.steps) > 1:
         finer = replace(job, steps=(max(1, job.steps[0] // COARSE.finer), max(1, job.steps[1] // COARSE.finer)))
         probed = _match_in_any_contrast(finer, *_detect_in_windows(finer))
-        found = max(found, probed, key=lambda matches: len(matches["first_xy"]))
-    return found
+        agreement = max(agreement, probed, key=lambda matches: len(matches["first_xy"]))
+    return agreement
 
 
 def _match_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
     """Return the consistent matches with the second image; if they are few, also with its negative or with both."""
-    found = _match_features(job, first, second) | {"contrasts": np.array([1])}
+    matches = _match_features(job, first, second) | {"contrasts": np.array([1])}
     fewer = min(len(first["xy"]), len(second["xy"]))
-    if len(found["first_xy"]) >= max(COARSE.enough, COARSE.enough_share * fewer):
-        return found
+    if len(matches["first_xy"]) >= max(COARSE.enough, COARSE.enough_share * fewer):
+        return matches
     negative = second | {"descriptors": invert_descriptors(second["descriptors"])}
-    both = {name: np.concatenate([second[name], negative[name]]) for name in ("xy", "descriptors")}
-    others = [
+    both_contrasts = {name: np.concatenate([second[name], negative[name]]) for name in ("xy", "descriptors")}
+    alternatives = [
         _match_features(job, first, features) | {"contrasts": np.array(contrasts)}
-        for features, contrasts in ((negative, [-1]), (both, [1, -1]))
+        for features, contrasts in ((negative, [-1]), (both_contrasts, [1, -1]))
     ]
     shares = (1.0, 1.0 / COARSE.contrast_gain, 1.0 / COARSE.contrast_gain)
-    return max(zip((found, *others), shares, strict=True), key=lambda pair: len(pair[0]["first_xy"]) * pair[1])[0]
+    return max(zip((matches, *alternatives), shares, strict=True), key=lambda pair: len(pair[0]["first_xy"]) * pair[1])[
+        0
+    ]
 
 
 def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
@@ -124,12 +126,15 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
         margin = growth * job.margin_px / job.steps[1] + COARSE.floor_px
         # Lines that intersect the second image, and its features near them
         low, high = lines.bounds(margin)
-        here = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
-        least, most = low[here].min(axis=0, initial=np.inf), high[here].max(axis=0, initial=-np.inf)
-        there = np.flatnonzero(((xy[1] >= least) & (xy[1] <= most)).all(axis=1))
-        of_first, of_second = first["descriptors"][here], second["descriptors"][there]
-        pairs = match_in_bands(of_first, of_second, lines.select(here), xy[1][there], margin)
-        pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
+        first_rows = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
+        low_corner, high_corner = (
+            low[first_rows].min(axis=0, initial=np.inf),
+            high[first_rows].max(axis=0, initial=-np.inf),
+        )
+        second_rows = np.flatnonzero(((xy[1] >= low_corner) & (xy[1] <= high_corner)).all(axis=1))
+        of_first, of_second = first["descriptors"][first_rows], second["descriptors"][second_rows]
+        pairs = match_in_bands(of_first, of_second, lines.select(first_rows), xy[1][second_rows], margin)
+        pairs = np.column_stack([first_rows[pairs[:, 0]], second_rows[pairs[:, 1]]])
         if len(pairs) >= COARSE.fewest:
             middle = 0.5 * (job.heights.low_m + job.heights.high_m)
             places = xy[0][pairs[:, 0]], xy[1][pairs[:, 1]]
@@ -147,19 +152,19 @@ def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
         job.first.rpc, job.second.rpc, *job.heights,
         margin_px=(COARSE.band_growth[1] * job.margin_px, COARSE.band_growth[1] * job.margin_px),
     )  # fmt: skip
-    found: tuple[list[PartResult], list[PartResult]] = ([], [])
+    parts_by_image: tuple[list[PartResult], list[PartResult]] = ([], [])
     side = COARSE.window_px * job.steps[0]
     for centre in job.first.grid_px(COARSE.windows, COARSE.windows, margin=-1.0 / COARSE.windows).round().astype(int):
         window = ImageWindow(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
         places = window, predict_window(geometry, window, 0)
         tiles = [read_tile(image, place, step) for image, place, step in
                  zip((job.first, job.second), places, job.steps, strict=True)]  # fmt: skip
-        for features, tile in zip(found, tiles, strict=True):
-            if all(other is not None for other in tiles) and tile is not None:
+        for features, tile in zip(parts_by_image, tiles, strict=True):
+            if all(part_tile is not None for part_tile in tiles) and tile is not None:
                 features.append(detect_features(tile, COARSE.features))
     nothing: PartResult = {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
     first, second = ({name: np.concatenate([part[name] for part in (nothing, *parts)]) for name in nothing}
-                     for parts in found)  # fmt: skip
+                     for parts in parts_by_image)  # fmt: skip
     return first, second
 
 
@@ -182,23 +187,23 @@ class PairEstimate(NamedTuple):
     matches: int
 
 
-def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
+def estimate_pair(job: CoarseJob, matches: PartResult) -> PairEstimate | None:
     """Return the offset and the heights estimated from matches; None if there are too few."""
-    first_xy, second_xy = found["first_xy"], found["second_xy"]
+    first_xy, second_xy = matches["first_xy"], matches["second_xy"]
     if len(first_xy) < COARSE.fewest:
         return None
     first, second = job.first.rpc, job.second.rpc
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
     miss = compute_epipolar_deviation(first, second, first_xy, second_xy, middle)
     noise_px = COARSE.floor_px * max(job.steps)
-    stretch, contrasts = float(np.median(miss.stretch)), tuple(found["contrasts"].tolist())
+    stretch, contrasts = float(np.median(miss.stretch)), tuple(matches["contrasts"].tolist())
     if stretch * (job.heights.high_m - job.heights.low_m) < COARSE.same_view_px:
         # No parallax: an offset in both directions, and no information on heights
-        away = second_xy - transfer(first, second, first_xy, middle)
-        offset = np.nanmedian(away, axis=0)
-        margin = COARSE.safety * MAD_TO_SIGMA * float(np.nanmedian(np.abs(away - offset))) + noise_px
-        both = margin, margin
-        geometry = TilePairGeometry(first, second, *job.heights, tuple(offset.tolist()), both, contrasts=contrasts)
+        difference = second_xy - transfer(first, second, first_xy, middle)
+        offset = np.nanmedian(difference, axis=0)
+        margin = COARSE.safety * MAD_TO_SIGMA * float(np.nanmedian(np.abs(difference - offset))) + noise_px
+        margins = margin, margin
+        geometry = TilePairGeometry(first, second, *job.heights, tuple(offset.tolist()), margins, contrasts=contrasts)
         return PairEstimate(geometry, len(first_xy))
     across = float(np.median(miss.across_px))
     # The mean direction across the epipolar lines, with the sign of `compute_epipolar_deviation`
@@ -224,10 +229,14 @@ def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -
     nodes, shape, spacing = place_height_nodes(job.first.known_size)
     candidates = [interpolate_median(xy, height_m, nodes)]
     if job.terrain_m is not None and np.isfinite(job.terrain_m).any():
-        known = np.isfinite(job.terrain_m)
-        terrain = job.terrain_m if known.all() else interpolate_median(nodes[known], job.terrain_m[known], nodes, 1)
-        at = HeightGrid(terrain.reshape(shape), (0.0, 0.0), spacing).interpolate(xy)
-        candidates.insert(0, terrain + float(np.median(height_m - at)))
+        has_height = np.isfinite(job.terrain_m)
+        terrain = (
+            job.terrain_m
+            if has_height.all()
+            else interpolate_median(nodes[has_height], job.terrain_m[has_height], nodes, 1)
+        )
+        terrain_at_matches = HeightGrid(terrain.reshape(shape), (0.0, 0.0), spacing).interpolate(xy)
+        candidates.insert(0, terrain + float(np.median(height_m - terrain_at_matches)))
     grids = [HeightGrid(heights.reshape(shape), (0.0, 0.0), spacing) for heights in candidates]
     sigmas = [float(robust_sigma(height_m - grid.interpolate(xy))) for grid in grids]
     return min(zip(grids, sigmas, strict=True), key=lambda pair: pair[1])
@@ -238,5 +247,5 @@ def interpolate_median(
 ) -> np.ndarray:
     """Return at each place the median of the ``count`` nearest values, without the ``skipped`` nearest ones."""
     count = min(count + skipped, len(xy))
-    _, near = cKDTree(xy).query(places, k=np.arange(1, count + 1))
-    return np.asarray(np.median(values[near[:, min(skipped, count - 1) :]], axis=1))
+    _, neighbours = cKDTree(xy).query(places, k=np.arange(1, count + 1))
+    return np.asarray(np.median(values[neighbours[:, min(skipped, count - 1) :]], axis=1))

@@ -89,18 +89,18 @@ class BlockMatches(Columns):
 def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
     """Concatenate the results of all star jobs, each given with the index of its reference."""
     names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
-    used = [(number, result) for number, result in results if len(result["partner"])]
-    if not used:
-        nothing, whole = np.empty(0), np.empty(0, np.int64)
-        return BlockMatches(whole, whole, whole, np.empty((0, 2)), np.empty((0, 2)), nothing, nothing,
+    nonempty = [(number, result) for number, result in results if len(result["partner"])]
+    if not nonempty:
+        nothing, no_index = np.empty(0), np.empty(0, np.int64)
+        return BlockMatches(no_index, no_index, no_index, np.empty((0, 2)), np.empty((0, 2)), nothing, nothing,
                        np.empty(0, "U9"), nothing)  # fmt: skip
-    columns = {name: np.concatenate([result[name] for _, result in used]) for name in names}
-    second = np.concatenate([result["partner"] for _, result in used])
-    first = np.repeat([number for number, _ in used], [len(result["partner"]) for _, result in used])
+    columns = {name: np.concatenate([result[name] for _, result in nonempty]) for name in names}
+    second = np.concatenate([result["partner"] for _, result in nonempty])
+    first = np.repeat([number for number, _ in nonempty], [len(result["partner"]) for _, result in nonempty])
     place = np.column_stack([first, columns["first_xy"]])
     _, track = np.unique(place, axis=0, return_inverse=True)
-    once = np.unique(np.column_stack([track, second]), axis=0, return_index=True)[1]  # one of two windows
-    return BlockMatches(track, first, second, **columns).select(once)
+    first_rows = np.unique(np.column_stack([track, second]), axis=0, return_index=True)[1]  # one of two windows
+    return BlockMatches(track, first, second, **columns).select(first_rows)
 
 
 # ---- tests ---------------------------------------------------------------------------------------------------------
@@ -137,23 +137,23 @@ def _find_connected_heights(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     """Return the mask of matches that are connected with many others by height steps of terrain and buildings."""
     if len(xy) <= TESTS.island_neighbours:
         return np.ones(len(xy), dtype=bool)
-    distance, near = cKDTree(xy).query(xy, k=TESTS.island_neighbours + 1)
+    distance, neighbours = cKDTree(xy).query(xy, k=TESTS.island_neighbours + 1)
     # The length of a step is limited: over a large gap any height difference would be plausible
     widest = TESTS.island_gap * float(np.median(distance[:, -1]))
 
     def is_plausible_step(step: np.ndarray, way: np.ndarray) -> np.ndarray:
         return np.asarray(np.abs(step) <= np.maximum(EPIPOLAR.jump_px, TESTS.island_slope * np.minimum(way, widest)))
 
-    one, which = np.nonzero(is_plausible_step(parallax[near] - parallax[:, None], distance))
-    links = sparse.coo_matrix((np.ones(len(one), bool), (one, near[one, which])), shape=(len(xy), len(xy)))
+    one, column = np.nonzero(is_plausible_step(parallax[neighbours] - parallax[:, None], distance))
+    links = sparse.coo_matrix((np.ones(len(one), bool), (one, neighbours[one, column])), shape=(len(xy), len(xy)))
     _, part = csgraph.connected_components(links, directed=False)
-    many = np.asarray(np.bincount(part)[part] >= TESTS.island_share * len(xy))
-    if many.all() or not many.any():
-        return many
+    is_connected = np.asarray(np.bincount(part)[part] >= TESTS.island_share * len(xy))
+    if is_connected.all() or not is_connected.any():
+        return is_connected
     # An isolated part (behind water or a cloud) is accepted if most of it fits the nearest matches of the mainland
-    distance, near = cKDTree(xy[many]).query(xy[~many])
-    fits = is_plausible_step(parallax[~many] - parallax[many][near], distance)
-    return many | (2 * np.bincount(part[~many], fits, part.max() + 1) > np.bincount(part))[part]
+    distance, neighbours = cKDTree(xy[is_connected]).query(xy[~is_connected])
+    fits = is_plausible_step(parallax[~is_connected] - parallax[is_connected][neighbours], distance)
+    return is_connected | (2 * np.bincount(part[~is_connected], fits, part.max() + 1) > np.bincount(part))[part]
 
 
 def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> float:
@@ -164,17 +164,17 @@ def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> flo
             continue
         miss = _compute_pair_miss(matches, rows, images)
         terms = _build_trend_design(matches.first_xy[rows])
-        known = np.isfinite(miss.across_px)
-        trend = terms @ np.linalg.lstsq(terms[known], miss.across_px[known], rcond=1e-10)[0]
-        deviation.append((miss.across_px - trend)[known])
-        variance.append(matches.sigma_px[rows][known] ** 2)
+        finite = np.isfinite(miss.across_px)
+        trend = terms @ np.linalg.lstsq(terms[finite], miss.across_px[finite], rcond=1e-10)[0]
+        deviation.append((miss.across_px - trend)[finite])
+        variance.append(matches.sigma_px[rows][finite] ** 2)
     if not deviation:
         return TESTS.least_camera_px
-    squares, own = np.concatenate(deviation) ** 2, np.concatenate(variance)
+    squares, noise_variance = np.concatenate(deviation) ** 2, np.concatenate(variance)
     low, high = TESTS.least_camera_px, TESTS.most_camera_px
     while high - low > 1e-4:
         middle = (low + high) / 2.0
-        too_small = float(np.median(squares / (own + 2.0 * middle**2))) > MEDIAN_CHI_SQUARED
+        too_small = float(np.median(squares / (noise_variance + 2.0 * middle**2))) > MEDIAN_CHI_SQUARED
         low, high = (middle, high) if too_small else (low, middle)
     return low
 
@@ -186,8 +186,8 @@ def group_by_pair(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
     if not len(pairs):
         return {}
     heads = np.flatnonzero(np.r_[True, (pairs[1:] != pairs[:-1]).any(axis=1)])
-    return {(int(pairs[at, 0]), int(pairs[at, 1])): rows
-            for at, rows in zip(heads, np.split(order, heads[1:]), strict=True)}  # fmt: skip
+    return {(int(pairs[row, 0]), int(pairs[row, 1])): rows
+            for row, rows in zip(heads, np.split(order, heads[1:]), strict=True)}  # fmt: skip
 
 
 def _build_trend_design(xy: np.ndarray) -> np.ndarray:
@@ -199,21 +199,21 @@ def _build_trend_design(xy: np.ndarray) -> np.ndarray:
 
 def _find_trend_inliers(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Return which values agree with a robust smooth trend, within the tolerance or the robust outlier limit."""
-    good = np.isfinite(values)
-    if good.sum() < TESTS.fewest:
+    inliers = np.isfinite(values)
+    if inliers.sum() < TESTS.fewest:
         return np.zeros(len(values), dtype=bool)
-    widest = np.maximum(3.0 * ROBUST.outlier * _robust_sigma(values[good]), 10.0 * tolerance)
-    good &= np.abs(values - np.median(values[good])) < widest
+    widest = np.maximum(3.0 * ROBUST.outlier * _robust_sigma(values[inliers]), 10.0 * tolerance)
+    inliers &= np.abs(values - np.median(values[inliers])) < widest
     terms = _build_trend_design(xy)
     for _ in range(TESTS.rounds):
-        trend = terms @ np.linalg.lstsq(terms[good], values[good], rcond=1e-10)[0]
-        away = np.abs(values - trend)
-        now = away < np.maximum(ROBUST.outlier * _robust_sigma((values - trend)[good]), tolerance)
+        trend = terms @ np.linalg.lstsq(terms[inliers], values[inliers], rcond=1e-10)[0]
+        deviation = np.abs(values - trend)
+        now = deviation < np.maximum(ROBUST.outlier * _robust_sigma((values - trend)[inliers]), tolerance)
         now &= np.isfinite(values)
-        if now.sum() < TESTS.fewest or np.array_equal(now, good):
+        if now.sum() < TESTS.fewest or np.array_equal(now, inliers):
             break
-        good = now
-    return good
+        inliers = now
+    return inliers
 
 
 def _robust_sigma(values: np.ndarray) -> float:
@@ -237,40 +237,40 @@ def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
     # Parallax along the epipolar lines in px per metre of height, the mean of each pair
     stretch = np.zeros(len(matches))
     for (first, second), rows in group_by_pair(matches).items():
-        few = rows[:: max(1, len(rows) // 16)]
+        sampled = rows[:: max(1, len(rows) // 16)]
         miss = compute_epipolar_deviation(
-            images[first].rpc, images[second].rpc, matches.first_xy[few], matches.second_xy[few],
-            float(np.median(matches.height_m[few])), 1,
+            images[first].rpc, images[second].rpc, matches.first_xy[sampled], matches.second_xy[sampled],
+            float(np.median(matches.height_m[sampled])), 1,
         )  # fmt: skip
         stretch[rows] = np.nanmedian(miss.stretch)
     height = matches.height_m.copy()
     _, point = np.unique(matches.track, return_inverse=True)
-    good = stretch > EPIPOLAR.least_stretch
-    weight = np.where(good, stretch**2, 0.0)
+    is_stereo = stretch > EPIPOLAR.least_stretch
+    weight = np.where(is_stereo, stretch**2, 0.0)
     for _ in range(3):
-        mean = _average_by_group(point, height, weight * good)
+        mean = _average_by_group(point, height, weight * is_stereo)
         for partner in np.unique(matches.second):
-            here = np.flatnonzero((matches.second == partner) & good)
-            shared = here[np.bincount(point[good])[point[here]] > 1]
-            if len(shared) < TESTS.fewest:
+            partner_rows = np.flatnonzero((matches.second == partner) & is_stereo)
+            common_rows = partner_rows[np.bincount(point[is_stereo])[point[partner_rows]] > 1]
+            if len(common_rows) < TESTS.fewest:
                 continue
-            away = height[shared] - mean[point[shared]]
-            fits = _find_trend_inliers(matches.first_xy[shared], away, np.full(len(shared), np.inf))
-            terms = _build_trend_design(matches.first_xy[shared])
-            height[shared] -= terms @ np.linalg.lstsq(terms[fits], away[fits], rcond=1e-10)[0]
+            difference = height[common_rows] - mean[point[common_rows]]
+            fits = _find_trend_inliers(matches.first_xy[common_rows], difference, np.full(len(common_rows), np.inf))
+            terms = _build_trend_design(matches.first_xy[common_rows])
+            height[common_rows] -= terms @ np.linalg.lstsq(terms[fits], difference[fits], rcond=1e-10)[0]
     keep = np.ones(len(matches), dtype=bool)
     for _ in range(2):  # the worst match of each track first, since it biases the mean of the others
-        away_px = np.abs(height - _average_by_group(point, height, weight * (good & keep))[point]) * stretch
-        away_px[~keep | ~good] = 0.0
+        away_px = np.abs(height - _average_by_group(point, height, weight * (is_stereo & keep))[point]) * stretch
+        away_px[~keep | ~is_stereo] = 0.0
         worst = np.zeros(len(mean))
         np.maximum.at(worst, point, away_px)
-        several = np.bincount(point, keep & good, len(mean)) > 2
-        deviations = away_px[keep & good]
+        several = np.bincount(point, keep & is_stereo, len(mean)) > 2
+        deviations = away_px[keep & is_stereo]
         nonzero = deviations[deviations > 1e-9]
         spread_of = float(robust_sigma(nonzero)) if len(nonzero) else 0.0
         limit = np.maximum(TESTS.contradiction_px, ROBUST.outlier * spread_of)
-        bad = (away_px > limit) & ((away_px >= worst[point]) | ~several[point])
-        keep &= ~bad
+        outliers = (away_px > limit) & ((away_px >= worst[point]) | ~several[point])
+        keep &= ~outliers
     return keep
 
 
@@ -295,8 +295,8 @@ def to_image_points(
         return ImagePoints.create([], [], np.empty((0, 2))), np.empty((0, 3))
     names, track = np.unique(matches.track, return_inverse=True)
     head = np.unique(track, return_index=True)[1]
-    own, camera = matches.sigma_px / np.sqrt(2.0), estimate_camera_sigma(matches, images)
-    sigma = np.sqrt(np.bincount(track, own**2) / np.bincount(track))
+    match_sigma, camera = matches.sigma_px / np.sqrt(2.0), estimate_camera_sigma(matches, images)
+    sigma = np.sqrt(np.bincount(track, match_sigma**2) / np.bincount(track))
     quality = np.bincount(track, matches.quality) / np.bincount(track)
     # The measurements: one of each track in its reference, one for each match in the other images
     of_track, image = np.r_[np.arange(len(names)), track], np.r_[matches.first[head], matches.second]
@@ -304,40 +304,47 @@ def to_image_points(
     rank = quality - np.sqrt(2.0) * sigma  # prefers accurate points of distinct matches
     # Of tracks that are close to each other in two images or more, found from two references, the better one is kept
     length = np.bincount(of_track, minlength=len(rank))
-    beside: list[np.ndarray] = []
+    duplicates: list[np.ndarray] = []
     for number in np.unique(image):
-        here = np.flatnonzero(image == number)
-        near = cKDTree(xy[here]).query_pairs(TESTS.same_place_px, output_type="ndarray")
-        beside.append(np.sort(of_track[here][near], axis=1))
-    pairs, count = np.unique(np.concatenate(beside), axis=0, return_counts=True)
+        rows_of_image = np.flatnonzero(image == number)
+        close_pairs = cKDTree(xy[rows_of_image]).query_pairs(TESTS.same_place_px, output_type="ndarray")
+        duplicates.append(np.sort(of_track[rows_of_image][close_pairs], axis=1))
+    pairs, count = np.unique(np.concatenate(duplicates), axis=0, return_counts=True)
     pairs = pairs[count >= 2]
     first_better = np.lexsort((np.arange(len(rank)), -rank, -length)).argsort()
     worse = np.where(first_better[pairs[:, 0]] < first_better[pairs[:, 1]], pairs[:, 1], pairs[:, 0])
-    once = np.ones(len(rank), dtype=bool)
-    once[worse] = False
-    here = once[of_track]
+    is_single = np.ones(len(rank), dtype=bool)
+    is_single[worse] = False
+    rows_of_image = is_single[of_track]
     cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / cells, 1.0) for image in images])
-    wanted = np.array([per_cell.get(k, 0) for k in range(len(images))])
-    chosen = once.copy()
-    chosen[once] = select_tracks_by_cell(
-        (np.cumsum(once) - 1)[of_track[here]], image[here], xy[here], rank[once], cell_px, wanted
+    quota = np.array([per_cell.get(k, 0) for k in range(len(images))])
+    is_selected = is_single.copy()
+    is_selected[is_single] = select_tracks_by_cell(
+        (np.cumsum(is_single) - 1)[of_track[rows_of_image]],
+        image[rows_of_image],
+        xy[rows_of_image],
+        rank[is_single],
+        cell_px,
+        quota,
     )
     height = _average_by_group(track, matches.height_m, 1.0 / np.maximum(matches.sigma_px, 1e-3) ** 2)
     first = matches.first[head]
     ground = np.full((len(first), 3), np.nan)
     for number in np.unique(first):
-        here = first == number
-        ground[here] = images[number].rpc.localize(matches.first_xy[head][here], height[here]).ground
+        rows_of_image = first == number
+        ground[rows_of_image] = (
+            images[number].rpc.localize(matches.first_xy[head][rows_of_image], height[rows_of_image]).ground
+        )
     # Image points `T1`, `T2` …, sorted by track and image
-    rows = np.flatnonzero(chosen[of_track])
+    rows = np.flatnonzero(is_selected[of_track])
     rows = rows[np.lexsort((image[rows], of_track[rows]))]
-    ids = np.char.zfill(np.cumsum(chosen)[of_track[rows]].astype(str), len(str(int(chosen.sum()))))
+    ids = np.char.zfill(np.cumsum(is_selected)[of_track[rows]].astype(str), len(str(int(is_selected.sum()))))
     points = ImagePoints.create(
         np.char.add("T", ids), np.array([one.id for one in images])[image[rows]], xy[rows],
-        np.hypot(np.r_[sigma, own], camera)[rows], np.r_[matches.kind[head], matches.kind][rows],
+        np.hypot(np.r_[sigma, match_sigma], camera)[rows], np.r_[matches.kind[head], matches.kind][rows],
         np.r_[quality, matches.quality][rows], "tie points",
     )  # fmt: skip
-    return points, ground[chosen]
+    return points, ground[is_selected]
 
 
 def build_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.ndarray) -> np.ndarray:
@@ -377,9 +384,9 @@ def select_tracks_by_cell(
     cells = np.split(cell_number[order], np.cumsum(length)[:-1])
     keep = np.zeros(tracks, dtype=bool)
     for candidate in np.lexsort((-quality, -length)):
-        own = cells[candidate].tolist()
-        if any(room[number] > 0 for number in own):
+        track_cells = cells[candidate].tolist()
+        if any(room[number] > 0 for number in track_cells):
             keep[candidate] = True
-            for number in own:
+            for number in track_cells:
                 room[number] -= 1
     return keep

@@ -79,8 +79,8 @@ class ImageConnection(NamedTuple):
         """The connection as a sentence."""
         if not self.links:
             return f"{self.image}: connected to no other image ({self.reason})"
-        others = "1 other image" if self.links == 1 else f"{self.links} other images"
-        return f"{self.image}: connected to {others} by reliable matches, in a block of {self.images} images"
+        partners = "1 other image" if self.links == 1 else f"{self.links} other images"
+        return f"{self.image}: connected to {partners} by reliable matches, in a block of {self.images} images"
 
 
 def judge_links(matches: BlockMatches) -> list[ImageLink]:
@@ -111,16 +111,23 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
         for pair, of_pair in rows.items()
     }
     in_open, in_closed = _count_triangles(open_), _count_triangles(closed)
-    bad, good = open_, closed
-    while bad:
-        more_open = _count_triangles(bad)
-        more_open.subtract(_count_triangles(good))
-        worst = max({pair for triangle in bad for pair in triangle}, key=lambda pair: (more_open[pair], pair))
+    open_triangles, closed_triangles = open_, closed
+    while open_triangles:
+        more_open = _count_triangles(open_triangles)
+        more_open.subtract(_count_triangles(closed_triangles))
+        worst = max(
+            {pair for triangle in open_triangles for pair in triangle}, key=lambda pair: (more_open[pair], pair)
+        )
         if more_open[worst] < LINKS.excess:
             break
         sound[worst] = False
-        bad, good = ([t for t in some if worst not in t] for some in (bad, good))
-    return [ImageLink(*pair, len(own), in_closed[pair], in_open[pair], sound[pair]) for pair, own in rows.items()]
+        open_triangles, closed_triangles = (
+            [t for t in triangles if worst not in t] for triangles in (open_triangles, closed_triangles)
+        )
+    return [
+        ImageLink(*pair, len(match_rows), in_closed[pair], in_open[pair], sound[pair])
+        for pair, match_rows in rows.items()
+    ]
 
 
 def _count_triangles(triangles: Sequence[tuple[NumberPair, ...]]) -> Counter[NumberPair]:
@@ -140,18 +147,18 @@ def _compute_closure(
     if third not in trees:
         trees[third] = cKDTree(matches.first_xy[between])
     count = min(LINKS.neighbours, len(between))
-    distance, near = trees[third].query(q, k=count, distance_upper_bound=LINKS.near_px)
-    distance, near = distance.reshape(len(q), count), near.reshape(len(q), count)
-    known = np.isfinite(distance)
-    usable = known[:, 0]
+    distance, neighbours = trees[third].query(q, k=count, distance_upper_bound=LINKS.near_px)
+    distance, neighbours = distance.reshape(len(q), count), neighbours.reshape(len(q), count)
+    has_neighbour = np.isfinite(distance)
+    usable = has_neighbour[:, 0]
     if usable.sum() < LINKS.fewest_closures:
         return None
     step = matches.second_xy[between] - matches.first_xy[between]
     # Local displacement relative to the affine map of the complete link, because of rotations between the images
     terms = np.column_stack([np.ones(len(between)), matches.first_xy[between]])
     affine = np.linalg.lstsq(terms, step, rcond=None)[0]
-    left = step - terms @ affine
-    nearest = np.where(known[:, :, None], left[np.where(known, near, 0)], np.nan)
+    closure = step - terms @ affine
+    nearest = np.where(has_neighbour[:, :, None], closure[np.where(has_neighbour, neighbours, 0)], np.nan)
     expected = np.column_stack([np.ones(len(q)), q]) @ affine
     expected[usable] += np.nanmedian(nearest[usable], axis=1)
     return float(np.median(np.hypot(*(q + expected - r)[usable].T)))
@@ -180,14 +187,14 @@ def cut_weak_bridges(links: Sequence[ImageLink]) -> list[ImageLink]:
 def find_bridges(links: Sequence[ImageLink]) -> list[tuple[ImageLink, list[int]]]:
     """Return the reliable links without a loop, each with the images of the smaller part that it connects."""
     sound = [link for link in links if link.sound]
-    found = []
+    bridges = []
     for place in np.flatnonzero(_LinkGraph(sound).bridge).tolist():
         link = sound[place]
         part = _LinkGraph([*sound[:place], *sound[place + 1 :]]).part
-        sides = [[number for number, of in part.items() if of == part.get(end)] or [end]
+        sides = [[number for number, component in part.items() if component == part.get(end)] or [end]
                  for end in (link.first, link.second)]  # fmt: skip
-        found.append((link, min(sides, key=len)))
-    return found
+        bridges.append((link, min(sides, key=len)))
+    return bridges
 
 
 class _LinkGraph:
@@ -208,13 +215,13 @@ class _LinkGraph:
         rooted = np.concatenate([ends, np.column_stack([np.full(len(heads), count), heads])])
         order, parent = breadth_first_order(_build_adjacency(rooted, count + 1), count, directed=False)
         in_tree = (parent[ends[:, 0]] == ends[:, 1]) | (parent[ends[:, 1]] == ends[:, 0])
-        around = np.zeros(count + 1, dtype=np.uint64)
+        cycle_key = np.zeros(count + 1, dtype=np.uint64)
         keys = np.random.default_rng(0).integers(1, 2**63, len(ends), dtype=np.uint64)
-        np.bitwise_xor.at(around, ends[~in_tree].ravel(), np.repeat(keys[~in_tree], 2))
+        np.bitwise_xor.at(cycle_key, ends[~in_tree].ravel(), np.repeat(keys[~in_tree], 2))
         for image in order[:0:-1].tolist():
-            around[parent[image]] ^= around[image]
+            cycle_key[parent[image]] ^= cycle_key[image]
         lower = np.where(parent[ends[:, 0]] == ends[:, 1], ends[:, 0], ends[:, 1])
-        self.bridge = in_tree & (around[lower] == 0)
+        self.bridge = in_tree & (cycle_key[lower] == 0)
         _, looped = connected_components(_build_adjacency(ends[~self.bridge], count), directed=False)
         names = numbers.tolist()
         self.size = dict(zip(names, np.bincount(looped)[looped].tolist(), strict=True))
@@ -241,13 +248,13 @@ def find_displaced_images(offsets_px: Mapping[NumberPair, float]) -> dict[int, f
     ``offsets_px`` are the offsets of the RPCs of each pair across the epipolar lines. An image is displaced if the
     median of its offsets is several times that of the block; its pairs are then removed for the test of the others.
     """
-    left: dict[NumberPair, float] = dict(offsets_px)
+    remaining: dict[NumberPair, float] = dict(offsets_px)
     displaced: dict[int, float] = {}
-    while len(left) >= 3:
-        usual = float(np.median(list(left.values())))
+    while len(remaining) >= 3:
+        usual = float(np.median(list(remaining.values())))
         limit = max(LINKS.displaced_px, LINKS.displaced_factor * usual)
         of_image: dict[int, list[float]] = {}
-        for pair, offset in left.items():
+        for pair, offset in remaining.items():
             for number in pair:
                 of_image.setdefault(number, []).append(offset)
         median = {number: float(np.median(offsets)) for number, offsets in of_image.items() if len(offsets) > 1}
@@ -255,7 +262,7 @@ def find_displaced_images(offsets_px: Mapping[NumberPair, float]) -> dict[int, f
         if worst is None or median[worst] <= limit:
             return displaced
         displaced[worst] = median[worst]
-        left = {pair: offset for pair, offset in left.items() if worst not in pair}
+        remaining = {pair: offset for pair, offset in remaining.items() if worst not in pair}
     return displaced
 
 
@@ -266,18 +273,18 @@ def summarise_connections(
     """Return for each usable image its number of reliable links, and the number of images connected with it."""
     sound = [link for link in links if link.sound]
     count = Counter(number for link in sound for number in link[:2])
-    together = _LinkGraph(sound).together
-    lost: dict[int, str] = {}
+    component_size = _LinkGraph(sound).together
+    faults: dict[int, str] = {}
     for link in sorted(set(links) - set(sound), key=lambda link: (link.matches, link)):
-        for number, other in (link[:2], link[1::-1]):
-            lost[number] = (
-                f"its matches with {images[other].id} contradict those of other images" if link.open
-                else f"it has only {link.matches} matches, with {images[other].id}, and no third image confirms them"
+        for number, partner in (link[:2], link[1::-1]):
+            faults[number] = (
+                f"its matches with {images[partner].id} contradict those of other images" if link.open
+                else f"it has only {link.matches} matches, with {images[partner].id}, and no third image confirms them"
             )  # fmt: skip
     return tuple(
         ImageConnection(
-            images[number].id, count[number], together.get(number, 1), int(tried.get(number, 0)),
-            "" if count[number] else reasons.get(number, lost.get(number, "no pair of it has consistent matches")),
+            images[number].id, count[number], component_size.get(number, 1), int(tried.get(number, 0)),
+            "" if count[number] else reasons.get(number, faults.get(number, "no pair of it has consistent matches")),
         )
         for number in usable
     )  # fmt: skip

@@ -72,20 +72,24 @@ def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, m
     """
     ranges: list[GroundRange | None] = []
     for image in images:
-        known = np.empty(0)
+        terrain_heights = np.empty(0)
         if surface is not None:
             ground = image.rpc.localize(image.grid_px(24, 24), image.middle_height_m).ground
             heights = surface_heights(surface, ground[np.isfinite(ground).all(axis=1), :2])
-            known = heights[np.isfinite(heights)]
-        low_high = (float(known.min()) - margin_m, float(known.max()) + margin_m) if len(known) else None
+            terrain_heights = heights[np.isfinite(heights)]
+        low_high = (
+            (float(terrain_heights.min()) - margin_m, float(terrain_heights.max()) + margin_m)
+            if len(terrain_heights)
+            else None
+        )
         ranges.append(None if low_high is None else GroundRange(*low_high))
     if surface is not None and not any(ranges):
         raise InputError("`dem` has no heights below the images: name a DEM of their area")
     lowest, highest = SEA_LEVEL_TO_EVEREST_M
     by_rpc = (image.rpc.height_range for image in images)
     return [
-        known or GroundRange(max(low, lowest), min(high, highest))
-        for known, (low, high) in zip(ranges, by_rpc, strict=True)
+        terrain_heights or GroundRange(max(low, lowest), min(high, highest))
+        for terrain_heights, (low, high) in zip(ranges, by_rpc, strict=True)
     ]
 
 
@@ -123,15 +127,15 @@ def find_likely_overlaps(
     # Pairs that overlap by the smallest share or more of one of the images
     if surface is not None:
         outlines = [_compute_footprint(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
-    found = []
+    overlapping = []
     for a, b in candidates:
         if surface is not None:
             of_pair = max(compute_overlap(outlines[a], outlines[b]))
         else:
             of_pair = compute_overlap_share(sliding[a], sliding[b], intersect_heights(ranges[a], ranges[b]))
         if of_pair >= smallest:
-            found.append(Overlap(a, b, of_pair))
-    return found
+            overlapping.append(Overlap(a, b, of_pair))
+    return overlapping
 
 
 def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CHOICE.partners) -> np.ndarray:
@@ -148,12 +152,12 @@ def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CH
 
 def compute_central_views(images: list[Image]) -> np.ndarray:
     """Return unit vectors ``(n, 3)`` east, north, up from the centre of each image's ground to its satellite."""
-    found = []
+    directions = []
     for image in images:
         ground = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
         is_known = np.isfinite(ground).all()
-        found.append(compute_view_directions(image.rpc, ground)[0] if is_known else np.array([0.0, 0.0, 1.0]))
-    return np.array(found)
+        directions.append(compute_view_directions(image.rpc, ground)[0] if is_known else np.array([0.0, 0.0, 1.0]))
+    return np.array(directions)
 
 
 def compute_convergence_deg(directions: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

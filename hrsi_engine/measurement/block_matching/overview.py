@@ -85,13 +85,13 @@ class OverviewFeatures:
     def find(self, most: int, progress: Progress) -> None:
         """Detect the features in batches of images; the ``most`` strongest of each image are kept in memory."""
         for start in range(0, len(self._parts), OVERVIEW.batch):
-            chosen = self._parts[start : start + OVERVIEW.batch]
-            ends = (min(start + done, len(self._parts)) / len(self._parts) for done in (0, OVERVIEW.batch))
-            keys = [part.key for part in chosen]
-            found = run_parts(chosen, keys, self._scheduler, self._keeper, stage(progress, *ends))
-            self.strongest += [{name: column[:most].copy() for name, column in found[key].items()} for key in keys]
+            batch = self._parts[start : start + OVERVIEW.batch]
+            ends = (min(start + offset, len(self._parts)) / len(self._parts) for offset in (0, OVERVIEW.batch))
+            keys = [part.key for part in batch]
+            features = run_parts(batch, keys, self._scheduler, self._keeper, stage(progress, *ends))
+            self.strongest += [{name: column[:most].copy() for name, column in features[key].items()} for key in keys]
             if self._keeper is None:
-                self._held |= found
+                self._held |= features
 
     def part(self, index: int) -> WorkPart:
         """Return the part that returns an image's features, or detects them again if their file is missing."""
@@ -102,15 +102,15 @@ class OverviewFeatures:
 
 def detect_features(tile: ImageTile, most: int) -> PartResult:
     """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest of each cell first."""
-    found, side, border = [], OVERVIEW.tile_px, OVERVIEW.border_px
+    detections, side, border = [], OVERVIEW.tile_px, OVERVIEW.border_px
     for row, column in product(*(range(0, length, side) for length in tile.pixels.shape)):
         left, top = max(column - border, 0), max(row - border, 0)
         place = np.s_[top : row + side + border, left : column + side + border]
         part = detect_sift_features(tile.pixels[place], tile.valid[place], 2 * OVERVIEW.features)
         xy, begin = part.xy + (left, top), np.array([column, row]) - 0.5
-        own = ((xy >= begin) & (xy < begin + side)).all(axis=1)
-        found.append((xy[own], part.strength[own], part.descriptors[own]))
-    xy, response, descriptors = (np.concatenate(part) for part in zip(*found, strict=True))
+        in_part = ((xy >= begin) & (xy < begin + side)).all(axis=1)
+        detections.append((xy[in_part], part.strength[in_part], part.descriptors[in_part]))
+    xy, response, descriptors = (np.concatenate(part) for part in zip(*detections, strict=True))
     # Limit the number: the strongest ones of every cell of the image are kept
     cell_px = (np.array(tile.pixels.shape[1::-1]) + 1.0) / OVERVIEW.cells
     cell = np.floor(xy / cell_px).astype(np.int64) @ (1, OVERVIEW.cells)
@@ -148,18 +148,18 @@ def match_in_bands(
     if len(first) < 2 or len(second) < 2:
         return nothing
     roots = [compute_root_sift(part) for part in (first, second)]
-    nearest, back = np.full(len(first), -1), np.full(len(second), -1)
+    nearest, back_nearest = np.full(len(first), -1), np.full(len(second), -1)
     best, rival = np.full((2, len(first)), -1.0, dtype=np.float32)
     back_best, margin = np.full(len(second), -1.0, dtype=np.float32), np.float32(margin_px)
     for rows in _group_neighbours(lines):
-        near = lines.select(rows)
-        low, high = near.bounds(margin_px)
+        nearby_lines = lines.select(rows)
+        low, high = nearby_lines.bounds(margin_px)
         columns = np.flatnonzero(((second_xy >= low.min(axis=0)) & (second_xy <= high.max(axis=0))).all(axis=1))
         if not len(columns):
             continue
         # Similarity of the features of these lines (rows) and of nearby points (columns), -1 outside the bands
         similarity = roots[0][rows] @ roots[1][columns].T
-        origin, direction, reach = (part.astype(np.float32) for part in near)
+        origin, direction, reach = (part.astype(np.float32) for part in nearby_lines)
         x, y = (second_xy[columns, axis].astype(np.float32) - origin[:, axis, None] for axis in (0, 1))
         along, across = direction[:, :1] * x + direction[:, 1:] * y, direction[:, :1] * y - direction[:, 1:] * x
         similarity[(np.abs(across) > margin) | (np.abs(along) > reach[:, None] + margin)] = -1.0
@@ -167,7 +167,7 @@ def match_in_bands(
         line = similarity.argmax(axis=0)
         value = similarity[line, np.arange(len(columns))]
         better = value > back_best[columns]
-        back_best[columns[better]], back[columns[better]] = value[better], rows[line[better]]
+        back_best[columns[better]], back_nearest[columns[better]] = value[better], rows[line[better]]
         # The most similar point of each line, and the similarity of the next one
         place, row = similarity.argmax(axis=1), np.arange(len(rows))
         best[rows] = similarity[row, place]
@@ -176,15 +176,15 @@ def match_in_bands(
         rival[rows] = similarity.max(axis=1)
     distinct = (1.0 - best) < OVERVIEW.ratio**2 * (1.0 - np.maximum(rival, 0.0))
     index = np.flatnonzero(distinct & (best > 0.0))
-    index = index[back[nearest[index]] == index]
+    index = index[back_nearest[nearest[index]] == index]
     return np.column_stack([index, nearest[index]])
 
 
 def _group_neighbours(lines: EpipolarLines) -> Iterator[np.ndarray]:
     """Yield the row indices of groups of neighbouring lines; lines without finite positions are excluded."""
-    known = np.flatnonzero(np.isfinite(lines.origin).all(axis=1) & np.isfinite(lines.reach))
-    strips = max(1, round(np.sqrt(len(known) / OVERVIEW.line_batch)))
-    for strip in np.array_split(known[np.argsort(lines.origin[known, 0], kind="stable")], strips):
+    usable = np.flatnonzero(np.isfinite(lines.origin).all(axis=1) & np.isfinite(lines.reach))
+    strips = max(1, round(np.sqrt(len(usable) / OVERVIEW.line_batch)))
+    for strip in np.array_split(usable[np.argsort(lines.origin[usable, 0], kind="stable")], strips):
         for part in np.array_split(strip[np.argsort(lines.origin[strip, 1], kind="stable")], strips):
             if len(part):
                 yield np.sort(part)

@@ -63,17 +63,21 @@ def probe_pairs(job: ProbeJob) -> PartResult:
     agreeing = np.zeros(len(job.others), dtype=np.int64)
     cells = np.zeros((len(job.others), 2), dtype=np.int64)
     first_rpc = reduce_rpc(job.first.rpc, job.steps[0])
-    own = job.features[0]
-    xy = (own["xy"] - (job.steps[0] - 1) / 2.0) / job.steps[0]
-    for k, other in enumerate(job.others):
+    reference = job.features[0]
+    xy = (reference["xy"] - (job.steps[0] - 1) / 2.0) / job.steps[0]
+    for k, partner in enumerate(job.others):
         step, theirs, heights = job.steps[k + 1], job.features[k + 1], job.heights[k]
-        second_rpc = reduce_rpc(other.rpc, step)
+        second_rpc = reduce_rpc(partner.rpc, step)
         second_xy = (theirs["xy"] - (step - 1) / 2.0) / step
         lines = compute_epipolar_lines(first_rpc, second_rpc, xy, heights)
         usable = np.flatnonzero(np.isfinite(lines.origin).all(axis=1))
         pairs = match_in_bands(
-            own["descriptors"][usable], theirs["descriptors"], lines.select(usable), second_xy, job.margin_px / step
-        )  # fmt: skip
+            reference["descriptors"][usable],
+            theirs["descriptors"],
+            lines.select(usable),
+            second_xy,
+            job.margin_px / step,
+        )
         if not len(pairs):
             continue
         places = xy[usable[pairs[:, 0]]], second_xy[pairs[:, 1]]
@@ -83,11 +87,11 @@ def probe_pairs(job: ProbeJob) -> PartResult:
         order = np.argsort(across)
         count = np.searchsorted(across[order], across[order] + CHOICE.agreeing_px, side="right") - np.arange(len(order))
         best = int(np.argmax(count))
-        alike = order[best : best + int(count[best])]
-        agreeing[k] = len(alike)
-        sizes = np.array(job.first.known_size) / job.steps[0], np.array(other.known_size) / step
+        agreeing_rows = order[best : best + int(count[best])]
+        agreeing[k] = len(agreeing_rows)
+        sizes = np.array(job.first.known_size) / job.steps[0], np.array(partner.known_size) / step
         for side, (place, size) in enumerate(zip(places, sizes, strict=True)):
-            cell = np.clip(np.floor(CHOICE.cells * place[alike] / size), 0, CHOICE.cells - 1).astype(np.int64)
+            cell = np.clip(np.floor(CHOICE.cells * place[agreeing_rows] / size), 0, CHOICE.cells - 1).astype(np.int64)
             cells[k, side] = int(np.bitwise_or.reduce(1 << (cell[:, 1] * CHOICE.cells + cell[:, 0])))
     return {"agreeing": agreeing, "cells": cells}
 
@@ -125,31 +129,31 @@ class PairChoice:
         if self.rounds > CHOICE.rounds or self.room <= 0:
             return []
         # Edge-disjoint spanning trees with the largest sum of ratings
-        left = [pair for pair, probe in self.probes.items()
+        candidates = [pair for pair, probe in self.probes.items()
                 if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)]  # fmt: skip
-        wanted: set[NumberPair] = set()
+        selected: set[NumberPair] = set()
         for _ in range(self.trees):
-            if not left:
+            if not candidates:
                 break
-            worth = np.array([self._rate_pair(pair) + CHOICE.found_worth * (pair in self.found) for pair in left])
-            first, second = np.array(left).T
+            worth = np.array([self._rate_pair(pair) + CHOICE.found_worth * (pair in self.found) for pair in candidates])
+            first, second = np.array(candidates).T
             cost = 2.0 * CHOICE.found_worth - worth  # positive, since a cost of 0 means no edge
             graph = coo_matrix((cost, (first, second)), shape=(self.images, self.images))
             forest = minimum_spanning_tree(graph).tocoo()
-            wanted |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))
-            left = [pair for pair in left if pair not in wanted]
-        wanted |= self._choose_by_geometry(wanted)
+            selected |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))
+            candidates = [pair for pair in candidates if pair not in selected]
+        selected |= self._choose_by_geometry(selected)
         # Pairs of images without a significant probe, since the probe can be wrong
-        of_image, chosen = self._group_by_image(self.probes), self._group_by_image(wanted)
-        more: set[NumberPair] = set()
+        of_image, selected_by_image = self._group_by_image(self.probes), self._group_by_image(selected)
+        supplement: set[NumberPair] = set()
         for number, pairs in of_image.items():
-            if number in chosen or any(pair in self.found for pair in pairs):
+            if number in selected_by_image or any(pair in self.found for pair in pairs):
                 continue
             tries = CHOICE.last_tries - sum(pair in self.failed for pair in pairs)
             untried = [pair for pair in pairs if pair not in self.failed]
-            more |= set(sorted(untried, key=self._rate_pair)[::-1][: max(tries, 0)])
-        wanted |= more
-        new = [pair for pair in wanted if pair not in self.found and pair not in self.failed]
+            supplement |= set(sorted(untried, key=self._rate_pair)[::-1][: max(tries, 0)])
+        selected |= supplement
+        new = [pair for pair in selected if pair not in self.found and pair not in self.failed]
         return sorted(new, key=lambda pair: (-self._rate_pair(pair), pair))[: self.room]
 
     def tell(self, pair: NumberPair, found: bool) -> None:
@@ -160,33 +164,33 @@ class PairChoice:
 
     def list_similar_pairs(self, image: int) -> list[NumberPair]:
         """Return the probed pairs of an image, those with the smallest angle between their views first."""
-        own = [pair for pair in self.probes if image in pair]
-        return sorted(own, key=lambda pair: (self.probes[pair].convergence_deg, pair))
+        pairs_of_image = [pair for pair in self.probes if image in pair]
+        return sorted(pairs_of_image, key=lambda pair: (self.probes[pair].convergence_deg, pair))
 
     def _rate_pair(self, pair: NumberPair) -> float:
         probe = self.probes[pair]
         return probe.agreeing * (CHOICE.narrow_worth if probe.convergence_deg < CHOICE.narrow_deg else 1.0)
 
-    def _choose_by_geometry(self, wanted: set[NumberPair]) -> set[NumberPair]:
+    def _choose_by_geometry(self, selected: set[NumberPair]) -> set[NumberPair]:
         """Return a pair with a convergence angle for images without one, and pairs that cover more parts of images."""
-        more: set[NumberPair] = set()
+        supplement: set[NumberPair] = set()
         of_image = self._group_by_image(pair for pair in self.probes if pair not in self.failed)
-        chosen = self._group_by_image(wanted)
+        selected_by_image = self._group_by_image(selected)
         for number, pairs in of_image.items():
-            good = [pair for pair in pairs if self.probes[pair].agreeing > CHOICE.chance]
-            own = chosen.get(number, [])
-            if all(self.probes[pair].convergence_deg < CHOICE.wanted_angle_deg for pair in own):
-                wide = [pair for pair in good if self.probes[pair].convergence_deg >= CHOICE.wanted_angle_deg]
-                more |= set(sorted(wide, key=self._rate_pair)[-1:])
+            reliable = [pair for pair in pairs if self.probes[pair].agreeing > CHOICE.chance]
+            selected_pairs = selected_by_image.get(number, [])
+            if all(self.probes[pair].convergence_deg < CHOICE.wanted_angle_deg for pair in selected_pairs):
+                wide = [pair for pair in reliable if self.probes[pair].convergence_deg >= CHOICE.wanted_angle_deg]
+                supplement |= set(sorted(wide, key=self._rate_pair)[-1:])
             covered = 0
-            for pair in own:
+            for pair in selected_pairs:
                 covered |= self._cells_of_image(pair, number)
             lacking = ~covered & ((1 << CHOICE.cells**2) - 1)
-            added = {pair: (self._cells_of_image(pair, number) & lacking).bit_count() for pair in good}
-            fill = max(good, key=lambda pair: (added[pair], self._rate_pair(pair)), default=None)
+            added = {pair: (self._cells_of_image(pair, number) & lacking).bit_count() for pair in reliable}
+            fill = max(reliable, key=lambda pair: (added[pair], self._rate_pair(pair)), default=None)
             if fill is not None and added[fill]:
-                more.add(fill)
-        return more
+                supplement.add(fill)
+        return supplement
 
     def _cells_of_image(self, pair: NumberPair, image: int) -> int:
         return self.probes[pair].cells[0 if pair[0] == image else 1]

@@ -85,11 +85,11 @@ def _linearise_transfer(
     first: Image, second: Image, xy: np.ndarray, height_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean derivatives of a transfer by the position ``(2, 2)`` and by the height ``(2,)``."""
-    few = np.linspace(0, len(xy) - 1, min(CAMERAS.sampled, len(xy))).astype(int)
-    here, height = xy[few], height_m[few]
+    sampled = np.linspace(0, len(xy) - 1, min(CAMERAS.sampled, len(xy))).astype(int)
+    sampled_xy, height = xy[sampled], height_m[sampled]
 
     def transfer_offset(dx: float, dy: float, dh: float) -> np.ndarray:
-        return transfer(first.rpc, second.rpc, here + (dx, dy), height + dh)
+        return transfer(first.rpc, second.rpc, sampled_xy + (dx, dy), height + dh)
 
     steps = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     slope = [np.nanmean(transfer_offset(*step) - transfer_offset(*np.negative(step)), axis=0) / 2.0 for step in steps]
@@ -109,10 +109,10 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
     # One height for all matches of a point: the mean weighted by their sensitivity to it
     weight = np.maximum(np.sum(climb**2, axis=1), EPIPOLAR.least_stretch**2)
     height = (np.bincount(point, weight * matches.height_m) / np.bincount(point, weight))[point]
-    left = np.empty((len(matches), 2))
+    discrepancy = np.empty((len(matches), 2))
     for (a, b), rows in rows_of.items():
         predicted = transfer(images[a].rpc, images[b].rpc, matches.first_xy[rows], height[rows])
-        left[rows] = matches.second_xy[rows] - predicted
+        discrepancy[rows] = matches.second_xy[rows] - predicted
     equation = 2 * np.arange(len(matches))[:, None] + [0, 1]
     # Derivatives (2 n, 2 images) of the transfers by the shifts
     by_first = np.broadcast_to((2 * matches.first[:, None] + [0, 1])[:, None, :], turn.shape)
@@ -123,7 +123,7 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
     weight = np.ones(equation.shape)
     for _ in range(CAMERAS.rounds):
         root = np.sqrt(weight).ravel()
-        A, r = sparse.diags(root) @ design, root * left.ravel()
+        A, r = sparse.diags(root) @ design, root * discrepancy.ravel()
         t = root * climb.ravel()
         length = np.sqrt(np.bincount(np.repeat(point, 2), t**2))
         unit = t / np.maximum(length, 1e-12)[np.repeat(point, 2)]
@@ -131,30 +131,37 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
         UA = U.T @ A
         N = (A.T @ A - UA.T @ UA + sparse.identity(A.shape[1]) / CAMERAS.prior_px**2).tocsc()
         shift = spsolve(N, A.T @ r - UA.T @ (U.T @ r))
-        rest = r - A @ shift
-        rise = (U.T @ rest) / np.maximum(length, 1e-12)
-        away = (left.ravel() - design @ shift - climb.ravel() * rise[np.repeat(point, 2)]).reshape(-1, 2)
-        weight[:] = np.minimum(1.0, CAMERAS.influence_px / np.maximum(np.hypot(*away.T), 1e-9))[:, None]
+        height_part = r - A @ shift
+        rise = (U.T @ height_part) / np.maximum(length, 1e-12)
+        deviation = (discrepancy.ravel() - design @ shift - climb.ravel() * rise[np.repeat(point, 2)]).reshape(-1, 2)
+        weight[:] = np.minimum(1.0, CAMERAS.influence_px / np.maximum(np.hypot(*deviation.T), 1e-9))[:, None]
     shift = shift.reshape(-1, 2)
     head = np.unique(point, return_index=True)[1]
     ground = np.empty((len(names), 3))
     for number in np.unique(matches.first[head]):
-        here = head[matches.first[head] == number]
-        risen = height[here] + rise[point[here]]
-        ground[point[here]] = images[number].rpc.localize(matches.first_xy[here] - shift[number], risen).ground
-    known = np.isfinite(ground).all(axis=1)
+        head_rows = head[matches.first[head] == number]
+        risen = height[head_rows] + rise[point[head_rows]]
+        ground[point[head_rows]] = (
+            images[number].rpc.localize(matches.first_xy[head_rows] - shift[number], risen).ground
+        )
+    has_ground = np.isfinite(ground).all(axis=1)
     return RelativeCameras(
-        *_extend_to_all_images(matches, shift, away), names[known], np.bincount(point)[known], ground[known]
+        *_extend_to_all_images(matches, shift, deviation),
+        names[has_ground],
+        np.bincount(point)[has_ground],
+        ground[has_ground],
     )
 
 
-def _extend_to_all_images(matches: BlockMatches, shift: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _extend_to_all_images(
+    matches: BlockMatches, shift: np.ndarray, deviation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return shifts and search ranges of all images; those without matches get median and spread of the others."""
-    known = np.unique(np.r_[matches.first, matches.second])
+    matched = np.unique(np.r_[matches.first, matches.second])
     sigma = np.full(len(shift), CAMERAS.margin_px)
-    sigma[known] += CAMERAS.safety * float(robust_sigma(away.ravel()))
-    others = np.setdiff1d(np.arange(len(shift)), known)
-    middle = np.median(shift[known], axis=0)
-    spread = CAMERAS.safety * float(np.max(robust_sigma(shift[known] - middle, axis=0), initial=0.0))
-    shift[others], sigma[others] = middle, min(CAMERAS.margin_px + spread, CAMERAS.widest_px)
+    sigma[matched] += CAMERAS.safety * float(robust_sigma(deviation.ravel()))
+    unmatched = np.setdiff1d(np.arange(len(shift)), matched)
+    middle = np.median(shift[matched], axis=0)
+    spread = CAMERAS.safety * float(np.max(robust_sigma(shift[matched] - middle, axis=0), initial=0.0))
+    shift[unmatched], sigma[unmatched] = middle, min(CAMERAS.margin_px + spread, CAMERAS.widest_px)
     return shift, sigma

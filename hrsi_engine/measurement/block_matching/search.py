@@ -38,8 +38,8 @@ def choose_match_options(
         return options.match_dense
     if not is_matched_everywhere(image):
         return options.match_sampled
-    chosen = options.match_linked if linked else options.match
-    return replace(chosen, features=0) if predicted else chosen
+    match_options = options.match_linked if linked else options.match
+    return replace(match_options, features=0) if predicted else match_options
 
 
 def count_points_per_cell(options: TieOptions, image: Image) -> int:
@@ -94,27 +94,29 @@ class TieSearch:
         """Return the pairs of usable images that overlap; raise `InputError` if there are none."""
         images = [self.images[index] for index in self.usable]
         self._ranges = overlaps.find_ground_ranges(images, self.surface, TIE_SEARCH.dem_margin_m)
-        found = find_likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
+        overlapping = find_likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
         if self.earlier:
-            found = [pair for pair in found if not {images[pair.first].id, images[pair.second].id} <= self.earlier]
-        if not found:
+            overlapping = [
+                pair for pair in overlapping if not {images[pair.first].id, images[pair.second].id} <= self.earlier
+            ]
+        if not overlapping:
             raise InputError(
                 f"no two images of {list_ids(image.id for image in images)} overlap between the heights of their RPCs: "
                 "check that they show the same area, or name a DEM with `dem`"
             )
-        return found
+        return overlapping
 
     def choose_pairs(self, progress: Progress) -> None:
         """Find the pairs to be matched and estimate their geometry; raise `InputError` if there are none."""
-        found = self.find_overlaps_of_images()
+        overlapping = self.find_overlaps_of_images()
         images = [self.images[index] for index in self.usable]
         self._coarseness = [overlaps.rank_resolution(image) for image in images]
-        probed = 2 * len(found) > self.options.most_partners * len(images)
+        probed = 2 * len(overlapping) > self.options.most_partners * len(images)
         self._steps = [choose_overview_step(image.known_size, probed) for image in images]
         if not probed:
-            self._estimate_pairs([self._order_pair(pair.first, pair.second) for pair in found], progress)
+            self._estimate_pairs([self._order_pair(pair.first, pair.second) for pair in overlapping], progress)
             return
-        self.choice = self._probe_overlaps(found, stage(progress, 0.0, 0.5))
+        self.choice = self._probe_overlaps(overlapping, stage(progress, 0.0, 0.5))
         rounds = 0
         while pairs := self.choice.choose_round():
             rounds += 1
@@ -142,22 +144,22 @@ class TieSearch:
         job = OverviewJob(image, step)
         return WorkPart(key, detect_overview_features, job, keep=False, label=f"looking at {image.id}")
 
-    def _probe_overlaps(self, found: list[overlaps.Overlap], progress: Progress) -> PairChoice:
+    def _probe_overlaps(self, overlapping: list[overlaps.Overlap], progress: Progress) -> PairChoice:
         """Probe the promising ones of the overlapping pairs; return the chooser of pairs."""
         images = [self.images[index] for index in self.usable]
         parts = [self._make_overview_part(index) for index in range(len(images))]
         self._features = OverviewFeatures(parts, self._scheduler, self._keeper)
         self._features.find(CHOICE.features, stage(progress, 0.0, 0.7))
         directions = compute_central_views(images)
-        first, second = (np.array([getattr(pair, name) for pair in found]) for name in ("first", "second"))
+        first, second = (np.array([getattr(pair, name) for pair in overlapping]) for name in ("first", "second"))
         angle = compute_convergence_deg(directions, first, second)
         partners: dict[int, list[tuple[int, float]]] = {}
-        for row in choose_probes(found, angle).tolist():
+        for row in choose_probes(overlapping, angle).tolist():
             a, b = self._order_pair(int(first[row]), int(second[row]))
             partners.setdefault(a, []).append((b, float(angle[row])))
         probing = []
-        for a, others in partners.items():
-            numbers = [b for b, _ in others]
+        for a, candidates in partners.items():
+            numbers = [b for b, _ in candidates]
             job = ProbeJob(
                 images[a], tuple(images[b] for b in numbers), tuple(self._steps[k] for k in (a, *numbers)),
                 tuple(overlaps.intersect_heights(self._ranges[a], self._ranges[b]) for b in numbers),
@@ -168,10 +170,10 @@ class TieSearch:
             probing, [part.key for part in probing], self._scheduler, self._keeper, stage(progress, 0.7, 1.0)
         )  # fmt: skip
         probes = [
-            Probe(a, b, int(told["agreeing"][k]), convergence, tuple(told["cells"][k]))
-            for a, others in partners.items()
-            for told in (results[f"probe-{a}"],)
-            for k, (b, convergence) in enumerate(others)
+            Probe(a, b, int(answer["agreeing"][k]), convergence, tuple(answer["cells"][k]))
+            for a, candidates in partners.items()
+            for answer in (results[f"probe-{a}"],)
+            for k, (b, convergence) in enumerate(candidates)
         ]
         trees = max(1, self.options.most_partners // 2)
         return PairChoice(len(images), probes, trees, (trees + 1) * len(images))
@@ -179,7 +181,7 @@ class TieSearch:
     def _estimate_pairs(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
         """Compare the overviews of pairs of usable images, and append the results to ``pairs``."""
         for start in range(0, len(pairs), TIE_SEARCH.pair_batch):
-            ends = (min(start + done, len(pairs)) / len(pairs) for done in (0, TIE_SEARCH.pair_batch))
+            ends = (min(start + offset, len(pairs)) / len(pairs) for offset in (0, TIE_SEARCH.pair_batch))
             jobs = {(a, b): self._make_job(a, b) for a, b in pairs[start : start + TIE_SEARCH.pair_batch]}
             overviews = {index: self._make_overview_part(index) for pair in jobs for index in pair}
             marks = {index: self._marks[self.usable[index]] for index in overviews}
@@ -191,12 +193,12 @@ class TieSearch:
                 )
                 for (a, b), job in jobs.items()
             }  # fmt: skip
-            wanted = [part.key for part in parts.values()]
-            found = run_parts(
-                [*overviews.values(), *parts.values()], wanted, self._scheduler, self._keeper, stage(progress, *ends)
+            keys = [part.key for part in parts.values()]
+            features = run_parts(
+                [*overviews.values(), *parts.values()], keys, self._scheduler, self._keeper, stage(progress, *ends)
             )
             for (a, b), part in parts.items():
-                estimate = coarse.estimate_pair(jobs[a, b], found[part.key])
+                estimate = coarse.estimate_pair(jobs[a, b], features[part.key])
                 self.pairs.append(PairCandidate(jobs[a, b], self.usable[a], self.usable[b], estimate))
                 if self.choice is not None:
                     self.choice.tell((a, b), estimate is not None)
@@ -235,8 +237,8 @@ class TieSearch:
         """Return the matches that pass the tests of pairs and heights, and the links formed by them."""
         matches = joining.collect_matches(self._results)
         fitting = joining.drop_outliers(matches, self.images, self.options.dense)
-        good = joining.drop_contradictions(fitting, self.images)
-        return good, judge_links(good)
+        consistent = joining.drop_contradictions(fitting, self.images)
+        return consistent, judge_links(consistent)
 
     def match_pairs(self, progress: Progress) -> None:
         """Match the windows of all pairs that are not yet matched."""
@@ -248,12 +250,12 @@ class TieSearch:
         if self.choice is None:
             return False
         sound = [(link.first, link.second) for link in links if link.sound]
-        held = Counter(number for pair in sound for number in pair)
+        link_count = Counter(number for pair in sound for number in pair)
         hard = [
             pair
             for pair in self.pairs
             if (pair.first, pair.second) not in sound
-            and min(held[pair.first], held[pair.second]) < TIE_SEARCH.few_links
+            and min(link_count[pair.first], link_count[pair.second]) < TIE_SEARCH.few_links
         ]
         return self._match_windows(hard, False, progress)
 
@@ -265,15 +267,15 @@ class TieSearch:
         if cameras is None:
             return False
         sound = {(link.first, link.second) for link in links if link.sound}
-        held = Counter(number for pair in sound for number in pair)
+        link_count = Counter(number for pair in sound for number in pair)
         weak = [index for index, number in enumerate(self.usable)
-               if held[number] < TIE_SEARCH.few_links and number not in self.reasons]  # fmt: skip
+               if link_count[number] < TIE_SEARCH.few_links and number not in self.reasons]  # fmt: skip
         pairs: dict[tuple[int, int], PairCandidate] = {}
         for index in weak:
             for a, b in self.choice.list_similar_pairs(index):
                 first, second = self.usable[a], self.usable[b]
                 partner = second if a == index else first
-                if held[partner] < TIE_SEARCH.few_links or (first, second) in sound:
+                if link_count[partner] < TIE_SEARCH.few_links or (first, second) in sound:
                     continue
                 job = self._make_job(a, b)
                 pairs[a, b] = PairCandidate(job, first, second, cameras.estimate(job, first, second))
@@ -290,11 +292,11 @@ class TieSearch:
         # Matched pairs of images that are matched everywhere, in both orders
         places = {}
         for pair in self.pairs:
-            both = self.images[pair.first], self.images[pair.second]
-            everywhere = pair.estimate is not None and all(map(is_matched_everywhere, both))
-            if everywhere and overlaps.compute_resolution_step(*both) == 1:
+            images_of_pair = self.images[pair.first], self.images[pair.second]
+            everywhere = pair.estimate is not None and all(map(is_matched_everywhere, images_of_pair))
+            if everywhere and overlaps.compute_resolution_step(*images_of_pair) == 1:
                 places[pair.first, pair.second] = pair.job
-                places[pair.second, pair.first] = replace(pair.job, first=both[1], second=both[0])
+                places[pair.second, pair.first] = replace(pair.job, first=images_of_pair[1], second=images_of_pair[0])
         can_miss = len(self.usable) > 2 and not self.options.dense
         cameras = estimate_relative_cameras(good, self.images) if can_miss else None
         if cameras is None:
@@ -303,14 +305,14 @@ class TieSearch:
         for (first, second), job in places.items():
             estimate = cameras.estimate(job, first, second)
             is_there = np.isin(cameras.tracks, good.track[good.second == second])
-            chosen = (cameras.partners >= TIE_SEARCH.completed_partners) & ~is_there
-            own = good.first == first
-            track, row = np.unique(good.track[own], return_index=True)
-            wanted = np.isin(track, cameras.tracks[chosen])
-            if estimate is None or not wanted.any():
+            lacking = (cameras.partners >= TIE_SEARCH.completed_partners) & ~is_there
+            in_first = good.first == first
+            track, row = np.unique(good.track[in_first], return_index=True)
+            is_lacking = np.isin(track, cameras.tracks[lacking])
+            if estimate is None or not is_lacking.any():
                 continue
-            xy = good.first_xy[own][row[wanted]]
-            height = cameras.ground[np.searchsorted(cameras.tracks, track[wanted]), 2]
+            xy = good.first_xy[in_first][row[is_lacking]]
+            height = cameras.ground[np.searchsorted(cameras.tracks, track[is_lacking]), 2]
             windows = tuple(cell.own[0] for row in plan_cells(job.first, self.options.cells, 0) for cell in row)
             partner = Partner(second, job.second, estimate.geometry)
             options = choose_match_options(self.options, job.first)
@@ -319,8 +321,8 @@ class TieSearch:
             key = digest(VERSION, self._marks[first], self._marks[second], estimate.geometry, xy, height, options)
             parts.append(WorkPart(f"points-{key}", transfer_star, transfer, label=f"completing {job.first.id}"))
         if parts:
-            found = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
-            self._results += [(part.job.number, found[part.key]) for part in parts]
+            transferred = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
+            self._results += [(part.job.number, transferred[part.key]) for part in parts]
         return bool(parts)
 
     def _match_windows(
@@ -334,20 +336,23 @@ class TieSearch:
                 partner = Partner(pair.second, self.images[pair.second], pair.estimate.geometry, step)
                 partners.setdefault(pair.first, []).append(partner)
         parts = []
-        for number, own in partners.items():
+        for number, partner_list in partners.items():
             image = self.images[number]
             cells_of_image = EVERY if self.options.dense else self.options.cells
             rows = plan_cells(image, cells_of_image, count_points_per_cell(self.options, image))
             cells = [cell for row in rows for cell in row]
-            known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in own]
+            partner_marks = [
+                (candidate.number, self._marks[candidate.number], candidate.geometry, candidate.step)
+                for candidate in partner_list
+            ]
             options = choose_match_options(self.options, image, linked, predicted)
             per_part = TIE_SEARCH.cells_per_part if linked or not is_matched_everywhere(image) else 1
             for start in range(0, len(cells), per_part):
-                job = StarJob(number, image, tuple(cells[start : start + per_part]), tuple(own), options)
-                key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
+                job = StarJob(number, image, tuple(cells[start : start + per_part]), tuple(partner_list), options)
+                key = digest(VERSION, self._marks[number], number, job.cells, partner_marks, job.options)
                 label = f"matching {image.id}"
-                parts.append(WorkPart(f"windows-{key}", match_stars, job, label=label, cost=float(len(own))))
+                parts.append(WorkPart(f"windows-{key}", match_stars, job, label=label, cost=float(len(partner_list))))
         if parts:
-            found = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
-            self._results += [(part.job.number, found[part.key]) for part in parts]
+            matched = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
+            self._results += [(part.job.number, matched[part.key]) for part in parts]
         return bool(parts)

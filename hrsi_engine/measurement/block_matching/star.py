@@ -74,8 +74,8 @@ def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: 
     coefficients = _FIT @ positions
     if np.abs(_TERMS.T @ coefficients - positions).max() > TIE_WINDOWS.miss_px:
         return geometry
-    both = _LocalTransfer(geometry.first.height_range, middle, reach, coefficients)
-    return replace(geometry, first=both, second=both)
+    local_transfer = _LocalTransfer(geometry.first.height_range, middle, reach, coefficients)
+    return replace(geometry, first=local_transfer, second=local_transfer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,21 +149,23 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
     ``options`` are those of each partner; the band selected in one window is used in the following ones.
     """
     lacking = list(job.partners)
-    for window, own in zip(cell.windows, cell.own, strict=True):
+    for window, own_window in zip(cell.windows, cell.own, strict=True):
         if not lacking:
             return
-        near = [replace(partner, geometry=fit_local_geometry(partner.geometry, window)) for partner in lacking]
+        local_partners = [
+            replace(partner, geometry=fit_local_geometry(partner.geometry, window)) for partner in lacking
+        ]
         # Windows of the partners that show a sufficient part of this window
-        seen = []
-        for partner in near:
+        visible = []
+        for partner in local_partners:
             border = TIE_WINDOWS.border_px * partner.step
             place = predict_window(partner.geometry, window, border).inside(partner.image.known_size)
             if min(place.samples, place.lines) >= TIE_WINDOWS.side_px + border:
-                seen.append((partner, place))
-        tile = read_tile(job.reference, window, job.step) if seen else None
+                visible.append((partner, place))
+        tile = read_tile(job.reference, window, job.step) if visible else None
         if tile is None or tile.valid.mean() < TIE_WINDOWS.valid_share:
             continue
-        rows = _limit_points(_match_window(tile, own, seen, options), cell.most)
+        rows = _limit_points(_match_window(tile, own_window, visible, options), cell.most)
         yield from rows
         satisfied = {row.partner for row in rows if len(row.matches) >= cell.enough}
         lacking = [partner for partner in lacking if partner.number not in satisfied]
@@ -174,61 +176,75 @@ def _match_window(
     options: dict[int, TileMatchOptions],
 ) -> list[PartnerMatches]:  # fmt: skip
     """Match one window with its predicted windows in partners, then transfer points found in only some of them."""
-    shown = [(partner, read_tile(partner.image, place, partner.step)) for partner, place in places]
-    tiles = [(partner, other) for partner, other in shown if other is not None]
-    found = []
-    for partner, other in tiles:
-        how = options[partner.number]
-        ways = [match_tile(tile, other.times(c), partner.geometry, how) for c in partner.geometry.contrasts]
+    partner_tiles = [(partner, read_tile(partner.image, place, partner.step)) for partner, place in places]
+    tiles = [(partner, partner_tile) for partner, partner_tile in partner_tiles if partner_tile is not None]
+    matches_of_partners = []
+    for partner, partner_tile in tiles:
+        match_options = options[partner.number]
+        ways = [
+            match_tile(tile, partner_tile.times(c), partner.geometry, match_options) for c in partner.geometry.contrasts
+        ]
         matches = join_tile_matches(ways) if len(ways) > 1 else ways[0]
         if len(ways) > 1:  # if a point is matched in both contrasts, the better match is kept
             best = np.argsort(-matches.quality, kind="stable")
             _, first = np.unique(_make_keys(matches.first_xy[best]), return_index=True)
             matches = matches.select(np.sort(best[first]))
         if matches.band:
-            options[partner.number] = replace(how, bands=(matches.band,))
-        found.append(matches.select(own.contains(matches.first_xy)))
+            options[partner.number] = replace(match_options, bands=(matches.band,))
+        matches_of_partners.append(matches.select(own.contains(matches.first_xy)))
     if len(tiles) > 1:
-        found = [
-            _complete_partner(index, tile, tiles, found, options[partner.number])
+        matches_of_partners = [
+            _complete_partner(index, tile, tiles, matches_of_partners, options[partner.number])
             for index, (partner, _) in enumerate(tiles)
         ]
     return [
         PartnerMatches(partner.number, matches)
-        for (partner, _), matches in zip(tiles, found, strict=True)
+        for (partner, _), matches in zip(tiles, matches_of_partners, strict=True)
         if len(matches)
     ]
 
 
 def _complete_partner(
-    index: int, tile: ImageTile, tiles: Sequence[tuple[Partner, ImageTile]], found: Sequence[TileMatches],
+    index: int, tile: ImageTile, tiles: Sequence[tuple[Partner, ImageTile]], matches_of_partners: Sequence[TileMatches],
     options: TileMatchOptions,
 ) -> TileMatches:  # fmt: skip
     """Return a partner's matches, with points added that were found at heights determined by other partners."""
-    own = found[index]
-    others = [_transfer_heights(own, matches) for k, matches in enumerate(found) if k != index and len(matches)]
-    if not others:
-        return own
-    xy, height = (np.concatenate(part) for part in zip(*others, strict=True))
+    own_matches = matches_of_partners[index]
+    transferred = [
+        _transfer_heights(own_matches, matches)
+        for k, matches in enumerate(matches_of_partners)
+        if k != index and len(matches)
+    ]
+    if not transferred:
+        return own_matches
+    xy, height = (np.concatenate(part) for part in zip(*transferred, strict=True))
     xy, first = np.unique(xy, axis=0, return_index=True)
-    new = ~np.isin(_make_keys(xy), _make_keys(own.first_xy))
+    new = ~np.isin(_make_keys(xy), _make_keys(own_matches.first_xy))
     if not new.any():
-        return own
-    partner, other = tiles[index]
-    other = other.times(partner.geometry.contrasts[0])
-    geometry = replace(partner.geometry, bias_px=tuple(own.bias_px.tolist())) if len(own) else partner.geometry
-    added = transfer_points(tile, other, geometry, xy[new], height[first][new], options)
-    return join_tile_matches([own, added]) if len(added) else own
+        return own_matches
+    partner, partner_tile = tiles[index]
+    partner_tile = partner_tile.times(partner.geometry.contrasts[0])
+    geometry = (
+        replace(partner.geometry, bias_px=tuple(own_matches.bias_px.tolist())) if len(own_matches) else partner.geometry
+    )
+    added = transfer_points(tile, partner_tile, geometry, xy[new], height[first][new], options)
+    return join_tile_matches([own_matches, added]) if len(added) else own_matches
 
 
-def _transfer_heights(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.ndarray]:
+def _transfer_heights(own_matches: TileMatches, other_matches: TileMatches) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of another partner with their heights converted to apparent heights of this pair.
 
     Apparent heights of two pairs differ by the errors of the RPCs along the lines; the median of common points is used.
     """
-    _, mine, theirs = np.intersect1d(_make_keys(own.first_xy), _make_keys(other.first_xy), return_indices=True)
-    shift = np.median(own.height_m[mine] - other.height_m[theirs]) if len(mine) >= TIE_WINDOWS.fewest_common else 0.0
-    return other.first_xy, other.height_m + shift
+    _, mine, theirs = np.intersect1d(
+        _make_keys(own_matches.first_xy), _make_keys(other_matches.first_xy), return_indices=True
+    )
+    shift = (
+        np.median(own_matches.height_m[mine] - other_matches.height_m[theirs])
+        if len(mine) >= TIE_WINDOWS.fewest_common
+        else 0.0
+    )
+    return other_matches.first_xy, other_matches.height_m + shift
 
 
 def _make_keys(xy: np.ndarray) -> np.ndarray:
@@ -255,8 +271,10 @@ def _limit_points(rows: list[PartnerMatches], most: int) -> list[PartnerMatches]
     place[np.lexsort((points, -mean, -count))] = np.arange(len(points))
     thinned, start = [], 0
     for row in rows:
-        own = place[inverse[start : start + len(row.matches)]]
-        thinned.append(PartnerMatches(row.partner, row.matches.select(np.sort(np.argsort(own, kind="stable")[:most]))))
+        ranks = place[inverse[start : start + len(row.matches)]]
+        thinned.append(
+            PartnerMatches(row.partner, row.matches.select(np.sort(np.argsort(ranks, kind="stable")[:most])))
+        )
         start += len(row.matches)
     return thinned
 
@@ -279,17 +297,22 @@ class TransferJob:
 
 def transfer_star(job: TransferJob) -> PartResult:
     """Return the points that were found, in the columns of `match_stars`."""
-    rows, other = [], job.partner
+    rows, partner = [], job.partner
     for window in job.windows:
         inside = window.contains(job.xy)
         if not inside.any():
             continue
-        geometry = fit_local_geometry(other.geometry, window)
-        shown = predict_window(geometry, window, TIE_WINDOWS.border_px).inside(other.image.known_size)
-        own, there = read_tile(job.reference, window.grow(TIE_WINDOWS.border_px)), read_tile(other.image, shown)
-        if own is not None and there is not None:
-            found = transfer_points(own, there, geometry, job.xy[inside], job.height_m[inside], job.options)
-            rows.append(PartnerMatches(other.number, found))
+        geometry = fit_local_geometry(partner.geometry, window)
+        partner_window = predict_window(geometry, window, TIE_WINDOWS.border_px).inside(partner.image.known_size)
+        reference_tile, partner_tile = (
+            read_tile(job.reference, window.grow(TIE_WINDOWS.border_px)),
+            read_tile(partner.image, partner_window),
+        )
+        if reference_tile is not None and partner_tile is not None:
+            transferred = transfer_points(
+                reference_tile, partner_tile, geometry, job.xy[inside], job.height_m[inside], job.options
+            )
+            rows.append(PartnerMatches(partner.number, transferred))
     return stack_matches([row for row in rows if len(row.matches)])
 
 
@@ -316,8 +339,8 @@ def plan_cells(image: Image, cells: int, per_cell: int, step: int = 1) -> list[l
         row = []
         for left, right in pairwise(columns):
             if everywhere:
-                own = ImageWindow(left, top, right - left, bottom - top)
-                row.append(Cell((own.grow(TIE_WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
+                own_window = ImageWindow(left, top, right - left, bottom - top)
+                row.append(Cell((own_window.grow(TIE_WINDOWS.overlap_px * step).inside(size),), (own_window,), 0, 0))
                 continue
             places = _place_windows(left, right, top, bottom, side, size)
             windows = tuple(ImageWindow(sample, line, side, side).inside(size) for sample, line in places)
@@ -331,15 +354,21 @@ def _place_windows(
 ) -> list[tuple[int, int]]:
     """Return the positions of a cell's windows: the file's tile at the centre first, then others far from it."""
     samples, lines = (
-        [at for at in range(first // side * side, last, side) if at >= first - side // 2 and at + side // 2 <= last]
-        or [max(0, min((first + last - side) // 2, most - side))]
-        for first, last, most in ((left, right, size[0]), (top, bottom, size[1]))
+        [
+            start
+            for start in range(first // side * side, last, side)
+            if start >= first - side // 2 and start + side // 2 <= last
+        ]
+        or [max(0, min((first + last - side) // 2, image_length - side))]
+        for first, last, image_length in ((left, right, size[0]), (top, bottom, size[1]))
     )
     middle = ((left + right - side) / 2.0, (top + bottom - side) / 2.0)
     places = [(sample, line) for line in lines for sample in samples]
     places.sort(key=lambda place: (place[0] - middle[0]) ** 2 + (place[1] - middle[1]) ** 2)
-    chosen = places[:1]
-    while len(chosen) < min(TIE_WINDOWS.attempts, len(places)):  # the one farthest from those selected
-        rest = [place for place in places if place not in chosen]
-        chosen.append(max(rest, key=lambda place: min((place[0] - s) ** 2 + (place[1] - t) ** 2 for s, t in chosen)))
-    return chosen
+    selected = places[:1]
+    while len(selected) < min(TIE_WINDOWS.attempts, len(places)):  # the one farthest from those selected
+        remaining = [place for place in places if place not in selected]
+        selected.append(
+            max(remaining, key=lambda place: min((place[0] - s) ** 2 + (place[1] - t) ** 2 for s, t in selected))
+        )
+    return selected

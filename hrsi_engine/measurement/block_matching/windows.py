@@ -52,8 +52,10 @@ class ImageWindow(NamedTuple):
 
     def contains(self, xy: np.ndarray) -> np.ndarray:
         """Return which positions ``(n, 2)`` are in the window."""
-        away = xy - (self.sample, self.line)
-        return np.asarray(((away >= -0.5) & (away < np.array([self.samples, self.lines]) - 0.5)).all(axis=1))
+        from_corner = xy - (self.sample, self.line)
+        return np.asarray(
+            ((from_corner >= -0.5) & (from_corner < np.array([self.samples, self.lines]) - 0.5)).all(axis=1)
+        )
 
 
 @runtime_checkable
@@ -69,15 +71,15 @@ class PyramidRaster(Raster, Protocol):
 
 def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | None:
     """Return the means of ``step`` x ``step`` pixels in a window; None if it contains no valid pixel."""
-    here = window.inside(image.known_size)
-    if here.samples < step or here.lines < step:
+    inside = window.inside(image.known_size)
+    if inside.samples < step or inside.lines < step:
         return None
-    grey, valid = image.pixels.read(*here)
+    grey, valid = image.pixels.read(*inside)
     if not valid.any():
         return None
     if step > 1:
         grey, valid = average_blocks(grey, valid, step)
-    origin = here.sample + (step - 1) / 2.0, here.line + (step - 1) / 2.0
+    origin = inside.sample + (step - 1) / 2.0, inside.line + (step - 1) / 2.0
     return ImageTile(np.asarray(grey, dtype=np.float32), valid, origin, float(step))
 
 
@@ -101,8 +103,8 @@ def average_blocks(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.n
     inner = np.s_[: lines * step, : samples * step]
     shape = (lines, step, samples, step)
     mean = np.where(valid[inner], grey[inner], 0).astype(np.float32).reshape(shape).mean(axis=(1, 3))
-    whole = valid[inner].reshape(shape).all(axis=(1, 3))
-    return np.where(whole, mean, np.float32(0.0)), whole
+    is_complete = valid[inner].reshape(shape).all(axis=(1, 3))
+    return np.where(is_complete, mean, np.float32(0.0)), is_complete
 
 
 def predict_window(geometry: TilePairGeometry, window: ImageWindow, border: int) -> ImageWindow:

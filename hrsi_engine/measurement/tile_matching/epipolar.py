@@ -78,13 +78,13 @@ def compute_epipolar_deviation(
     reach = 2.0 * (highest - lowest)
     height = np.full(len(first_xy), height_m, dtype=np.float64)
     for _ in range(iterations):
-        below = transfer(first, second, first_xy, height - EPIPOLAR.height_step_m)
+        at_low = transfer(first, second, first_xy, height - EPIPOLAR.height_step_m)
         above = transfer(first, second, first_xy, height + EPIPOLAR.height_step_m)
-        slope = (above - below) / (2.0 * EPIPOLAR.height_step_m)
+        slope = (above - at_low) / (2.0 * EPIPOLAR.height_step_m)
         stretch = np.linalg.norm(slope, axis=1)
         distinct = stretch > EPIPOLAR.least_stretch
         direction = np.where(distinct[:, None], slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None], (1, 0))
-        miss = second_xy - 0.5 * (above + below)
+        miss = second_xy - 0.5 * (above + at_low)
         along = np.einsum("ni,ni->n", miss, direction)
         across = direction[:, 0] * miss[:, 1] - direction[:, 1] * miss[:, 0]
         step = np.where(distinct, along / np.maximum(stretch, EPIPOLAR.least_stretch), 0.0)
@@ -101,14 +101,14 @@ def match_descriptors(
     nearest = np.empty(len(first), np.int64)
     distinct = np.empty(len(first), bool)
     back_best = np.full(len(second), -np.inf, np.float32)
-    back = np.zeros(len(second), np.int64)
+    back_nearest = np.zeros(len(second), np.int64)
     for start in range(0, len(first), EPIPOLAR.batch):
         part = slice(start, min(start + EPIPOLAR.batch, len(first)))
         similarity = first[part] @ second.T
         column_best = similarity.argmax(axis=0)
         column_value = similarity[column_best, np.arange(len(second))]
         better = column_value > back_best
-        back[better], back_best[better] = start + column_best[better], column_value[better]
+        back_nearest[better], back_best[better] = start + column_best[better], column_value[better]
         rows = np.arange(part.stop - part.start)
         best = similarity.argmax(axis=1)
         best_value = similarity[rows, best].copy()
@@ -117,7 +117,7 @@ def match_descriptors(
         nearest[part] = best
         # distance² of unit vectors is 2 - 2 * similarity
         distinct[part] = (1.0 - best_value) < ratio**2 * (1.0 - second_value)
-    index = np.flatnonzero(distinct & (back[nearest] == np.arange(len(first))))
+    index = np.flatnonzero(distinct & (back_nearest[nearest] == np.arange(len(first))))
     return index, nearest[index]
 
 
@@ -145,33 +145,35 @@ def check_rpc_consistency(
     """
     miss = compute_epipolar_deviation(first, second, first_xy, second_xy, height_m)
     across, along = miss.across_px / unit_px, miss.along_px / unit_px
-    known = np.isfinite(across) & np.isfinite(miss.height_m)
+    finite = np.isfinite(across) & np.isfinite(miss.height_m)
     nothing = Consistency(np.zeros(len(first_xy), bool), np.full(len(first_xy), np.nan), np.nan, miss)
-    if known.sum() < EPIPOLAR.fewest:
+    if finite.sum() < EPIPOLAR.fewest:
         return nothing
-    across = np.where(known, across, np.inf)
+    across = np.where(finite, across, np.inf)
     # Median of the densest interval of half the mode's width
-    ordered = np.sort(across[known])
+    ordered = np.sort(across[finite])
     count = np.searchsorted(ordered, ordered + EPIPOLAR.mode_px / 2.0, side="right") - np.arange(len(ordered))
     densest = int(count.argmax())
     mode = float(np.median(ordered[densest : densest + count[densest]]))
-    good = known & (np.abs(across - mode) < EPIPOLAR.mode_px)
+    consistent = finite & (np.abs(across - mode) < EPIPOLAR.mode_px)
     design = np.column_stack([np.ones(len(first_xy)), (first_xy - first_xy.mean(axis=0)) / (np.ptp(first_xy) + 1.0)])
     for _ in range(5):
-        if good.sum() < EPIPOLAR.fewest:
+        if consistent.sum() < EPIPOLAR.fewest:
             return nothing
-        terms = 3 if good.sum() >= EPIPOLAR.fewest_for_plane else 1
-        deviation = across - design[:, :terms] @ np.linalg.lstsq(design[good, :terms], across[good], rcond=None)[0]
-        sigma = float(robust_sigma(deviation[good]))
+        terms = 3 if consistent.sum() >= EPIPOLAR.fewest_for_plane else 1
+        deviation = (
+            across - design[:, :terms] @ np.linalg.lstsq(design[consistent, :terms], across[consistent], rcond=None)[0]
+        )
+        sigma = float(robust_sigma(deviation[consistent]))
         if sigma > EPIPOLAR.mode_px:
             return nothing
-        good = np.abs(deviation) < max(ROBUST.outlier * sigma, floor_px)
-    index = np.flatnonzero(good)
+        consistent = np.abs(deviation) < max(ROBUST.outlier * sigma, floor_px)
+    index = np.flatnonzero(consistent)
     if len(index) > EPIPOLAR.neighbours:
         # The parallax (px) must agree with the median of the good neighbours
-        _, near = cKDTree(first_xy[index]).query(first_xy[index], k=EPIPOLAR.neighbours + 1)
-        around = along[index][near[:, 1:]]
-        middle = np.median(around, axis=1)
-        spread = robust_sigma(around - middle[:, None], axis=1)
-        good[index] = np.abs(along[index] - middle) < np.maximum(5.0 * spread, EPIPOLAR.jump_px)
-    return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
+        _, neighbours = cKDTree(first_xy[index]).query(first_xy[index], k=EPIPOLAR.neighbours + 1)
+        neighbour_parallax = along[index][neighbours[:, 1:]]
+        middle = np.median(neighbour_parallax, axis=1)
+        spread = robust_sigma(neighbour_parallax - middle[:, None], axis=1)
+        consistent[index] = np.abs(along[index] - middle) < np.maximum(5.0 * spread, EPIPOLAR.jump_px)
+    return Consistency(consistent, np.where(finite, deviation, np.nan) * unit_px, sigma * unit_px, miss)

@@ -96,17 +96,17 @@ def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray
     xx, xy, yy = (box_mean(layer, side)[rows, columns].astype(np.float64) for layer in tensor)
     pixels = side**2
     # the noise of the derivatives (a Gaussian of 1 px: 1 / 8 pi) adds to the tensor of an area without any texture
-    own = noise**2 / (8.0 * np.pi)
-    xx, yy = np.maximum(xx - own, 1e-12), np.maximum(yy - own, 1e-12)
+    noise_part = noise**2 / (8.0 * np.pi)
+    xx, yy = np.maximum(xx - noise_part, 1e-12), np.maximum(yy - noise_part, 1e-12)
     expected = noise / np.sqrt(np.maximum(compute_smaller_eigenvalue(xx, yy, xy), 1e-12) * pixels)
-    at = strength[rows, columns]
-    good = expected < TILE_MATCH.expected_sigma_px
-    if len(at):
-        good &= at > TILE_MATCH.weakest_corner * np.median(at)
-    points = np.column_stack([columns, rows])[good].astype(np.int64)
+    corner_strength = strength[rows, columns]
+    precise = expected < TILE_MATCH.expected_sigma_px
+    if len(corner_strength):
+        precise &= corner_strength > TILE_MATCH.weakest_corner * np.median(corner_strength)
+    points = np.column_stack([columns, rows])[precise].astype(np.int64)
     if options.most_points and len(points) > options.most_points:
         # The best points of each cell of a grid, in equal numbers if there are enough
-        expected, size = expected[good], np.array(tile.pixels.shape[::-1])
+        expected, size = expected[precise], np.array(tile.pixels.shape[::-1])
         cell = np.floor(points * (TILE_MATCH.cells / size)).astype(np.int64) @ [1, TILE_MATCH.cells]
         order = np.lexsort((expected, cell))
         rank = np.empty(len(points), dtype=np.int64)

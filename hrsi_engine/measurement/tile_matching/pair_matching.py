@@ -40,17 +40,17 @@ def match_tile(
     seeds = _find_seeds(task)
     if len(seeds.points) < EPIPOLAR.fewest:
         return make_empty_matches()
-    found = _MatchTable.nothing(len(task.points))
+    table = _MatchTable.nothing(len(task.points))
     for window in options.windows_px:
-        rows = np.flatnonzero(~found.done)
-        found.add(rows, *_match_points(task, rows, _predict(task, rows, seeds), window))
-        known = np.flatnonzero(found.done)
-        found.done[known[~_check_consistency(task, task.points[known], found.xy[known]).good]] = False
-        known = np.flatnonzero(found.done)
-        if len(known) < EPIPOLAR.fewest:
+        rows = np.flatnonzero(~table.done)
+        table.add(rows, *_match_points(task, rows, _predict(task, rows, seeds), window))
+        matched = np.flatnonzero(table.done)
+        table.done[matched[~_check_consistency(task, task.points[matched], table.xy[matched]).good]] = False
+        matched = np.flatnonzero(table.done)
+        if len(matched) < EPIPOLAR.fewest:
             return make_empty_matches()
-        seeds = _Seeds(task.points[known], task.frame.compute_displacements(task.points[known], found.xy[known]))
-    return _select_matches(task, found)
+        seeds = _Seeds(task.points[matched], task.frame.compute_displacements(task.points[matched], table.xy[matched]))
+    return _select_matches(task, table)
 
 
 def transfer_points(
@@ -85,25 +85,25 @@ def refine_points(
     """
     options = options or TileMatchOptions()
     frame = TileFrame(first, second, geometry)
-    at = first.to_tile(first_xy)
-    points, rows = np.unique(np.round(at).astype(np.int64), axis=0, return_index=True)
+    tile_xy = first.to_tile(first_xy)
+    points, rows = np.unique(np.round(tile_xy).astype(np.int64), axis=0, return_index=True)
     inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
     task = _Task(frame, options, points[inside])
     if len(task.points) < EPIPOLAR.fewest:
         return make_empty_matches()
     return _select_matches(
-        task, _match_near(task, frame.compute_displacements(at, second.to_tile(second_xy))[rows[inside]])
+        task, _match_near(task, frame.compute_displacements(tile_xy, second.to_tile(second_xy))[rows[inside]])
     )
 
 
 def _match_near(task: _Task, shift: np.ndarray) -> _MatchTable:
     """Return the points that are found within a few pixels of known displacements ``(n, 2)``."""
-    found = _MatchTable.nothing(len(task.points))
+    table = _MatchTable.nothing(len(task.points))
     reach_px = task.options.reach_px[0], task.options.across_px
     for window in dict.fromkeys(task.options.windows_px):
-        rows = np.flatnonzero(~found.done)
-        found.add(rows, *_match_points(task, rows, _Prediction(shift[rows], np.tile(reach_px, (len(rows), 1))), window))
-    return found
+        rows = np.flatnonzero(~table.done)
+        table.add(rows, *_match_points(task, rows, _Prediction(shift[rows], np.tile(reach_px, (len(rows), 1))), window))
+    return table
 
 
 # ---- tables of the steps -------------------------------------------------------------------------------------------
@@ -130,8 +130,8 @@ class _Task:
     def searched(self) -> tuple[MatchImage, MatchImage]:
         """The first window and the resampled second one, filtered for the search."""
         first, second = self.frame.first, self.frame.resampled
-        own = first.compute_once("searched", lambda: SEARCH_BAND.filter_image(first.pixels, first.valid))
-        return own, SEARCH_BAND.filter_image(second.pixels, second.valid)
+        first_image = first.compute_once("searched", lambda: SEARCH_BAND.filter_image(first.pixels, first.valid))
+        return first_image, SEARCH_BAND.filter_image(second.pixels, second.valid)
 
     @cached_property
     def _images(self) -> dict[str, tuple[MatchImage, MatchImage]]:
@@ -143,8 +143,8 @@ class _Task:
             first, second, scale = self.frame.first, self.frame.second, self.frame.scale
             band, coarser = MATCHING_BANDS[name], max(1.0, 1.0 / scale)
             key = "band", name, coarser
-            own = first.compute_once(key, lambda: band.filter_image(first.pixels, first.valid, coarser))
-            self._images[name] = own, band.filter_image(second.pixels, second.valid, max(1.0, scale))
+            first_image = first.compute_once(key, lambda: band.filter_image(first.pixels, first.valid, coarser))
+            self._images[name] = first_image, band.filter_image(second.pixels, second.valid, max(1.0, scale))
         return self._images[name]
 
     @cached_property
@@ -181,10 +181,10 @@ class _MatchTable:
         return cls(np.zeros(count, bool), np.full((count, 2), np.nan), np.zeros(count), np.full(count, np.nan))
 
     def add(
-        self, rows: np.ndarray, found: np.ndarray, xy: np.ndarray, correlation: np.ndarray, sigma: np.ndarray
+        self, rows: np.ndarray, matched: np.ndarray, xy: np.ndarray, correlation: np.ndarray, sigma: np.ndarray
     ) -> None:
         """Enter matches of the points ``rows[found]``."""
-        index = rows[found]
+        index = rows[matched]
         self.done[index], self.xy[index], self.correlation[index], self.sigma[index] = True, xy, correlation, sigma
 
 
@@ -199,28 +199,31 @@ def _find_seeds(task: _Task) -> _Seeds:
     frame, most = task.frame, task.options.features
     if not most:
         return _Seeds(task.points, np.zeros((len(task.points), 2)))
-    known = frame.geometry.seeds
-    if known is not None:
-        points = frame.first.to_tile(known[:, :2])
+    overview_matches = frame.geometry.seeds
+    if overview_matches is not None:
+        points = frame.first.to_tile(overview_matches[:, :2])
         margin, size = TILE_MATCH.seed_margin_px, np.array(frame.first.pixels.shape[::-1])
-        near = np.flatnonzero(((points >= -margin) & (points < size + margin)).all(axis=1))
-        if len(near) >= TILE_MATCH.fewest_seeds:
+        nearby = np.flatnonzero(((points >= -margin) & (points < size + margin)).all(axis=1))
+        if len(nearby) >= TILE_MATCH.fewest_seeds:
             return _Seeds(
-                points[near], frame.compute_displacements(points[near], frame.second.to_tile(known[near, 2:]))
+                points[nearby],
+                frame.compute_displacements(points[nearby], frame.second.to_tile(overview_matches[nearby, 2:])),
             )
     # features of the first tile are used for all partners; the ratio test is lenient, since the geometry is tested
-    own, other = frame.first, frame.resampled
-    here = own.compute_once(("sift", most), lambda: detect_sift_features(own.pixels, own.valid, most))
-    there = detect_sift_features(other.pixels, other.valid, most)
-    ours, theirs = (compute_root_sift(features.descriptors) for features in (here, there))
+    first_tile, second_tile = frame.first, frame.resampled
+    first_features = first_tile.compute_once(
+        ("sift", most), lambda: detect_sift_features(first_tile.pixels, first_tile.valid, most)
+    )
+    second_features = detect_sift_features(second_tile.pixels, second_tile.valid, most)
+    ours, theirs = (compute_root_sift(features.descriptors) for features in (first_features, second_features))
     i, j = match_descriptors(ours, theirs, FEATURES.lenient_ratio)
-    first, second = here.xy[i], there.xy[j] + other.origin_px
-    near = np.linalg.norm(first - second, axis=1) <= 1.5 * float(np.hypot(*frame.reach_px))
-    first, second = first[near], second[near]
+    first, second = first_features.xy[i], second_features.xy[j] + second_tile.origin_px
+    nearby = np.linalg.norm(first - second, axis=1) <= 1.5 * float(np.hypot(*frame.reach_px))
+    first, second = first[nearby], second[nearby]
     if len(first) < EPIPOLAR.fewest:
         return _Seeds(np.empty((0, 2)), np.empty((0, 2)))
-    good = _check_consistency(task, first, frame.predict(second)).good
-    return _Seeds(first[good], (second - first)[good])
+    consistent = _check_consistency(task, first, frame.predict(second)).good
+    return _Seeds(first[consistent], (second - first)[consistent])
 
 
 def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
@@ -232,8 +235,10 @@ def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
         return _Prediction(np.zeros((len(rows), 2)), reach)
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
     count = min(TILE_MATCH.neighbours, len(seeds.points))
-    distance, near = cKDTree(seeds.points).query(task.points[rows], k=np.arange(1, count + 1))
-    along, across = (np.sort(np.einsum("nki,ni->nk", seeds.shift[near], axis), axis=1) for axis in (direction, normal))
+    distance, neighbours = cKDTree(seeds.points).query(task.points[rows], k=np.arange(1, count + 1))
+    along, across = (
+        np.sort(np.einsum("nki,ni->nk", seeds.shift[neighbours], axis), axis=1) for axis in (direction, normal)
+    )
     middle = np.median(along, axis=1)[:, None] * direction + np.median(across, axis=1)[:, None] * normal
     spread = along[:, -2] - along[:, 1] if count > 3 else along[:, -1] - along[:, 0]
     length = TILE_MATCH.spread * spread + TILE_MATCH.slope * distance[:, -1] + options.reach_px[0]
@@ -248,32 +253,32 @@ def _match_points(
     frame, options, points = task.frame, task.options, task.points[rows]
     half = max(window // 2 - TILE_MATCH.search_margin_px, 4)
     pad = frame.pad_px
-    around = points + expected.shift + pad
-    sought = search_windows(*task.searched, points, around, task.direction[rows], expected.reach, half)
-    clear = sought.inside & (sought.correlation > options.min_correlation)
-    hits = np.flatnonzero(clear & (sought.rival < options.largest_rival * sought.correlation))
-    start = frame.predict(sought.xy[hits] - pad)
+    predicted = points + expected.shift + pad
+    correlated = search_windows(*task.searched, points, predicted, task.direction[rows], expected.reach, half)
+    clear = correlated.inside & (correlated.correlation > options.min_correlation)
+    hits = np.flatnonzero(clear & (correlated.rival < options.largest_rival * correlated.correlation))
+    start = frame.predict(correlated.xy[hits] - pad)
     if not task.chosen:
-        task.chosen.append(_choose_band(task, rows[hits], start, sought.correlation[hits], window))
+        task.chosen.append(_choose_band(task, rows[hits], start, correlated.correlation[hits], window))
     name, _ = task.chosen[0]
     band, images = MATCHING_BANDS[name], task.images(name)
     fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _make_lsm_options(task, window))
-    own = band.sigma_factor * fine.sigma_px
-    alike = (fine.status == DONE) & (fine.correlation > options.min_correlation)
-    near = np.flatnonzero(alike & (own < options.largest_sigma_px))
+    lsm_sigma = band.sigma_factor * fine.sigma_px
+    similar = (fine.status == DONE) & (fine.correlation > options.min_correlation)
+    candidates = np.flatnonzero(similar & (lsm_sigma < options.largest_sigma_px))
     smaller = _make_lsm_options(task, int(window * TILE_MATCH.inner))
-    inner = match_patches(*images, points[hits[near]], fine.xy[near], fine.affine[near], smaller)
-    change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy[near], axis=1), np.inf)
-    sigma = np.hypot(own[near], TILE_MATCH.change_weight * change)
-    good = sigma < options.largest_sigma_px
-    matched = near[good]
-    return hits[matched], fine.xy[matched], fine.correlation[matched], sigma[good]
+    inner = match_patches(*images, points[hits[candidates]], fine.xy[candidates], fine.affine[candidates], smaller)
+    change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy[candidates], axis=1), np.inf)
+    sigma = np.hypot(lsm_sigma[candidates], TILE_MATCH.change_weight * change)
+    precise = sigma < options.largest_sigma_px
+    matched = candidates[precise]
+    return hits[matched], fine.xy[matched], fine.correlation[matched], sigma[precise]
 
 
 def _make_lsm_options(task: _Task, window: int) -> LsmOptions:
     """Return the options of least-squares matching; windows are enlarged if the second image has larger pixels."""
-    grown = round(window // 2 * float(np.clip(1.0 / task.frame.scale, 1.0, 3.0)))
-    return LsmOptions(2 * grown + 1, reach_px=4.0 * max(1.0, task.frame.scale))
+    half_window = round(window // 2 * float(np.clip(1.0 / task.frame.scale, 1.0, 3.0)))
+    return LsmOptions(2 * half_window + 1, reach_px=4.0 * max(1.0, task.frame.scale))
 
 
 def _choose_band(
@@ -284,53 +289,56 @@ def _choose_band(
     trial = np.sort(clearer[:: max(1, len(clearer) // TILE_MATCH.trial)])
     if len(trial) < TILE_MATCH.fewest_trial:
         return task.options.bands[0], False
-    chosen = rows[trial]
-    tried, lsm = (task.points[chosen], start[trial], task.jacobian[chosen]), _make_lsm_options(task, window)
-    found = {name: match_patches(*task.images(name), *tried, lsm) for name in task.options.bands}
-    everywhere = np.all([patches.status == DONE for patches in found.values()], axis=0)
+    trial_rows = rows[trial]
+    trial_windows, lsm = (
+        (task.points[trial_rows], start[trial], task.jacobian[trial_rows]),
+        _make_lsm_options(task, window),
+    )
+    trials = {name: match_patches(*task.images(name), *trial_windows, lsm) for name in task.options.bands}
+    everywhere = np.all([patches.status == DONE for patches in trials.values()], axis=0)
     if everywhere.sum() < TILE_MATCH.fewest_trial:
         return task.options.bands[0], False
     scatter = {
-        name: _check_consistency(task, task.points[chosen[everywhere]], patches.xy[everywhere]).sigma_px
-        for name, patches in found.items()
+        name: _check_consistency(task, task.points[trial_rows[everywhere]], patches.xy[everywhere]).sigma_px
+        for name, patches in trials.items()
     }
     return min(scatter, key=lambda name: scatter[name] if np.isfinite(scatter[name]) else np.inf), True
 
 
-def _check_consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consistency:
+def _check_consistency(task: _Task, points: np.ndarray, second_tile_xy: np.ndarray) -> Consistency:
     frame = task.frame
     xy, geometry = frame.first.to_image(points), frame.geometry
-    second_xy = frame.second.to_image(found) - geometry.bias_px
+    second_xy = frame.second.to_image(second_tile_xy) - geometry.bias_px
     unit = frame.second.step * max(frame.scale, 1.0)
     return check_rpc_consistency(geometry.first, geometry.second, xy, second_xy, geometry.heights_at(xy), unit_px=unit)
 
 
-def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
+def _select_matches(task: _Task, table: _MatchTable) -> TileMatches:
     """Return the matches consistent with the others, with sigmas scaled by the observed deviations."""
-    known = np.flatnonzero(found.done)
-    if len(known) < EPIPOLAR.fewest:
+    matched = np.flatnonzero(table.done)
+    if len(matched) < EPIPOLAR.fewest:
         return make_empty_matches()
     frame = task.frame
-    fit = _check_consistency(task, task.points[known], found.xy[known])
-    sigma = found.sigma[known] * frame.second.step
+    fit = _check_consistency(task, task.points[matched], table.xy[matched])
+    sigma = table.sigma[matched] * frame.second.step
     normal = np.abs(fit.deviation_px) / sigma
     scale = max(1.0, float(robust_sigma(normal[fit.good]))) if fit.good.any() else 1.0
-    good = (
+    accepted = (
         fit.good
         & (normal < TILE_MATCH.normalised * scale)
         & (sigma * scale < task.options.largest_sigma_px * frame.second.step)
     )
-    xy = frame.first.to_image(task.points[known])
-    offset = float(np.median(fit.miss.across_px[good])) if good.any() else 0.0
+    xy = frame.first.to_image(task.points[matched])
+    offset = float(np.median(fit.miss.across_px[accepted])) if accepted.any() else 0.0
     # Unit vector across the epipolar lines in the second image, with the sign of `compute_epipolar_deviation`
     points = frame.first.to_tile(xy[:: max(1, len(xy) // 50)])
     direction = np.mean(np.einsum("nij,nj->ni", frame.compute_jacobians(points), frame.parallax(points)[0]), axis=0)
     direction /= max(float(np.linalg.norm(direction)), EPIPOLAR.least_stretch)
     matches = TileMatches(
-        xy, frame.second.to_image(found.xy[known]), sigma * scale,
+        xy, frame.second.to_image(table.xy[matched]), sigma * scale,
         1.0 / (1.0 + (sigma * scale / (TILE_MATCH.half_quality_px * frame.second.step)) ** 2),
-        np.full(len(known), "corner", dtype="U9"), fit.miss.height_m,
+        np.full(len(matched), "corner", dtype="U9"), fit.miss.height_m,
         np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
         task.chosen[0][0] if task.chosen[0][1] else "",
     )  # fmt: skip
-    return matches.select(good)
+    return matches.select(accepted)

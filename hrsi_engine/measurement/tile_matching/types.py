@@ -179,15 +179,15 @@ class TileFrame:
     def parallax(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of the parallax of height in this frame."""
         up_m = EPIPOLAR.height_step_m
-        moved = (self.predict(points, up_m) - self.predict(points, -up_m)) / (2.0 * up_m)
-        slope = np.linalg.solve(self.compute_jacobians(points), moved[..., None])[..., 0]
+        parallax_px = (self.predict(points, up_m) - self.predict(points, -up_m)) / (2.0 * up_m)
+        slope = np.linalg.solve(self.compute_jacobians(points), parallax_px[..., None])[..., 0]
         stretch = np.linalg.norm(slope, axis=1)
         unit = slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None]
         return np.where((stretch < EPIPOLAR.least_stretch)[:, None], (1.0, 0.0), unit), stretch
 
-    def compute_displacements(self, points: np.ndarray, found: np.ndarray) -> np.ndarray:
+    def compute_displacements(self, points: np.ndarray, matched_xy: np.ndarray) -> np.ndarray:
         """Return the differences of positions in the second tile from their prediction, in this frame, ``(n, 2)``."""
-        return np.linalg.solve(self.compute_jacobians(points), (found - self.predict(points))[..., None])[..., 0]
+        return np.linalg.solve(self.compute_jacobians(points), (matched_xy - self.predict(points))[..., None])[..., 0]
 
     @cached_property
     def scale(self) -> float:
@@ -226,8 +226,8 @@ class TileFrame:
         grey = self.second.pixels
         if self.scale > 1.2:  # the second image is finer: low-pass filter against aliasing
             grey = blur(grey, 0.5 * float(np.sqrt(self.scale**2 - 1.0)))
-        known = interpolate(self.second.valid.view(np.uint8), x, y, order=0, outside=0) > 0
-        return ImageTile(interpolate(grey, x, y, order=3), known, (-self.pad_px, -self.pad_px), 1.0)
+        is_valid = interpolate(self.second.valid.view(np.uint8), x, y, order=0, outside=0) > 0
+        return ImageTile(interpolate(grey, x, y, order=3), is_valid, (-self.pad_px, -self.pad_px), 1.0)
 
 
 def _make_interpolation_matrix(length: int, nodes: int) -> np.ndarray:
