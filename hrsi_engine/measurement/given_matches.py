@@ -79,30 +79,30 @@ def refine_given_matches(
         raise InputError(
             f"{given.source}: contains no match between two images of the block that have pixels: check the image "
             "names")  # fmt: skip
-    told = "measuring matches of"
+    label = "measuring matches of"
     parts = [
-        WorkPart(f"given-{k}", measure_external_matches, job, keep=False, label=f"{told} {job.reference.id}")
+        WorkPart(f"given-{k}", measure_external_matches, job, keep=False, label=f"{label} {job.reference.id}")
         for k, job in enumerate(jobs)
     ]
-    done = run_parts(parts, [part.key for part in parts], scheduler, None, progress)
-    matches = joining.collect_matches([(job.number, done[part.key]) for job, part in zip(jobs, parts, strict=True)])
-    good = joining.drop_contradictions(joining.drop_outliers(matches, images, options.dense), images)
-    links = judge_links(good)
-    good = drop_unreliable_links(good, links)
+    results = run_parts(parts, [part.key for part in parts], scheduler, None, progress)
+    matches = joining.collect_matches([(job.number, results[part.key]) for job, part in zip(jobs, parts, strict=True)])
+    accepted_matches = joining.drop_contradictions(joining.drop_outliers(matches, images, options.dense), images)
+    links = judge_links(accepted_matches)
+    accepted_matches = drop_unreliable_links(accepted_matches, links)
     room = dict.fromkeys(range(len(images)), options.per_cell or EVERY)  # all are kept, unless an option limits them
-    points, ground = joining.to_image_points(good, images, options.cells, room)
-    tried: dict[tuple[int, int], int] = {}
+    points, ground = joining.to_image_points(accepted_matches, images, options.cells, room)
+    trials: dict[tuple[int, int], int] = {}
     for job in jobs:
         for pair in job.pairs:
-            tried[job.number, pair.number] = tried.get((job.number, pair.number), 0) + len(pair.first_xy)
-    accepted = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
+            trials[job.number, pair.number] = trials.get((job.number, pair.number), 0) + len(pair.first_xy)
+    accepted = {pair: len(rows) for pair, rows in joining.group_by_pair(accepted_matches).items()}
     pairs = [
-        PairSummary(images[a].id, images[b].id, accepted.get((a, b), 0), float("nan")) for a, b in sorted(tried)
+        PairSummary(images[a].id, images[b].id, accepted.get((a, b), 0), float("nan")) for a, b in sorted(trials)
     ]  # fmt: skip
     usable = [number for number, image in enumerate(images) if image.raster is not None]
-    of_image = {number: sum(number in pair for pair in tried) for number in usable}
+    of_image = {number: sum(number in pair for pair in trials) for number in usable}
     holds = summarise_connections(images, usable, links, of_image, {})
-    total = sum(tried.values())
+    total = sum(trials.values())
     warnings = [f"{hold.image}: none of the given matches passes the tests" for hold in holds if not hold.links]
     if 2 * sum(accepted.values()) < total:
         warnings.append(
@@ -131,13 +131,13 @@ def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[E
     cell = np.floor(given.xy[head[rows]] / EXTERNAL.window_px).astype(np.int64)
     keys, job = np.unique(np.column_stack([number[head[rows]], cell]), axis=0, return_inverse=True)
     for index, (first, column, row) in enumerate(keys.tolist()):
-        here = rows[job.ravel() == index]
+        rows_of_job = rows[job.ravel() == index]
         side = EXTERNAL.window_px
         window = ImageWindow(column * side, row * side, side, side)
         pairs = tuple(
-            ExternalPair(second, images[second], given.xy[head[own]], given.xy[own])
-            for second in np.unique(number[here]).tolist()
-            for own in (here[number[here] == second],)
+            ExternalPair(second, images[second], given.xy[head[partner_rows]], given.xy[partner_rows])
+            for second in np.unique(number[rows_of_job]).tolist()
+            for partner_rows in (rows_of_job[number[rows_of_job] == second],)
         )
         yield ExternalMatchJob(first, images[first], window, pairs)
 
@@ -149,8 +149,10 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
     for pair in () if tile is None else job.pairs:
         # The matches of a pair that are consistent with the geometry of its RPCs
         start, rpcs = float(np.mean(job.reference.rpc.height_range)), (job.reference.rpc, pair.image.rpc)
-        good = check_rpc_consistency(*rpcs, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px).good
-        agreed = replace(pair, first_xy=pair.first_xy[good], second_xy=pair.second_xy[good])
+        consistent = check_rpc_consistency(
+            *rpcs, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px
+        ).good
+        agreed = replace(pair, first_xy=pair.first_xy[consistent], second_xy=pair.second_xy[consistent])
         if not len(agreed.first_xy):
             continue
         # Read only the area of consistent matches: one wrong match could extend it to the complete image
@@ -158,17 +160,17 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
         low, high = np.floor(agreed.second_xy.min(axis=0)), np.floor(agreed.second_xy.max(axis=0)) + 1.0
         place = ImageWindow(*low.astype(int).tolist(), *(high - low).astype(int).tolist()).grow(border)
         inside = place.contains(pair.second_xy)
-        other = read_tile(pair.image, place, compute_resolution_step(job.reference, pair.image))
-        if tile is None or other is None:
+        partner_tile = read_tile(pair.image, place, compute_resolution_step(job.reference, pair.image))
+        if tile is None or partner_tile is None:
             continue
         # Geometry of the pair from its matches: range of heights, offset of the RPCs, and search margin
         heights = compute_epipolar_deviation(*rpcs, agreed.first_xy, agreed.second_xy, start).height_m
         low_m, high_m = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m
-        away = agreed.second_xy - transfer(*rpcs, agreed.first_xy, heights)
-        bias = np.median(away, axis=0)
-        margin = float(np.abs(away - bias).max()) + max(EXTERNAL.reach_px)
+        difference = agreed.second_xy - transfer(*rpcs, agreed.first_xy, heights)
+        bias = np.median(difference, axis=0)
+        margin = float(np.abs(difference - bias).max()) + max(EXTERNAL.reach_px)
         geometry = TilePairGeometry(*rpcs, low_m, high_m, (float(bias[0]), float(bias[1])), (margin, margin))
         options = TileMatchOptions(reach_px=EXTERNAL.reach_px, across_px=EXTERNAL.across_px)
-        found = refine_points(tile, other, geometry, pair.first_xy[inside], pair.second_xy[inside], options)
-        rows.append(PartnerMatches(pair.number, found))
+        refined = refine_points(tile, partner_tile, geometry, pair.first_xy[inside], pair.second_xy[inside], options)
+        rows.append(PartnerMatches(pair.number, refined))
     return stack_matches(rows)

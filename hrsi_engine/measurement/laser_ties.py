@@ -71,11 +71,11 @@ def measure_laser_ties(
     rows = rows[:: max(1, int(np.ceil(len(rows) / LASER_TIES.most_points)))]
     windows = _plan_windows(images, usable, laser.ground[rows])
     with open_calls(threads=thread_count(threads)) as calls:
-        found = []
+        matches_by_image = []
         for number, part in enumerate(calls.answers(lambda window: _measure_window(images, usable, window), windows)):
             advance(progress, (number + 1) / len(windows), "measuring at laser points")
-            found.append((windows[number].image, stack_matches(part)))
-    matches = collect_matches(found)
+            matches_by_image.append((windows[number].image, stack_matches(part)))
+    matches = collect_matches(matches_by_image)
     if not len(matches):
         return ImagePoints.create([], [], np.empty((0, 2)), source=SOURCE)
     matches = replace(matches, kind=np.full(len(matches), LASER_KIND))
@@ -95,14 +95,14 @@ def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.nda
             inside = np.all((place[number] > LASER_TIES.margin_px) & (place[number] < size - LASER_TIES.margin_px), 1)
         steep[number, inside] = compute_view_directions(image.rpc, ground[inside])[:, 2]
     best = steep.argmax(axis=0)
-    seen = np.isfinite(steep).sum(axis=0) >= 2
+    is_stereo = np.isfinite(steep).sum(axis=0) >= 2
     windows = []
     for number in usable:
-        here = np.flatnonzero(seen & (best == number))
-        cells = np.floor(place[number, here] / LASER_TIES.window_px).astype(np.int64)
+        rows_of_image = np.flatnonzero(is_stereo & (best == number))
+        cells = np.floor(place[number, rows_of_image] / LASER_TIES.window_px).astype(np.int64)
         keys, inverse = np.unique(cells, axis=0, return_inverse=True)
         for key in range(len(keys)):
-            rows = here[inverse.ravel() == key]
+            rows = rows_of_image[inverse.ravel() == key]
             xy = place[number, rows]
             border = _radius_px(images[number], ground[rows[0]]) + LASER_TIES.margin_px
             low, high = np.floor(xy.min(axis=0) - border), np.ceil(xy.max(axis=0) + border)
@@ -124,21 +124,25 @@ def _measure_window(images: Sequence[Image], usable: Sequence[int], task: _Windo
     ground, _ = image.rpc.localize(task.xy[:1], task.height_m[:1])
     xy = tile.to_image(detect_tile_points(tile, MATCHED_AT_LASER))
     distance, nearest = cKDTree(task.xy).query(xy) if len(xy) else (np.zeros(0), np.zeros(0, np.int64))
-    near = np.flatnonzero(distance <= _radius_px(image, ground[0]))
+    candidates = np.flatnonzero(distance <= _radius_px(image, ground[0]))
     # The nearest interest points of each laser point
-    near = near[np.lexsort((distance[near], nearest[near]))]
-    near = near[rank_in_groups(nearest[near]) < LASER_TIES.ties_per_point]
-    xy, height = xy[near], task.height_m[nearest[near]]
+    candidates = candidates[np.lexsort((distance[candidates], nearest[candidates]))]
+    candidates = candidates[rank_in_groups(nearest[candidates]) < LASER_TIES.ties_per_point]
+    xy, height = xy[candidates], task.height_m[nearest[candidates]]
     if not len(xy):
         return []
-    found, margin_m = [], LASER_TIES.height_margin_m
+    partner_matches, margin_m = [], LASER_TIES.height_margin_m
     low, high = float(task.height_m.min()) - margin_m, float(task.height_m.max()) + margin_m
     for number in (number for number in usable if number != task.image):
-        other = images[number]
-        geometry = TilePairGeometry(image.rpc, other.rpc, low, high, margin_px=(4.0, 4.0))
-        there = predict_window(geometry, task.window, LASER_TIES.margin_px).inside(other.known_size)
-        shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * LASER_TIES.margin_px else None
-        if shown is not None:
-            matches = transfer_points(tile, shown, geometry, xy, height, MATCHED_AT_LASER)
-            found.append(PartnerMatches(number, matches))
-    return found
+        partner = images[number]
+        geometry = TilePairGeometry(image.rpc, partner.rpc, low, high, margin_px=(4.0, 4.0))
+        partner_window = predict_window(geometry, task.window, LASER_TIES.margin_px).inside(partner.known_size)
+        partner_tile = (
+            read_tile(partner, partner_window)
+            if min(partner_window.samples, partner_window.lines) > 2 * LASER_TIES.margin_px
+            else None
+        )
+        if partner_tile is not None:
+            matches = transfer_points(tile, partner_tile, geometry, xy, height, MATCHED_AT_LASER)
+            partner_matches.append(PartnerMatches(number, matches))
+    return partner_matches

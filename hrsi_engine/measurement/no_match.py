@@ -55,14 +55,14 @@ def explain_no_matches(images: Sequence[Image], pairs: Sequence[PairSummary], sm
 
     pairs : the pairs that were matched
     """
-    named = {image.id: image for image in images}
+    image_by_id = {image.id: image for image in images}
     count = len(pairs)
     if not count:
         return (
             "no pair of the images was matched: their overlap is below "
             f"{smallest_overlap:.0%} of the area where their RPCs put them: check that the RPCs belong to the images"
         )
-    causes = [_find_cause(named[pair.first], named[pair.second]) for pair in pairs[: LIKELY_CAUSES.pairs]]
+    causes = [_find_cause(image_by_id[pair.first], image_by_id[pair.second]) for pair in pairs[: LIKELY_CAUSES.pairs]]
     accepted = sum(pair.matches for pair in pairs)
     return (
         f"no match in {count} pair{'s' if count > 1 else ''} of images where their RPCs predict it (accepted: "
@@ -73,11 +73,11 @@ def explain_no_matches(images: Sequence[Image], pairs: Sequence[PairSummary], sm
 def _find_cause(first: Image, second: Image) -> str:
     """Return the likely cause why two images have no matches, with what would change it."""
     names = f"{first.id} and {second.id}"
-    one, other = _reduce(first), _reduce(second)
-    if one is None or other is None:
+    one, second_overview = _reduce(first), _reduce(second)
+    if one is None or second_overview is None:
         return f"{names} have hardly any valid pixels: check nodata and masks"
-    as_given = _match(one.grey, other.grey)
-    mirrored = _match(np.ascontiguousarray(one.grey[:, ::-1]), other.grey)
+    as_given = _match(one.grey, second_overview.grey)
+    mirrored = _match(np.ascontiguousarray(one.grey[:, ::-1]), second_overview.grey)
     if mirrored.inliers >= max(LIKELY_CAUSES.inliers, 2 * as_given.inliers):
         return (
             f"{names} agree if one of them is mirrored ({mirrored.inliers} matches, {as_given.inliers} as they are): "
@@ -88,7 +88,7 @@ def _find_cause(first: Image, second: Image) -> str:
             f"{names} show nothing in common ({as_given.inliers} features agree anywhere in them): one RPC is that of "
             "another image, or clouds, water or another season hide the ground; compare the images in a viewer"
         )
-    turn_deg, offset_px = _compare_with_rpcs(first, second, one.step, other.step, as_given.matrix)
+    turn_deg, offset_px = _compare_with_rpcs(first, second, one.step, second_overview.step, as_given.matrix)
     if abs(turn_deg) > LIKELY_CAUSES.turned_deg:
         return (
             f"{names} agree if one of them is turned by {abs(turn_deg):.0f} degrees ({as_given.inliers} matches): turn "
@@ -117,16 +117,18 @@ def _match(first: np.ndarray, second: np.ndarray) -> _AffineMap:
     """Return the affine map with most matches of two grey images."""
     cv2 = load_opencv()
     sift = cv2.SIFT_create(nfeatures=4000)
-    (places, described), (others, described_others) = (sift.detectAndCompute(grey, None) for grey in (first, second))
+    (places, described), (second_places, described_others) = (
+        sift.detectAndCompute(grey, None) for grey in (first, second)
+    )
     nothing = _AffineMap(np.eye(2, 3), 0)
-    if described is None or described_others is None or len(others) < 2:
+    if described is None or described_others is None or len(second_places) < 2:
         return nothing
     nearest = cv2.BFMatcher().knnMatch(described, described_others, k=2)
-    good = [best for best, second_best in nearest if best.distance < LIKELY_CAUSES.ratio * second_best.distance]
-    if len(good) < LIKELY_CAUSES.inliers:
+    distinct = [best for best, second_best in nearest if best.distance < LIKELY_CAUSES.ratio * second_best.distance]
+    if len(distinct) < LIKELY_CAUSES.inliers:
         return nothing
-    source = np.array([places[match.queryIdx].pt for match in good])
-    target = np.array([others[match.trainIdx].pt for match in good])
+    source = np.array([places[match.queryIdx].pt for match in distinct])
+    target = np.array([second_places[match.trainIdx].pt for match in distinct])
     matrix, agree = cv2.estimateAffine2D(source, target, ransacReprojThreshold=LIKELY_CAUSES.inlier_px, maxIters=10_000)
     return nothing if matrix is None else _AffineMap(matrix, int(agree.sum()))
 
@@ -138,6 +140,6 @@ def _compare_with_rpcs(
     places = first.centre_px + np.array([[0.0, 0.0], [100.0, 0.0]])
     by_rpc = second.rpc.project(first.rpc.localize(places, first.middle_height_m).ground)
     by_pixels = (((places + 0.5) / step - 0.5) @ matrix[:, :2].T + matrix[:, 2] + 0.5) * other_step - 0.5
-    predicted, found = by_rpc[1] - by_rpc[0], by_pixels[1] - by_pixels[0]
-    turn = np.degrees(np.arctan2(found[1], found[0]) - np.arctan2(predicted[1], predicted[0]))
+    predicted, observed = by_rpc[1] - by_rpc[0], by_pixels[1] - by_pixels[0]
+    turn = np.degrees(np.arctan2(observed[1], observed[0]) - np.arctan2(predicted[1], predicted[0]))
     return float((turn + 180.0) % 360.0 - 180.0), float(np.hypot(*(by_pixels[0] - by_rpc[0])))

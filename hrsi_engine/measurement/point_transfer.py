@@ -75,32 +75,38 @@ def transfer_point(
     half = int(np.ceil(along)) + 2 * TRANSFER.half_px + 4
     centre = np.round(xy)
     template = _read_window(first, centre, step * np.eye(2), TRANSFER.half_px + 2 * LsmOptions().half)
-    shown = _read_window(second, middle, by_first, half)
-    if template is None or shown is None:
+    second_window = _read_window(second, middle, by_first, half)
+    if template is None or second_window is None:
         return Transfer(refusal="the image does not show it")
     origin = np.array([[template.grey.shape[1] // 2, template.grey.shape[0] // 2]])
     direction = span / max(float(np.hypot(*span)), 1e-9) if np.hypot(*span) > 0.0 else np.array([1.0, 0.0])
     peak = search_windows(
-        template, shown, origin, np.array([[half, half]], dtype=np.float64), direction[None],
+        template, second_window, origin, np.array([[half, half]], dtype=np.float64), direction[None],
         np.array([[along, across]]), TRANSFER.half_px,
     )  # fmt: skip
     if peak.correlation[0] < TRANSFER.correlation:
         return Transfer(refusal=f"no similar place is found (correlation {max(peak.correlation[0], 0.0):.2f})")
     if peak.rival[0] > TRANSFER.rival * peak.correlation[0]:
         return Transfer(refusal="two places are similar to it")
-    found = match_patches(template, shown, origin, peak.xy, np.eye(2)[None])
-    at = found.xy[0] + found.affine[0] @ (np.asarray(xy) - centre) / step
-    sigma_px = float(found.sigma_px[0]) * scale
-    if found.status[0] != DONE or not sigma_px < TRANSFER.sigma_px or found.correlation[0] < TRANSFER.correlation:
+    forward_match = match_patches(template, second_window, origin, peak.xy, np.eye(2)[None])
+    matched_xy = forward_match.xy[0] + forward_match.affine[0] @ (np.asarray(xy) - centre) / step
+    sigma_px = float(forward_match.sigma_px[0]) * scale
+    if (
+        forward_match.status[0] != DONE
+        or not sigma_px < TRANSFER.sigma_px
+        or forward_match.correlation[0] < TRANSFER.correlation
+    ):
         return Transfer(refusal="it cannot be measured there: too little texture, or the images differ")
-    back_from = np.round(found.xy)
-    there = origin[0] + np.linalg.solve(found.affine[0], back_from[0] - found.xy[0])
-    back = match_patches(shown, template, back_from.astype(np.int64), there[None], np.linalg.inv(found.affine))
-    if back.status[0] != DONE or np.hypot(*(back.xy[0] - there)) > TRANSFER.closure_px:
+    back_from = np.round(forward_match.xy)
+    expected_back = origin[0] + np.linalg.solve(forward_match.affine[0], back_from[0] - forward_match.xy[0])
+    back_match = match_patches(
+        second_window, template, back_from.astype(np.int64), expected_back[None], np.linalg.inv(forward_match.affine)
+    )
+    if back_match.status[0] != DONE or np.hypot(*(back_match.xy[0] - expected_back)) > TRANSFER.closure_px:
         return Transfer(refusal="the reverse measurement gives another place")
-    position = middle + by_first @ (at - half)
+    position = middle + by_first @ (matched_xy - half)
     if reach := int(around_px / step):
-        if np.abs(found.affine[0] - np.eye(2)).max() > TRANSFER.deformation:
+        if np.abs(forward_match.affine[0] - np.eye(2)).max() > TRANSFER.deformation:
             return Transfer(refusal="objects of several heights lie within the window")
         sides = (
             _read_window(first, np.asarray(xy), step * np.eye(2), reach),
@@ -108,7 +114,7 @@ def transfer_point(
         )
         if _correlate_surroundings(*sides) < TRANSFER.surroundings:
             return Transfer(refusal="what lies around it differs")
-    return Transfer((float(position[0]), float(position[1])), sigma_px, float(found.correlation[0]))
+    return Transfer((float(position[0]), float(position[1])), sigma_px, float(forward_match.correlation[0]))
 
 
 def _correlate_surroundings(first: MatchImage | None, second: MatchImage | None) -> float:
@@ -119,11 +125,11 @@ def _correlate_surroundings(first: MatchImage | None, second: MatchImage | None)
     if first is None or second is None:
         return 0.0
     fields = [compute_orientation_field(one.grey, one.valid) for one in (first, second)]
-    away = np.abs(np.arange(len(first.grey)) - len(first.grey) // 2)
-    beside = first.valid & second.valid & (np.maximum(*np.meshgrid(away, away)) > TRANSFER.half_px)
-    own, other = (np.where(beside, field, 0.0) for field in fields)
-    energy = float(np.sum(np.abs(own) ** 2) * np.sum(np.abs(other) ** 2))
-    return float(np.sum(own * np.conj(other)).real) / max(np.sqrt(energy), 1e-30)
+    distance = np.abs(np.arange(len(first.grey)) - len(first.grey) // 2)
+    is_surrounding = first.valid & second.valid & (np.maximum(*np.meshgrid(distance, distance)) > TRANSFER.half_px)
+    first_field, second_field = (np.where(is_surrounding, field, 0.0) for field in fields)
+    energy = float(np.sum(np.abs(first_field) ** 2) * np.sum(np.abs(second_field) ** 2))
+    return float(np.sum(first_field * np.conj(second_field)).real) / max(np.sqrt(energy), 1e-30)
 
 
 def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half: int) -> MatchImage | None:
@@ -136,14 +142,14 @@ def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half
     grey, valid = raster.read(*inside_low.tolist(), *(inside_high - inside_low).tolist())
     offset = np.arange(-half, half + 1)
     grid = np.stack(np.meshgrid(offset, offset), axis=-1) @ by_window.T + middle - inside_low
-    at = [grid[..., 1], grid[..., 0]]
+    coordinates = [grid[..., 1], grid[..., 0]]
     # Low-pass filter against aliasing if the window has larger pixels than the image
     finer = float(np.sqrt(abs(np.linalg.det(by_window))))
     source = np.where(valid, grey, float(np.mean(grey[valid])) if valid.any() else 0.0).astype(np.float64)
     if finer > 1.05:
         source = ndimage.gaussian_filter(source, 0.45 * np.sqrt(finer**2 - 1.0))
-    pixels = ndimage.map_coordinates(source, at, order=3, mode="nearest")
-    usable = ndimage.map_coordinates(valid.astype(np.float64), at, order=1, mode="constant", cval=0.0) > 0.999
+    pixels = ndimage.map_coordinates(source, coordinates, order=3, mode="nearest")
+    usable = ndimage.map_coordinates(valid.astype(np.float64), coordinates, order=1, mode="constant", cval=0.0) > 0.999
     contrast = float(np.std(pixels[usable])) if usable.any() else 0.0
     if contrast < TRANSFER.texture:
         return None

@@ -106,24 +106,24 @@ def find_tie_points(
                        earlier=earlier)  # fmt: skip
     search.choose_pairs(stage(progress, 0.0, 0.2))
     search.match_pairs(stage(progress, 0.2, 0.85))
-    good, links = search.judge()
+    matches, links = search.judge()
     # False or weak links are replaced by others, once; images with few links are matched more thoroughly
     replaced = search.replace_links(links, stage(progress, 0.85, 0.88))
     if replaced:
         search.match_pairs(stage(progress, 0.88, 0.92))
-        good, links = search.judge()
+        matches, links = search.judge()
     if search.match_weak_images(links, stage(progress, 0.92, 0.97)):
-        good, links = search.judge()
-    if search.match_by_cameras(good, links, stage(progress, 0.97, 1.0)):
-        good, links = search.judge()
+        matches, links = search.judge()
+    if search.match_by_cameras(matches, links, stage(progress, 0.97, 1.0)):
+        matches, links = search.judge()
     if search.choice is not None:
         links = cut_weak_bridges(links)
-    elif search.complete(good, progress):
-        good, _ = search.judge()
-    good = drop_unreliable_links(good, links)
+    elif search.complete(matches, progress):
+        matches, _ = search.judge()
+    matches = drop_unreliable_links(matches, links)
     room = {k: count_points_per_cell(search.options, image) for k, image in enumerate(images)}
-    points, ground = joining.to_image_points(good, images, search.options.cells, room)
-    count = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
+    points, ground = joining.to_image_points(matches, images, search.options.cells, room)
+    count = {pair: len(rows) for pair, rows in joining.group_by_pair(matches).items()}
     summaries = tuple(
         PairSummary(
             images[pair.first].id, images[pair.second].id,
@@ -143,11 +143,11 @@ def find_tie_points(
     ]
     if search.choice is not None:
         warnings += [
-            f"{list_ids(images[number].id for number in held)}: connected by the single link {images[link.first].id} - "
-            f"{images[link.second].id} of {link.matches} matches, which no third image confirms: they may have a "
-            "common error"
-            for link, held in find_bridges(links)
-            if not {images[number].id for number in held} <= search.earlier
+            f"{list_ids(images[number].id for number in bridged)}: connected by the single link "
+            f"{images[link.first].id} - {images[link.second].id} of {link.matches} matches, which no third "
+            "image confirms: they may have a common error"
+            for link, bridged in find_bridges(links)
+            if not {images[number].id for number in bridged} <= search.earlier
         ]
     else:
         for pair in summaries:
@@ -166,6 +166,6 @@ def find_overlapping_pairs(
     them overlap.
     """
     search = TieSearch(images, options or TieOptions(), surface, open_scheduler(), None, marked=False, earlier=earlier)
-    found = search.find_overlaps_of_images()
-    own = [images[index].id for index in search.usable]
-    return [(own[pair.first], own[pair.second]) for pair in found]
+    overlapping = search.find_overlaps_of_images()
+    ids = [images[index].id for index in search.usable]
+    return [(ids[pair.first], ids[pair.second]) for pair in overlapping]

@@ -195,7 +195,7 @@ def test_images_apart_are_an_error(triplet):
 
 
 def test_images_without_pixels_are_an_error():
-    with pytest.raises(InputError, match="pixels of two images or more"):
+    with pytest.raises(InputError, match="fewer than two of the images have pixels"):
         find_tie_points(blocks.images(2))
 
 

@@ -267,7 +267,7 @@ def find_displaced_images(offsets_px: Mapping[NumberPair, float]) -> dict[int, f
 
 
 def summarise_connections(
-    images: Sequence[Image], usable: Sequence[int], links: Sequence[ImageLink], tried: Mapping[int, int],
+    images: Sequence[Image], usable: Sequence[int], links: Sequence[ImageLink], trials: Mapping[int, int],
     reasons: Mapping[int, str],
 ) -> tuple[ImageConnection, ...]:  # fmt: skip
     """Return for each usable image its number of reliable links, and the number of images connected with it."""
@@ -283,7 +283,7 @@ def summarise_connections(
             )  # fmt: skip
     return tuple(
         ImageConnection(
-            images[number].id, count[number], component_size.get(number, 1), int(tried.get(number, 0)),
+            images[number].id, count[number], component_size.get(number, 1), int(trials.get(number, 0)),
             "" if count[number] else reasons.get(number, faults.get(number, "no pair of it has consistent matches")),
         )
         for number in usable

@@ -138,7 +138,7 @@ def find_likely_overlaps(
     return overlapping
 
 
-def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CHOICE.partners) -> np.ndarray:
+def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, limit: int = CHOICE.partners) -> np.ndarray:
     """Return the indices of the overlaps to be probed: of each image those with the largest prior of similarity.
 
     The prior is overlap times a function of the angle. The cost grows with the number of images, not of pairs.
@@ -147,7 +147,7 @@ def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CH
     prior = np.array([pair.share for pair in overlaps]) * np.exp(-angle_deg / CHOICE.angle_scale_deg)
     image, row = np.r_[first, second], np.tile(np.arange(len(overlaps)), 2)
     order = np.lexsort((-prior[row], image))
-    return np.unique(row[order[rank_in_groups(image[order]) < most]])
+    return np.unique(row[order[rank_in_groups(image[order]) < limit]])
 
 
 def compute_central_views(images: list[Image]) -> np.ndarray:

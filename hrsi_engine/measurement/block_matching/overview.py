@@ -82,14 +82,14 @@ class OverviewFeatures:
         self._held: dict[str, PartResult] = {}
         self.strongest: list[PartResult] = []
 
-    def find(self, most: int, progress: Progress) -> None:
-        """Detect the features in batches of images; the ``most`` strongest of each image are kept in memory."""
+    def find(self, limit: int, progress: Progress) -> None:
+        """Detect the features in batches of images; the ``limit`` strongest of each image are kept in memory."""
         for start in range(0, len(self._parts), OVERVIEW.batch):
             batch = self._parts[start : start + OVERVIEW.batch]
             ends = (min(start + offset, len(self._parts)) / len(self._parts) for offset in (0, OVERVIEW.batch))
             keys = [part.key for part in batch]
             features = run_parts(batch, keys, self._scheduler, self._keeper, stage(progress, *ends))
-            self.strongest += [{name: column[:most].copy() for name, column in features[key].items()} for key in keys]
+            self.strongest += [{name: column[:limit].copy() for name, column in features[key].items()} for key in keys]
             if self._keeper is None:
                 self._held |= features
 
@@ -100,7 +100,7 @@ class OverviewFeatures:
         return part if features is None else WorkPart(part.key, hand_over, features, keep=False)
 
 
-def detect_features(tile: ImageTile, most: int) -> PartResult:
+def detect_features(tile: ImageTile, limit: int) -> PartResult:
     """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest of each cell first."""
     detections, side, border = [], OVERVIEW.tile_px, OVERVIEW.border_px
     for row, column in product(*(range(0, length, side) for length in tile.pixels.shape)):
@@ -115,7 +115,7 @@ def detect_features(tile: ImageTile, most: int) -> PartResult:
     cell_px = (np.array(tile.pixels.shape[1::-1]) + 1.0) / OVERVIEW.cells
     cell = np.floor(xy / cell_px).astype(np.int64) @ (1, OVERVIEW.cells)
     order = np.lexsort((-response, cell))
-    keep = order[np.argsort(rank_in_groups(cell[order]), kind="stable")[:most]]
+    keep = order[np.argsort(rank_in_groups(cell[order]), kind="stable")[:limit]]
     return {"xy": tile.to_image(xy[keep]), "descriptors": descriptors[keep]}
 
 

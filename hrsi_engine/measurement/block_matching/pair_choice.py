@@ -156,11 +156,11 @@ class PairChoice:
         new = [pair for pair in selected if pair not in self.found and pair not in self.failed]
         return sorted(new, key=lambda pair: (-self._rate_pair(pair), pair))[: self.room]
 
-    def tell(self, pair: NumberPair, found: bool) -> None:
+    def tell(self, pair: NumberPair, is_matched: bool) -> None:
         """Record whether a pair matched; a pair recorded as matched can be changed to failed later."""
         self.found.discard(pair)
         self.failed.discard(pair)
-        (self.found if found else self.failed).add(pair)
+        (self.found if is_matched else self.failed).add(pair)
 
     def list_similar_pairs(self, image: int) -> list[NumberPair]:
         """Return the probed pairs of an image, those with the smallest angle between their views first."""

@@ -259,11 +259,11 @@ class TieSearch:
         ]
         return self._match_windows(hard, False, progress)
 
-    def match_by_cameras(self, good: joining.BlockMatches, links: Sequence[ImageLink], progress: Progress) -> bool:
+    def match_by_cameras(self, matches: joining.BlockMatches, links: Sequence[ImageLink], progress: Progress) -> bool:
         """Match images with few links with their most similar images, at positions predicted from all matches."""
         if self.choice is None:
             return False
-        cameras = estimate_relative_cameras(drop_unreliable_links(good, links), self.images)
+        cameras = estimate_relative_cameras(drop_unreliable_links(matches, links), self.images)
         if cameras is None:
             return False
         sound = {(link.first, link.second) for link in links if link.sound}
@@ -287,7 +287,7 @@ class TieSearch:
         self.pairs = [pair for pair in self.pairs if (pair.first, pair.second) not in numbers] + list(pairs.values())
         return self._match_windows(list(pairs.values()), False, progress, predicted=True)
 
-    def complete(self, good: joining.BlockMatches, progress: Progress) -> bool:
+    def complete(self, matches: joining.BlockMatches, progress: Progress) -> bool:
         """Search points in images without them, at positions predicted from all matches; return whether any were."""
         # Matched pairs of images that are matched everywhere, in both orders
         places = {}
@@ -298,20 +298,20 @@ class TieSearch:
                 places[pair.first, pair.second] = pair.job
                 places[pair.second, pair.first] = replace(pair.job, first=images_of_pair[1], second=images_of_pair[0])
         can_miss = len(self.usable) > 2 and not self.options.dense
-        cameras = estimate_relative_cameras(good, self.images) if can_miss else None
+        cameras = estimate_relative_cameras(matches, self.images) if can_miss else None
         if cameras is None:
             return False
         parts = []
         for (first, second), job in places.items():
             estimate = cameras.estimate(job, first, second)
-            is_there = np.isin(cameras.tracks, good.track[good.second == second])
+            is_there = np.isin(cameras.tracks, matches.track[matches.second == second])
             lacking = (cameras.partners >= TIE_SEARCH.completed_partners) & ~is_there
-            in_first = good.first == first
-            track, row = np.unique(good.track[in_first], return_index=True)
+            in_first = matches.first == first
+            track, row = np.unique(matches.track[in_first], return_index=True)
             is_lacking = np.isin(track, cameras.tracks[lacking])
             if estimate is None or not is_lacking.any():
                 continue
-            xy = good.first_xy[in_first][row[is_lacking]]
+            xy = matches.first_xy[in_first][row[is_lacking]]
             height = cameras.ground[np.searchsorted(cameras.tracks, track[is_lacking]), 2]
             windows = tuple(cell.own[0] for row in plan_cells(job.first, self.options.cells, 0) for cell in row)
             partner = Partner(second, job.second, estimate.geometry)

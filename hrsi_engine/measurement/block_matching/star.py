@@ -172,7 +172,7 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
 
 
 def _match_window(
-    tile: ImageTile, own: ImageWindow, places: Sequence[tuple[Partner, ImageWindow]],
+    tile: ImageTile, own_window: ImageWindow, places: Sequence[tuple[Partner, ImageWindow]],
     options: dict[int, TileMatchOptions],
 ) -> list[PartnerMatches]:  # fmt: skip
     """Match one window with its predicted windows in partners, then transfer points found in only some of them."""
@@ -191,7 +191,7 @@ def _match_window(
             matches = matches.select(np.sort(best[first]))
         if matches.band:
             options[partner.number] = replace(match_options, bands=(matches.band,))
-        matches_of_partners.append(matches.select(own.contains(matches.first_xy)))
+        matches_of_partners.append(matches.select(own_window.contains(matches.first_xy)))
     if len(tiles) > 1:
         matches_of_partners = [
             _complete_partner(index, tile, tiles, matches_of_partners, options[partner.number])
@@ -259,9 +259,9 @@ def join_tile_matches(tables: Sequence[TileMatches]) -> TileMatches:
     return TileMatches(**columns, bias_px=tables[0].bias_px, band=tables[0].band)
 
 
-def _limit_points(rows: list[PartnerMatches], most: int) -> list[PartnerMatches]:
-    """Return at most ``most`` points of each partner: those found in most partners first, then the best."""
-    if not most or not rows:
+def _limit_points(rows: list[PartnerMatches], limit: int) -> list[PartnerMatches]:
+    """Return at most ``limit`` points of each partner: those found in most partners first, then the best."""
+    if not limit or not rows:
         return rows
     keys = np.concatenate([_make_keys(row.matches.first_xy) for row in rows])
     quality = np.concatenate([row.matches.quality for row in rows])
@@ -273,7 +273,7 @@ def _limit_points(rows: list[PartnerMatches], most: int) -> list[PartnerMatches]
     for row in rows:
         ranks = place[inverse[start : start + len(row.matches)]]
         thinned.append(
-            PartnerMatches(row.partner, row.matches.select(np.sort(np.argsort(ranks, kind="stable")[:most])))
+            PartnerMatches(row.partner, row.matches.select(np.sort(np.argsort(ranks, kind="stable")[:limit])))
         )
         start += len(row.matches)
     return thinned

@@ -119,27 +119,27 @@ def find_gravity_centres(
     open_rows = np.arange(len(sign))
     shapes = {}
     for kind, fit in SHAPES.items():
-        tried = open_rows if kind != "region" else open_rows[sign[open_rows] != HOMOGENEOUS]
-        shape = fit(outlines.select(tried), slopes, sign[tried])
-        shapes[kind] = shape.select(shape.good), tried[shape.good]
-        open_rows = np.setdiff1d(open_rows, tried[shape.good])
-    found = [
+        trial_rows = open_rows if kind != "region" else open_rows[sign[open_rows] != HOMOGENEOUS]
+        shape = fit(outlines.select(trial_rows), slopes, sign[trial_rows])
+        shapes[kind] = shape.select(shape.good), trial_rows[shape.good]
+        open_rows = np.setdiff1d(open_rows, trial_rows[shape.good])
+    tables = [
         _score_shapes(kind, shape, sign[rows], support[rows], slopes, statistics, options)
         for kind, (shape, rows) in shapes.items()
     ]
-    every = _CentreCandidates(
-        *(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_CentreCandidates))
+    candidates = _CentreCandidates(
+        *(np.concatenate([getattr(part, f.name) for part in tables]) for f in fields(_CentreCandidates))
     )
-    chosen, quality = _select_best_centres(every, options)
+    best_rows, quality = _select_best_centres(candidates, options)
     centres = []
-    for k, worth in zip(chosen, quality, strict=True):
-        kind, row = str(every.kind[k]), every.row[k]
+    for k, worth in zip(best_rows, quality, strict=True):
+        kind, row = str(candidates.kind[k]), candidates.row[k]
         shape = shapes[kind][0]
         outline = shape.edges[row][shape.found[row]] + window.origin
         centres.append(
             GravityCentre(
                 shape.xy[row] + window.origin, shape.covariance_px2[row], kind, shape.size_px[row],
-                float(shape.azimuth_rad[row]), float(shape.rmse_px[row]), float(every.contrast[k]), worth, outline,
+                float(shape.azimuth_rad[row]), float(shape.rmse_px[row]), float(candidates.contrast[k]), worth, outline,
             )
         )  # fmt: skip
     is_inside = window.core.contains(np.array([centre.xy for centre in centres]).reshape(-1, 2))
@@ -162,8 +162,8 @@ def _merge_outlines(
     order = np.lexsort((*(middle.T), -(count / outlines.count), *cell.T))
     first = np.r_[True, np.any(cell[order][1:] != cell[order][:-1], axis=1)] if len(order) else np.empty(0, bool)
     support = np.diff(np.r_[np.flatnonzero(first), len(order)])
-    chosen = order[first]
-    return outlines.select(chosen), sign[chosen], support
+    representatives = order[first]
+    return outlines.select(representatives), sign[representatives], support
 
 
 # ---- assessment ------------------------------------------------------------------------------------------------
@@ -193,16 +193,16 @@ def _score_shapes(
     limit = CENTRE.centroid_agreement[0] + CENTRE.centroid_agreement[1] * np.sqrt(np.prod(shapes.size_px, axis=1))
     # Grey-weighted centroids (n, 2) over the rotated bounding boxes of the shapes
     step = np.linspace(-0.5, 0.5, CENTRE.centroid_samples)
-    along, aside = (a.ravel() for a in np.meshgrid(step, step))
+    along, across = (a.ravel() for a in np.meshgrid(step, step))
     box = shapes.size_px + 2.0 * CENTRE.box_margin_px
-    along, aside = box[:, :1] * along, box[:, 1:] * aside
+    along, across = box[:, :1] * along, box[:, 1:] * across
     cos, sin = np.cos(shapes.azimuth_rad)[:, None], np.sin(shapes.azimuth_rad)[:, None]
-    x, y = shapes.xy[:, :1] + cos * along - sin * aside, shapes.xy[:, 1:] + sin * along + cos * aside
+    x, y = shapes.xy[:, :1] + cos * along - sin * across, shapes.xy[:, 1:] + sin * along + cos * across
     difference = np.where(inside == outside, np.inf, inside - outside)
     weight = np.clip((interpolate_bilinear(slopes.grey, x, y) - outside[:, None]) / difference[:, None], 0.0, 1.0)
     total = np.maximum(weight.sum(axis=1), 1e-9)
-    away = np.stack([(weight * x).sum(axis=1) / total, (weight * y).sum(axis=1) / total], axis=1) - shapes.xy
-    keep &= (sign == HOMOGENEOUS) | (np.hypot(away[:, 0], away[:, 1]) < limit)
+    offset = np.stack([(weight * x).sum(axis=1) / total, (weight * y).sum(axis=1) / total], axis=1) - shapes.xy
+    keep &= (sign == HOMOGENEOUS) | (np.hypot(offset[:, 0], offset[:, 1]) < limit)
     # Scores 0 … 1: contrast, closed share of the outline, its fit to the shape, accuracy of the centre
     sigma = np.sqrt(np.trace(shapes.covariance_px2, axis1=1, axis2=2) / 2.0)
     scores = (
@@ -222,31 +222,31 @@ def _score_shapes(
 # ---- one centre per object -------------------------------------------------------------------------------------
 
 
-def _select_best_centres(found: _CentreCandidates, options: CentreOptions) -> tuple[list[int], list[float]]:
+def _select_best_centres(candidates: _CentreCandidates, options: CentreOptions) -> tuple[list[int], list[float]]:
     """Return the best centre of each object and its quality; centres of equal position and similar size are merged."""
-    if not len(found.xy):
+    if not len(candidates.xy):
         return [], []
-    size = np.sqrt(np.prod(found.size_px, axis=1))
-    pairs = cKDTree(found.xy).query_pairs(max(CENTRE.same_centre * float(size.max()), 1.0), output_type="ndarray")
+    size = np.sqrt(np.prod(candidates.size_px, axis=1))
+    pairs = cKDTree(candidates.xy).query_pairs(max(CENTRE.same_centre * float(size.max()), 1.0), output_type="ndarray")
     first, second = pairs.T
-    near = np.hypot(*(found.xy[first] - found.xy[second]).T) < np.maximum(
+    is_close = np.hypot(*(candidates.xy[first] - candidates.xy[second]).T) < np.maximum(
         CENTRE.same_centre * np.minimum(size[first], size[second]), 1.0
     )
-    near &= np.abs(np.log(size[first] / size[second])) < np.log(1.6)
+    is_close &= np.abs(np.log(size[first] / size[second])) < np.log(1.6)
     neighbours: list[list[int]] = [[] for _ in size]
-    for a, b in pairs[near].tolist():
+    for a, b in pairs[is_close].tolist():
         neighbours[a].append(b)
         neighbours[b].append(a)
     free = np.ones(len(size), dtype=bool)
-    chosen, quality = [], []
-    for row in np.lexsort((found.xy[:, 0], found.xy[:, 1], -found.score)).tolist():
+    best_rows, quality = [], []
+    for row in np.lexsort((candidates.xy[:, 0], candidates.xy[:, 1], -candidates.score)).tolist():
         if not free[row]:
             continue
-        same = [row, *(other for other in neighbours[row] if free[other])]
-        free[same] = False
-        support = min(float(found.support[same].sum()) / CENTRE.full_support, 1.0)
-        worth = float((found.score[row] * support) ** 0.2)
+        group = [row, *(neighbour for neighbour in neighbours[row] if free[neighbour])]
+        free[group] = False
+        support = min(float(candidates.support[group].sum()) / CENTRE.full_support, 1.0)
+        worth = float((candidates.score[row] * support) ** 0.2)
         if worth >= options.quality:
-            chosen.append(row)
+            best_rows.append(row)
             quality.append(worth)
-    return chosen, quality
+    return best_rows, quality

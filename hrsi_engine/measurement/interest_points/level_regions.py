@@ -83,8 +83,8 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
         # The normalised image in steps of `REGION.level_step`, 0 … 255
         level = np.rint(np.clip(reduced / REGION.level_step + 128.0, 0.0, 255.0)).astype(np.uint8)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
-            found = _find_stable_regions(steps, REGION.stable_steps, REGION.largest_change, reach)
-            tables.append(_select_compact(found, closed, reach, scale, sign))
+            stable = _find_stable_regions(steps, REGION.stable_steps, REGION.largest_change, reach)
+            tables.append(_select_compact(stable, closed, reach, scale, sign))
         if scale == REGION.scales[0]:
             # 255 where the smoothed image has no gradient, decreasing to 0 for very steep ones
             smooth, slope = make_gaussian_kernels(0.5)
@@ -112,10 +112,10 @@ def _find_stable_regions(
 
 
 def _select_compact(
-    found: tuple[list, np.ndarray], usable: np.ndarray, reach: float, scale: int, sign: int
+    stable: tuple[list, np.ndarray], usable: np.ndarray, reach: float, scale: int, sign: int
 ) -> LevelRegions:  # fmt: skip
     """Return the regions of usable pixels, away from the edges, whose moments agree with their area."""
-    pixels, boxes = found
+    pixels, boxes = stable
     left, top, width, height = boxes.T
     count = np.array([len(p) for p in pixels], dtype=np.int64)
     keep = (width <= reach) & (height <= reach) & (left > 0) & (top > 0)
@@ -123,13 +123,13 @@ def _select_compact(
     keep &= count > 0.3 * width * height  # an ellipse fills 0.785 of an upright box, a square on its corner 0.5
     if scale > REGION.scales[0]:
         keep &= count >= REGION.smallest_at_scale_px**2 // 2
-    chosen = [pixels[k] for k in np.flatnonzero(keep)]
-    if not chosen:
+    selected = [pixels[k] for k in np.flatnonzero(keep)]
+    if not selected:
         nothing = np.empty(0, dtype=np.int64)
         return LevelRegions(np.empty((0, 2), dtype=np.int32), np.zeros(1, dtype=np.int64), nothing, nothing)
     regions = LevelRegions(
-        np.concatenate(chosen), np.r_[0, np.cumsum(count[keep])], np.full(len(chosen), scale),
-        np.full(len(chosen), sign),
+        np.concatenate(selected), np.r_[0, np.cumsum(count[keep])], np.full(len(selected), scale),
+        np.full(len(selected), sign),
     )  # fmt: skip
     # Ratio of the axes, for even regions that of their edge, which is ``within_px`` outside the region
     within_px = REGION.even_inset_px if sign == HOMOGENEOUS else 0.0
@@ -146,8 +146,10 @@ def _select_compact(
     root = np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
     longer, shorter = np.sqrt(half_trace + root), np.sqrt(np.maximum(half_trace - root, 1e-9))
     slender = (2.0 * longer + within_px) / (2.0 * shorter + within_px)
-    good = (count >= REGION.compactness * 4.0 * np.pi * np.sqrt(determinant)) & (slender < REGION.largest_elongation)
+    is_compact = (count >= REGION.compactness * 4.0 * np.pi * np.sqrt(determinant)) & (
+        slender < REGION.largest_elongation
+    )
     if not usable.all():
         free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]
-        good &= np.logical_and.reduceat(free, regions.bounds[:-1])
-    return regions.select(good)
+        is_compact &= np.logical_and.reduceat(free, regions.bounds[:-1])
+    return regions.select(is_compact)

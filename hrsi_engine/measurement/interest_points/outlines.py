@@ -49,11 +49,11 @@ class GradientImage:
     def gradient(self) -> np.ndarray:
         """Derivative by column + 1j * derivative by row, complex64."""
         smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
-        by = np.empty((*self.grey.shape, 2), dtype=np.float32)
-        by[..., 0], by[..., 1] = filters.slopes(self.grey, smooth, slope, "reflect")
+        derivatives = np.empty((*self.grey.shape, 2), dtype=np.float32)
+        derivatives[..., 0], derivatives[..., 1] = filters.slopes(self.grey, smooth, slope, "reflect")
         if not self.usable.all():
-            by[filters.dilate(~self.usable, 5)] = 0.0
-        return by.view(np.complex64)[..., 0]
+            derivatives[filters.dilate(~self.usable, 5)] = 0.0
+        return derivatives.view(np.complex64)[..., 0]
 
     @property
     def threshold(self) -> float:
@@ -96,20 +96,20 @@ def measure_outlines(slopes: GradientImage, regions: LevelRegions) -> Outlines:
     region = np.repeat(np.arange(len(regions)), counts)
     sign = -regions.sign[region].astype(np.float64)  # of the gradient in outward direction
     scale = regions.scale[region]
-    slope, found = np.zeros(len(points)), np.zeros(len(points), dtype=bool)
+    slope, is_edge = np.zeros(len(points)), np.zeros(len(points), dtype=bool)
     for factor in np.unique(scale).tolist():
-        here = scale == factor
+        rows = scale == factor
         level = slopes.reduce(factor)
-        along = normals[here], sign[here]
-        at, steep, clear = find_edges_along(level, points[here], *along, OUTLINE_SAMPLING.normal_reach_px)
-        at = (at + 0.5) * factor - 0.5
+        along = normals[rows], sign[rows]
+        edge_xy, steep, clear = find_edges_along(level, points[rows], *along, OUTLINE_SAMPLING.normal_reach_px)
+        edge_xy = (edge_xy + 0.5) * factor - 0.5
         if factor > 1:
-            at, steep, fine = find_edges_along(slopes, at, *along, OUTLINE_SAMPLING.fine_reach * factor)
+            edge_xy, steep, fine = find_edges_along(slopes, edge_xy, *along, OUTLINE_SAMPLING.fine_reach * factor)
             clear &= fine
-        points[here], slope[here], found[here] = at, steep, clear
+        points[rows], slope[rows], is_edge[rows] = edge_xy, steep, clear
     place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
     padded = []
-    for values in (points, normals, slope, found):
+    for values in (points, normals, slope, is_edge):
         table = np.zeros((len(regions), OUTLINE_SAMPLING.most_points, *values.shape[1:]), dtype=values.dtype)
         table[place] = values
         padded.append(table)
@@ -142,12 +142,12 @@ def find_edges_along(
     peak[unsigned] = first_peak
     best = np.argmax(peak, axis=1)
     middle = np.clip(best, 1, last - 1)
-    before, at, after = along[row, middle - 1], along[row, middle], along[row, middle + 1]
-    bend = before - 2.0 * at + after
-    shift = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
+    previous_value, peak_value, next_value = along[row, middle - 1], along[row, middle], along[row, middle + 1]
+    bend = previous_value - 2.0 * peak_value + next_value
+    shift = np.where(bend < 0.0, 0.5 * (previous_value - next_value) / np.where(bend < 0.0, bend, 1.0), 0.0)
     offset = OUTLINE_SAMPLING.step_px * (middle - last / 2.0 + np.clip(shift, -0.5, 0.5))
-    clear = (best > 0) & (best < last) & (at > slopes.threshold)
-    return points + offset[:, None] * normals, at, clear
+    clear = (best > 0) & (best < last) & (peak_value > slopes.threshold)
+    return points + offset[:, None] * normals, peak_value, clear
 
 
 # ---- pixel outlines --------------------------------------------------------------------------------------------
@@ -175,30 +175,30 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     # Points about 1 px apart along the closed contours; their numbers are multiples of 4
     lengths = np.array([len(contour) for contour in contours])
     starts = np.r_[0, np.cumsum(lengths)[:-1]]
-    every = np.concatenate(contours).astype(np.float64)
-    following = np.arange(len(every)) + 1
+    vertices = np.concatenate(contours).astype(np.float64)
+    following = np.arange(len(vertices)) + 1
     following[starts + lengths - 1] = starts
-    step = every[following] - every
+    step = vertices[following] - vertices
     way = np.r_[0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1]))]  # cumulated length of all contours
-    around = way[starts + lengths] - way[starts]
+    perimeter = way[starts + lengths] - way[starts]
     counts = (
-        4 * np.clip(np.rint(around / 4.0), OUTLINE_SAMPLING.fewest_points / 4, OUTLINE_SAMPLING.most_points / 4)
+        4 * np.clip(np.rint(perimeter / 4.0), OUTLINE_SAMPLING.fewest_points / 4, OUTLINE_SAMPLING.most_points / 4)
     ).astype(np.int64)
     region = np.repeat(np.arange(len(counts)), counts)
     number = np.arange(len(region)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
-    wanted = way[starts][region] + around[region] * number / counts[region]
-    segment = np.searchsorted(way, wanted, side="right") - 1
-    share = (wanted - way[segment]) / np.maximum(way[segment + 1] - way[segment], 1e-9)
-    points = every[segment] + share[:, None] * step[segment]
+    arc_length = way[starts][region] + perimeter[region] * number / counts[region]
+    segment = np.searchsorted(way, arc_length, side="right") - 1
+    share = (arc_length - way[segment]) / np.maximum(way[segment + 1] - way[segment], 1e-9)
+    points = vertices[segment] + share[:, None] * step[segment]
     starts = np.r_[0, np.cumsum(counts)[:-1]]
     for count in np.unique(counts).tolist():  # Gaussian smoothing in the frequency domain
         rows = starts[counts == count][:, None] + np.arange(count)
         gain = np.exp(-2.0 * (np.pi * OUTLINE_SAMPLING.smoothing_points * np.fft.fftfreq(count)) ** 2)
         smooth = np.fft.ifft(np.fft.fft(points[rows, 0] + 1j * points[rows, 1]) * gain)
         points[rows, 0], points[rows, 1] = smooth.real, smooth.imag
-    after, before = np.arange(len(points)) + 1, np.arange(len(points)) - 1
-    after[starts + counts - 1], before[starts] = starts, starts + counts - 1
-    tangent = points[after] - points[before]
+    next_row, previous_row = np.arange(len(points)) + 1, np.arange(len(points)) - 1
+    next_row[starts + counts - 1], previous_row[starts] = starts, starts + counts - 1
+    tangent = points[next_row] - points[previous_row]
     length = np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)
     normal = np.column_stack([tangent[:, 1], -tangent[:, 0]]) / length[:, None]
     region = np.repeat(np.arange(len(counts)), counts)

@@ -101,8 +101,8 @@ def _robust_weight(residual: np.ndarray, scale_px: float) -> np.ndarray:
     return 1.0 / (1.0 + (residual / scale_px) ** 2) ** 2
 
 
-def _mean_of_rows(mask: np.ndarray, of: np.ndarray | float) -> np.ndarray:
-    return np.asarray(mask.sum(axis=1) / np.maximum(of, 1.0))
+def _mean_of_rows(mask: np.ndarray, count: np.ndarray | float) -> np.ndarray:
+    return np.asarray(mask.sum(axis=1) / np.maximum(count, 1.0))
 
 
 # ---- ellipses --------------------------------------------------------------------------------------------------
@@ -110,36 +110,36 @@ def _mean_of_rows(mask: np.ndarray, of: np.ndarray | float) -> np.ndarray:
 
 def fit_ellipses(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) -> Shapes:
     """Return the ellipses through outlines; ``sign (n,)`` is that of the outward gradient, 0 for any sign."""
-    tried = _mean_of_rows(outlines.found, outlines.count) >= SHAPE.closed_share
-    xy, weight = outlines.xy[tried], outlines.found[tried].astype(np.float64)
-    centre, Q, good = fit_direct_ellipses(xy, weight)
-    good &= np.linalg.det(Q) > 1e-12
-    Q = np.where(good[:, None, None], Q, np.eye(2))
+    is_closed = _mean_of_rows(outlines.found, outlines.count) >= SHAPE.closed_share
+    xy, weight = outlines.xy[is_closed], outlines.found[is_closed].astype(np.float64)
+    centre, Q, valid = fit_direct_ellipses(xy, weight)
+    valid &= np.linalg.det(Q) > 1e-12
+    Q = np.where(valid[:, None, None], Q, np.eye(2))
     residual = compute_ellipse_distances(xy, centre, Q)
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
-    good &= rmse < 1.5 * compute_size_tolerance(
+    valid &= rmse < 1.5 * compute_size_tolerance(
         SHAPE.ellipse_tolerance, 2.0 * compute_axes(Q)[0]
     )  # rejects most outlines early
-    tried[tried] = good
-    return _expand_rows(_remeasure_ellipses(centre[good], Q[good], slopes, sign[tried]), tried)
+    is_closed[is_closed] = valid
+    return _expand_rows(_remeasure_ellipses(centre[valid], Q[valid], slopes, sign[is_closed]), is_closed)
 
 
 def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: GradientImage, sign: np.ndarray) -> Shapes:
     # Points on ellipses and outward normals, ``(n, points, 2)``
     semi_axes, azimuth = compute_axes(Q)
     t = 2.0 * np.pi * np.arange(SHAPE.ellipse_points) / SHAPE.ellipse_points
-    along, aside = semi_axes[:, :1] * np.cos(t), semi_axes[:, 1:] * np.sin(t)
+    along, across = semi_axes[:, :1] * np.cos(t), semi_axes[:, 1:] * np.sin(t)
     cos, sin = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
-    d = np.stack([cos * along - sin * aside, sin * along + cos * aside], axis=-1)
+    d = np.stack([cos * along - sin * across, sin * along + cos * across], axis=-1)
     normal = d @ Q
     points, normals = centre[:, None] + d, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-    edges, found = _measure_edges(slopes, points, normals, sign)
-    weight = found.astype(np.float64)
+    edges, is_edge = _measure_edges(slopes, points, normals, sign)
+    weight = is_edge.astype(np.float64)
     for scale_px in SHAPE.robust_px:
         residual = compute_ellipse_distances(edges, centre, Q)
-        weight = found * _robust_weight(residual, scale_px)
+        weight = is_edge * _robust_weight(residual, scale_px)
         centre, Q = iterate_ellipses(edges, weight, centre, Q, 1)
-    on_shape = found & (np.abs(compute_ellipse_distances(edges, centre, Q)) < SHAPE.on_shape_px)
+    on_shape = is_edge & (np.abs(compute_ellipse_distances(edges, centre, Q)) < SHAPE.on_shape_px)
     weight = on_shape.astype(np.float64)
     centre, Q = iterate_ellipses(edges, weight, centre, Q, SHAPE.final_steps)
     residual = compute_ellipse_distances(edges, centre, Q)
@@ -152,8 +152,8 @@ def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: GradientImage
     )
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
     closed = _mean_of_rows(on_shape, SHAPE.ellipse_points)
-    good = (rmse <= compute_size_tolerance(SHAPE.ellipse_tolerance, size)) & (closed >= SHAPE.closed_share)
-    return Shapes(good, centre, _add_sigma_floor(covariance), size, azimuth, rmse, closed, edges, on_shape)
+    valid = (rmse <= compute_size_tolerance(SHAPE.ellipse_tolerance, size)) & (closed >= SHAPE.closed_share)
+    return Shapes(valid, centre, _add_sigma_floor(covariance), size, azimuth, rmse, closed, edges, on_shape)
 
 
 def _measure_edges(
@@ -161,10 +161,10 @@ def _measure_edges(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return edge points near points ``(n, k, 2)`` along their normals, and the mask of clear ones ``(n, k)``."""
     count = points.shape[1]
-    edges, _, found = find_edges_along(
+    edges, _, is_edge = find_edges_along(
         slopes, points.reshape(-1, 2), normals.reshape(-1, 2), np.repeat(sign, count), SHAPE.fine_reach_px
     )
-    return edges.reshape(points.shape), found.reshape(points.shape[:2])
+    return edges.reshape(points.shape), is_edge.reshape(points.shape[:2])
 
 
 def _expand_rows(shapes: Shapes, rows: np.ndarray) -> Shapes:
@@ -183,12 +183,12 @@ def fit_rectangles(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) 
     weight = outlines.found.astype(np.float64)
     angle = np.arctan2(outlines.normal[..., 1], outlines.normal[..., 0])
     fourfold = np.sum(weight * np.exp(4j * angle), axis=1) / np.maximum(weight.sum(axis=1), 1.0)
-    good = np.abs(fourfold) >= SHAPE.fourfold
-    azimuth = np.angle(fourfold[good]) / 4.0
-    turn = angle[good] - azimuth[:, None]
+    has_corners = np.abs(fourfold) >= SHAPE.fourfold
+    azimuth = np.angle(fourfold[has_corners]) / 4.0
+    turn = angle[has_corners] - azimuth[:, None]
     sides = np.stack([np.cos(turn - k * np.pi / 2.0) > 0.85 for k in range(4)], axis=1)
-    xy = np.broadcast_to(outlines.xy[good][:, None], (*sides.shape, 2))
-    lines = _fit_sides(xy, (sides & outlines.found[good][:, None]).astype(np.float64), SHAPE.robust_px[:2])
+    xy = np.broadcast_to(outlines.xy[has_corners][:, None], (*sides.shape, 2))
+    lines = _fit_sides(xy, (sides & outlines.found[has_corners][:, None]).astype(np.float64), SHAPE.robust_px[:2])
     for _ in range(2):
         # Points on the sides and outward normals, and whether all sides are long enough
         c = lines.corners
@@ -203,10 +203,10 @@ def fit_rectangles(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) 
         normals, usable = np.broadcast_to(normal[:, :, None], points.shape), (length > 3.0).all(axis=1)
         shape = points.shape[:3]
         flat = len(points), 4 * SHAPE.side_points, 2
-        edges, found = _measure_edges(slopes, points.reshape(flat), normals.reshape(flat), sign[good])
-        lines = _fit_sides(edges.reshape(*shape, 2), found.reshape(shape).astype(np.float64), SHAPE.robust_px[1:])
+        edges, is_edge = _measure_edges(slopes, points.reshape(flat), normals.reshape(flat), sign[has_corners])
+        lines = _fit_sides(edges.reshape(*shape, 2), is_edge.reshape(shape).astype(np.float64), SHAPE.robust_px[1:])
         lines = lines._replace(good=lines.good & usable)
-    return _expand_rows(_make_rectangles(lines, edges.reshape(*shape, 2), found.reshape(shape)), good)
+    return _expand_rows(_make_rectangles(lines, edges.reshape(*shape, 2), is_edge.reshape(shape)), has_corners)
 
 
 class _Sides(NamedTuple):
@@ -224,9 +224,9 @@ class _Sides(NamedTuple):
     good: np.ndarray
 
 
-def _fit_sides(xy: np.ndarray, found: np.ndarray, robust_px: tuple[float, ...]) -> _Sides:
+def _fit_sides(xy: np.ndarray, is_edge: np.ndarray, robust_px: tuple[float, ...]) -> _Sides:
     """Return two pairs of parallel lines through points ``(n, 4, k, 2)`` with weights ``(n, 4, k)``."""
-    weight = found
+    weight = is_edge
     for scale_px in (*robust_px, 0.0):
         total = np.maximum(weight.sum(axis=2), 1e-9)
         middle = np.sum(weight[..., None] * xy, axis=2) / total[..., None]
@@ -237,19 +237,19 @@ def _fit_sides(xy: np.ndarray, found: np.ndarray, robust_px: tuple[float, ...]) 
         side_normal = np.concatenate([normal, normal], axis=1)
         residual = np.sum(d * side_normal[:, :, None], axis=-1)
         if scale_px:
-            weight = found * _robust_weight(residual, scale_px)
+            weight = is_edge * _robust_weight(residual, scale_px)
     offset = np.sum(middle * side_normal, axis=-1)
-    good = (found.sum(axis=2) >= 3.0).all(axis=1)
+    valid = (is_edge.sum(axis=2) >= 3.0).all(axis=1)
     cross = normal[:, 0, 0] * normal[:, 1, 1] - normal[:, 0, 1] * normal[:, 1, 0]
-    good &= np.abs(cross) > np.sin(np.radians(SHAPE.smallest_angle_deg))
-    inverse = np.linalg.inv(np.where(good[:, None, None], normal, np.eye(2)))
+    valid &= np.abs(cross) > np.sin(np.radians(SHAPE.smallest_angle_deg))
+    inverse = np.linalg.inv(np.where(valid[:, None, None], normal, np.eye(2)))
     ends = np.stack([offset[:, [0, 2, 2, 0]], offset[:, [1, 1, 3, 3]]], axis=-1)  # sides 0&1, 2&1, 2&3, 0&3
     corners = ends @ np.swapaxes(inverse, 1, 2)
-    return _Sides(normal, offset, residual, weight, corners, good)
+    return _Sides(normal, offset, residual, weight, corners, valid)
 
 
-def _make_rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
-    on_side = found & (np.abs(lines.residual) < SHAPE.on_shape_px)
+def _make_rectangles(lines: _Sides, edges: np.ndarray, is_edge: np.ndarray) -> Shapes:
+    on_side = is_edge & (np.abs(lines.residual) < SHAPE.on_shape_px)
     counted = np.maximum(on_side.sum(axis=2), 1.0)
     variance = np.sum(on_side * lines.residual**2, axis=2) / np.maximum(counted - 1.5, 1.0)
     variance /= np.maximum(on_side.mean(axis=2), 0.1) ** 4  # many outliers: the others are less accurate
@@ -267,11 +267,11 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Sha
     size = np.sort(sides, axis=1)[:, ::-1]
     rmse = np.sqrt(np.sum(on_side * lines.residual**2, axis=(1, 2)) / counted.sum(axis=1))
     closed = on_side.mean(axis=(1, 2))
-    good = lines.good & (closed >= SHAPE.sides_share) & (on_side.mean(axis=2).min(axis=1) >= SHAPE.side_share)
-    good &= rmse <= compute_size_tolerance(SHAPE.rectangle_tolerance, size)
+    valid = lines.good & (closed >= SHAPE.sides_share) & (on_side.mean(axis=2).min(axis=1) >= SHAPE.side_share)
+    valid &= rmse <= compute_size_tolerance(SHAPE.rectangle_tolerance, size)
     count = edges.shape[1] * edges.shape[2]
     return Shapes(
-        good, lines.corners.mean(axis=1), _add_sigma_floor(covariance), size, azimuth, rmse, closed,
+        valid, lines.corners.mean(axis=1), _add_sigma_floor(covariance), size, azimuth, rmse, closed,
         edges.reshape(-1, count, 2), on_side.reshape(-1, count),
     )  # fmt: skip
 
@@ -286,14 +286,16 @@ def fit_polygons(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) ->
     xy = np.take_along_axis(outlines.xy, order[..., None], axis=1)
     normal = np.take_along_axis(outlines.normal, order[..., None], axis=1)
     column = np.arange(xy.shape[1])
-    used = column < count[:, None]
-    after = np.where(column + 1 < count[:, None], column + 1, 0)
-    before = np.where(column > 0, column - 1, np.maximum(count - 1, 0)[:, None])
-    following, preceding = (np.take_along_axis(xy, index[..., None], axis=1) for index in (after, before))
+    is_vertex = column < count[:, None]
+    next_column = np.where(column + 1 < count[:, None], column + 1, 0)
+    previous_column = np.where(column > 0, column - 1, np.maximum(count - 1, 0)[:, None])
+    following, preceding = (
+        np.take_along_axis(xy, index[..., None], axis=1) for index in (next_column, previous_column)
+    )
     # Areas (n,), centroids (n, 2) and central second moments of the area (n, 2, 2), by Green's theorem
-    origin = np.sum(used[..., None] * xy, axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
-    x, y = np.moveaxis(np.where(used[..., None], xy - origin[:, None], 0.0), -1, 0)
-    x1, y1 = np.moveaxis(np.where(used[..., None], following - origin[:, None], 0.0), -1, 0)
+    origin = np.sum(is_vertex[..., None] * xy, axis=1) / np.maximum(is_vertex.sum(axis=1), 1)[:, None]
+    x, y = np.moveaxis(np.where(is_vertex[..., None], xy - origin[:, None], 0.0), -1, 0)
+    x1, y1 = np.moveaxis(np.where(is_vertex[..., None], following - origin[:, None], 0.0), -1, 0)
     cross = x * y1 - x1 * y
     area = cross.sum(axis=1) / 2.0
     safe = np.where(np.abs(area) > 1e-6, area, 1.0)
@@ -306,17 +308,17 @@ def fit_polygons(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) ->
     values, axes = np.linalg.eigh(moments)
     size = 4.0 * np.sqrt(np.maximum(values[:, ::-1], 1e-12))
     rough = np.sum((xy - (following + preceding) / 2.0) * normal, axis=-1)
-    rmse = np.sqrt(np.sum(used * rough**2, axis=1) / np.maximum(count, 1) / 1.5)  # white noise: 1 + 2/4
+    rmse = np.sqrt(np.sum(is_vertex * rough**2, axis=1) / np.maximum(count, 1) / 1.5)  # white noise: 1 + 2/4
     variance = 2.0 * rmse**2 / SHAPE.independent_parts  # as for a circle
     azimuth = (np.arctan2(axes[:, 1, 1], axes[:, 0, 1]) + np.pi / 2.0) % np.pi - np.pi / 2.0
     closed = count / np.maximum(outlines.count, 1)
     fits = rmse <= compute_size_tolerance(SHAPE.polygon_tolerance, size)
-    good = (closed >= SHAPE.closed_share) & (area > 1.0) & fits
-    for row in np.flatnonzero(good):
+    valid = (closed >= SHAPE.closed_share) & (area > 1.0) & fits
+    for row in np.flatnonzero(valid):
         hull = ConvexHull(xy[row, : count[row]])
-        good[row] = area[row] >= SHAPE.solidity * hull.volume  # in two dimensions, `volume` is the area
+        valid[row] = area[row] >= SHAPE.solidity * hull.volume  # in two dimensions, `volume` is the area
     covariance = _add_sigma_floor(variance[:, None, None] * np.eye(2))
-    return Shapes(good, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
+    return Shapes(valid, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
 
 
 ShapeFit = Callable[[Outlines, GradientImage, np.ndarray], Shapes]

@@ -118,8 +118,8 @@ def _fill_invalid(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
         return grey
     grey = np.where(valid, grey, np.float32(0.0))
     mean, share = (box_mean(layer.astype(np.float64), WINDOWS.fill_side_px) for layer in (grey, valid))
-    near = mean / np.maximum(share, WINDOWS.fill_side_px**-2.0)
-    return np.where(valid, grey, near.astype(np.float32))
+    local_mean = mean / np.maximum(share, WINDOWS.fill_side_px**-2.0)
+    return np.where(valid, grey, local_mean.astype(np.float32))
 
 
 STATISTICS_HALO_PX = WINDOWS.grid_px * (WINDOWS.averaged_cells // 2 + 1)  # reach of pixels in a local mean
@@ -141,13 +141,13 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
     # The largest grey value is regarded as saturated if an implausibly large number of pixels has it
     greys = [window.grey[window.usable] for window in samples if window.usable.any()] if mask_saturated else []
     largest = max((float(grey.max()) for grey in greys), default=np.nan)
-    many = WINDOWS.saturated_share * sum(grey.size for grey in greys)
-    saturation = largest if sum(int(np.sum(grey == largest)) for grey in greys) > many else None
+    limit = WINDOWS.saturated_share * sum(grey.size for grey in greys)
+    saturation = largest if sum(int(np.sum(grey == largest)) for grey in greys) > limit else None
     noises = [estimate_noise(window.grey, window.usable) for window in samples if window.usable.any()]
     noise = float(np.median(noises)) if noises else 0.0
     deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
-    known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
-    typical = float(np.median(known)) if len(known) else 0.0
+    finite = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
+    typical = float(np.median(finite)) if len(finite) else 0.0
     floor = max(WINDOWS.noise_floor * noise, WINDOWS.contrast_floor * typical, 1e-6)
     return ImageStatistics(saturation, noise, floor)
 
@@ -179,8 +179,10 @@ def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
     shape = lines // side, side, samples // side, side
     curved = np.abs(filter_separable(grey, _SECOND_DIFFERENCE, _SECOND_DIFFERENCE)) / 6.0
     cells = curved[:lines, :samples].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
-    whole = usable[:lines, :samples].reshape(shape).all(axis=(1, 3))
-    return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
+    is_complete = usable[:lines, :samples].reshape(shape).all(axis=(1, 3))
+    return (
+        float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[is_complete], 25.0)) if is_complete.any() else 0.0
+    )
 
 
 def normalise(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
@@ -212,6 +214,6 @@ def _compute_moments(count: np.ndarray, total: np.ndarray, squares: np.ndarray) 
 
 def _interpolate_cells(cells: np.ndarray) -> np.ndarray:
     """Return the values of cells at every pixel, interpolated bilinearly between cell centres."""
-    known = np.isfinite(cells)
-    filled = np.where(known, cells, np.mean(cells[known]) if known.any() else 0.0).astype(np.float32)
+    finite = np.isfinite(cells)
+    filled = np.where(finite, cells, np.mean(cells[finite]) if finite.any() else 0.0).astype(np.float32)
     return enlarge(filled, WINDOWS.grid_px)

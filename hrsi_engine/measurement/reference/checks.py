@@ -73,43 +73,48 @@ class ReferenceShift:
 
 
 def compute_reference_shift(
-    image: Image, found: ImageControl, ground: np.ndarray, accuracy: ReferenceAccuracy
+    image: Image, image_control: ImageControl, ground: np.ndarray, accuracy: ReferenceAccuracy
 ) -> ReferenceShift | None:
     """Return the shift of an image against the reference at its centre; None if no bias was found.
 
     ``ground (m, 3)`` are the places of the reference.
     """
-    if found.rough_bias_px is None:
+    if image_control.rough_bias_px is None:
         return None
-    bias = found.rough_bias_px if found.agreement is None else found.agreement.bias(image.centre_px[None])[0]
+    bias = (
+        image_control.rough_bias_px
+        if image_control.agreement is None
+        else image_control.agreement.bias(image.centre_px[None])[0]
+    )
     middle, _ = image.rpc.localize(image.centre_px[None], float(np.median(ground[:, 2])))
     _, by_ground = image.rpc.project_with_metric_jacobian(middle)
     east, north = np.linalg.solve(by_ground[0, :, :2], bias)
-    own = image.rpc.err_bias or REFERENCE_CHECKS.unknown_bias_m
+    rpc_bias_m = image.rpc.err_bias or REFERENCE_CHECKS.unknown_bias_m
     # height errors shift the ground position along the line of sight
     along = np.linalg.solve(by_ground[0, :, :2], by_ground[0, :, 2]) * accuracy.sigma_h_m
-    limit = REFERENCE_CHECKS.limit * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
-    return ReferenceShift(image.id, float(east), float(north), limit, own, bool(image.rpc.err_bias))
+    limit = REFERENCE_CHECKS.limit * float(np.sqrt(rpc_bias_m**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
+    return ReferenceShift(image.id, float(east), float(north), limit, rpc_bias_m, bool(image.rpc.err_bias))
 
 
 def describe_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
     """Return warnings about shifts that exceed the accuracies of RPCs and reference."""
-    bad = [shift for shift in shifts if shift.is_excessive]
-    if not bad:
+    excessive = [shift for shift in shifts if shift.is_excessive]
+    if not excessive:
         return []
-    mean = np.mean([[shift.east_m, shift.north_m] for shift in bad], axis=0)
-    alike = all(np.hypot(s.east_m - mean[0], s.north_m - mean[1]) < 0.5 * s.limit_m for s in bad)
-    if alike and len(bad) == len(shifts) and len(bad) > 1:
-        first = bad[0]
+    mean = np.mean([[shift.east_m, shift.north_m] for shift in excessive], axis=0)
+    is_common = all(np.hypot(s.east_m - mean[0], s.north_m - mean[1]) < 0.5 * s.limit_m for s in excessive)
+    if is_common and len(excessive) == len(shifts) and len(excessive) > 1:
+        first = excessive[0]
         return [
-            f"the RPCs of all {len(bad)} images differ from the reference by {np.hypot(*mean):.1f} m ({mean[0]:+.1f} m "
-            f"east, {mean[1]:+.1f} m north), {_explain_limit(first)}: check CRS, datum and position of the reference"
+            f"the RPCs of all {len(excessive)} images differ from the reference by {np.hypot(*mean):.1f} m "
+            f"({mean[0]:+.1f} m east, {mean[1]:+.1f} m north), {_explain_limit(first)}: check CRS, datum and position "
+            "of the reference"
         ]
     return [
         f"the RPC of {shift.image_id} differs from the reference by {shift.length_m:.1f} m ({shift.east_m:+.1f} m "
         f"east, {shift.north_m:+.1f} m north), {_explain_limit(shift)}: check CRS and datum of the reference, and the "
         "RPC"
-        for shift in bad
+        for shift in excessive
     ]
 
 
@@ -170,17 +175,19 @@ def contradiction(
             continue
         projected, by_ground = by_id[image_id].rpc.project_with_metric_jacobian(ground)
         # Position of the survey predicted by the reference, minus the measured one
-        beside = projected + agreed[image_id].bias(xy) - xy
+        misfit_px = projected + agreed[image_id].bias(xy) - xy
         inverse = np.linalg.inv(by_ground[:, :, :2])
-        differences.append(np.einsum("kij,kj->ki", inverse, beside))
+        differences.append(np.einsum("kij,kj->ki", inverse, misfit_px))
         lean = np.linalg.norm(np.einsum("kij,kj->ki", inverse, by_ground[:, :, 2]), axis=1)
         variances.append(sigma_m[:, 0] ** 2 + 0.5 * lean**2 * (sigma_m[:, 1] ** 2 + accuracy.sigma_h_m**2))
     if not differences:
         return None
-    every, variance = np.concatenate(differences), np.concatenate(variances)
-    east, north = np.median(every, axis=0)
-    limit = REFERENCE_CHECKS.limit * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
-    return Contradiction(float(east), float(north), limit, len(every))
+    all_differences, variance = np.concatenate(differences), np.concatenate(variances)
+    east, north = np.median(all_differences, axis=0)
+    limit = REFERENCE_CHECKS.limit * float(
+        np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(all_differences))
+    )
+    return Contradiction(float(east), float(north), limit, len(all_differences))
 
 
 class PartShift(NamedTuple):
@@ -215,44 +222,49 @@ def drop_wrong_parts(
     part_of = np.minimum((parts * (lonlat - low) / size).astype(np.int64), parts - 1) @ [1, parts]
     numbers = np.unique(part_of)
     middle, variance = np.full((len(numbers), 2), np.nan), np.full(len(numbers), np.inf)
-    seen = [found for found in control.images if found.agreement is not None]
-    if not seen or len(numbers) < 3:
+    agreeing_images = [image_control for image_control in control.images if image_control.agreement is not None]
+    if not agreeing_images or len(numbers) < 3:
         return control, []
     # Offsets of the places in each image from the reference, in metres east and north
-    beside = []
-    for found in seen:
-        _, by_ground = by_id[found.image_id].rpc.project_with_metric_jacobian(control.ground[found.places])
-        beside.append(np.linalg.solve(by_ground[:, :, :2], found.offset_px[:, :, None])[:, :, 0])
+    differences = []
+    for image_control in agreeing_images:
+        _, by_ground = by_id[image_control.image_id].rpc.project_with_metric_jacobian(
+            control.ground[image_control.places]
+        )
+        differences.append(np.linalg.solve(by_ground[:, :, :2], image_control.offset_px[:, :, None])[:, :, 0])
     for index, number in enumerate(numbers):
         values = [
-            away[part_of[found.places] == number] - np.median(away, axis=0)
-            for found, away in zip(seen, beside, strict=True)
+            difference[part_of[image_control.places] == number] - np.median(difference, axis=0)
+            for image_control, difference in zip(agreeing_images, differences, strict=True)
         ]
         values = [value for value in values if len(value) >= REFERENCE_CHECKS.fewest_places]
         if values:
-            own = [np.median(value, axis=0) for value in values]
-            middle[index] = np.mean(own, axis=0)
-            spread = [1.57 * robust_sigma(value - at) ** 2 / len(value) for value, at in zip(values, own, strict=True)]
+            image_medians = [np.median(value, axis=0) for value in values]
+            middle[index] = np.mean(image_medians, axis=0)
+            spread = [
+                1.57 * robust_sigma(value - image_median) ** 2 / len(value)
+                for value, image_median in zip(values, image_medians, strict=True)
+            ]
             variance[index] = float(np.sum(spread)) / len(values) ** 2
     variance += (ORTHOIMAGE_ERRORS.by_part * accuracy.sigma_xy_m) ** 2 + REFERENCE_CHECKS.drift_m**2
-    known = np.flatnonzero(np.isfinite(variance))
-    if len(known) < 3:
+    finite = np.flatnonzero(np.isfinite(variance))
+    if len(finite) < 3:
         return control, []
-    apart = np.sum((middle[known, None] - middle[known]) ** 2, axis=2) / variance[known]
-    best = int(np.argmin(np.minimum(apart, REFERENCE_CHECKS.limit**2).sum(axis=1)))
-    fitting = apart[best] <= REFERENCE_CHECKS.limit**2
-    rest = np.average(middle[known[fitting]], axis=0, weights=1.0 / variance[known[fitting]])
-    wrong = np.sum((middle[known] - rest) ** 2, axis=1) / variance[known] > REFERENCE_CHECKS.limit**2
-    if not wrong.any() or wrong.sum() * 2 >= len(known):
+    squared_distance = np.sum((middle[finite, None] - middle[finite]) ** 2, axis=2) / variance[finite]
+    best = int(np.argmin(np.minimum(squared_distance, REFERENCE_CHECKS.limit**2).sum(axis=1)))
+    fitting = squared_distance[best] <= REFERENCE_CHECKS.limit**2
+    common_shift = np.average(middle[finite[fitting]], axis=0, weights=1.0 / variance[finite[fitting]])
+    is_wrong = np.sum((middle[finite] - common_shift) ** 2, axis=1) / variance[finite] > REFERENCE_CHECKS.limit**2
+    if not is_wrong.any() or is_wrong.sum() * 2 >= len(finite):
         return control, []
     shifts = []
-    for index in known[wrong]:
-        here = part_of == numbers[index]
-        lon, lat = np.median(control.ground[here, :2], axis=0)
+    for index in finite[is_wrong]:
+        in_part = part_of == numbers[index]
+        lon, lat = np.median(control.ground[in_part, :2], axis=0)
         # position in the reference minus that expected from the other parts
-        east, north = rest - middle[index]
-        shifts.append(PartShift(float(lon), float(lat), float(east), float(north),
-                                REFERENCE_CHECKS.limit * float(np.sqrt(variance[index])), int(here.sum())))  # fmt: skip
-    left = ~np.isin(part_of, numbers[known[wrong]])
-    remaining = tuple(replace(one, used=one.used & left[one.places]) for one in control.images)
+        east, north = common_shift - middle[index]
+        limit_m = REFERENCE_CHECKS.limit * float(np.sqrt(variance[index]))
+        shifts.append(PartShift(float(lon), float(lat), float(east), float(north), limit_m, int(in_part.sum())))
+    is_retained = ~np.isin(part_of, numbers[finite[is_wrong]])
+    remaining = tuple(replace(one, used=one.used & is_retained[one.places]) for one in control.images)
     return replace(control, images=remaining), shifts

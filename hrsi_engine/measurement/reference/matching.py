@@ -135,13 +135,13 @@ def match_reference(
     options = options or ReferenceOptions()
     places = choose_places(images, reference, surface, options.points, options.window_px)
     advance(progress, 0.1, f"{len(places)} places in the reference")
-    found = []
+    controls = []
     for number, image in enumerate(images):
-        found.append(_match_image(image, reference, surface, places, options))
+        controls.append(_match_image(image, reference, surface, places, options))
         advance(progress, 0.1 + 0.9 * (number + 1) / len(images), f"matched {image.id} with the reference")
     width = len(str(len(places)))
     ids = np.array([f"R{number + 1:0{width}d}" for number in range(len(places))], dtype=str)
-    return ReferenceControl(ids, places, tuple(found))
+    return ReferenceControl(ids, places, tuple(controls))
 
 
 def _match_image(
@@ -197,14 +197,14 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     rows = np.flatnonzero(inside)
     with open_calls(threads=thread_count(options.threads)) as calls:
         matches = list(calls.answers(lambda row: _match_place(task, expected[row], options), rows))
-    chosen = [match for match in matches if match is not None]
+    successful = [match for match in matches if match is not None]
     rows = rows[[match is not None for match in matches]]
     if not rows.size:
         refusal = "no window of the reference was found in it"
         return _refuse_image(task.image, task.gsd_m, task.step, refusal, task.bias.offset_px)
-    xy = np.array([match.xy for match in chosen])
-    sigma = np.array([match.sigma_px for match in chosen])
-    score = np.array([match.score for match in chosen])
+    xy = np.array([match.xy for match in successful])
+    sigma = np.array([match.sigma_px for match in successful])
+    score = np.array([match.score for match in successful])
     offset = xy - projected[rows]
     agreement = find_agreement(
         xy, offset, task.image.centre_px, task.image.half_size_px, task.step * options.reach_px,
@@ -214,9 +214,9 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     if agreement is None or agreement.chance_log10 > REFERENCE_MATCHES.chance_log10:
         refusal = f"{len(rows)} windows match the reference, but with different shifts: it may show another area"
         agreement = None
-    used = np.zeros(len(rows), dtype=bool) if agreement is None else agreement.agreeing
+    agreeing = np.zeros(len(rows), dtype=bool) if agreement is None else agreement.agreeing
     return ImageControl(
-        task.image.id, task.gsd_m, task.step, rows, xy, sigma, offset, score, used, agreement, refusal,
+        task.image.id, task.gsd_m, task.step, rows, xy, sigma, offset, score, agreeing, agreement, refusal,
         task.bias.offset_px,
     )  # fmt: skip
 
@@ -247,18 +247,18 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     peak = find_correlation_peak(surface)
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak is outside the search range
-    at = peak.shift + REFERENCE_MATCHES.border + half  # position of the place's centre in the search window
+    position = peak.shift + REFERENCE_MATCHES.border + half  # position of the place's centre in the search window
     # Least-squares matching; if grey values do not correlate, the peak itself with a larger sigma
     middle = half + REFERENCE_MATCHES.border
     step = task.step
     settings = LsmOptions(window_px=2 * (middle - REFERENCE_MATCHES.border) + 1, reach_px=REFERENCE_MATCHES.lsm_reach)
     first = MatchImage(template.grey, template.valid, REFERENCE_MATCHES.smoothing)
     second = MatchImage(search.grey, search.valid, REFERENCE_MATCHES.smoothing)
-    matched = match_patches(first, second, np.array([[middle, middle]]), at[None], np.eye(2)[None], settings)
+    matched = match_patches(first, second, np.array([[middle, middle]]), position[None], np.eye(2)[None], settings)
     if matched.status[0] == DONE and matched.correlation[0] >= REFERENCE_MATCHES.correlation and matched.gain[0] > 0.0:
         sigma = float(np.hypot(matched.sigma_px[0], REFERENCE_MATCHES.sigma_floor))
         return _Match(search.origin + step * matched.xy[0], step * sigma, peak.score)
-    return _Match(search.origin + step * at, step * REFERENCE_MATCHES.direction_sigma, peak.score)
+    return _Match(search.origin + step * position, step * REFERENCE_MATCHES.direction_sigma, peak.score)
 
 
 def choose_places(
@@ -266,16 +266,16 @@ def choose_places(
 ) -> np.ndarray:
     """Return lon, lat, height ``(m, 3)`` of places, about ``points`` of them in each image."""
     rays = [intersect_surface(image.rpc, image.grid_px(PATCH.rays, PATCH.rays), surface) for image in images]
-    below = [ground[status == Status.FOUND] for ground, status in rays if (status == Status.FOUND).any()]
-    if not below:
+    ground_of_images = [ground[status == Status.FOUND] for ground, status in rays if (status == Status.FOUND).any()]
+    if not ground_of_images:
         return np.zeros((0, 3))
     # Areas of the bounding boxes of the images' ground, in pixels of the orthoimage
-    extents = [np.ptp(reference.to_pixels(ground[:, :2]), axis=0) for ground in below]
+    extents = [np.ptp(reference.to_pixels(ground[:, :2]), axis=0) for ground in ground_of_images]
     cell = max(float(np.sqrt(min(np.prod(np.maximum(extent, 1.0)) for extent in extents) / points)), 4.0)
-    px_per_m = float(images[0].rpc.px_per_m(below[0][len(below[0]) // 2][None])[0])
+    px_per_m = float(images[0].rpc.px_per_m(ground_of_images[0][len(ground_of_images[0]) // 2][None])[0])
     step = max(round(1.0 / px_per_m / reference.gsd_m), 1)
     # Column and row of the cells shown by images; thinned evenly if there are too many
-    pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in below])
+    pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in ground_of_images])
     size = np.array(reference.raster.size)
     inside = np.all((pixels >= 0.0) & (pixels < size), axis=1)
     # Also the cells half a cell away, since rays may be farther apart than cells
@@ -314,9 +314,9 @@ def _find_best_spot(
     gx, gy = slopes(blur(grey, 1.0), *SCHARR)
     damp = 1.0 / np.maximum(np.sqrt(np.hypot(gx, gy)), 1e-6)
     xx, yy, xy = (box_mean(a * b * damp**2, window_px) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
-    least = compute_smaller_eigenvalue(xx, yy, xy)
-    whole = erode(valid, window_px, outside=False)
-    texture = np.where(whole, np.maximum(least, 0.0), 0.0)[margin:-margin, margin:-margin]
+    smaller_eigenvalue = compute_smaller_eigenvalue(xx, yy, xy)
+    is_complete = erode(valid, window_px, outside=False)
+    texture = np.where(is_complete, np.maximum(smaller_eigenvalue, 0.0), 0.0)[margin:-margin, margin:-margin]
     row, column = np.unravel_index(int(np.argmax(texture)), texture.shape)
     if texture[row, column] <= 0.0:
         return None
@@ -359,16 +359,16 @@ def find_agreement(
     """
     if len(offset) < REFERENCE_MATCHES.fewest_offsets:
         return None
-    near = np.hypot(*(offset[:, None] - offset[None]).transpose(2, 0, 1)) <= tolerance_px
-    start = near[int(near.sum(axis=1).argmax())]
+    is_near = np.hypot(*(offset[:, None] - offset[None]).transpose(2, 0, 1)) <= tolerance_px
+    start = is_near[int(is_near.sum(axis=1).argmax())]
     if start.sum() < REFERENCE_MATCHES.fewest_offsets:
         return None
     design = _build_design(xy, centre, half_size)
     coefficients = np.zeros((2, 3))
     coefficients[:, 0] = np.median(offset[start], axis=0)
-    residual, spread, used = offset - design @ coefficients.T, tolerance_px / 2.0, start
+    residual, spread, inliers = offset - design @ coefficients.T, tolerance_px / 2.0, start
     for _ in range(REFERENCE_MATCHES.rounds):
-        columns = 3 if used.sum() >= REFERENCE_MATCHES.affine_from else 1
+        columns = 3 if inliers.sum() >= REFERENCE_MATCHES.affine_from else 1
         weight = np.maximum(1.0 - ((np.hypot(*residual.T) / (spread * np.sqrt(2.0))) / TUKEY) ** 2, 0.0) ** 2
         root = np.sqrt(weight)[:, None]
         values = np.linalg.lstsq(design[:, :columns] * root, offset * root, rcond=1e-8)[0]
@@ -376,20 +376,20 @@ def find_agreement(
         coefficients[:, :columns] = values.T
         residual = offset - design @ coefficients.T
         # Robust standard deviation of a coordinate, from the median length (Rayleigh distribution)
-        length = np.hypot(*residual[used].T)
+        length = np.hypot(*residual[inliers].T)
         spread = float(np.clip(np.median(length) / 1.1774, REFERENCE_MATCHES.least_spread * tolerance_px, tolerance_px))
-        within = np.hypot(*residual.T) <= ROBUST.outlier * spread
-        if within.sum() < REFERENCE_MATCHES.fewest_offsets:
+        is_within = np.hypot(*residual.T) <= ROBUST.outlier * spread
+        if is_within.sum() < REFERENCE_MATCHES.fewest_offsets:
             return None
-        if np.array_equal(within, used):
+        if np.array_equal(is_within, inliers):
             break
-        used = within
+        inliers = is_within
     radius = ROBUST.outlier * spread
     chance = min(np.pi * radius**2 / (2.0 * reach_px + 1.0) ** 2, 1.0)
     # the cluster was selected among all offsets, so the probability is multiplied by their number
-    tail = max(float(special.bdtrc(used.sum() - 2, len(offset) - 1, chance)), np.finfo(np.float64).tiny)
+    tail = max(float(special.bdtrc(inliers.sum() - 2, len(offset) - 1, chance)), float(np.finfo(np.float64).tiny))
     log10 = float(np.log10(tail) + np.log10(len(offset)))
-    return Agreement(coefficients, centre, half_size, residual, used, spread, log10)
+    return Agreement(coefficients, centre, half_size, residual, inliers, spread, log10)
 
 
 def _build_design(xy: np.ndarray, centre: np.ndarray, half_size: np.ndarray) -> np.ndarray:

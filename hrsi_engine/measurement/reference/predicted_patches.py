@@ -98,25 +98,25 @@ def sample_patch(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> t
     ``step`` is the distance of neighbouring positions in pixels of the raster; below one, the raster has the larger
     pixels and is interpolated.
     """
-    known = np.isfinite(x) & np.isfinite(y)
+    finite = np.isfinite(x) & np.isfinite(y)
     nothing = np.zeros(x.shape, dtype=np.float32), np.zeros(x.shape, dtype=bool)
-    if not known.any():
+    if not finite.any():
         return nothing
     factor = max(int(step), 1)
     margin = 4 * factor + int(4 * step)
-    left, top = (int(np.floor(c[known].min())) - margin for c in (x, y))
-    right, bottom = (int(np.ceil(c[known].max())) + margin + factor for c in (x, y))
+    left, top = (int(np.floor(c[finite].min())) - margin for c in (x, y))
+    right, bottom = (int(np.ceil(c[finite].max())) + margin + factor for c in (x, y))
     if (right - left) / factor * (bottom - top) / factor > PATCH.largest_px or max(abs(left), abs(top)) > 2**30:
         return nothing
     grey, valid = read_means(raster, left, top, right - left, bottom - top, factor)
     if not valid.any():
         return nothing
-    rest = step / factor
-    if rest > 1.05:
-        grey = blur(grey, PATCH.blur * np.sqrt(rest**2 - 1.0) + 0.2)
+    remaining_step = step / factor
+    if remaining_step > 1.05:
+        grey = blur(grey, PATCH.blur * np.sqrt(remaining_step**2 - 1.0) + 0.2)
     offset = (factor - 1) / 2.0
     column, row = (
-        ((np.where(known, c, -1e6) - start - offset) / factor).astype(np.float32) for c, start in ((x, left), (y, top))
+        ((np.where(finite, c, -1e6) - start - offset) / factor).astype(np.float32) for c, start in ((x, left), (y, top))
     )
     pixels = interpolate(grey, column, row, order=3)
     mask = interpolate(erode(valid, 3).astype(np.float32), column, row, order=1, outside=0.0) > PATCH.valid
@@ -148,14 +148,14 @@ def predict_patch(
     grid = np.stack(np.meshgrid(*(np.arange(count) * node_px for count in nodes)), axis=-1).reshape(-1, 2)
     ground, status = intersect_surface(image.rpc, origin + step * grid - offset_px, surface)
     place = np.full((len(grid), 2), np.nan)
-    found = status == Status.FOUND
-    if found.any():
-        place[found] = reference.to_pixels(ground[found, :2])
-    if PATCH.least_known <= found.mean() < 1.0:
+    intersected = status == Status.FOUND
+    if intersected.any():
+        place[intersected] = reference.to_pixels(ground[intersected, :2])
+    if PATCH.least_known <= intersected.mean() < 1.0:
         # For rays into gaps of the DEM, positions by the affine function of the others
         design = np.column_stack([np.ones(len(grid)), grid])
-        coefficients = np.linalg.lstsq(design[found], place[found], rcond=None)[0]
-        place = np.where(found[:, None], place, design @ coefficients)
+        coefficients = np.linalg.lstsq(design[intersected], place[intersected], rcond=None)[0]
+        place = np.where(intersected[:, None], place, design @ coefficients)
     x, y = (_interpolate_nodes(place[:, axis].reshape(nodes[::-1]), shape, node_px) for axis in (0, 1))
     return Patch(*sample_patch(reference.raster, x, y, step * gsd_m / reference.gsd_m), origin, step)
 
@@ -166,9 +166,9 @@ def _interpolate_nodes(values: np.ndarray, shape: tuple[int, int], node_px: floa
     i = np.minimum(row.astype(int), max(values.shape[0] - 2, 0))
     j = np.minimum(column.astype(int), max(values.shape[1] - 2, 0))
     down, right = (row - i)[:, None], (column - j)[None]
-    below, beside = np.minimum(i + 1, values.shape[0] - 1), np.minimum(j + 1, values.shape[1] - 1)
-    upper = values[i][:, j] * (1.0 - right) + values[i][:, beside] * right
-    lower = values[below][:, j] * (1.0 - right) + values[below][:, beside] * right
+    next_row, next_column = np.minimum(i + 1, values.shape[0] - 1), np.minimum(j + 1, values.shape[1] - 1)
+    upper = values[i][:, j] * (1.0 - right) + values[i][:, next_column] * right
+    lower = values[next_row][:, j] * (1.0 - right) + values[next_row][:, next_column] * right
     return upper * (1.0 - down) + lower * down
 
 
@@ -233,9 +233,9 @@ def _find_peak(
     # Origin and shape ``(lines, samples)`` of the parts of the image, in working pixels of ``step``
     starts, sides = [], []
     for size in image.known_size:
-        whole = max(int(size / step), 1)
-        count = min(max(int(np.ceil(whole / BIAS.site)), 1), BIAS.sites)
-        side = min(whole, BIAS.site) if count > 1 else whole
+        width = max(int(size / step), 1)
+        count = min(max(int(np.ceil(width / BIAS.site)), 1), BIAS.sites)
+        side = min(width, BIAS.site) if count > 1 else width
         places = np.linspace(0.0, size - step * side, count) if count > 1 else np.zeros(1)
         starts.append(places)
         sides.append(side)

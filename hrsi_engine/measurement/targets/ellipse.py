@@ -57,8 +57,8 @@ class Ellipse:
         """Return points on the curve, ``(count, 2)``."""
         t = 2.0 * np.pi * np.arange(count) / count
         cos, sin = np.cos(self.azimuth_rad), np.sin(self.azimuth_rad)
-        along, aside = self.semi_axes[0] * np.cos(t), self.semi_axes[1] * np.sin(t)
-        return self.centre + np.column_stack([cos * along - sin * aside, sin * along + cos * aside])
+        along, across = self.semi_axes[0] * np.cos(t), self.semi_axes[1] * np.sin(t)
+        return self.centre + np.column_stack([cos * along - sin * across, sin * along + cos * across])
 
 
 def fit_ellipse(xy: np.ndarray, method: str = "geometric") -> Ellipse:
@@ -78,25 +78,25 @@ def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = 
     xy = np.asarray(xy, dtype=np.float64)
     _require_points(len(xy))
     # The largest set of inliers of one ellipse; all points are the first trial
-    rng, chosen = np.random.default_rng(seed), np.zeros((60, len(xy)))
-    chosen[0] = 1.0
-    for trial in chosen[1:]:
+    rng, samples = np.random.default_rng(seed), np.zeros((60, len(xy)))
+    samples[0] = 1.0
+    for trial in samples[1:]:
         trial[rng.choice(len(xy), ELLIPSES.fewest_points, replace=False)] = 1.0
-    every = np.broadcast_to(xy, (len(chosen), *xy.shape))
-    centre, Q, good = fit_direct_ellipses(every, chosen)
-    agreeing = (np.abs(compute_ellipse_distances(every, centre, Q)) < tolerance_px) & good[:, None]
+    all_points = np.broadcast_to(xy, (len(samples), *xy.shape))
+    centre, Q, valid = fit_direct_ellipses(all_points, samples)
+    agreeing = (np.abs(compute_ellipse_distances(all_points, centre, Q)) < tolerance_px) & valid[:, None]
     count = agreeing.sum(axis=1)
-    near = agreeing[0 if count[0] > 0.95 * len(xy) else int(np.argmax(count))]
-    if near.sum() < ELLIPSES.fewest_points:
+    inliers = agreeing[0 if count[0] > 0.95 * len(xy) else int(np.argmax(count))]
+    if inliers.sum() < ELLIPSES.fewest_points:
         raise SolveError(
             f"no ellipse passes within {tolerance_px:g} px of {ELLIPSES.fewest_points} of the {len(xy)} edge points"
         )
-    ellipse = _fit_points(xy, near, FITS[method])
+    ellipse = _fit_points(xy, inliers, FITS[method])
     for _ in range(3):
-        near = np.abs(ellipse.residual_px) < tolerance_px
-        if near.sum() < ELLIPSES.fewest_points or np.array_equal(near, ellipse.used):
+        inliers = np.abs(ellipse.residual_px) < tolerance_px
+        if inliers.sum() < ELLIPSES.fewest_points or np.array_equal(inliers, ellipse.used):
             break
-        ellipse = _fit_points(xy, near, FITS[method])
+        ellipse = _fit_points(xy, inliers, FITS[method])
     return ellipse
 
 
@@ -107,22 +107,22 @@ def _require_points(count: int) -> None:
         )
 
 
-def _fit_points(xy: np.ndarray, used: np.ndarray, fit: EllipseFit) -> Ellipse:
-    _require_points(int(used.sum()))
-    spread = np.linalg.svd(xy[used] - xy[used].mean(axis=0), compute_uv=False)
+def _fit_points(xy: np.ndarray, inliers: np.ndarray, fit: EllipseFit) -> Ellipse:
+    _require_points(int(inliers.sum()))
+    spread = np.linalg.svd(xy[inliers] - xy[inliers].mean(axis=0), compute_uv=False)
     if not spread[0] > 0.0:
         raise SolveError("the edge points coincide: measure points around the object")
     if not spread[1] > 1e-9 * spread[0]:
         raise SolveError("the edge points lie on a line: measure points all around the object")
-    every = np.ones((1, int(used.sum())))
-    centres, forms, good = fit(xy[None, used], every)
-    if not good[0]:
+    unit_weights = np.ones((1, int(inliers.sum())))
+    centres, forms, valid = fit(xy[None, inliers], unit_weights)
+    if not valid[0]:
         raise SolveError("the edge points do not lie along an ellipse: check them, measure all around the object")
     centre, Q = centres[0], forms[0]
     residual, _ = _compute_distances(xy - centre, Q)
-    covariance = compute_centre_covariances(xy[None, used], every, centres, forms)[0]
+    covariance = compute_centre_covariances(xy[None, inliers], unit_weights, centres, forms)[0]
     semi_axes, azimuth = compute_axes(Q)
-    return Ellipse(centre, semi_axes, float(azimuth), covariance, residual, used)
+    return Ellipse(centre, semi_axes, float(azimuth), covariance, residual, inliers)
 
 
 # ---- many ellipses at once -------------------------------------------------------------------------------------
@@ -188,9 +188,9 @@ def fit_direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray,
     Q = np.stack([a[:, 0], a[:, 1] / 2.0, a[:, 1] / 2.0, a[:, 2]], axis=1).reshape(-1, 2, 2)
     centre = _solve_systems(Q, -b[:, :2, None] / 2.0)[..., 0]
     level = np.einsum("ni,nij,nj->n", centre, Q, centre) - b[:, 2]
-    good = (determinant[row, best] > 0.0) & (level * np.trace(Q, axis1=1, axis2=2) > 0.0)
-    Q = np.where(good[:, None, None], Q / np.where(level == 0.0, 1.0, level)[:, None, None], np.eye(2))
-    return middle + scale[:, None] * centre, Q / scale[:, None, None] ** 2, good
+    valid = (determinant[row, best] > 0.0) & (level * np.trace(Q, axis1=1, axis2=2) > 0.0)
+    Q = np.where(valid[:, None, None], Q / np.where(level == 0.0, 1.0, level)[:, None, None], np.eye(2))
+    return middle + scale[:, None] * centre, Q / scale[:, None, None] ** 2, valid
 
 
 def fit_geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -198,15 +198,15 @@ def fit_geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarr
 
     Iterations that lead away from the minimum, as with half an ellipse and noise, leave the direct fit.
     """
-    centre, Q, good = fit_direct_ellipses(xy, weight)
-    moved = iterate_ellipses(xy[good], weight[good], centre[good], Q[good])
-    before, after = (
-        np.sum(weight[good] * compute_ellipse_distances(xy[good], *ellipse) ** 2, axis=1)
-        for ellipse in ((centre[good], Q[good]), moved)
+    centre, Q, valid = fit_direct_ellipses(xy, weight)
+    iterated = iterate_ellipses(xy[valid], weight[valid], centre[valid], Q[valid])
+    squares_before, squares_after = (
+        np.sum(weight[valid] * compute_ellipse_distances(xy[valid], *ellipse) ** 2, axis=1)
+        for ellipse in ((centre[valid], Q[valid]), iterated)
     )
-    nearer = np.flatnonzero(good)[after <= before]
-    centre[nearer], Q[nearer] = (part[after <= before] for part in moved)
-    return centre, Q, good
+    nearer = np.flatnonzero(valid)[squares_after <= squares_before]
+    centre[nearer], Q[nearer] = (part[squares_after <= squares_before] for part in iterated)
+    return centre, Q, valid
 
 
 def iterate_ellipses(
@@ -221,12 +221,12 @@ def iterate_ellipses(
         A *= scale[:, None]
         weighted = np.swapaxes(weight[rows, :, None] * A, 1, 2)
         step = -scale * _solve_systems(weighted @ A, weighted @ distance[..., None])[..., 0]
-        moved = Q[rows] + step[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
+        new_form = Q[rows] + step[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
         # if a short arc would become a hyperbola, the previous ellipse is kept
-        closed = (np.linalg.det(moved) > 0.0) & (moved[:, 0, 0] > 0.0)
-        rows, step, moved = rows[closed], step[closed], moved[closed]
+        closed = (np.linalg.det(new_form) > 0.0) & (new_form[:, 0, 0] > 0.0)
+        rows, step, new_form = rows[closed], step[closed], new_form[closed]
         centre[rows] += step[:, :2]
-        Q[rows] = moved
+        Q[rows] = new_form
         rows = rows[np.abs(step[:, :2]).max(axis=1) >= ELLIPSES.step_px]
         if not len(rows):
             break

@@ -87,32 +87,32 @@ def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
     Raises `SolveError` for fewer than three points, or points that coincide.
     """
     xy = np.asarray(xy, dtype=np.float64)
-    used = np.ones(len(xy), dtype=bool)
-    line = _fit_points(xy, used)
+    inliers = np.ones(len(xy), dtype=bool)
+    line = _fit_points(xy, inliers)
     for _ in range(5 if tolerance_px is not None else 0):
-        near = np.abs(line.residual_px) < max(float(tolerance_px or 0.0), 1.5 * np.median(np.abs(line.residual_px)))
-        if near.sum() < LINES.fewest_points or np.array_equal(near, used):
+        is_near = np.abs(line.residual_px) < max(float(tolerance_px or 0.0), 1.5 * np.median(np.abs(line.residual_px)))
+        if is_near.sum() < LINES.fewest_points or np.array_equal(is_near, inliers):
             break
-        used = near
-        line = _fit_points(xy, used)
+        inliers = is_near
+        line = _fit_points(xy, inliers)
     return line
 
 
-def _fit_points(xy: np.ndarray, used: np.ndarray) -> Line:
-    if used.sum() < LINES.fewest_points:
+def _fit_points(xy: np.ndarray, inliers: np.ndarray) -> Line:
+    if inliers.sum() < LINES.fewest_points:
         raise SolveError(
-            f"a line needs {LINES.fewest_points} edge points or more, {used.sum()} were given: measure more"
+            f"a line needs {LINES.fewest_points} edge points or more, {inliers.sum()} were given: measure more"
         )
-    centroid = xy[used].mean(axis=0)
-    spread, axes = np.linalg.eigh(np.cov((xy[used] - centroid).T, bias=True))
+    centroid = xy[inliers].mean(axis=0)
+    spread, axes = np.linalg.eigh(np.cov((xy[inliers] - centroid).T, bias=True))
     if not spread[1] > 0.0:
         raise SolveError("the edge points coincide: measure points along the edge")
     direction = axes[:, 1]
     along = (xy - centroid) @ direction
     residual = (xy - centroid) @ np.array([-direction[1], direction[0]])
-    cofactor = np.diag([1.0 / used.sum(), 1.0 / np.sum(along[used] ** 2)])
-    reach = float(along[used].min()), float(along[used].max())
-    return Line(centroid, direction, cofactor, residual, used, reach)
+    cofactor = np.diag([1.0 / inliers.sum(), 1.0 / np.sum(along[inliers] ** 2)])
+    reach = float(along[inliers].min()), float(along[inliers].max())
+    return Line(centroid, direction, cofactor, residual, inliers, reach)
 
 
 def intersect_lines(first: Line, second: Line) -> LineCorner:
@@ -144,13 +144,13 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
     xy = np.asarray(xy, dtype=np.float64)
     best: tuple[tuple[int, float], np.ndarray, np.ndarray] | None = None
     for first in _list_candidate_lines(xy):
-        own = np.abs(_compute_distance(xy, first)) < tolerance_px
-        if own.sum() < LINES.fewest_points or (~own).sum() < LINES.fewest_points:
+        on_first = np.abs(_compute_distance(xy, first)) < tolerance_px
+        if on_first.sum() < LINES.fewest_points or (~on_first).sum() < LINES.fewest_points:
             continue
-        for second in _list_candidate_lines(xy[~own]):
-            other = np.abs(_compute_distance(xy, second)) < tolerance_px
+        for second in _list_candidate_lines(xy[~on_first]):
+            on_second = np.abs(_compute_distance(xy, second)) < tolerance_px
             nearer = np.abs(_compute_distance(xy, first)) <= np.abs(_compute_distance(xy, second))
-            a, b = own & (nearer | ~other), other & ~(own & nearer)
+            a, b = on_first & (nearer | ~on_second), on_second & ~(on_first & nearer)
             if min(a.sum(), b.sum()) < LINES.fewest_points:
                 continue
             misfit = float(np.sum(_compute_distance(xy[a], first) ** 2) + np.sum(_compute_distance(xy[b], second) ** 2))
@@ -164,17 +164,17 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
     return best[1], best[2]
 
 
-def _list_candidate_lines(xy: np.ndarray, most: int = 200) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return point and normal of lines through pairs of points; at most ``most``, evenly selected pairs."""
+def _list_candidate_lines(xy: np.ndarray, limit: int = 200) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return point and normal of lines through pairs of points; at most ``limit``, evenly selected pairs."""
     i, j = np.triu_indices(len(xy), 1)
-    if len(i) > most:
-        chosen = np.linspace(0, len(i) - 1, most).astype(int)
-        i, j = i[chosen], j[chosen]
+    if len(i) > limit:
+        sampled = np.linspace(0, len(i) - 1, limit).astype(int)
+        i, j = i[sampled], j[sampled]
     step = xy[j] - xy[i]
     length = np.hypot(step[:, 0], step[:, 1])
-    far = length > 0.0
-    normal = np.column_stack([-step[far, 1], step[far, 0]]) / length[far, None]
-    return list(zip(xy[i[far]], normal, strict=True))
+    distinct = length > 0.0
+    normal = np.column_stack([-step[distinct, 1], step[distinct, 0]]) / length[distinct, None]
+    return list(zip(xy[i[distinct]], normal, strict=True))
 
 
 def _compute_distance(xy: np.ndarray, line: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -206,19 +206,19 @@ def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> Edge
     rows, columns = np.nonzero(clear & (strength > threshold))
     inner = (rows > 1) & (columns > 1) & (rows < grey.shape[0] - 2) & (columns < grey.shape[1] - 2)
     rows, columns = rows[inner], columns[inner]
-    at = strength[rows, columns]
-    direction = np.column_stack([by_x[rows, columns], by_y[rows, columns]]) / at[:, None]
-    before = interpolate_bilinear(strength, columns - direction[:, 0], rows - direction[:, 1])
-    after = interpolate_bilinear(strength, columns + direction[:, 0], rows + direction[:, 1])
-    bend = before - 2.0 * at + after
-    peak = (at >= before) & (at > after) & (bend < 0.0)
-    offset = 0.5 * (before - after)[peak] / bend[peak]
+    edge_strength = strength[rows, columns]
+    direction = np.column_stack([by_x[rows, columns], by_y[rows, columns]]) / edge_strength[:, None]
+    previous_strength = interpolate_bilinear(strength, columns - direction[:, 0], rows - direction[:, 1])
+    next_strength = interpolate_bilinear(strength, columns + direction[:, 0], rows + direction[:, 1])
+    bend = previous_strength - 2.0 * edge_strength + next_strength
+    peak = (edge_strength >= previous_strength) & (edge_strength > next_strength) & (bend < 0.0)
+    offset = 0.5 * (previous_strength - next_strength)[peak] / bend[peak]
     xy = np.column_stack([columns, rows])[peak] + offset[:, None] * direction[peak]
-    near = np.abs(offset) <= 0.7
-    return EdgePoints(xy[near], direction[peak][near], at[peak][near])
+    is_subpixel = np.abs(offset) <= 0.7
+    return EdgePoints(xy[is_subpixel], direction[peak][is_subpixel], edge_strength[peak][is_subpixel])
 
 
-def find_straight_segments(points: EdgePoints, shortest_px: float, most: int = 40) -> list[np.ndarray]:
+def find_straight_segments(points: EdgePoints, shortest_px: float, limit: int = 40) -> list[np.ndarray]:
     """Return the indices of the points of each straight segment, longest first; no point is in two segments."""
     free = np.ones(len(points), dtype=bool)
     segments: list[np.ndarray] = []
@@ -231,7 +231,7 @@ def find_straight_segments(points: EdgePoints, shortest_px: float, most: int = 4
         if len(run) >= 3 and np.ptp(along) >= shortest_px:
             segments.append(run)
             free[run] = False
-            if len(segments) == most:
+            if len(segments) == limit:
                 break
         else:
             free[seed] = False
@@ -244,9 +244,9 @@ def _grow_segment(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray
     run = np.array([seed])
     for _ in range(3):
         offset = points.xy - centre
-        near = free & (np.abs(offset @ normal) < LINES.line_distance_px)
-        near &= points.direction @ normal > np.cos(np.radians(LINES.direction_deg))
-        candidates = np.flatnonzero(near)
+        is_near = free & (np.abs(offset @ normal) < LINES.line_distance_px)
+        is_near &= points.direction @ normal > np.cos(np.radians(LINES.direction_deg))
+        candidates = np.flatnonzero(is_near)
         if len(candidates) < 3:
             return candidates
         along = offset[candidates] @ np.array([-normal[1], normal[0]])

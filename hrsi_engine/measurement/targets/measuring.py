@@ -162,21 +162,21 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
     )
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
-    wanted = CentreOptions(options.smallest_px, options.largest_px, quality=TARGETS.smallest_quality)
-    found, worth = [], []
-    for centre in find_gravity_centres(window, statistics, wanted):
+    centre_options = CentreOptions(options.smallest_px, options.largest_px, quality=TARGETS.smallest_quality)
+    candidates, worth = [], []
+    for centre in find_gravity_centres(window, statistics, centre_options):
         # A weak object must cover the position, otherwise a neighbouring object is taken for an invisible target
-        away, is_strong = float(np.hypot(*(centre.xy - approximate))), centre.quality >= CENTRE.strong_quality
+        distance, is_strong = float(np.hypot(*(centre.xy - approximate))), centre.quality >= CENTRE.strong_quality
         limit = options.search_px if is_strong else min(options.search_px, float(centre.size_px[0]) / 2.0)
-        if away <= limit and centre.sigma_px <= TARGETS.largest_sigma_px:
-            found.append(centre)
-            worth.append(centre.quality + 0.2 * (centre.kind == "ellipse") - 0.7 * away / options.search_px)
-    if not found:
+        if distance <= limit and centre.sigma_px <= TARGETS.largest_sigma_px:
+            candidates.append(centre)
+            worth.append(centre.quality + 0.2 * (centre.kind == "ellipse") - 0.7 * distance / options.search_px)
+    if not candidates:
         raise SolveError(
             f"no clear closed object of {options.smallest_px:g} to {options.largest_px:g} px lies within "
             f"{options.search_px:g} px"
         )
-    best = found[int(np.argmax(worth))]
+    best = candidates[int(np.argmax(worth))]
     if best.kind == "ellipse":  # fitted again, robust against stray edge points
         return _report_ellipse(fit_ellipse_robust(best.outline), best.outline, best.quality)
     is_used = np.ones(len(best.outline), dtype=bool)
@@ -248,38 +248,40 @@ def _rate_corner(
 
     None if they do not form a corner.
     """
-    one, other = (_select_edge_part(points.xy[segment], rough) for segment in (first, second))
-    if one is None or other is None:
+    one, second_edge = (_select_edge_part(points.xy[segment], rough) for segment in (first, second))
+    if one is None or second_edge is None:
         return None
     try:
-        corner = intersect_lines(*(fit_line(part, tolerance_px=TARGETS.stray_px) for part in (one, other)))
+        corner = intersect_lines(*(fit_line(part, tolerance_px=TARGETS.stray_px) for part in (one, second_edge)))
     except SolveError:
         return None
-    away = float(np.hypot(*(corner.position - approximate)))
-    good = corner.angle_deg >= TARGETS.smallest_angle_deg and corner.rmse_px <= TARGETS.largest_rmse_px
-    good &= all(_measure_turn_deg(points, segment, rough) < TARGETS.largest_turn_deg for segment in (first, second))
-    if away > search_px or not good or corner.sigma_px > TARGETS.largest_sigma_px:
+    distance = float(np.hypot(*(corner.position - approximate)))
+    is_acceptable = corner.angle_deg >= TARGETS.smallest_angle_deg and corner.rmse_px <= TARGETS.largest_rmse_px
+    is_acceptable &= all(
+        _measure_turn_deg(points, segment, rough) < TARGETS.largest_turn_deg for segment in (first, second)
+    )
+    if distance > search_px or not is_acceptable or corner.sigma_px > TARGETS.largest_sigma_px:
         return None
     lengths = [min(np.ptp(line.reach_px), TARGETS.far_px) for line in corner.lines]
     strength = [float(np.median(points.strength[segment])) for segment in (first, second)]
     score = (
         min(lengths) / TARGETS.far_px
         + 0.5 * sum(strength) / (2.0 * float(points.strength.max()))
-        - 1.2 * away / search_px
+        - 1.2 * distance / search_px
     )
-    return score, corner, np.concatenate([one, other])
+    return score, corner, np.concatenate([one, second_edge])
 
 
 def _measure_turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> float:
     """Return the change of gradient direction along an edge near its corner, which is large for chords of a circle."""
     distance = np.hypot(*(points.xy[segment] - corner).T)
-    near = distance <= TARGETS.far_px
-    direction = points.direction[segment][near]
+    is_near = distance <= TARGETS.far_px
+    direction = points.direction[segment][is_near]
     if len(direction) < 4:
         return 0.0
     mean = direction.mean(axis=0)
     angle = np.degrees(np.arctan2(mean[0] * direction[:, 1] - mean[1] * direction[:, 0], direction @ mean))
-    return float(abs(np.polyfit(distance[near], angle, 1)[0]) * np.ptp(distance[near]))
+    return float(abs(np.polyfit(distance[is_near], angle, 1)[0]) * np.ptp(distance[is_near]))
 
 
 def _select_edge_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
@@ -291,13 +293,13 @@ def _select_edge_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
     one_side = (xy - corner) @ direction > 0.0
     if np.sum(~one_side & (distance > TARGETS.end_px)) > 0.3 * len(xy):  # the edge continues: a crossing
         return None
-    chosen = one_side & (distance >= TARGETS.near_px) & (distance <= TARGETS.far_px)
-    part = xy[chosen]
-    return part if len(part) >= 3 and np.ptp(distance[chosen]) >= TARGETS.shortest_edge_px - TARGETS.near_px else None
+    selected = one_side & (distance >= TARGETS.near_px) & (distance <= TARGETS.far_px)
+    part = xy[selected]
+    return part if len(part) >= 3 and np.ptp(distance[selected]) >= TARGETS.shortest_edge_px - TARGETS.near_px else None
 
 
 def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) -> TargetMeasurement:
-    used, curves = np.concatenate([line.used for line in corner.lines]), []
+    inliers, curves = np.concatenate([line.used for line in corner.lines]), []
     for line in corner.lines:  # from the corner to the far end of the used part of the line
         ends = line.centroid + np.outer(line.reach_px, line.direction)
         curves.append(
@@ -305,7 +307,7 @@ def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) ->
         )
     quality = 1.0 / (1.0 + corner.rmse_px / 0.2)
     return TargetMeasurement(
-        TARGET_CORNER, corner.position + origin, corner.covariance_px2, corner.rmse_px, edges + origin, used,
+        TARGET_CORNER, corner.position + origin, corner.covariance_px2, corner.rmse_px, edges + origin, inliers,
         tuple(curves), quality,
     )  # fmt: skip
 

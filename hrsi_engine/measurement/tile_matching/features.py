@@ -38,13 +38,13 @@ class SiftFeatures(NamedTuple):
     descriptors: np.ndarray
 
 
-def detect_sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> SiftFeatures:
+def detect_sift_features(grey: np.ndarray, valid: np.ndarray, limit: int) -> SiftFeatures:
     """Return the strongest SIFT features (Lowe 2004) of a window."""
     byte = stretch_to_byte(grey, valid)
     if byte is None:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
     usable = erode(valid, FEATURES.valid_px)
-    sift = load_opencv().SIFT_create(nfeatures=most, contrastThreshold=FEATURES.contrast, enable_precise_upscale=True)
+    sift = load_opencv().SIFT_create(nfeatures=limit, contrastThreshold=FEATURES.contrast, enable_precise_upscale=True)
     points, descriptors = sift.detectAndCompute(byte, None if usable.all() else usable.view(np.uint8))
     if not points:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))

@@ -196,8 +196,8 @@ def _find_seeds(task: _Task) -> _Seeds:
 
     Without features, all points are returned with displacement 0.
     """
-    frame, most = task.frame, task.options.features
-    if not most:
+    frame, limit = task.frame, task.options.features
+    if not limit:
         return _Seeds(task.points, np.zeros((len(task.points), 2)))
     overview_matches = frame.geometry.seeds
     if overview_matches is not None:
@@ -212,9 +212,9 @@ def _find_seeds(task: _Task) -> _Seeds:
     # features of the first tile are used for all partners; the ratio test is lenient, since the geometry is tested
     first_tile, second_tile = frame.first, frame.resampled
     first_features = first_tile.compute_once(
-        ("sift", most), lambda: detect_sift_features(first_tile.pixels, first_tile.valid, most)
+        ("sift", limit), lambda: detect_sift_features(first_tile.pixels, first_tile.valid, limit)
     )
-    second_features = detect_sift_features(second_tile.pixels, second_tile.valid, most)
+    second_features = detect_sift_features(second_tile.pixels, second_tile.valid, limit)
     ours, theirs = (compute_root_sift(features.descriptors) for features in (first_features, second_features))
     i, j = match_descriptors(ours, theirs, FEATURES.lenient_ratio)
     first, second = first_features.xy[i], second_features.xy[j] + second_tile.origin_px

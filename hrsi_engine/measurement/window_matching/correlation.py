@@ -21,19 +21,19 @@ def correlate_template(template: np.ndarray, area: np.ndarray) -> np.ndarray:
 
     The first element is for the template at the first pixels of the area; -1 for places without contrast.
     """
-    own = template.astype(np.float64)
-    own -= own.mean()
-    other = area.astype(np.float64)
-    other -= other.mean()
+    template_values = template.astype(np.float64)
+    template_values -= template_values.mean()
+    area_values = area.astype(np.float64)
+    area_values -= area_values.mean()
     size = [fft.next_fast_len(length, real=True) for length in area.shape]
-    product = fft.rfft2(other, size) * np.conj(fft.rfft2(own, size))
+    product = fft.rfft2(area_values, size) * np.conj(fft.rfft2(template_values, size))
     lines, samples = (a - t + 1 for a, t in zip(area.shape, template.shape, strict=True))
     sums = fft.irfft2(product, size)[:lines, :samples]
     shape = template.shape[0], template.shape[1]
-    squares = sum_windows(other**2, shape) - sum_windows(other, shape) ** 2 / template.size
-    known = squares > MATCHING.least_contrast * template.size * np.mean(other**2)
-    norm = np.sqrt(np.sum(own**2) * np.where(known, squares, 1.0))
-    return np.where(known & (norm > 0.0), sums / np.maximum(norm, 1e-300), -1.0)
+    squares = sum_windows(area_values**2, shape) - sum_windows(area_values, shape) ** 2 / template.size
+    has_contrast = squares > MATCHING.least_contrast * template.size * np.mean(area_values**2)
+    norm = np.sqrt(np.sum(template_values**2) * np.where(has_contrast, squares, 1.0))
+    return np.where(has_contrast & (norm > 0.0), sums / np.maximum(norm, 1e-300), -1.0)
 
 
 def sum_windows(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -80,24 +80,28 @@ def correlate_fields(template: np.ndarray, search: np.ndarray) -> np.ndarray:
 
 def correlate_orientations(template: np.ndarray, search: np.ndarray) -> np.ndarray:
     """Return the normalised correlation, -1 to 1, at every shift; 0 if there is nothing to compare."""
-    own = float(np.square(np.abs(template)).sum())
-    below = sum_windows(np.square(np.abs(search)), (template.shape[0], template.shape[1]))
-    energy = np.maximum(below, 0.25 * own)  # lower limit, so that half empty windows are not preferred
-    return correlate_fields(template, search) / np.sqrt(max(own, 1e-12) * np.maximum(energy, 1e-12))
+    template_energy = float(np.square(np.abs(template)).sum())
+    window_energy = sum_windows(np.square(np.abs(search)), (template.shape[0], template.shape[1]))
+    energy = np.maximum(
+        window_energy, 0.25 * template_energy
+    )  # lower limit, so that half empty windows are not preferred
+    return correlate_fields(template, search) / np.sqrt(max(template_energy, 1e-12) * np.maximum(energy, 1e-12))
 
 
-def find_correlation_peak(surface: np.ndarray, apart: int = 3) -> CorrelationPeak:
+def find_correlation_peak(surface: np.ndarray, separation: int = 3) -> CorrelationPeak:
     """Return the peak of a correlation surface; ``shift`` is counted from its first element.
 
-    Rivals are peaks more than ``apart`` elements away.
+    Rivals are peaks more than ``separation`` elements away.
     """
     row, column = np.unravel_index(int(np.argmax(surface)), surface.shape)
     best = float(surface[row, column])
     middle = float(np.median(surface))
     spread = float(robust_sigma(surface - middle))
-    rest = surface.copy()
-    rest[max(row - apart, 0) : row + apart + 1, max(column - apart, 0) : column + apart + 1] = -np.inf
-    second = float(rest.max())
+    outside = surface.copy()
+    outside[
+        max(row - separation, 0) : row + separation + 1, max(column - separation, 0) : column + separation + 1
+    ] = -np.inf
+    second = float(outside.max())
     shift = np.array([column, row], dtype=np.float64) + locate_vertex(surface, int(row), int(column))
     return CorrelationPeak(
         shift, best, (best - middle) / max(spread, 1e-12), second / best if best > 0.0 and np.isfinite(second) else 0.0
@@ -109,8 +113,8 @@ def locate_vertex(surface: np.ndarray, row: int, column: int) -> np.ndarray:
     result = np.zeros(2)
     for axis, (place, line) in enumerate(((column, surface[row]), (row, surface[:, column]))):
         if 0 < place < len(line) - 1:
-            below, here, above = line[place - 1 : place + 2]
-            curvature = below - 2.0 * here + above
+            previous, centre, above = line[place - 1 : place + 2]
+            curvature = previous - 2.0 * centre + above
             if curvature < 0.0:
-                result[axis] = 0.5 * (below - above) / curvature
+                result[axis] = 0.5 * (previous - above) / curvature
     return np.clip(result, -0.5, 0.5)

@@ -62,9 +62,9 @@ def match_patches(
         size = np.ceil(half * np.abs(shape[matched]).sum(axis=2).max(axis=1)).astype(np.int64) + 1
         pixel = np.floor(xy[matched] + 0.5).astype(np.int64)
         for reach in np.unique(size):
-            here = matched[size == reach]
+            rows_of_size = matched[size == reach]
             column, row = pixel[size == reach].T
-            status[here[~second.mask_clear(int(reach))[row, column]]] = OUTSIDE
+            status[rows_of_size[~second.mask_clear(int(reach))[row, column]]] = OUTSIDE
     # The order of sums in compiled loops depends on memory addresses. Differences far below a millionth of a pixel are
     # rounded off, so that threads, processes and interrupted runs give equal points
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)

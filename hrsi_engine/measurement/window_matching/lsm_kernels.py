@@ -70,11 +70,11 @@ def _solve(L: np.ndarray, b: np.ndarray) -> None:
 
 
 @njit(**OPTIONS)
-def _sum_products(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> float:
+def _sum_products(one: np.ndarray, second: np.ndarray, weight: np.ndarray) -> float:
     """Return the weighted sum of products of two arrays."""
     total = 0.0
     for k in range(len(weight)):
-        total += one[k] * other[k] * weight[k]
+        total += one[k] * second[k] * weight[k]
     return total
 
 
@@ -102,7 +102,7 @@ def _make_template(
 
 
 @njit(**OPTIONS)
-def _sample_window(c: np.ndarray, warp: tuple[float, ...], half: int, seen: np.ndarray) -> bool:
+def _sample_window(c: np.ndarray, warp: tuple[float, ...], half: int, sampled: np.ndarray) -> bool:
     """Write the warped window of the second image; return False, and write nothing, if it exceeds the image.
 
     c : spline coefficients; warp : position x, y, then the affine map a00, a01, a10, a11 of the template's offsets
@@ -115,7 +115,7 @@ def _sample_window(c: np.ndarray, warp: tuple[float, ...], half: int, seen: np.n
         pixel = 0
         for j in range(-half, half + 1):
             for i in range(-half, half + 1):
-                seen[pixel] = _sample(c, px + a00 * i + a01 * j, py + a10 * i + a11 * j)
+                sampled[pixel] = _sample(c, px + a00 * i + a01 * j, py + a10 * i + a11 * j)
                 pixel += 1
     return inside
 
@@ -139,22 +139,22 @@ def _invert_step(b: np.ndarray, half: int) -> tuple[bool, tuple[float, ...]]:
 @njit(**OPTIONS)
 def _iterate_warp(
     A: np.ndarray, L: np.ndarray, weight: np.ndarray, coefficients: np.ndarray, warp: tuple[float, ...], limits: Arrays,
-    b: np.ndarray, seen: np.ndarray,
+    b: np.ndarray, sampled: np.ndarray,
 ) -> tuple[int, tuple[float, ...], float, float]:  # fmt: skip
     """Return status and final warp of a window, the spread of its grey values, and their product with the template.
 
     L : Cholesky factor of the normal matrix; ``b (8,)`` and ``seen (pixels,)`` are set to solution and grey values.
     """
-    most, closure, reach = limits
+    limit, closure, reach = limits
     half, total_weight = int(math.sqrt(len(weight))) // 2, weight.sum()
     start_x, start_y = warp[0], warp[1]
     spread = product = 0.0
-    for _ in range(most):
-        if not _sample_window(coefficients, warp, half, seen):
+    for _ in range(limit):
+        if not _sample_window(coefficients, warp, half, sampled):
             return OUTSIDE, warp, spread, product
         for k in range(TERMS):
-            b[k] = _sum_products(A[k], seen, weight)
-        spread = _sum_products(seen, seen, weight) - b[7] / total_weight * b[7]
+            b[k] = _sum_products(A[k], sampled, weight)
+        spread = _sum_products(sampled, sampled, weight) - b[7] / total_weight * b[7]
         product = b[6]  # the mean of the template's grey values is 0
         _solve(L, b)
         if not b[6] > SMALLEST_GAIN:
@@ -206,7 +206,7 @@ def match_range(
     xy, affine, covariance, figures, status = results
     side = weight.shape[0]
     A, N = np.empty((TERMS, side * side)), np.empty((TERMS, TERMS))
-    b, seen = np.empty(TERMS), np.empty(side * side)
+    b, sampled = np.empty(TERMS), np.empty(side * side)
     weight = weight.ravel()
     total_weight = weight.sum()
     for n in range(begin, end):
@@ -216,11 +216,11 @@ def match_range(
             status[n] = WEAK
             continue
         warp = (xy[n, 0], xy[n, 1], affine[n, 0, 0], affine[n, 0, 1], affine[n, 1, 0], affine[n, 1, 1])
-        status[n], warp, spread, product = _iterate_warp(A, N, weight, coefficients, warp, limits, b, seen)
+        status[n], warp, spread, product = _iterate_warp(A, N, weight, coefficients, warp, limits, b, sampled)
         if status[n] == ITERATIONS_USED_UP or status[n] == DONE:
             for k in range(TERMS):
-                seen -= A[k] * b[k]
-            squares = _sum_products(seen, seen, weight) / total_weight
+                sampled -= A[k] * b[k]
+            squares = _sum_products(sampled, sampled, weight) / total_weight
             figures[n, 0] = product / math.sqrt(max(variance * spread, 1e-30))
             figures[n, 1] = b[6]
             figures[n, 2] = math.sqrt(squares)
@@ -273,20 +273,20 @@ def _multiply_windows(template: np.ndarray, second: np.ndarray, x: int, y: int, 
     """
     products[:] = 0.0
     for b in range(template.shape[0]):
-        row, own = second[y + b], template[b]
+        row, template_row = second[y + b], template[b]
         q0 = q1 = q2 = q3 = q4 = q5 = q6 = q7 = np.float32(0.0)
         place = np.uintp(x)
         for a in range(np.uintp(template.shape[1])):
-            t = own[a]
-            at = place + a
-            q0 += t * row[at]
-            q1 += t * row[at + np.uintp(1)]
-            q2 += t * row[at + np.uintp(2)]
-            q3 += t * row[at + np.uintp(3)]
-            q4 += t * row[at + np.uintp(4)]
-            q5 += t * row[at + np.uintp(5)]
-            q6 += t * row[at + np.uintp(6)]
-            q7 += t * row[at + np.uintp(7)]
+            t = template_row[a]
+            start = place + a
+            q0 += t * row[start]
+            q1 += t * row[start + np.uintp(1)]
+            q2 += t * row[start + np.uintp(2)]
+            q3 += t * row[start + np.uintp(3)]
+            q4 += t * row[start + np.uintp(4)]
+            q5 += t * row[start + np.uintp(5)]
+            q6 += t * row[start + np.uintp(6)]
+            q7 += t * row[start + np.uintp(7)]
         products[0] += q0
         products[1] += q1
         products[2] += q2
@@ -327,8 +327,8 @@ def _find_rival(score: np.ndarray, size: int, column: int, row: int) -> tuple[fl
     inside = 0 < column < size - 1 and 0 < row < size - 1
     for j in range(size):
         for i in range(size):
-            near = max(abs(i - column), abs(j - row))
-            if near > RIVAL_PX and score[j, i] > rival:
+            separation = max(abs(i - column), abs(j - row))
+            if separation > RIVAL_PX and score[j, i] > rival:
                 peak = True
                 for b in range(max(j - 1, 0), min(j + 2, size)):
                     for a in range(max(i - 1, 0), min(i + 2, size)):
@@ -336,7 +336,7 @@ def _find_rival(score: np.ndarray, size: int, column: int, row: int) -> tuple[fl
                             peak = False
                 if peak:
                     rival = score[j, i]
-            if near == 1 and score[j, i] < -1.5:
+            if separation == 1 and score[j, i] < -1.5:
                 inside = False
     return rival, inside
 
@@ -362,7 +362,7 @@ def search_range(
         x0, y0 = round(predicted[n, 0]) - size // 2, round(predicted[n, 1]) - size // 2
         top, at_i, at_j = -2.0, -1, -1
         for j in range(size):
-            known = -1  # the last position whose product is computed
+            computed = -1  # the last position whose product is computed
             for i in range(size):
                 score[j, i] = -2.0
                 dx, dy = x0 + i - predicted[n, 0], y0 + j - predicted[n, 1]
@@ -373,12 +373,12 @@ def search_range(
                 x, y = x0 + i, y0 + j
                 if x < half or y < half or x >= columns - half or y >= rows - half or not clear[y, x]:
                     continue
-                if i > known:
+                if i > computed:
                     _multiply_windows(template, second, x - half, y - half, products)
-                    known = i + SIDE_BY_SIDE - 1
+                    computed = i + SIDE_BY_SIDE - 1
                 value = 0.0
                 if spreads[y, x] > 0.0:
-                    value = products[i - known + SIDE_BY_SIDE - 1] / math.sqrt(max(norm * spreads[y, x], 1e-20))
+                    value = products[i - computed + SIDE_BY_SIDE - 1] / math.sqrt(max(norm * spreads[y, x], 1e-20))
                 score[j, i] = value
                 if value > top:
                     top, at_i, at_j = value, i, j
