@@ -165,7 +165,7 @@ class GaussNewton:
         """Return the same state with new robust factors and new weights of the external observations."""
         weighting = at.weighting
         for source in self.external:
-            # only one of them observes a coordinate: the others' priors still belong to the cofactors
+            # the cofactors belong to the priors of coordinates that no source before it has observed again
             points = source.add_to_priors(weighting.points, at.state.ground, at.normals.inverse)
             weighting = replace(weighting, points=points)
         t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)

@@ -117,6 +117,8 @@ class DatumPart:
     leave_one_out : ratio of the leave-one-out errors of the GCPs to the predicted ones, at least 1; the figures above
         include it, and the difference of few contradicting GCPs
     apart : the two of few GCPs with the largest contradiction, or None
+    gsd_m, base_to_height : the largest GSD and base-to-height ratio of the images
+    undetermined : those of ``ce90_m`` and ``le90_m`` that are too large for these (`AREA_ACCURACY`)
     """
 
     images: tuple[str, ...]
@@ -130,6 +132,9 @@ class DatumPart:
     parallel: tuple[str, ...] = ()
     leave_one_out: float = 1.0
     apart: ContradictingGcps | None = None
+    gsd_m: float = float("nan")
+    base_to_height: float = float("nan")
+    undetermined: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

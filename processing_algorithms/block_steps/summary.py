@@ -30,7 +30,15 @@ def summarise(report: Report) -> str:
         lines.append(f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}")
     check, ties, outliers = report["check"], report["ties"], report["outliers"]
     if check["ce90_m"] is not None:
-        lines.append(f"check: CE90 {format_digits(check['ce90_m'])} m, LE90 {format_digits(check['le90_m'])} m")
+        lines.append(
+            f"check: {_format_accuracy(check)}; predicted, with their survey errors: {_format_accuracy(check['predicted'])}"
+        )
+    lines += [
+        f"{part['image_count']} images, predicted for points measured in them, without survey errors: "
+        f"{_format_accuracy(part)}{'' if part['gcps'] else ' (absolute accuracy from the error terms of the RPCs)'}"
+        for part in report["parts"][: LENGTH.most_parts]
+        if part["ce90_m"] is not None
+    ]
     if ties["points"]:
         lines.append(
             f"tie points: {ties['points']}, {ties['observations']} observations, RMSE "
@@ -53,12 +61,6 @@ def summarise(report: Report) -> str:
             f"wrong matches, RMSE {rmse}, from epipolar lines {epipolar} (in brackets: tie points of the adjustment)"
         )
     lines += [
-        f"{part['image_count']} images without GCPs: absolute accuracy from the error terms of the RPCs CE90 "
-        f"{format_digits(part['ce90_m'])} m, LE90 {format_digits(part['le90_m'])} m"
-        for part in report["parts"][: LENGTH.most_parts]
-        if not part["gcps"] and part["ce90_m"] is not None
-    ]
-    lines += [
         f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma"
         for row in outliers[: LENGTH.most_outliers]
     ]
@@ -74,6 +76,10 @@ def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
     for reason in reversed(verdict["reasons"]):
         lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
     return [*lines, f"{verdict['sentence']}. Verdict: {verdict['level']}"]
+
+
+def _format_accuracy(figures: Mapping[str, Any]) -> str:
+    return f"CE90 {format_digits(figures['ce90_m'])} m, LE90 {format_digits(figures['le90_m'])} m"
 
 
 def format_digits(value: float | None) -> str:

@@ -1,8 +1,9 @@
 """Predicted accuracy of the ground points of each part of a block: its main figure if there are no check points.
 
-The figures are those of points without a survey, over the area (`precision.predict_accuracy`): of tie points, or else
-of check points. For a part that has only GCPs they are those of each GCP predicted by all observations except its own
-survey. With the cofactors Q of its adjusted position and the weights P of its survey these are exactly
+The figures are those of points without a survey, over the area (`precision.predict_accuracy`): of tie points. For a
+part without tie points they are those of its check points and of each GCP predicted by all observations except its own
+survey, so that they do not depend on which of its points are check points. With the cofactors Q of a GCP's adjusted
+position and the weights P of its survey these are exactly
 
     (Q^-1 - P)^-1
 
@@ -19,7 +20,7 @@ import numpy as np
 from scipy import special
 
 from ...block.block import Image
-from ...block.pointing import estimate_pointing
+from ...block.pointing import compute_gsds_m, estimate_pointing
 from ...foundation.large_arrays import finite_rows
 from ...foundation.statistical_limits import SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
@@ -28,11 +29,21 @@ from ..gauss_newton import Solution
 from ..preparation.parts import Part
 from ..preparation.problem import Problem
 from ..result import ContradictingGcps, DatumPart
-from ..starting_values.weak_geometry import RAY_GEOMETRY
+from ..starting_values.weak_geometry import RAY_GEOMETRY, compute_base_to_height
 from ..statistics.precision import Precision, predict_accuracy
 
 MOST_POINTS = 4000  # of a part, from which its accuracy is computed
 AREA_CELLS = 20  # along each side of the area of a part
+
+
+@thresholds
+class AREA_ACCURACY:
+    """Limit of a predicted accuracy that says nothing of the images' pixels."""
+
+    determined_gsds: float = threshold(
+        500.0, "GSD", "largest CE90 of a determined plan, and LE90 over B/H of determined heights", "RPCs with 50 m "
+        "(CE90) and pixels of 1 m at B/H 0.5: LE90 110 m, 220 GSD"
+    )  # fmt: skip
 
 
 @thresholds
@@ -73,7 +84,7 @@ def describe_parts(
     ids, parts = problem.block.points.ids[observations.points], []
     for part in problem.parts:
         here = known & np.isin(first_image, part.images)
-        candidates = next((one for one in (here & ties, here & ~located) if one.any()), here)
+        candidates = here & ties if (here & ties).any() else here
         if not finest.all() and (candidates & on_finest).any():
             candidates &= on_finest
         left_out = candidates & parallel if (candidates & ~parallel).any() else np.zeros_like(candidates)
@@ -93,12 +104,18 @@ def describe_parts(
             area = predict_accuracy(widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weight)
         sigma = [area[name] for name in ("rmse_east_m", "rmse_north_m", "rmse_height_m")]
         east, north, height = (np.nan if value is None else value for value in sigma)
+        images = [observations.images[k] for k in part.images]
+        gsd_m, base_to_height = float(compute_gsds_m(images).max()), compute_base_to_height(images)
+        limits_m = {"ce90_m": AREA_ACCURACY.determined_gsds * gsd_m}
+        if problem.height_observations is None:  # heights by rays
+            limits_m["le90_m"] = AREA_ACCURACY.determined_gsds * gsd_m * base_to_height
         parts.append(
             DatumPart(
-                tuple(observations.images[k].id for k in part.images), part.gcps, part.ties,
+                tuple(image.id for image in images), part.gcps, part.ties,
                 float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
                 (east, north, height), area["ce90_m"], area["le90_m"], len(chosen),
-                tuple(ids[left_out].tolist()), widened, apart,
+                tuple(ids[left_out].tolist()), widened, apart, gsd_m, base_to_height,
+                tuple(name for name, limit_m in limits_m.items() if (area[name] or 0.0) > limit_m),
             )
         )  # fmt: skip
     return tuple(parts)

@@ -66,9 +66,12 @@ class Problem:
 
     @property
     def position_observations(self) -> tuple[PositionObservations, ...]:
-        """External observations other than surveys, which are tested again in every round."""
+        """External observations other than surveys, which are tested again in every round.
+
+        The relief comes first: it removes the effect of the heights, by the weights with which they were used so far.
+        """
         optional = (self.height_observations, self.plan_observations)
-        return (*(one for one in optional if one is not None), *self.surface_plans)
+        return (*self.surface_plans, *(one for one in optional if one is not None))
 
     @cached_property
     def plan_observations(self) -> PlanObservations | None:

@@ -4,9 +4,11 @@ Rays that determine a height within the RPC's range get no prior: thousands of p
 block to the middle of that range. Only points on more parallel rays get a prior there.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from ...block.block import stack_rpcs
+from ...block.block import Image, stack_rpcs
 from ...foundation.errors import list_ids
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.ground_area import compute_px_per_m
@@ -15,11 +17,33 @@ from ..equations import PointPriors
 from ..observations import Observations
 
 
+DIRECTIONS = 16  # of the base in plan, of which the largest is within 0.5 %
+
+
 @thresholds
 class RAY_GEOMETRY:
     """Limit for rays that determine a height."""
 
     weak_angle_deg: float = threshold(3.0, "°", "smallest convergence angle for a reliable height", "1 / tan 3° = 19")
+
+
+def compute_ray_directions(images: Sequence[Image]) -> np.ndarray:
+    """Return unit vectors ``(images, 3)`` east, north, up of the rays at the images' centres.
+
+    Across a scene the direction changes by at most a degree.
+    """
+    stack = stack_rpcs(images)
+    _, at = stack.project_with_metric_jacobian(np.arange(len(images)), stack.middles())
+    ray = np.cross(at[:, 0], at[:, 1])
+    return np.asarray(ray * np.sign(ray[:, 2:]) / np.linalg.norm(ray, axis=1, keepdims=True))
+
+
+def compute_base_to_height(images: Sequence[Image]) -> float:
+    """Return the largest base-to-height ratio of images: the distance of their rays at unit height."""
+    direction = compute_ray_directions(images)
+    angle = np.arange(DIRECTIONS) * (np.pi / DIRECTIONS)
+    across = direction[:, :2] / direction[:, 2:] @ np.stack([np.cos(angle), np.sin(angle)])
+    return float(np.ptp(across, axis=0).max())
 
 
 def set_point_priors(
@@ -36,14 +60,9 @@ def set_point_priors(
         priors.target[found, 2], priors.weight[found, 2] = heights[found], 1.0 / sigma_dem_m**2
         priors.observed[found, 2] = True
         unknown &= ~found
-    # The largest angle between rays of each point, twice the largest from their mean, (m,). The direction of an image's
-    # rays is that at its centre; it changes by at most a degree across a scene.
-    stack = stack_rpcs(observations.images)
-    _, at = stack.project_with_metric_jacobian(np.arange(len(observations.images)), stack.middles())
-    ray = np.cross(at[:, 0], at[:, 1])
-    direction = ray * np.sign(ray[:, 2:]) / np.linalg.norm(ray, axis=1, keepdims=True)
+    # The largest angle between rays of each point, twice the largest from their mean, (m,)
     first = observations.first[:-1]
-    seen = direction[observations.image]
+    seen = compute_ray_directions(observations.images)[observations.image]
     mean = np.add.reduceat(seen, first, axis=0)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     cosine = np.einsum("ni,ni->n", seen, mean[observations.point])

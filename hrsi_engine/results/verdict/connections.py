@@ -1,11 +1,11 @@
 """Connection of each image to the block: rejected tie points, too few tie points, parts without GCPs, corners."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from ...block.block import Role
-from ...block.pointing import compute_gsds_m
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
@@ -23,9 +23,6 @@ class CONNECTION:
         4, "points", "fewest tie points of an image without GCPs: two determine its shift, two reveal an error"
     )
     fewest_of_pair: int = threshold(8, "points", "fewest common points of two images that are tested")
-    accuracy_gsds: float = threshold(
-        150.0, "GSD", "largest predicted CE90 and LE90 without a message", "unknown sensor (12 px) at B/H 0.2"
-    )
 
 
 def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
@@ -103,24 +100,23 @@ def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_undetermined_accuracy(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for parts whose predicted accuracy in plan or height is many pixels."""
-    block = evidence.result.block
-    gsds = dict(zip([image.id for image in block.images], compute_gsds_m(block.images).tolist(), strict=True))
+    """Yield the reason for parts whose predicted accuracy is too large for the pixels and base of the images."""
     for part in evidence.result.parts:
-        gsd = max(gsds[name] for name in part.images)
-        undetermined = [
-            f"{what} ({name} {value:.0f} m, {value / gsd:.0f} times the GSD)"
-            for what, name, value in (("plan", "CE90", part.ce90_m), ("height", "LE90", part.le90_m))
-            if value is not None and value > CONNECTION.accuracy_gsds * gsd
-        ]
-        if undetermined:
+        if part.undetermined:
             yield Reason(
                 "not-determined", Level.DOUBTFUL,
-                f"the observations of {list_ids(part.images)} do not determine {' and '.join(undetermined)}: the RPCs "
-                "are not accurate enough for rays that converge so little",
+                f"the observations of {list_ids(part.images)} do not determine the "
+                f"{' and the '.join(describe_undetermined(part.undetermined, vars(part)))}",
                 "measure GCPs, give a DEM with `sigma_dem_m`, or add an image from another direction",
                 images=part.images,
             )  # fmt: skip
+
+
+def describe_undetermined(keys: Sequence[str], part: Mapping[str, Any]) -> list[str]:
+    """Return texts on the plan or height that the observations do not determine; ``part`` has figures by key."""
+    texts = {"ce90_m": "position in plan (CE90 {:.0f} m, {:.0f} times the GSD)",
+             "le90_m": "height (LE90 {:.0f} m, {:.0f} times the GSD, at a base-to-height ratio of {:.2g})"}  # fmt: skip
+    return [texts[key].format(part[key], part[key] / part["gsd_m"], part["base_to_height"]) for key in keys]
 
 
 ON_CONNECTIONS = (

@@ -190,9 +190,15 @@ def _describe_prediction(report: Mapping[str, Any]) -> str:
         return ""
     if part["ce90_m"] is None:
         return "CE90 is not determined by the observations"
-    told = ", ".join(f"{name} {format_figure(part[k])} m" for name, k in ACCURACIES.items() if part[k] is not None)
+    determined = [
+        f"{name} {format_figure(part[key])} m"
+        for name, key in ACCURACIES.items()
+        if part[key] is not None and key not in part["undetermined"]
+    ]
+    texts = [f"predicted {', '.join(determined)}"] if determined else []
+    texts += [f"not determined: {text}" for text in connections.describe_undetermined(part["undetermined"], part)]
     of_gcps = " (by leave-one-out of the GCPs)" if part["leave_one_out"] > 1.0 else ""
-    return f"predicted {told}{of_gcps}"
+    return f"{'; '.join(texts)}{of_gcps}"
 
 
 #: Accuracy measures: key of the report.
