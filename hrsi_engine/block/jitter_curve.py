@@ -5,7 +5,7 @@ in the image at ``p + c``.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,6 +69,19 @@ class JitterEstimate:
                 here, curve = np.flatnonzero(image == number), self.curves[name]
                 moved[here] = curve.remove_from(xy[here]) if remove else xy[here] + curve.evaluate(xy[here, 1])
         return moved
+
+
+    def add_sigmas(
+        self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, sigma_px: np.ndarray, chosen: np.ndarray
+    ) -> np.ndarray:
+        """Return the sigmas ``(n,)`` of measurements, those of the ``chosen (n,)`` with the error of the curves."""
+        widened = sigma_px.copy()
+        for number, name in enumerate(ids):
+            if name in self.curves:
+                here, curve = np.flatnonzero(chosen & (image == number)), self.curves[name]
+                of_curve = replace(curve, shift_px=curve.sigma_px).evaluate(xy[here, 1])
+                widened[here] = np.sqrt(sigma_px[here] ** 2 + np.mean(of_curve**2, axis=1))
+        return widened
 
 
 def _add_curves(one: Mapping[str, JitterCurve], other: Mapping[str, JitterCurve]) -> dict[str, JitterCurve]:

@@ -56,7 +56,9 @@ class SURVEY:
     coarse_decimals: int = threshold(
         5, "decimals", "decimals of a degree without effect", "theory: 1e-5 degrees are 1.1 m"
     )
-    decimal_slack: float = threshold(1e-6, "", "tolerance for rounded coordinates in units of the last decimal")
+    decimal_slack: float = threshold(
+        0.02, "", "tolerance for rounded coordinates in units of the last decimal", "a geoid's slope: 0.2 m in 10 km"
+    )
     harmful_px: float = threshold(0.5, "px", "smallest standard deviation of the rounding that is reported")
     copied_share: float = threshold(0.5, "", "share of check points at GCPs beyond which they are copies")
     same_target_px: float = threshold(1.5, "px", "largest distance of two measurements of one target")
@@ -279,33 +281,41 @@ def find_duplicate_images(block: Block) -> list[Reason]:
 
 
 def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:
-    """Return the reason for rounded longitudes and latitudes whose error exceeds their sigmas and half a pixel.
+    """Return the reason for rounded or cut coordinates whose error exceeds their sigmas and half a pixel.
 
     A rounding error is uniform over one step of the last decimal: its standard deviation is step / sqrt(12).
     level : level of the returned reason
     """
     points = np.unique(block.measurements.point[block.known[block.measurements.point]])
     ground = block.points.ground[points]
-    if len(points) < PLACEMENT.several_points or not np.isfinite(ground[:, :2]).all():
+    if len(points) < PLACEMENT.several_points or not np.isfinite(ground).all():
         return []
-    for decimals in range(SURVEY.coarse_decimals + 1):
-        scaled = ground[:, :2] * 10.0**decimals
-        if (np.abs(scaled - np.rint(scaled)) < SURVEY.decimal_slack).all():
-            break
-    else:
-        return []
-    step_m = float(metres_per_degree(ground)[:, :2].max()) * 10.0**-decimals
-    sigma = step_m / np.sqrt(12.0)
-    stated = float(np.median(np.nan_to_num(block.points.sigma_m[points, 0], posinf=np.inf)))
-    if sigma < max(stated, SURVEY.harmful_px * min(accuracy.gsd_m for accuracy in accuracies)):
+    per_degree_m = float(metres_per_degree(ground)[:, :2].max())
+    found, advice = list[str](), list[str]()
+    for name, columns, unit_m, decimals, sigmas_m, remedy in (
+        ("longitude and latitude", slice(0, 2), per_degree_m, range(SURVEY.coarse_decimals + 1),
+         block.points.sigma_m[points, 0], "use at least 7 decimals of a degree; without them, give a sigma_xy"),
+        ("the height", slice(2, 3), 1.0, range(-2, 1), block.points.sigma_m[points, 1],
+         "use heights with their decimals; without them, give a sigma_h"),
+    ):  # fmt: skip
+        step_m = next((unit_m * 10.0**-k for k in decimals if _have_step(ground[:, columns], 10.0**-k)), 0.0)
+        sigma_m, stated_m = step_m / np.sqrt(12.0), float(np.median(np.nan_to_num(sigmas_m, posinf=np.inf)))
+        if sigma_m > max(stated_m, SURVEY.harmful_px * min(accuracy.gsd_m for accuracy in accuracies)):
+            found.append(
+                f"{name} of all {len(points)} ground points is a multiple of {step_m:.3g} m: rounding causes an error "
+                f"of {sigma_m:.2g} m (standard deviation), cutting a common one of {0.5 * step_m:.2g} m"
+            )
+            advice.append(f"{remedy} that includes this error")
+    if not found:
         return []
     ids = tuple(block.points.ids[points].tolist())
-    message = (
-        f"longitude and latitude of all {len(ids)} ground points have {decimals} decimals: rounding to {step_m:.3g} m "
-        f"causes an error of {sigma:.2g} m (standard deviation)"
-    )
-    advice = "use at least 7 decimals of a degree; if they are not available, give a sigma_xy that includes this error"
-    return [Reason("coordinates-rounded", level, message, advice, points=ids)]
+    return [Reason("coordinates-rounded", level, "; ".join(found), "; ".join(advice), points=ids)]
+
+
+def _have_step(values: np.ndarray, step: float) -> bool:
+    """Return True if coordinates ``(k, c)`` differ by multiples of a step, also after a change of their datum."""
+    steps = (values - values[0]) / step
+    return bool((np.abs(steps - np.rint(steps)) < SURVEY.decimal_slack).all() and np.ptp(np.rint(steps)) > 0.0)
 
 
 def find_dependent_check_points(block: Block) -> list[Reason]:

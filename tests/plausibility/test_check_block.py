@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +52,10 @@ def read_as(ground: np.ndarray, meant: int, read: int) -> np.ndarray:
 
 def rounded(ground: np.ndarray, decimals: int) -> np.ndarray:
     return np.column_stack([np.round(ground[:, :2], decimals), ground[:, 2]])
+
+
+def cut_heights(ground: np.ndarray, step_m: float, geoid_m: float) -> np.ndarray:
+    return np.column_stack([ground[:, :2], np.floor((ground[:, 2] - geoid_m) / step_m) * step_m + geoid_m])
 
 
 def digits_of(ground: np.ndarray, form: str, parts: float) -> np.ndarray:
@@ -251,11 +256,22 @@ def test_a_crop_of_unknown_origin():
     assert codes(replace(right, images=(small, *right.images[1:])))["rpc-placement"] is Level.DOUBTFUL
 
 
-@pytest.mark.parametrize(("decimals", "sigma_m", "told"), [(4, 0.1, True), (4, 5.0, False), (6, 0.1, False)])
-def test_degrees_with_few_decimals(decimals: int, sigma_m: float, told: bool):
+@pytest.mark.parametrize(
+    ("change", "sigma_m", "told"),
+    [
+        (lambda ground: rounded(ground, 4), 0.1, True),
+        (lambda ground: rounded(ground, 4), 5.0, False),
+        (lambda ground: rounded(ground, 6), 0.1, False),
+        (lambda ground: cut_heights(ground, 10.0, 0.0), 0.1, True),
+        (lambda ground: cut_heights(ground, 10.0, 37.3), 0.1, True),  # read above a geoid
+        (lambda ground: cut_heights(ground, 10.0, 0.0), 5.0, False),
+        (lambda ground: cut_heights(ground, 0.1, 0.0), 0.1, False),
+    ],
+)
+def test_coordinates_with_few_decimals(change: Callable, sigma_m: float, told: bool):
     """The fourth decimal is 11 m; nothing is said where the sigma says as much, or where the sixth is still there."""
     right = block()
-    ground = rounded(right.points.ground, decimals)
+    ground = change(right.points.ground)
     sigma = np.full((len(ground), 2), sigma_m)
     points = replace(right.points, ground=np.where(right.known[:, None], ground, right.points.ground), sigma_m=sigma)
     found = check_block(replace(right, points=points))

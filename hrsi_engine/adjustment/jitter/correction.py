@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
-from ...block.block import Block, number_exposures
+from ...block.block import Block, Role, number_exposures
 from ...block.jitter_curve import JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, stage
@@ -41,9 +41,11 @@ def adjust_without_jitter(
     """Return the adjustment of a block whose measurements are corrected by the jitter curves of its residuals.
 
     Without significant jitter it is the ordinary adjustment. After the removal of strong waves, weaker ones are
-    searched again. The result's measurements are the corrected ones.
+    searched again. The result's measurements are the corrected ones. Jitter that all images of a point share does not
+    show in tie points: the sigmas of the GCPs' measurements contain that of the curves.
     """
     result, adjuster = adjust_once(block, options, stage(progress, 0.0, 0.3))
+    is_gcp = block.points.role[block.measurements.point] == Role.GCP
     xy, ids, image = block.measurements.xy, [one.id for one in block.images], block.measurements.image
     earlier: JitterEstimate | None = None
     done = 0.3
@@ -52,7 +54,7 @@ def adjust_without_jitter(
         without, prior = xy, None  # measurements corrected by the curves so far
         for number in range(ITERATIONS.most if spacing else 0):
             problem, done_before, done = adjuster.problem, done, done + 0.3 * (1.0 - done)
-            measured = without[problem.observations.rows]
+            measured = replace(block.measurements, xy=without)
             estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)
             prior = estimate.prior
             whole = estimate if earlier is None else earlier.add(estimate)
@@ -60,7 +62,8 @@ def adjust_without_jitter(
             if np.sqrt(np.mean((xy - before) ** 2)) < JITTER_CURVES.settled_px and number:
                 xy = before
                 break
-            corrected = replace(block, measurements=replace(block.measurements, xy=xy))
+            sigma_px = whole.add_sigmas(ids, image, xy, block.measurements.sigma_px, is_gcp)
+            corrected = replace(block, measurements=replace(block.measurements, xy=xy, sigma_px=sigma_px))
             result, adjuster = adjust_once(
                 corrected, replace(options, jitter_estimate=whole), stage(progress, done_before, done)
             )

@@ -30,7 +30,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import SuperLU, splu
 
-from ...block.block import Image, number_exposures
+from ...block.block import Image, Measurements, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.robust_scale import ROBUST
@@ -91,13 +91,13 @@ class _Place:
 
 
 def estimate_jitter(
-    problem: Problem, solution: Solution, measured: np.ndarray, spacing: Mapping[int, float], period: float,
+    problem: Problem, solution: Solution, measured: Measurements, spacing: Mapping[int, float], period: float,
     prior: tuple[float, float, float] | None = None,
 ) -> JitterEstimate:  # fmt: skip
     """Return the jitter curves of some exposures.
 
     problem, solution : the adjustment, whose measurements may contain earlier corrections
-    measured : (n, 2) the measurements, without the corrections to be estimated
+    measured : the block's measurements, without the corrections to be estimated
     spacing : lines between knots by the number of the exposure (`number_exposures`), in pixels of its scene
     period : lines of the strongest wave
     prior : that of an earlier estimate (`JitterEstimate`); by default the most likely of several
@@ -191,12 +191,12 @@ class _PointTerms(NamedTuple):
 
 
 def _linearise_points(
-    problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place]
+    problem: Problem, solution: Solution, measured: Measurements, places: Mapping[int, _Place]
 ) -> _PointTerms:
     """Return residuals and derivatives of image points ``measured``, with an adjustment's cameras and points."""
     observations, camera = problem.observations, problem.camera
     values, ground = solution.state
-    images, weight = observations.images, 1.0 / observations.sigma_px
+    images, weight = observations.images, 1.0 / measured.sigma_px[observations.rows]
     at = linearise_images(
         camera, images, observations.image, observations.xy, values[observations.camera_of_image],
         ground[observations.point],
@@ -209,13 +209,13 @@ def _linearise_points(
             start[rows] = (place.start + cell)[:, None] + [0, place.spline.size]
             splines[rows] = factors * weight[rows, None] / image.camera_pixel
     return _PointTerms(
-        weight[:, None] * (measured - at.computed), weight[:, None, None] * at.by_ground,
+        weight[:, None] * (measured.xy[observations.rows] - at.computed), weight[:, None, None] * at.by_ground,
         weight[:, None, None] * at.by_values, start, splines,
     )  # fmt: skip
 
 
 def _form_rows(
-    problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place], unknowns: int
+    problem: Problem, solution: Solution, measured: Measurements, places: Mapping[int, _Place], unknowns: int
 ) -> _Rows:
     """Return the equations of the points that are used; of very many points an even choice."""
     observations, ground, p = problem.observations, solution.state.ground, len(problem.camera.parameters)

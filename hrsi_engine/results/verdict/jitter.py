@@ -49,4 +49,39 @@ def find_jitter(evidence: Evidence) -> Iterator[Reason]:
     )  # fmt: skip
 
 
-ON_JITTER = (find_jitter,)
+def find_remaining_jitter(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for jitter that the images do not separate from the ground, and that exceeds all other errors.
+
+    Tie points show no vibration that moves all rays of a point alike: along the base it is a wave of the heights. Its
+    size is that of the samples of the curves' errors at the tie points.
+    """
+    result = evidence.result
+    if result.jitter is None or result.shared_shifts_m is None:
+        return
+    ties = np.flatnonzero(result.block.points.role == Role.TIE)
+    ties = ties[np.isfinite(result.ground_covariance_m2[ties]).all(axis=(1, 2))]
+    if not len(ties):
+        return
+    squares = np.mean(result.shared_shifts_m[ties] ** 2, axis=0)  # (3, e), those of the jitter last
+    of_jitter = squares[:, -len(result.jitter.samples) :].sum(axis=1)
+    others = result.ground_covariance_m2[ties].diagonal(axis1=1, axis2=2).mean(axis=0)
+    others = others + squares[:, : -len(result.jitter.samples)].sum(axis=1)
+    axes = {"positions in plan": slice(0, 2), "heights": slice(2, 3)}
+    found = [
+        f"{name} of {np.sqrt(of_jitter[axis].sum()):.2g} m (standard deviation; all other errors: "
+        f"{np.sqrt(others[axis].sum()):.2g} m)"
+        for name, axis in axes.items()
+        if of_jitter[axis].sum() > others[axis].sum()
+    ]
+    if found:
+        period = 2.0 * np.pi / result.jitter.prior[0]
+        yield Reason(
+            "jitter", Level.DOUBTFUL,
+            f"jitter with a period of about {period:.0f} lines was removed, but the images do not separate all of it "
+            f"from the ground: it leaves waves in the {' and in the '.join(found)}; CE90 and LE90 contain them",
+            "give a surface, laser points or more GCPs along the lines, or an image from another direction",
+            images=tuple(result.jitter.curves),
+        )  # fmt: skip
+
+
+ON_JITTER = (find_jitter, find_remaining_jitter)
