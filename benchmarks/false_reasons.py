@@ -116,10 +116,9 @@ def simulate(family: Family, seed: int) -> tuple[BlockSimulation, AdjustOptions]
     if family.has_jitter:
         amplitude, period = WAVES[int(rng.integers(len(WAVES)))]
         angle = amplitude * SENSORS[sensor].detector_angle_rad
-        views = [
-            replace(view, jitter=OrientationError(vibration=Vibration(waves=((period, angle, rng.uniform(0.0, 6.28)),))))
-            for view in views
-        ]
+        phases = rng.uniform(0.0, 6.28, len(views)).tolist()
+        shaken = [OrientationError(vibration=Vibration(((period, angle, phase),))) for phase in phases]
+        views = [replace(view, jitter=jitter) for view, jitter in zip(views, shaken, strict=True)]
     lon, lat = PLACES[int(rng.integers(len(PLACES)))]
     scene = SceneSpec(
         lon, lat, float(rng.integers(50, 900)), landform, LANDFORMS[landform].relief_m * (2.0 if wide else 1.0),
@@ -132,7 +131,8 @@ def simulate(family: Family, seed: int) -> tuple[BlockSimulation, AdjustOptions]
     if family.cells_m < 0.0:
         spec = FreeDemSpec(-family.cells_m, 0.0, 0.0, noise_m=0.0, common_m=0.0, place_m=0.0)
     ground = simulated.truth.ground
-    reach = 1.2 * float(np.abs(ground_difference_m(ground, np.broadcast_to([lon, lat, 0.0], ground.shape))[:, :2]).max())
+    away_m = ground_difference_m(ground, np.broadcast_to([lon, lat, 0.0], ground.shape))
+    reach = 1.2 * float(np.abs(away_m[:, :2]).max())
     dem = simulate_free_dem(simulated.scene.terrain, reach, spec, [seed, 60])
     return simulated, replace(family.options, dem=GridSurface.from_array(dem.heights_m, dem.first_deg, dem.cell_deg))
 
@@ -162,7 +162,7 @@ def run_block(family: Family, seed: int) -> Outcome:
 
 
 def compare_with_truth(result: Adjustment, simulated: BlockSimulation) -> tuple[np.ndarray, np.ndarray]:
-    """Return the shares of check points inside CE90, LE90, ellipses and sigmas, and errors (90 %) over CE90 and LE90."""
+    """Return shares of check points inside CE90, LE90, ellipses and sigmas, and errors (90 %) over CE90 and LE90."""
     points, place = result.block.points, {name: k for k, name in enumerate(simulated.truth.ids.tolist())}
     check = np.flatnonzero((points.role == Role.CHECK) & np.isfinite(result.ground_sigma_m).all(axis=1))
     truth = simulated.truth.ground[[place[name] for name in points.ids[check].tolist()]]

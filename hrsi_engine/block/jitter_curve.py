@@ -70,7 +70,6 @@ class JitterEstimate:
                 moved[here] = curve.remove_from(xy[here]) if remove else xy[here] + curve.evaluate(xy[here, 1])
         return moved
 
-
     def add_sigmas(
         self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, sigma_px: np.ndarray, chosen: np.ndarray
     ) -> np.ndarray:

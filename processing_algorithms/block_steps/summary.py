@@ -31,7 +31,8 @@ def summarise(report: Report) -> str:
     check, ties, outliers = report["check"], report["ties"], report["outliers"]
     if check["ce90_m"] is not None:
         lines.append(
-            f"check: {_format_accuracy(check)}; predicted, with their survey errors: {_format_accuracy(check['predicted'])}"
+            f"check: {_format_accuracy(check)}; predicted, with their survey errors: "
+            f"{_format_accuracy(check['predicted'])}"
         )
     lines += [
         f"{part['image_count']} images, predicted for points measured in them, without survey errors: "

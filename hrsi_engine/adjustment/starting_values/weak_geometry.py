@@ -16,7 +16,6 @@ from ...surface.dem import HeightSurface, surface_heights
 from ..equations import PointPriors
 from ..observations import Observations
 
-
 DIRECTIONS = 16  # of the base in plan, of which the largest is within 0.5 %
 
 

@@ -106,13 +106,13 @@ def find_undetermined_accuracy(evidence: Evidence) -> Iterator[Reason]:
             yield Reason(
                 "not-determined", Level.DOUBTFUL,
                 f"the observations of {list_ids(part.images)} do not determine the "
-                f"{' and the '.join(describe_undetermined(part.undetermined, vars(part)))}",
+                f"{' and the '.join(describe_weak_figures(part.undetermined, vars(part)))}",
                 "measure GCPs, give a DEM with `sigma_dem_m`, or add an image from another direction",
                 images=part.images,
             )  # fmt: skip
 
 
-def describe_undetermined(keys: Sequence[str], part: Mapping[str, Any]) -> list[str]:
+def describe_weak_figures(keys: Sequence[str], part: Mapping[str, Any]) -> list[str]:
     """Return texts on the plan or height that the observations do not determine; ``part`` has figures by key."""
     texts = {"ce90_m": "position in plan (CE90 {:.0f} m, {:.0f} times the GSD)",
              "le90_m": "height (LE90 {:.0f} m, {:.0f} times the GSD, at a base-to-height ratio of {:.2g})"}  # fmt: skip

@@ -196,7 +196,7 @@ def _describe_prediction(report: Mapping[str, Any]) -> str:
         if part[key] is not None and key not in part["undetermined"]
     ]
     texts = [f"predicted {', '.join(determined)}"] if determined else []
-    texts += [f"not determined: {text}" for text in connections.describe_undetermined(part["undetermined"], part)]
+    texts += [f"not determined: {text}" for text in connections.describe_weak_figures(part["undetermined"], part)]
     of_gcps = " (by leave-one-out of the GCPs)" if part["leave_one_out"] > 1.0 else ""
     return f"{'; '.join(texts)}{of_gcps}"
 
