@@ -38,7 +38,7 @@ AREA_CELLS = 20  # along each side of the area of a part
 
 @thresholds
 class AREA_ACCURACY:
-    """Limit of a predicted accuracy that says nothing of the images' pixels."""
+    """Limit beyond which a predicted accuracy is that of the RPCs, not of the images."""
 
     determined_gsds: float = threshold(
         500.0, "GSD", "largest CE90 of a determined plan, and LE90 over B/H of determined heights", "RPCs with 50 m "
