@@ -52,8 +52,8 @@ def find_jitter(evidence: Evidence) -> Iterator[Reason]:
 def find_remaining_jitter(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for jitter that the images do not separate from the ground, and that exceeds all other errors.
 
-    Tie points show no vibration that moves all rays of a point in the same way: along the base it is a wave of the heights. Its
-    size is that of the samples of the curves' errors at the tie points.
+    Tie points show no vibration that moves all rays of a point in the same way: along the base it is a wave of the
+    heights. Its size is that of the samples of the curves' errors at the tie points.
     """
     result = evidence.result
     if result.jitter is None or result.shared_shifts_m is None:
