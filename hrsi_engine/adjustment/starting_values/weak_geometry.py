@@ -16,7 +16,7 @@ from ...surface.dem import HeightSurface, surface_heights
 from ..equations import PointPriors
 from ..observations import Observations
 
-DIRECTIONS = 16  # of the base in plan, of which the largest is within 0.5 %
+BASE_DIRECTIONS = 16  # of the base in plan, of which the largest is within 0.5 %
 
 
 @thresholds
@@ -40,7 +40,7 @@ def compute_ray_directions(images: Sequence[Image]) -> np.ndarray:
 def compute_base_to_height(images: Sequence[Image]) -> float:
     """Return the largest base-to-height ratio of images: the distance of their rays at unit height."""
     direction = compute_ray_directions(images)
-    angle = np.arange(DIRECTIONS) * (np.pi / DIRECTIONS)
+    angle = np.arange(BASE_DIRECTIONS) * (np.pi / BASE_DIRECTIONS)
     across = direction[:, :2] / direction[:, 2:] @ np.stack([np.cos(angle), np.sin(angle)])
     return float(np.ptp(across, axis=0).max())
 
