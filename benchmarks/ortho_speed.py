@@ -30,8 +30,8 @@ from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp, warp_chunk
 from hrsi.hrsi_engine.io.rasters.orthoimages import chunk_size
-from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
-from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _interpolate_nodes
+from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid, find_terrain_points
+from hrsi.hrsi_engine.ortho.mapping import OrthoMapping
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.declarations.orthoimages import OrthorectifyOptions
 
@@ -107,10 +107,16 @@ def _creation(job: Job) -> list[str]:
     return [*(["-of", "COG"] if form == "cog" else []), *(word for option in options for word in ("-co", option))]
 
 
+def open_mapping(image: str, dem: str, grid: MapGrid) -> OrthoMapping:
+    """Return the mapping that `orthorectify` uses by default."""
+    opened, surface = open_image(image), open_dem(dem, "ellipsoidal")
+    terrain = find_terrain_points(opened, surface)
+    return OrthoMapping(opened.rpc, opened.size, surface, terrain, grid, OrthorectifyOptions.error_px)
+
+
 def position_errors(image: str, dem: str, grid: MapGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return errors (px) against GDAL's transformer of the mapping used, of our exact one, and of -et 0.125."""
-    opened = open_image(image)
-    mapping = OrthoMapping(opened.rpc, opened.size, open_dem(dem, "ellipsoidal"), grid, OrthorectifyOptions.error_px)
+    mapping = open_mapping(image, dem, grid)
     dataset = gdal.Open(image)
     options = ["METHOD=RPC", f"RPC_DEM={dem}", "DST_SRS=EPSG:32631"]
     transformer = gdal.Transformer(dataset, None, options)
@@ -128,7 +134,7 @@ def position_errors(image: str, dem: str, grid: MapGrid) -> tuple[np.ndarray, np
         keep = np.array(good, dtype=bool)
         for errors_of, ours in zip(
             errors,
-            (_interpolate_nodes(found.positions, (at + found.first) / found.step), mapping.exact(at + window[:2])),
+            (found.interpolate(at), mapping.exact(at + window[:2])),
             strict=True,
         ):
             errors_of.append(np.hypot(*(ours - theirs).T)[keep])
@@ -183,13 +189,12 @@ def in_process(image: str, dem: str, grid: MapGrid) -> None:
 
     The least is what a machine does that is busy with other things too.
     """
-    opened, source = open_image(image), OrthoSource(image)
-    surface = open_dem(dem, "ellipsoidal")
+    source = OrthoSource(image)
     column, row = grid.columns // 2 - 512, grid.rows // 2 - 512
     west, _, _, north, _, _ = grid.geotransform
     corner = west + column * RESOLUTION, north - row * RESOLUTION
     bounds = corner[0], corner[1] - 1024 * RESOLUTION, corner[0] + 1024 * RESOLUTION, corner[1]
-    mapping = OrthoMapping(opened.rpc, opened.size, surface, grid, OrthorectifyOptions.error_px)
+    mapping = open_mapping(image, dem, grid)
 
     def theirs(error_px: float) -> None:
         gdal.Warp(

@@ -35,12 +35,13 @@ class ORTHO:
     outline_points: int = threshold(200, "points", "points along each side of an image's outline")
     margin_px: float = threshold(2.0, "px", "margin around the footprint of an image")
     grid_points: int = threshold(15, "points", "points along each side of the grid over an image")
-    lattice_px: int = threshold(32, "px", "spacing of positions with exact map projection; also the largest step")
+    lattice_px: int = threshold(32, "px", "spacing of positions with exact map projection and RPC")
     checked_pixels: int = threshold(400, "px", "random pixels of each chunk at which the error is tested")
     unknown_grid: int = threshold(65, "positions", "positions along each side of a chunk, for counting missing heights")
     batch: int = threshold(16384, "nodes", "computed together (processor's cache)", "measured for speed, 2026-11-21")
     most_cells: int = threshold(4_000_000, "cells", "most DEM cells for a chunk; of more, heights are read singly")
     straight: float = threshold(0.01, "", "part of the error up to which the curvature of rays is neglected")
+    least_half_m: float = threshold(20.0, "m", "smallest half range of heights of the RPC's polynomial")
 
 
 class GridWindow(NamedTuple):

@@ -16,8 +16,6 @@ import pyproj
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.imaging_geometry import ViewDirection
-from ...hrsi_engine.block.jitter_curve import JitterCurve
-from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
@@ -66,7 +64,7 @@ class Terrain:
 
 @dataclass(frozen=True, eq=False)
 class BlockPlan:
-    """Orthoimages of a block: grids by image id, on one common lattice."""
+    """Orthoimages of a block: grids and ground points ``(n, 3)`` by image id; all grids are on one lattice."""
 
     images: Sequence[Image]
     terrain: Terrain
@@ -74,6 +72,7 @@ class BlockPlan:
     resolution: float
     grids: Mapping[str, map_grids.MapGrid]
     gsd_m: Mapping[str, float]
+    terrain_points: Mapping[str, np.ndarray]
     warnings: list[str]
     operations: tuple[OperationUse, ...] = ()
 
@@ -153,7 +152,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
     operations = (*getattr(terrain.surface, "operations", ()), *operations_of(crs).uses_at("orthoimages", ground))
     warnings = [*terrain.warnings, *_terrain_warnings(images, terrain), *list_operation_warnings(operations)]
     grids = _make_grids(images, terrain.surface, crs, resolution, options.extent)
-    return BlockPlan(images, terrain, crs, resolution, grids, gsd, warnings, operations)
+    return BlockPlan(images, terrain, crs, resolution, grids, gsd, below, warnings, operations)
 
 
 def _parse_crs(name: str, option: str) -> pyproj.CRS:
@@ -277,7 +276,9 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
                 jitter_files[path] = JitterFile(path)
             jitter, told = jitter_files[path].find_curve(image.id, image.rpc)
             plan.warnings.extend([told] if told else [])
-        mapping = OrthoMapping(image.rpc, source.size, plan.terrain.surface, grid, options.error_px, jitter)
+        mapping = OrthoMapping(
+            image.rpc, source.size, plan.terrain.surface, plan.terrain_points[image.id], grid, options.error_px, jitter
+        )
         scale = mapping.source_pixels_per_pixel()
         warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
@@ -314,15 +315,12 @@ def _nodata_value(given: str | None, source: OrthoSource) -> float | None:
 
 @dataclass(frozen=True)
 class OrthoRecipe:
-    """All data that a worker needs for chunks of an orthoimage; recipes are compared by ``key``."""
+    """All data that a worker needs for chunks of an orthoimage; it opens the surface of ``mapping`` itself."""
 
     key: str
     path: str = field(compare=False)
-    rpc: RPC = field(compare=False)
+    mapping: OrthoMapping = field(compare=False)
     terrain: OrthorectifyOptions = field(compare=False)
-    grid: map_grids.MapGrid = field(compare=False)
-    error_px: float = field(compare=False)
-    jitter: JitterCurve | None = field(compare=False)
     warp: Warp = field(compare=False)
     versions: Mapping[str, str] = field(compare=False)
 
@@ -350,8 +348,7 @@ def recipe_of(job: OrthoJob, options: OrthorectifyOptions) -> OrthoRecipe:
     named = replace(options, images=(), terrain=replace(terrain, dem=dem, height_datum=datum), terrain_points=points)
     used = versions()
     return OrthoRecipe(
-        job.key, path_elsewhere(job.image.path), job.image.rpc, named, replace(job.grid), options.error_px,
-        job.mapping.jitter, job.warp,
+        job.key, path_elsewhere(job.image.path), replace(job.mapping, surface=ConstantHeight(0.0)), named, job.warp,
         {name: used[name] for name in DECISIVE},
     )  # fmt: skip
 
@@ -376,10 +373,7 @@ def _chunk_elsewhere(part: tuple[OrthoRecipe, map_grids.GridWindow]) -> orthoima
 @lru_cache(maxsize=8)
 def _open_recipe(recipe: OrthoRecipe) -> tuple[OrthoSource, OrthoMapping]:
     """Return image and mapping of a recipe, cached for its next chunks."""
-    source = OrthoSource(recipe.path)
-    mapping = OrthoMapping(recipe.rpc, source.size, _open_surface(recipe.terrain), recipe.grid, recipe.error_px,
-                           recipe.jitter)  # fmt: skip
-    return source, mapping
+    return OrthoSource(recipe.path), replace(recipe.mapping, surface=_open_surface(recipe.terrain))
 
 
 @lru_cache(maxsize=2)

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
-from long_tests import mark_beyond
 from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
 from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid
-from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _Chunk, _interpolate_nodes
+from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid, find_terrain_points
+from hrsi.hrsi_engine.ortho.mapping import OrthoMapping
 from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
 
 POSITION_PX = 1e-6  # both evaluate the same formula in double precision
+MAPPED_PX = 1e-3  # interpolation between nodes of 32 px, and the polynomial of the height
 
 
 def mapping(folder: Path, cell_deg: float = CELL_DEG, error_px: float = 0.05, roughness: float = 0.0) -> OrthoMapping:
@@ -29,7 +29,7 @@ def mapping(folder: Path, cell_deg: float = CELL_DEG, error_px: float = 0.05, ro
     centre = image.rpc.localize(image.centre_px[None], 250.0).ground
     x, y = pyproj.Transformer.from_crs(4326, utm_wkt(), always_xy=True).transform(centre[0, 0], centre[0, 1])
     grid = MapGrid.from_bounds(utm_wkt(), 1.0, (x - 300.0, y - 280.0, x + 310.0, y + 270.0))
-    return OrthoMapping(image.rpc, image.size, surface, grid, error_px)
+    return OrthoMapping(image.rpc, image.size, surface, find_terrain_points(image, surface), grid, error_px)
 
 
 def by_gdal(folder: Path, found: OrthoMapping, pixels: np.ndarray) -> np.ndarray:
@@ -54,27 +54,41 @@ def test_exact_positions_are_gdals(tmp_path: Path) -> None:
     assert np.abs(found.exact(pixels) - by_gdal(tmp_path, found, pixels)).max() < POSITION_PX
 
 
-@pytest.mark.parametrize(("cell_deg", "roughness"), [(3e-4, 0.0), (1e-4, 0.0), (1e-5, 3.0)])
-@pytest.mark.parametrize("error_px", mark_beyond(1, "thorough", [0.01, 0.05]))
-def test_positions_keep_the_error_asked_for(tmp_path: Path, cell_deg: float, roughness: float, error_px: float) -> None:
-    found = mapping(tmp_path, cell_deg, error_px, roughness)
-    errors, steps = [], []
+@pytest.mark.parametrize(("cell_deg", "roughness"), [(3e-4, 0.0), (1e-5, 3.0)])
+def test_positions_follow_hills_and_houses(tmp_path: Path, cell_deg: float, roughness: float) -> None:
+    found = mapping(tmp_path, cell_deg, 0.05, roughness)
+    errors = []
     for window in found.grid.chunks(256):
         chunk = found.chunk(window)
         if chunk is None:
             continue  # beside the image
         at = pixels_of(MapGrid(found.grid.crs, 1.0, 0, 0, window.columns, window.rows), 100)
         theirs = by_gdal(tmp_path, found, at + (window.column, window.row))
-        errors.append(np.hypot(*(_interpolate_nodes(chunk.positions, (at + chunk.first) / chunk.step) - theirs).T))
-        steps.append(chunk.step)
-        assert chunk.errors_px.max() <= error_px
-    assert len(errors) >= 4 and np.concatenate(errors).max() <= error_px
-    assert (max(steps) == 1) == (roughness > 0.0)  # houses need every pixel, hills do not
+        errors.append(np.hypot(*(chunk.interpolate(at) - theirs).T))
+        assert chunk.errors_px.max() <= MAPPED_PX
+    assert len(errors) >= 4 and np.concatenate(errors).max() <= MAPPED_PX
 
 
-def test_smooth_ground_takes_wide_steps(tmp_path: Path) -> None:
-    found = replace(mapping(tmp_path), surface=ConstantHeight(240.0))
-    chunk = found.chunk(GridWindow(0, 0, 256, 256))
+@pytest.mark.parametrize("relief_m", [20.0, 4000.0])
+def test_the_polynomial_of_the_height_follows_any_relief(tmp_path: Path, relief_m: float) -> None:
+    found = mapping(tmp_path)
+    assert isinstance(found.surface, GridSurface)
+    flat = found.surface
+    slope = GridSurface(
+        flat.shape, lambda row, column, rows, columns: np.tile(
+            np.linspace(0.0, relief_m, flat.shape[1])[column : column + columns], (rows, 1)), flat.grid_coordinates,
+    )  # fmt: skip
+    terrain = found.terrain.copy()
+    terrain[:, 2] = slope.heights(slope.grid_coordinates(terrain[:, :2]))
+    steep = replace(found, surface=slope, terrain=terrain)
+    chunk = steep.chunk(GridWindow(0, 0, 512, 512))
+    assert chunk is not None and chunk.errors_px.max() < MAPPED_PX
+
+
+def test_constant_height_needs_no_position_between_the_nodes(tmp_path: Path) -> None:
+    found = mapping(tmp_path)
+    terrain = np.column_stack([found.terrain[:, :2], np.full(len(found.terrain), 240.0)])
+    chunk = replace(found, surface=ConstantHeight(240.0), terrain=terrain).chunk(GridWindow(0, 0, 256, 256))
     assert chunk is not None and chunk.step == ORTHO.lattice_px and chunk.errors_px.max() < 1e-3
 
 
@@ -85,43 +99,28 @@ def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:
     assert chunk is not None and chunk.step == 1
     rows, columns = np.indices((30, 40))
     pixels = np.column_stack([columns.ravel() + 100.0, rows.ravel() + 90.0])
-    used = chunk.positions[:, :30, :40].reshape(2, -1).T
-    assert np.abs(used - by_gdal(tmp_path, found, pixels)).max() < POSITION_PX
+    assert np.abs(chunk.interpolate(pixels - (100.0, 90.0)) - by_gdal(tmp_path, found, pixels)).max() < POSITION_PX
 
 
 @pytest.mark.parametrize("size", [(200, 150), (256, 33), (31, 64), (1, 1)])
-@pytest.mark.parametrize("step", mark_beyond(1, "thorough", [2, 1, 8, ORTHO.lattice_px]))
-def test_nodes_cover_windows_of_any_size(tmp_path: Path, size: tuple[int, int], step: int) -> None:
-    """Nodes every ``step`` pixels, one beyond the last pixel, each where GDAL has it, on houses."""
+def test_windows_of_any_size_have_the_same_positions(tmp_path: Path, size: tuple[int, int]) -> None:
+    """Those of the complete grid to the rounding of BLAS, with the pixels around it that GDAL's averages need."""
     found = mapping(tmp_path, 1e-5, roughness=3.0)
-    window = GridWindow(64, 70, *size)
-    nodes = _Chunk(found, window).nodes(step)
-    assert nodes.shape == (2, *((side - 1) // step + 2 for side in size[::-1]))
-    row, column = step * np.indices(nodes.shape[1:]).reshape(2, -1)
-    pixels = np.column_stack([column, row]) + 0.0
-    theirs = by_gdal(tmp_path, found, pixels + window[:2])
-    close = np.hypot(*(nodes.reshape(2, -1).T - theirs).T) < 0.005
-    assert close.mean() > 0.98  # a node beside a wall may lie on its other side
+    whole = found.chunk(GridWindow(0, 0, found.grid.columns, found.grid.rows))
+    part = found.chunk(GridWindow(250, 230, *size))
+    assert whole is not None and part is not None and part.positions.shape == (2, size[1] + 2, size[0] + 2)
+    assert np.abs(part.positions - whole.positions[:, 230 : 232 + size[1], 250 : 252 + size[0]]).max() < 1e-10
 
 
 def test_cells_of_very_fine_terrain_are_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Heights are then the surface's own; each way may leave out a curvature of a share of the error."""
+    """Heights are then those of the surface."""
     nodes = []
     for most in (ORTHO.most_cells, 1000):
         monkeypatch.setattr(mapping_module, "ORTHO", replace(mapping_module.ORTHO, most_cells=most))
-        nodes.append(_Chunk(mapping(tmp_path, 1e-5, roughness=3.0), GridWindow(64, 64, 200, 150)).nodes(1))
-    assert np.abs(nodes[0] - nodes[1]).max() < 2.0 * ORTHO.straight * 0.05
-
-
-def test_middles_are_compared_in_every_row(tmp_path: Path) -> None:
-    """One node that is wrong, anywhere, is noticed."""
-    chunk = _Chunk(mapping(tmp_path, 3e-4), GridWindow(0, 0, 200, 300))
-    nodes = chunk.nodes(2)
-    assert chunk.is_interpolation_accurate(0.05, nodes, 2)
-    for row, column in ((0, 0), (70, 50), (nodes.shape[1] - 1, nodes.shape[2] - 1)):
-        wrong = nodes.copy()
-        wrong[0, row, column] += 1.0
-        assert not chunk.is_interpolation_accurate(0.05, wrong, 2)
+        chunk = mapping(tmp_path, 1e-5, roughness=3.0).chunk(GridWindow(64, 64, 200, 150))
+        assert chunk is not None
+        nodes.append(chunk.positions)
+    assert np.abs(nodes[0] - nodes[1]).max() < POSITION_PX
 
 
 def test_ground_without_height_has_no_position(tmp_path: Path) -> None:
@@ -133,7 +132,7 @@ def test_ground_without_height_has_no_position(tmp_path: Path) -> None:
     window = GridWindow(0, 0, found.grid.columns, found.grid.rows)
     chunk = found.chunk(window)
     assert chunk is not None and chunk.step == 1
-    known = np.isfinite(chunk.positions[0, : window.rows, : window.columns])
+    known = np.isfinite(chunk.positions[0, 1:-1, 1:-1])
     rows, columns = np.indices(known.shape)
     grid = surface.grid_coordinates(found.grid.lonlat(np.column_stack([columns.ravel(), rows.ravel()]).astype(float)))
     expected = np.isfinite(hole.heights(grid)).reshape(known.shape)
@@ -171,5 +170,4 @@ def test_jitter_of_the_image_displaces_its_lines(tmp_path: Path, error_px: float
     assert np.abs(shaken.exact(pixels) - expected).max() < POSITION_PX
     found = shaken.chunk(window)
     assert found is not None
-    nodes = _interpolate_nodes(found.positions, (pixels - 150.0 + found.first) / found.step)
-    assert np.hypot(*(nodes - expected).T).max() <= error_px + 1e-6
+    assert np.hypot(*(found.interpolate(pixels - 150.0) - expected).T).max() <= (MAPPED_PX if error_px else POSITION_PX)

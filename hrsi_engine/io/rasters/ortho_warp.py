@@ -1,9 +1,9 @@
 """Chunks of orthoimages by GDAL's warper, which gets the finished mapping instead of an RPC.
 
-The target of each chunk has a geolocation array of image positions, at every pixel or at nodes between which GDAL
-interpolates bilinearly: the warper transforms target pixels to image pixels by a table. Therefore all its resampling
-kernels, data types and masks can be used, without the cost of RPC and DEM at every pixel. Only the window of the
-image that a chunk needs is read.
+The target of each chunk has a geolocation array of image positions, at every pixel or, on constant height, at nodes
+between which GDAL interpolates bilinearly: the warper transforms target pixels to image pixels by a table. Therefore
+all its resampling kernels, data types and masks can be used, without the cost of the RPC at every pixel. Only the
+window of the image that a chunk needs is read.
 """
 
 import math
@@ -138,12 +138,10 @@ class Warp:
 def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp: Warp) -> Pixels | None:
     """Return the pixels of a chunk, None if the image does not cover any of it.
 
-    mapping : `ortho.ChunkMapping`: sample, line at every ``step``-th pixel, NaN where unknown (then ``step`` is 1)
+    mapping : `ortho.ChunkMapping`
     """
-    positions, step = mapping.positions, str(mapping.step)
+    low, high, step = mapping.low, mapping.high, str(mapping.step)
     # First sample and line, samples and lines of the required part of the image
-    flat = positions.reshape(2, -1)
-    low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
     if np.isnan(low).any():
         return None
     first = np.clip(np.floor(low) - warp.reach_px, 0, source.size)
@@ -151,7 +149,7 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
     if not (extent > 0.0).all():
         return None
     sample, line, samples, lines = np.r_[first, extent].astype(int).tolist()
-    whole = not source.has_gaps and not np.isnan(flat).any()
+    whole = not source.has_gaps and mapping.is_complete
     whole = whole and bool((low >= 0.0).all() and (high <= np.array(source.size) - 1.0).all())
     # A window of the image as a dataset in memory, with its mask as an alpha band
     bands, mask = source.read(sample, line, samples, lines)
@@ -167,7 +165,7 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
     table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
     try:
         with gdal_messages() as messages, config_option("CPL_TMPDIR", "/vsimem"):
-            _write_table(table, positions, first - 0.5)
+            _write_table(table, mapping.positions, first - 0.5, mapping.is_complete)
             nodes = {  # at the centres of every ``step``-th pixel
                 "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
                 "PIXEL_OFFSET": str(0.5 - mapping.first[0]), "LINE_OFFSET": str(0.5 - mapping.first[1]),
@@ -221,14 +219,15 @@ def _make_target(source: OrthoSource, columns: int, rows: int, nodata: float, wi
     return dataset
 
 
-def _write_table(path: str, positions: np.ndarray, origin: np.ndarray) -> None:
+def _write_table(path: str, positions: np.ndarray, origin: np.ndarray, is_complete: bool) -> None:
     """Write image positions, relative to an origin, as a raster of two bands in memory."""
     _, rows, columns = positions.shape
     options = ["INTERLEAVE=BAND", f"BLOCKYSIZE={rows}"]
     dataset = gdal.GetDriverByName("GTiff").Create(path, columns, rows, 2, gdal.GDT_Float64, options)
     for axis in range(2):
         values = positions[axis] - origin[axis]
-        values[np.isnan(values)] = -1e9  # of pixels with unknown terrain
+        if not is_complete:
+            values[np.isnan(values)] = -1e9  # of pixels with unknown terrain
         dataset.GetRasterBand(axis + 1).WriteArray(values)
     del dataset  # closed here, not at the return: Dask's profiler, for example, may keep a reference to this frame
 

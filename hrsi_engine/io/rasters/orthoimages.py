@@ -46,17 +46,15 @@ MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None if the i
 
 
 class OrthoChunk(NamedTuple):
-    """A window of an orthoimage; without pixels, the other values are None, empty and 0.
+    """A window of an orthoimage.
 
     pixels : None if the image does not cover any of them
-    step : pixels between the nodes of its mapping
     errors_px : (k,) distances between interpolated and exact positions
     unknown : number of pixels within the image without terrain height
     """
 
     window: Any
     pixels: Pixels | None
-    step: int
     errors_px: np.ndarray
     unknown: int
 
@@ -65,9 +63,9 @@ def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any
     """Return a window of an orthoimage: its mapping and its warped pixels."""
     mapping = map_chunk(window)
     if mapping is None:
-        return OrthoChunk(window, None, 0, np.empty(0), 0)
+        return OrthoChunk(window, None, np.empty(0), 0)
     pixels = warp_chunk(source, mapping, window.columns, window.rows, warp)
-    return OrthoChunk(window, pixels, mapping.step, mapping.errors_px, mapping.unknown)
+    return OrthoChunk(window, pixels, mapping.errors_px, mapping.unknown)
 
 
 def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
@@ -102,12 +100,11 @@ class OrthoFormat:
 
 @dataclass
 class OrthoFigures:
-    """Figures of a written orthoimage: pixels shown, pixels without terrain, errors of random pixels (px), steps."""
+    """Figures of a written orthoimage: pixels shown, pixels without terrain, errors of random pixels (px)."""
 
     shown: int = 0
     unknown: int = 0
     errors_px: list[np.ndarray] = field(default_factory=list)
-    pixels_by_step: dict[int, int] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures as in the report."""
@@ -120,7 +117,6 @@ class OrthoFigures:
             "position_error_max_px": None if none else float(errors.max()),
             "position_error_p99_px": None if none else float(np.percentile(errors, 99.0)),
             "position_error_rms_px": None if none else float(np.sqrt(np.mean(errors**2))),
-            "pixels_by_step": {str(step): count for step, count in sorted(self.pixels_by_step.items())},
         }
 
 
@@ -168,11 +164,8 @@ def write_orthoimage(
         total = sum(1 for _ in chunk_windows(grid, warp))
         for done, chunk in enumerate(islice(chunks, total)):
             advance(part, done / total, f"warping {os.path.basename(source.path)}")
-            if chunk.step:
-                figures.unknown += chunk.unknown
-                figures.errors_px.append(chunk.errors_px)
-                pixels = chunk.window.columns * chunk.window.rows
-                figures.pixels_by_step[chunk.step] = figures.pixels_by_step.get(chunk.step, 0) + pixels
+            figures.unknown += chunk.unknown
+            figures.errors_px.append(chunk.errors_px)
             if chunk.pixels is not None:
                 figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
         figures_text = json_text(figures.summary())
