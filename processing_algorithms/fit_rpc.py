@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..hrsi_engine.camera.adjusted_rpc import AdjustedRpc
 from ..hrsi_engine.camera.linescan import SampledCamera
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
 from ..hrsi_engine.foundation.errors import InputError
@@ -97,7 +98,7 @@ def _sample_camera(camera: SampledCamera, options: FitRpcOptions) -> Corresponde
     ground, image = camera.sample_correspondences(low, high)
     if not np.isfinite(ground).all():
         raise InputError(f"{options.points}: rays of its camera miss the Earth: the file is damaged, get it again")
-    return Correspondences(ground, image, ())
+    return Correspondences(ground, image, (camera.notice,) if isinstance(camera, AdjustedRpc) and camera.notice else ())
 
 
 def summarise(report: Report) -> str:

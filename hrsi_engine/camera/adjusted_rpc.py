@@ -22,6 +22,7 @@ CHORD_SHARE, CHORD_M = 0.9, (0.1, 50.0)  # half height of the chord relative to 
 class AdjustedRpc(SampledCamera):
     """An RPC with R ``rotation (3, 3)`` and T ``translation (3,)`` (m).
 
+    notice : a warning if it is not known that the RPC was adjusted, else ""
     size : samples and lines; a pixel position in the RPC is ``scale`` times that in the image, plus ``offset (2,)``
     """
 
@@ -32,6 +33,7 @@ class AdjustedRpc(SampledCamera):
     offset: np.ndarray
     scale: float
     heights_m: tuple[float, float]
+    notice: str = ""
 
     def localize(self, image: np.ndarray, height_m: float) -> np.ndarray:
         """Return lon, lat, height ``(n, 3)`` of image points at ``height_m`` of the RPC, moved by the adjustment."""

@@ -18,6 +18,8 @@ position at pixel (0, 0). (StereoPipeline, ``asp::read_adjustments``; VisionWork
 from __future__ import annotations
 
 import json
+import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -29,11 +31,12 @@ from ..camera.adjusted_rpc import AdjustedRpc
 from ..camera.linescan import LinescanCamera
 from ..foundation.errors import InputError
 from .opening.datasets import read_head
-from .rpc_files.content import Element, element_text, read_bytes, read_xml
+from .rpc_files.content import Element, element_text, read_bytes, read_xml, siblings
 from .rpc_files.find import read_rpc_or_none, side_files
 
 _CSM_LINE_SCANNER = "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
 _HANDBOOK_POINTS = 8
+_SESSION = re.compile(rb"bundle_adjust.*\s(?:-t|--session-type)[ =]+(\w+)")
 _UNIT = 1e-3  # largest deviation of a quaternion's norm from 1: some files have only six digits
 
 
@@ -55,11 +58,12 @@ def read_exact_camera(path: str) -> LinescanCamera | None:
 def read_adjusted_camera(spec: str) -> AdjustedRpc | LinescanCamera | None:
     """Return the camera that ASP's adjustment moves (``FILE|camera=CAMERA``); None for a file that is no ``.adjust``.
 
-    An image with RPC next to an ISD with ephemeris may have been adjusted with either camera: ``|session=rpc`` after
-    the image states that it was the RPC.
+    An image with RPC may have been adjusted with its RPC or with an exact camera: ``|session=NAME`` after the image
+    states it, otherwise the log of the run.
     """
     path, _, camera = spec.partition("|camera=")
-    camera, _, session = camera.partition("|session=")
+    camera, _, stated = camera.partition("|session=")
+    session = stated or _find_session(path)
     if not camera and not path.lower().endswith(".adjust"):
         return None
     try:
@@ -76,12 +80,20 @@ def read_adjusted_camera(spec: str) -> AdjustedRpc | LinescanCamera | None:
     turn = Rotation.from_quat(np.roll(numbers[3:7], -1)).as_matrix()
     offset, scale = (numbers[7:9], float(numbers[9])) if len(numbers) > 7 else (np.zeros(2), 1.0)
     exact, is_state = read_exact_camera(camera), camera.lower().endswith(".json")
-    if exact is not None and session != "rpc" and not is_state:
-        return _adjust_linescan(exact, turn, numbers[:3], offset, scale)
-    if session != "rpc" and not is_state and (beside := find_exact_camera(camera, None)) is not None:
+    beside = None if exact is not None or session == "rpc" or is_state else find_exact_camera(camera, None)
+    if beside is not None and not session:
         raise InputError(
             f"{camera}: next to it is the exact camera ({beside.source}), which {path} moves unless bundle_adjust ran "
             "with -t rpc: name the XML file as the camera, or add |session=rpc after the image"
+        )
+    linescan = exact or beside
+    if linescan is not None and session != "rpc" and not is_state:
+        return _adjust_linescan(linescan, turn, numbers[:3], offset, scale)
+    if session not in ("", "rpc") and not is_state:
+        raise InputError(
+            f"{camera}: {path} is of a session -t {session}, which moves the exact camera, and this is an RPC: name "
+            "the camera file (the ISD XML with ephemeris, or the adjusted_state.json that bundle_adjust writes), or "
+            "add |session=rpc after the image if its RPC was adjusted"
         )
     found = None if exact is not None and is_state else read_rpc_or_none(camera)
     if found is None:
@@ -92,7 +104,21 @@ def read_adjusted_camera(spec: str) -> AdjustedRpc | LinescanCamera | None:
     rpc = found.rpc
     size = found.size or (round(rpc.samp_off + abs(rpc.samp_scale)) + 1, round(rpc.line_off + abs(rpc.line_scale)) + 1)
     low, high = sorted([rpc.height_off - rpc.height_scale, rpc.height_off + rpc.height_scale])
-    return AdjustedRpc(rpc, size, turn, numbers[:3], offset, scale, (low, high))
+    notice = (
+        f"{path}: is applied to the RPC of {camera}, which is right if bundle_adjust ran with -t rpc: after -t dg name "
+        "the XML file with ephemeris as the camera"
+    )
+    return AdjustedRpc(rpc, size, turn, numbers[:3], offset, scale, (low, high), "" if session else notice)
+
+
+def _find_session(path: str) -> str:
+    """Return the session that the command in the last log of a run of bundle_adjust names, "" if none does."""
+    name, files = os.path.basename(path).lower(), siblings(path)
+    logs = [file for file in files if "-log-" in file and name.startswith(file.partition("-log-")[0])]
+    for log in sorted(logs, reverse=True):
+        if found := _SESSION.search(read_head(files[log])):
+            return found[1].decode().lower()
+    return ""
 
 
 def _adjust_linescan(

@@ -101,7 +101,7 @@ class HeightModel(NamedTuple):
         return np.asarray((heights - self.middle_m) / self.half_m)
 
     def fit(self, rpc: RPC, lonlat: np.ndarray) -> np.ndarray:
-        """Return the coefficients ``(degree + 1, 2, n)`` of sample and line at ``lonlat (n, 2)``, lowest power first."""
+        """Return coefficients ``(degree + 1, 2, n)`` of sample and line at ``lonlat (n, 2)``, lowest power first."""
         levels, to_powers = _invert_powers(self.degree)
         heights = np.repeat(self.middle_m + self.half_m * levels, len(lonlat))
         images = rpc.project(np.column_stack([np.tile(lonlat, (len(levels), 1)), heights]))

@@ -112,6 +112,30 @@ def test_its_name_does_not_matter_where_a_camera_is_named(camera, tmp_path):
         read_adjusted_camera(f"{camera}|camera={camera}")
 
 
+@pytest.mark.parametrize(("name", "log", "session", "answer"), [
+    ("run-img.adjust", "", "", "warning"),
+    ("run-img.adjust", "", "|session=rpc", "taken"),
+    ("run-img.adjust", "", "|session=dg", "refused"),
+    ("run-img.adjust", "/opt/asp/libexec/bundle_adjust --threads 2 -t rpc img.tif img.xml -o run", "", "taken"),
+    ("run-img.adjust", "/opt/asp/bundle_adjust --session-type DG img.tif -o run", "", "refused"),
+    ("ba/run-img.adjust", "bundle_adjust -t dgmaprpc img.tif -o ba/run", "", "refused"),
+    ("other-img.adjust", "bundle_adjust -t dg img.tif -o run", "", "warning"),
+])  # fmt: skip
+def test_the_session_decides_which_camera_moved(camera, tmp_path, name, log, session, answer):
+    """A linescan session of which only the RPC is there is refused; without any evidence a warning states the rule."""
+    (tmp_path / "ba").mkdir()
+    path = Path(write_adjustment(tmp_path / name))
+    if log:
+        (path.parent / "run-log-bundle_adjust-11-28-1040-77.txt").write_text(f"ASP 3.4.0\n\n{log}\n\nuname -a\n")
+    spec = f"{path}|camera={camera}{session}"
+    if answer == "refused":
+        with pytest.raises(InputError, match=r"moves the exact camera.*\|session=rpc"):
+            read_adjusted_camera(spec)
+        return
+    warnings = run("fit-rpc", points=spec, output_dir=str(tmp_path / "fitted"))["warnings"]
+    assert any("after -t dg name the XML" in text for text in warnings) is (answer == "warning")
+
+
 def test_what_is_no_adjustment_of_an_rpc_gets_an_answer(camera, tmp_path):
     path = Path(write_adjustment(tmp_path / "run-img.adjust"))
     with pytest.raises(InputError, match=r"name it, .*run-img\.adjust\|camera=IMAGE"):

@@ -30,7 +30,7 @@ RPC = sample_rpc(1)
 @pytest.mark.parametrize(
     ("path", "expected"),
     [("a/img_01.tif", "img_01"), ("zy301a_fwd_rpc.txt", "zy301a_fwd"), ("x_RPC.TXT", "x"), ("_RPC.TXT", "_RPC"),
-     ("RPC_1A.xml", "RPC_1A"), ("07JAN27.RPB", "07JAN27"), ("a.b.tif", "a.b")],
+     ("RPC_1A.xml", "RPC_1A"), ("07JAN27.RPB", "07JAN27"), ("a.b.tif", "a.b"), ("scene_rpc.tif", "scene_rpc")],
 )  # fmt: skip
 def test_id(path: str, expected: str) -> None:
     assert image_id(path) == expected

@@ -9,7 +9,6 @@ import threading
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,7 +27,8 @@ from ..rpc_files.find import read_rpc_file, rpc_of_dataset
 from ..rpc_files.placement import describe_map_evidence, find_placement_doubt
 from ..safety.content_marks import content_mark
 
-RPC_SUFFIX = "_rpc"
+#: Ending of the names of RPC files, and the extensions of such files; images may have the same ending.
+RPC_SUFFIX, RPC_EXTENSIONS = "_rpc", (".txt", ".xml")
 
 
 @thresholds
@@ -75,13 +75,14 @@ class ImageInMemory(InMemory):
 
 
 def image_id(path: str) -> str:
-    """Return an image's id: that of its STAC item, else the file's stem without a trailing ``_RPC``."""
+    """Return an image's id: that of its STAC item, else the file's stem, of an RPC file without a trailing ``_RPC``."""
     if isinstance(path, ImageInMemory):
         return path.image.id
     if (item := item_of(path)) is not None:
         return item.id
-    stem = Path(path).stem
-    return stem[: -len(RPC_SUFFIX)] if stem.lower().endswith(RPC_SUFFIX) and len(stem) > len(RPC_SUFFIX) else stem
+    stem, extension = os.path.splitext(os.path.basename(path))
+    is_rpc_file = extension.lower() in RPC_EXTENSIONS and stem.lower().endswith(RPC_SUFFIX) and stem.lower() != RPC_SUFFIX
+    return stem[: -len(RPC_SUFFIX)] if is_rpc_file else stem
 
 
 def open_image(source: ImageSource) -> Image:
