@@ -43,6 +43,13 @@ def is_cloud(path: str) -> bool:
     return os.path.isfile(path) and read_head(path, len(LAS_HEAD)).startswith(LAS_HEAD)
 
 
+def open_dtm(path: str, height_datum: str = "layer", epoch: float | None = None) -> GridSurface:
+    """Open a DEM as `open_dem`; of a lidar cloud (LAS, LAZ) the ground points are used."""
+    if is_cloud(path):
+        return _open_cloud(path, height_datum, None, epoch, "dtm")
+    return open_dem(path, height_datum, epoch)
+
+
 def open_surface(
     spec: str, height_datum: str = "layer", ground_crs: str | None = None, epoch: float | None = None, kind: str = "dsm"
 ) -> GridSurface:

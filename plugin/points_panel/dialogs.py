@@ -130,9 +130,10 @@ class NewPointDialog(QDialog):
         self.role.addItems(ROLES)
         self.dem, self.datum = QComboBox(), QComboBox()
         self.dem.addItem(tr("no DEM: as typed"), "")
-        layers = QgsProject.instance().mapLayers().values()
-        rasters = [one for one in layers if one.type() == QgsMapLayer.LayerType.RasterLayer and one.bandCount() == 1]
-        for layer in sorted(rasters, key=lambda one: str(one.name()).lower()):
+        layers, kinds = QgsProject.instance().mapLayers().values(), QgsMapLayer.LayerType
+        dems = [one for one in layers if one.type() == kinds.PointCloudLayer
+                or (one.type() == kinds.RasterLayer and one.bandCount() == 1)]  # fmt: skip
+        for layer in sorted(dems, key=lambda one: str(one.name()).lower()):
             self.dem.addItem(layer.name(), layer.source())
         self.datum.addItems(HEIGHT_DATUMS)
         self.height, self.sigma_xy, self.sigma_h = (_metres() for _ in range(3))

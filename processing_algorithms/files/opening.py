@@ -11,10 +11,9 @@ from ...hrsi_engine.block.exposures import join_exposures
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.operation_uses import require_strict_datums
-from ...hrsi_engine.io.rasters.dems import open_dem
 from ...hrsi_engine.io.rasters.images import RPC_SUFFIX, GdalRaster, image_id, open_image_and_source, placement_doubt
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
-from ...hrsi_engine.io.surfaces import is_cloud, open_surface
+from ...hrsi_engine.io.surfaces import open_dtm, open_surface
 from ...hrsi_engine.measurement.interest_points.windows import Area
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m, intersect_surface
 from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
@@ -112,16 +111,8 @@ def ground_warnings(images: Sequence[ImagePixels], grounds: Sequence[np.ndarray]
 
 
 def dem_surface(dem: DemOptions, height_datum: str, epoch: float | None = None) -> GridSurface | None:
-    """Return the opened DEM of the options, None if none is named; its own datum precedes ``height_datum``.
-
-    Of a lidar cloud (LAS, LAZ) the ground points are used.
-    """
-    if not dem.dem:
-        return None
-    datum = dem.dem_datum or height_datum
-    if is_cloud(dem.dem):
-        return open_surface(dem.dem, datum, epoch=epoch, kind="dtm")
-    return open_dem(dem.dem, datum, epoch)
+    """Return the opened DEM of the options, None if none is named; its own datum precedes ``height_datum``."""
+    return open_dtm(dem.dem, dem.dem_datum or height_datum, epoch) if dem.dem else None
 
 
 def open_control_surface(

@@ -17,8 +17,8 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
 from ...hrsi_engine.ground.geodesy import move_ground
 from ...hrsi_engine.io.rasters.cropping import pixel_view
-from ...hrsi_engine.io.rasters.dems import open_dem
 from ...hrsi_engine.io.rasters.images import close_images
+from ...hrsi_engine.io.surfaces import open_dtm
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
 from ...hrsi_engine.surface.dem import surface_heights
@@ -89,7 +89,7 @@ def place_on(session: PointSession, image_id: str, lonlat: tuple[float, float], 
 
 def dem_height(dem: str, height_datum: str, lonlat: tuple[float, float]) -> float:
     """Return the ellipsoidal height (m) of a DEM at a position; raise `InputError` if it has none."""
-    (height,) = surface_heights(open_dem(dem, height_datum), np.array([lonlat]))
+    (height,) = surface_heights(open_dtm(dem, height_datum), np.array([lonlat]))
     if not np.isfinite(height):
         raise InputError(f"{dem}: has no height at {lonlat[0]:.6f}, {lonlat[1]:.6f}: type one")
     return float(height)

@@ -12,6 +12,7 @@ from osgeo import gdal
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.surfaces import open_surface
 from hrsi.hrsi_engine.surface.dem import surface_heights
+from hrsi.processing_algorithms import point_session
 from hrsi.processing_algorithms.files.opening import dem_surface
 from hrsi.processing_algorithms.interface.option_groups import DemOptions
 
@@ -71,6 +72,9 @@ def test_a_lidar_cloud(tmp_path: Path, name: str, kind: str) -> None:
         dem = dem_surface(DemOptions(dem=str(tmp_path / name)), "ellipsoidal")
         assert dem is not None
         require_ground(dem, 0.5)
+        lonlat = TO_WGS84.transform(EAST + 150.0, NORTH + 150.0)  # where the panel looks up a height
+        found = point_session.dem_height(str(tmp_path / name), "ellipsoidal", lonlat)
+        assert found == pytest.approx(height(EAST + 150.0, NORTH + 150.0), abs=0.5)
 
 
 def test_heights_above_a_geoid(tmp_path: Path) -> None:

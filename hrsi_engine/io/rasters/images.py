@@ -81,7 +81,9 @@ def image_id(path: str) -> str:
     if (item := item_of(path)) is not None:
         return item.id
     stem, extension = os.path.splitext(os.path.basename(path))
-    is_rpc_file = extension.lower() in RPC_EXTENSIONS and stem.lower().endswith(RPC_SUFFIX) and stem.lower() != RPC_SUFFIX
+    is_rpc_file = (
+        extension.lower() in RPC_EXTENSIONS and stem.lower().endswith(RPC_SUFFIX) and stem.lower() != RPC_SUFFIX
+    )
     return stem[: -len(RPC_SUFFIX)] if is_rpc_file else stem
 
 
