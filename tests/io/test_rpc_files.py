@@ -68,6 +68,27 @@ def test_agrees_with_gdal(name: str, real_data: Path, tmp_path: Path) -> None:
     assert largest_difference_px(alone, gdal_rpc(tmp_path / image_name)) < 1e-9
 
 
+def test_pixels_of_pleiades_neo_do_not_begin_with_its_validity_domain(real_data: Path, tmp_path: Path) -> None:
+    """The domain of the real PHR1B begins at -791, -27 and its image at 1; GDAL 3.6 subtracts it for Pleiades Neo."""
+    text = (real_data / "formats" / "dimap_pneo" / PNEO).read_text(encoding="utf-8")
+    (tmp_path / "RPC_x.XML").write_text(text.replace("<FIRST_COL>0<", "<FIRST_COL>-27<"), encoding="utf-8")
+    write_image(tmp_path / "IMG_x.tif", None)
+    found = read_rpc(str(tmp_path / "IMG_x.tif"))
+    assert found.rpc == read_rpc(str(real_data / "formats" / "dimap_pneo" / PNEO)).rpc
+    if largest_difference_px(found.rpc, gdal_rpc(tmp_path / "IMG_x.tif")) > 1.0:
+        assert f"what GDAL {gdal.__version__} reads (" in found.summary
+
+
+@pytest.mark.parametrize(("driver", "name", "is_read"), [("PNG", "x.png", False), ("ENVI", "x.img", False),
+                                                         ("GTiff", "x.tif", True)])  # fmt: skip
+def test_a_side_file_that_gdal_does_not_read_is_told(driver: str, name: str, is_read: bool, tmp_path: Path) -> None:
+    plain = gdal.GetDriverByName("MEM").Create("", 20, 10)
+    gdal.GetDriverByName(driver).CreateCopy(str(tmp_path / name), plain)
+    write_rpc_text(str(tmp_path / "x_RPC.TXT"), sample_rpc())
+    assert bool(gdal.Open(str(tmp_path / name)).GetMetadata("RPC")) is is_read
+    assert ("which GDAL does not read" in read_rpc(str(tmp_path / name)).source) is not is_read
+
+
 @pytest.mark.parametrize(
     "file", ["s2p_triplet_phr/img_01.tif", "qb2_gcp/qb2_basic1b.tif", f"formats/geotiff_tag/{PHR}.tif",
              "formats/nitf_rpc00b/wv3_20.NTF"],

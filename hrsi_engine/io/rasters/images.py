@@ -27,8 +27,7 @@ from ..rpc_files.find import read_rpc_file, rpc_of_dataset
 from ..rpc_files.placement import describe_map_evidence, find_placement_doubt
 from ..safety.content_marks import content_mark
 
-#: Ending of the names of RPC files, and the extensions of such files; images may have the same ending.
-RPC_SUFFIX, RPC_EXTENSIONS = "_rpc", (".txt", ".xml")
+RPC_SUFFIX = "_rpc"  # ending of the names of RPC files
 
 
 @thresholds
@@ -80,11 +79,8 @@ def image_id(path: str) -> str:
         return path.image.id
     if (item := item_of(path)) is not None:
         return item.id
-    stem, extension = os.path.splitext(os.path.basename(path))
-    is_rpc_file = (
-        extension.lower() in RPC_EXTENSIONS and stem.lower().endswith(RPC_SUFFIX) and stem.lower() != RPC_SUFFIX
-    )
-    return stem[: -len(RPC_SUFFIX)] if is_rpc_file else stem
+    name = re.sub(rf"(?<=.){RPC_SUFFIX}(?=\.(txt|xml)$)", "", os.path.basename(path), flags=re.IGNORECASE)
+    return os.path.splitext(name)[0]
 
 
 def open_image(source: ImageSource) -> Image:

@@ -133,9 +133,13 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
         )
     found = _compare_sources(path, dataset, [read for _, read in sources])
     ignored = tuple(title + _describe_difference(found.rpc, read) for title, read in sources[1:])
-    told, driver = metadata_of(dataset), dataset.GetDriver().ShortName
-    if not metadata_of(dataset, "RPC") and any(path not in files and files for files in side_files(path).values()):
-        found = replace(found, source=f"{found.source}, which GDAL does not read with {driver} images")
+    told, by_gdal = metadata_of(dataset), metadata_of(dataset, "RPC")
+    if by_gdal and not item_of(path):
+        # GDAL 3.6 subtracts FIRST_COL of Pleiades Neo, which later versions and other programs do not
+        difference = _describe_difference(found.rpc, lambda: FoundRpc(fields.rpc_from_gdal(path, by_gdal), ""))
+        ignored += (f"what GDAL {gdal.__version__} reads{difference}",) if difference else ()
+    elif not by_gdal and any(side_files(path).values()):
+        found = replace(found, source=f"{found.source}, which GDAL does not read with {dataset.GetDriver().ShortName}")
     sensor = found.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "") or told.get(SENSOR_ITEM, "")
     height_m = finite_number(told.get(HEIGHT_ITEM)) if found.height_m is None else found.height_m
     size = (dataset.RasterXSize, dataset.RasterYSize)
