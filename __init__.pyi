@@ -1826,10 +1826,11 @@ def orthorectify(
 
     Makes an orthoimage of every image with the GDAL warper, as cloud-optimised GeoTIFF; all bands, data
     type and nodata are kept. All orthoimages of a block have one pixel grid. Heights of the DEM are
-    converted to ellipsoidal heights. The largest error of a position is ``error_px``; the report gives
-    the error at random pixels. Orthoimages that were made from the same files with the same options are
-    kept, so that a stopped run can be continued. With ``scheduler`` the tiles are warped by workers of
-    a Dask scheduler, with the same result. Occluded ground shows the object in front of it.
+    converted to ellipsoidal heights. Orthoimages of parts of an area have the pixels of that of the
+    complete area. The report gives the errors of positions at random pixels. Orthoimages that were made
+    from the same files with the same options are kept, so that a stopped run can be continued. With
+    ``scheduler`` the tiles are warped by workers of a Dask scheduler, with the same result. Occluded
+    ground shows the object in front of it.
 
     Parameters
     ----------
