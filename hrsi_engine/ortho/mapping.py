@@ -169,7 +169,7 @@ class OrthoMapping:
         """
         step, first = 1, (1, 1)
         if self.error_px == 0.0:
-            positions = self._map_exactly(window)
+            positions = self._map_every_pixel(window)
         else:
             lattice, first = self._map_lattice(window)
             if isinstance(self.surface, ConstantHeight) and self.jitter is None:  # no height between the nodes
@@ -183,7 +183,7 @@ class OrthoMapping:
             low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
         unknown = 0 if is_complete else self._count_unknown(window, np.isfinite(positions[0, 1:-1, 1:-1]))
         mapping = ChunkMapping(positions, step, first, low, high, is_complete, unknown=unknown)
-        if not ((high + step > -0.5).all() and (low - step < np.array(self.size) - 0.5).all()):  # beside the image
+        if not ((high + step > -0.5).all() and (low - step < np.array(self.size) - 0.5).all()):  # outside the image
             return mapping if unknown else None
         # Random pixels of the window, equal in every run
         rng = np.random.default_rng([window.column, window.row])
@@ -191,7 +191,7 @@ class OrthoMapping:
         errors = np.hypot(*(mapping.interpolate(checks) - self.exact(checks + window[:2])).T)
         return mapping._replace(errors_px=errors[np.isfinite(errors)])
 
-    def _map_exactly(self, window: GridWindow) -> np.ndarray:
+    def _map_every_pixel(self, window: GridWindow) -> np.ndarray:
         """Return the positions of all pixels of a window and of those around it, each computed by the RPC."""
         column, row = np.arange(-1, window.columns + 1), np.arange(-1, window.rows + 1)
         pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
