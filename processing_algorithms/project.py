@@ -11,6 +11,7 @@ from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require
 from ..hrsi_engine.io.geopackage.declared_layers import ProjectedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
+from ..hrsi_engine.refinement.refine import require_axes_in_order
 from ..hrsi_engine.surface.dem import surface_heights
 from .declarations.rpcs import POINTS_FILE, ProjectOptions
 from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input
@@ -45,6 +46,8 @@ def run(options: ProjectOptions, context: Context) -> Report:
         lost = np.count_nonzero(np.isnan(given[:, 2]))
         warnings = [f"the DEM has no height for {lost} points"] if lost else []
     ids, ground = points.ids, points.ground
+    names = ids if options.points else [f"point {number + 1}" for number in range(len(ids))]
+    require_axes_in_order(images, ground, names)
     if context.dry_run:
         counts = {"images": len(images), "ground points": len(ids)}
         return plan_folder(options.folder, POINTS_FILE, counts, warnings, context)

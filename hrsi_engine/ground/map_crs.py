@@ -8,9 +8,22 @@ zones 31X, 33X, 35X and 37X. UPS is used north of 84 and south of 80 degrees, wh
 from collections.abc import Sequence
 
 import numpy as np
+import pyproj
+from pyproj.aoi import AreaOfInterest
+from pyproj.enums import PJType
 
+from ..foundation.errors import InputError
+from ..foundation.thresholds import threshold, thresholds
 from .crs_operations import operations_of
 from .geodesy import continuous_longitudes, wrap_degrees
+
+
+@thresholds
+class LOCAL_CRS:
+    """Limit for the CRS of coordinates that state none."""
+
+    margin_m: float = threshold(50e3, "m", "largest distance of coordinates from the place where they must lie")
+
 
 UTM_LATITUDES = (-80.0, 84.0)  # limits of the UTM grid
 #: UPS south and north with easting first: EPSG codes.
@@ -67,3 +80,27 @@ def project_to_map(ground: np.ndarray, epsg: int) -> np.ndarray:
     Result: (n, 2) easting, northing in the unit of the CRS.
     """
     return operations_of(f"EPSG:{epsg}").from_wgs84(ground)
+
+
+def list_local_crs(lonlat: np.ndarray, xy: np.ndarray) -> list[str]:
+    """Return the CRSs in use at a place that have coordinates like these there, the likeliest first.
+
+    lonlat, xy : (2,) the place in degrees, and coordinates near it in an unknown CRS
+    Result: ``EPSG:4326`` for longitude and latitude; else the projected CRSs of EPSG whose area of use contains the
+    place, WGS84 / UTM first, then by the distance of the coordinates.
+    """
+    place = np.array([[*lonlat, 0.0]])
+    if np.abs(xy - lonlat).max() < LOCAL_CRS.margin_m / 111e3:
+        return ["EPSG:4326"]
+    area = AreaOfInterest(*lonlat, *lonlat)
+    infos = pyproj.database.query_crs_info("EPSG", PJType.PROJECTED_CRS, area, contains=True)
+    utm, found = map_epsg(*lonlat), list[tuple[bool, float, int]]()
+    for code in {utm, *(int(one.code) for one in infos)}:
+        try:
+            there = project_to_map(place, code)[0]
+        except (InputError, pyproj.exceptions.ProjError, IndexError):  # no operation to WGS84
+            continue
+        distance = float(np.hypot(*(there - xy)))
+        if distance < LOCAL_CRS.margin_m:
+            found.append((code != utm, round(distance, -2), code))  # realisations of one datum agree to metres
+    return [f"EPSG:{code}" for _, _, code in sorted(found)]

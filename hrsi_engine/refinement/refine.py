@@ -1,6 +1,6 @@
 """Refinement of one image's RPC from GCPs: check the points, choose a model, estimate its parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -236,6 +236,28 @@ def check_control(image: Image, control: Control) -> list[str]:
 def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
     middle = np.broadcast_to(compute_ground_area(image).middle, ground.shape)
     return np.linalg.norm(ground_difference_m(ground, middle)[:, :2], axis=1)
+
+
+def require_axes_in_order(images: Sequence[Image], ground: np.ndarray, ids: Sequence[str] | np.ndarray) -> None:
+    """Raise `InputError` with the ids of points that are near images only with longitude and latitude exchanged.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        The images.
+    ground : (n, 3) ndarray
+        Longitude, latitude in degrees, ellipsoidal height in metres.
+    ids : sequence of str
+        Names of the points.
+
+    Raises
+    ------
+    InputError
+        Some points are.
+    """
+    swapped = np.all([_has_swapped_axes(image, ground) for image in images], axis=0)
+    if swapped.any():
+        raise InputError(f"longitude and latitude of {list_ids(np.asarray(ids)[swapped])} are swapped: exchange them")
 
 
 def _has_swapped_axes(image: Image, ground: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ from ...hrsi_engine.refinement.model import RefitRPC
 from ...hrsi_engine.results.block_results import BlockResult
 from ...hrsi_engine.results.stac import describe_assets
 from ...hrsi_engine.results.verdict import Verdict
-from ..files.result_folder import PAGE_FILE, REPORT_FILE, plan
+from ..files.result_folder import INPUTS_CHECKED, NOTHING_WRONG, PAGE_FILE, REPORT_FILE, plan
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
 
@@ -134,7 +134,7 @@ def plan_results(
     names = [name for name in _file_names(output, images) if together or name != CAMERAS_FILE]
     if output.write == IN_PLACE:
         names += [os.path.abspath(image.path) for image in images if image.raster is not None]
-    found = Verdict.create("nothing wrong was found" if not reasons else "the inputs were checked", reasons)
+    found = Verdict.create(INPUTS_CHECKED if reasons else NOTHING_WRONG, reasons)
     return plan(context, output.folder.output_dir, names, counts, warnings, found.entry())
 
 

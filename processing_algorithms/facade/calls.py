@@ -25,6 +25,7 @@ from ...hrsi_engine.io.output_dir import find_image_outputs
 from ...hrsi_engine.io.point_files import PointsInMemory
 from ...hrsi_engine.io.rasters.images import ImageInMemory, open_image, path_of, placement_doubt
 from ...hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from ...hrsi_engine.refinement.refine import require_axes_in_order
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
 from .. import REGISTRY
 from ..files.opening import open_terrain
@@ -244,7 +245,7 @@ def project(images: Any, points: Any, **options: Any) -> Any:
     Raises
     ------
     HrsiError
-        Points without height if the height of the ground is not given.
+        Points without height if the height of the ground is not given; longitude and latitude exchanged.
     """
     if not _is_array(points):
         return DECLARED["project"](images, points=points, **options)
@@ -257,6 +258,7 @@ def project(images: Any, points: Any, **options: Any) -> Any:
     if without.any() and surface is not None:
         ground = ground.copy()
         ground[without, 2] = surface_heights(surface, ground[without, :2])
+    require_axes_in_order([image], ground, [f"point {number + 1}" for number in range(len(ground))])
     found = image.rpc.project(ground)
     return found[0] if np.ndim(points) == 1 else found
 

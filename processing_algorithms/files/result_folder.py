@@ -33,6 +33,10 @@ class LENGTH:
     most_pairs: int = threshold(10, "pairs", "largest number of pairs in the summary of an evaluation")
 
 
+#: Sentences of the verdict of a dry run without and with findings.
+NOTHING_WRONG, INPUTS_CHECKED = "nothing wrong was found", "the inputs were checked"
+
+
 def plan(
     context: Context, folder: str | None, names: Sequence[str], counts: Mapping[str, int], warnings: Sequence[str] = (),
     verdict: Mapping[str, Any] | None = None,
@@ -52,7 +56,7 @@ def plan(
         "files": [{"path": file, "replaces": exists_anywhere(file)} for file in files],
         "counts": dict(counts),
         "warnings": list(warnings),
-        "verdict": dict(verdict or {"level": Level.OK.label, "sentence": "nothing wrong was found", "reasons": []}),
+        "verdict": dict(verdict or {"level": Level.OK.label, "sentence": NOTHING_WRONG, "reasons": []}),
     }
 
 

@@ -14,15 +14,18 @@ from itertools import pairwise
 import numpy as np
 
 from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.block.columns import NameColumn
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import ground_difference_m
-from ...hrsi_engine.io.opening.numbers import parse_angle, parse_finite
-from ...hrsi_engine.io.point_files.csv_text import read_lines, split_rows
+from ...hrsi_engine.io.point_files.csv_text import count_header_rows, parse_field, read_lines, split_rows
+from ...hrsi_engine.io.point_files.interpret import matching_names
 from ...hrsi_engine.io.point_files.table import match_fields
 from .height_evidence import HEIGHT_EVIDENCE
 
 UNUSED = "-"  #: name of a column that is not read
+AXES = (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x"))  #: meanings of two neighbouring columns
+LINE_NAMES = re.compile(r"line|lig|row|zeile|y|fila|reng", re.IGNORECASE)
 
 
 @thresholds
@@ -32,6 +35,7 @@ class COLUMN_ROLES:
     most_rows: int = threshold(2000, "rows", "rows that are read to find what the columns mean")
     margin_deg: float = threshold(0.5, "degree", "margin of ground points around the footprints")
     near_share: float = threshold(0.5, "", "smallest share of points on the images' ground, or of known images")
+    equal_m: float = threshold(5.0, "m", "largest distance of points with one id in two files of the same survey")
     misfit_share: float = threshold(0.02, "", "largest scatter of measurements over the image's size")
 
 
@@ -63,17 +67,13 @@ def read_text_table(path: str) -> TextTable | None:
     if len(lines) > 1 and lines[0].isdigit():  # the number of points
         lines = lines[1:]
     separator, rows = split_rows(lines)
-    has_header = bool(rows) and all(_parse(text, separator) is None for text in rows[0])
-    names = tuple(rows.pop(0)) if has_header else ("",) * (len(rows[0]) if rows else 0)
+    titles = count_header_rows(rows, separator)
+    names = tuple(rows[titles - 1]) if titles else ("",) * (len(rows[0]) if rows else 0)
+    rows = rows[titles:]
     if len(names) < 3 or not rows or any(len(row) != len(names) for row in rows):
         return None
-    numbers = [[np.nan if (value := _parse(text, separator)) is None else value for text in row] for row in rows]
+    numbers = [[np.nan if (value := parse_field(text, separator)) is None else value for text in row] for row in rows]
     return TextTable(names, tuple(zip(*rows, strict=True)), np.array(numbers))
-
-
-def _parse(text: str, separator: str | None) -> float | None:
-    value = parse_finite(text if separator == "," else text.replace(",", "."))
-    return parse_angle(text) if value is None else value
 
 
 # ---- ground positions -----------------------------------------------------------------------------------------------
@@ -90,7 +90,7 @@ def list_ground_columns(table: TextTable) -> Iterator[list[str]]:
     """Yield names of the columns in which neighbours are a position, with the height next to them and without."""
     name, numeric = table.id_column, [k for k in table.numeric if k != table.id_column]
     for first, second in pairwise(numeric):
-        for axes in (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x")):
+        for axes in AXES:
             for height in (*(k for k in (second + 1, first - 1) if k in numeric), None):
                 roles = [UNUSED] * len(table.names)
                 for column, role in ((first, axes[0]), (second, axes[1]), (height, "height"), (name, "id")):
@@ -155,6 +155,66 @@ def find_image_columns(
         fits = [_assign_columns(table.numbers[rows], ground, layout, images) for layout in layouts]
         return max(fits, key=lambda one: (len(one), -sum(fit.scatter_px for fit in one)))
     return by_name
+
+
+def find_measurement_columns(
+    table: TextTable, images: Mapping[str, Image], known: Mapping[str, np.ndarray]
+) -> list[str] | None:
+    """Return the names of the columns of a table with one row for each measurement, and the image in a column.
+
+    Sample and line are the neighbouring columns that agree best with known ground points; without these, with names
+    and with each other. None if no column names images, or no other one points.
+    """
+    columns = range(len(table.names))
+    places = {k: _place_images(table.columns[k], list(images)) for k in columns}
+    image = next((k for k in columns if np.mean(places[k] >= 0) >= COLUMN_ROLES.near_share), None)
+    if image is None:
+        return None
+    whole = [k for k in columns if k != image and not (np.mod(table.numbers[:, k], 1.0) > 0.0).any()]
+    distinct = (k for k in whole if len({*zip(table.columns[k], places[image], strict=True)}) == len(table.numbers))
+    name = next(distinct, None)
+    pairs = [(k, k + 1) for k in table.numeric if k + 1 in table.numeric and not {k, k + 1} & {image, name}]
+    if name is None or not pairs:
+        return None
+    rated = [(_rate_pair(table, pair, name, places[image], images, known), pair)
+             for first, second in pairs for pair in ((first, second), (second, first))]  # fmt: skip
+    cost, (sample, line) = min(rated)
+    roles = {image: "image", name: "id", sample: "sample", line: "line"}
+    return [roles.get(k, UNUSED) for k in columns] if np.isfinite(cost) else None
+
+
+def _rate_pair(
+    table: TextTable, pair: tuple[int, int], name: int, places: np.ndarray, images: Mapping[str, Image],
+    known: Mapping[str, np.ndarray],
+) -> float:  # fmt: skip
+    """Return how badly two columns are sample and line: px from known points, else m between images; inf if never."""
+    ids, row = np.unique(table.columns[name], return_inverse=True)
+    measured = {number: one for number, one in enumerate(images) if (places == number).any()}
+    wide = np.full((len(ids), 2 * len(measured)), np.nan)  # a row for each point, as other tables have them
+    for k, number in enumerate(measured):
+        rows = places == number
+        wide[row[rows], 2 * k : 2 * k + 2] = table.numbers[rows][:, pair]
+    order = [ImageColumns(one, 2 * k, 2 * k + 1) for k, one in enumerate(measured.values())]
+    surveyed = np.flatnonzero([one in known for one in ids])
+    if len(surveyed) < HEIGHT_EVIDENCE.fewest:
+        return _disagreement_m(wide, order, images) + (LINE_NAMES.match(table.names[pair[0]]) is not None)
+    ground = np.array([known[one] for one in ids[surveyed]])
+    scatter = [
+        fit.scatter_px
+        for one in order
+        for fit in _fit_columns(wide[surveyed], ground, [(one.sample, one.line)], {one.image: images[one.image]})
+        if fit.sample < fit.line
+    ]
+    return float(np.mean(scatter)) if scatter else np.inf
+
+
+def _place_images(texts: Sequence[str], image_ids: Sequence[str]) -> np.ndarray:
+    """Return the place of the image that each text names in a list of ids, -1 for others."""
+    unique = sorted(set(texts))
+    ids = matching_names(NameColumn(np.array(unique), np.arange(len(unique), dtype=np.int32)), image_ids)
+    place = {text: image_ids.index(one) if one in image_ids else -1
+             for text, one in zip(unique, np.asarray(ids).tolist(), strict=True)}  # fmt: skip
+    return np.array([place[text] for text in texts])
 
 
 def _assign_columns(

@@ -69,8 +69,8 @@ def weigh_hypotheses(
     best, limit = int(np.argmin(loss)), np.log(HEIGHT_EVIDENCE.decisive_ratio)
     is_decisive = loss[1 - best] - loss[best] > limit > loss[best]  # other units, other places agree with neither
     figures = (
-        f"{what} differ by {middle[0]:+.1f} m from it if its heights are ellipsoidal, and by {middle[1]:+.1f} m if "
-        f"they refer to the geoid ({known.sum()} points, sigma {sigma:.1f} m)"
+        f"{what} are {middle[0]:+.1f} m higher if these are ellipsoidal, {middle[1]:+.1f} m if these refer to the "
+        f"geoid ({known.sum()} points, sigma {sigma:.1f} m)"
     )
     return DatumEvidence(("ellipsoidal", geoid[0])[best] if is_decisive else None, figures)
 

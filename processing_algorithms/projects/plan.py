@@ -10,6 +10,7 @@ from ...hrsi_engine.foundation.reasons import Level
 from ...hrsi_engine.io.catalogue.deliveries import resolve_images
 from ...hrsi_engine.io.rasters.images import open_image
 from .. import REGISTRY
+from ..files.result_folder import INPUTS_CHECKED, NOTHING_WRONG
 from ..interface.declare import Context, Report
 from ..interface.options import check_options
 from .project_file import FOLDERS, SINGLE, Project
@@ -63,11 +64,18 @@ def judge_plan(entries: Mapping[str, Report]) -> Report:
     failed = [f"{name} failed: {entry['told']}" for name, entry in entries.items() if entry["status"] == FAILED]
     levels = [*(verdict["level"] for verdict in judged), *([Level.UNUSABLE.label] if failed else [])]
     level = max(levels, key=LEVELS.index, default=Level.DOUBTFUL.label)
-    sentences = dict.fromkeys([*failed, *(str(verdict["sentence"]) for verdict in judged)])
-    return {
-        "level": level, "sentence": "; ".join(sentences) or "no step was judged",
-        "reasons": [reason for verdict in judged for reason in verdict["reasons"]],
-    }  # fmt: skip
+    reasons = [reason for verdict in judged for reason in verdict["reasons"]]
+    sentences = dict.fromkeys([*failed, *(_summarise(verdict) for verdict in judged)])
+    if len(sentences) > 1:
+        sentences.pop(NOTHING_WRONG, None)
+    return {"level": level, "sentence": "; ".join(sentences) or "no step was judged", "reasons": reasons}
+
+
+def _summarise(verdict: Report) -> str:
+    """Return the sentence of a verdict; of a check of inputs, the worst of what it found."""
+    if verdict["sentence"] == INPUTS_CHECKED and verdict["reasons"]:
+        return str(verdict["reasons"][0]["message"])
+    return str(verdict["sentence"])
 
 
 def failures(entries: Mapping[str, Report]) -> Iterator[tuple[str, int]]:

@@ -2,29 +2,37 @@
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
+import pyproj
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
+from ...hrsi_engine.ground.geodesy import ground_difference_m
+from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names
 from ...hrsi_engine.io.point_files import PointTables, csv_text, read_points
 from ...hrsi_engine.io.point_files.find import read_table
 from . import column_roles
-from .column_roles import COLUMN_ROLES, match_image, share_near
+from .column_roles import AXES, COLUMN_ROLES, match_image, share_near
 
 #: Words of file names and of fields that state the role of points.
 CHECK_WORDS = re.compile(r"(?<![a-z])(check|chk|cp|icp|ckp|validation|verif|test|kontroll?|pruef)", re.IGNORECASE)
 CONTROL_WORDS = re.compile(r"(?<![a-z])(control|ctrl|gcp|pass)", re.IGNORECASE)
 ROLE_FIELD = re.compile(r"role|type|kind|class|use|usage|status|art|typ", re.IGNORECASE)
+#: Words of fields of vector layers that are ids and heights.
+ID_FIELD = re.compile(r"id|nr|no|num|name|nom|punkt|point|pt|mat", re.IGNORECASE)
+HEIGHT_FIELD = re.compile(r"^(h|z|alt|elev|höhe|hoehe|cota|quota|haut)|[_ ](h|z|alt|elev)$", re.IGNORECASE)
 #: Words of files and fields that state a height datum, and the value of the option.
 DATUM_WORDS = (
     ("egm2008", r"egm_?(20)?08"), ("egm96", r"egm_?(19)?96|srtm|\.hgt$"),
-    ("ellipsoidal", r"ellip|(?<![a-z])(hae|h_?ell)(?![a-z])"),
-    ("egm2008", r"(?<![a-z])(msl|ortho_?h|orthometric|geoid|above_sea)|cop(ernicus)?.?(dem|glo)"),
+    ("ellipsoidal", r"ellip|(?<![a-z])(hae|h?_?ell)(?![a-z])"),
+    ("egm2008", r"(?<![a-z])(msl|ortho_?h|orthometric|geoid|above_sea|nhn|dhhn|navd|ign69|ngf|evrf|odn)|"
+                r"cop(ernicus)?.?(dem|dsm|glo)|aw3d|nasadem"),
 )  # fmt: skip
 HEIGHT_UNKNOWN = "the height datum is not known"
 
@@ -100,23 +108,57 @@ def _read_source(
     path: str, spec: str, images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
 ) -> PointSource | None:
     """Return a file that is read by the names or the usual order of its columns, or by the content of columns."""
-    for crs in ("", *crs_names, "EPSG:4326"):
+    for crs in ("", *crs_names, *_list_crs(spec, region)):
         tables = _try(spec, images, crs)
         if tables is not None and _is_plausible(tables, images, region):
             return _make_source(path, *_with_roles(spec, tables, images, crs), crs)
     table = column_roles.read_text_table(path) if _is_text(path) else None
     readings = []
-    for names in column_roles.list_ground_columns(table) if table is not None else ():
-        for crs in crs_names if "x" in names else ("",):
-            tables = _try(f"{path}|columns={','.join(names)}", images, crs)
+    for names in column_roles.list_ground_columns(table) if table is not None else _list_fields(spec):
+        chosen = f"{spec}|columns={','.join(names)}"
+        for crs in (*crs_names, *_list_crs(chosen, region)) if table is None or "x" in names else ("",):
+            tables = _try(chosen, images, crs)
             if tables is not None and tables.ground is not None and _is_plausible(tables, images, region):
                 readings.append((share_near(tables.ground.ground[:, :2], region), ",".join(names), tables, crs))
-    if table is None or not readings:
+                break
+    if not readings:
         return None
     _, listed, tables, crs = max(readings, key=lambda one: one[0])
-    source = _make_source(path, f"{path}|columns={listed}", tables, crs)
-    source.datum = state_datum(*table.names) if source.datum is None else source.datum
+    source = _make_source(path, *_with_roles(f"{spec}|columns={listed}", tables, images, crs), crs)
+    if source.datum is None:
+        source.datum = state_datum(*(table.names if table is not None else [listed]))
     return source
+
+
+def _list_crs(spec: str, region: np.ndarray) -> list[str]:
+    """Return the CRSs in which the coordinates of a file that states none lie near the images."""
+    try:
+        table = read_table(spec)
+    except HrsiError:
+        return []
+    xy = table.geometry[:, :2] if table.geometry is not None and not table.crs else np.empty((0, 2))
+    if {"x", "y"} <= table.columns.keys():
+        xy = np.column_stack([table.columns["x"], table.columns["y"]])
+    return list_local_crs(region.mean(axis=0), np.nanmedian(xy, axis=0)) if np.isfinite(xy).any() else []
+
+
+def _list_fields(spec: str) -> Iterator[list[str]]:
+    """Yield choices of the fields of a vector layer or spreadsheet that are ids, heights, and positions."""
+    try:
+        table = read_table(spec)
+    except HrsiError:
+        return
+    names = table.field_names
+    heights = [name for name in names if HEIGHT_FIELD.search(name)]
+    for name in sorted(names, key=lambda name: not ID_FIELD.search(name)):
+        if table.geometry is not None:
+            yield [f"id={name}", *(f"height={one}" for one in heights[:1] if one != name)]
+            continue
+        for k, (first, second) in enumerate(pairwise(names)):
+            following = [*names[k + 2 : k + 3], *heights][:1]
+            for axes in AXES if name not in (first, second, *following) else ():
+                heights_of = [f"height={one}" for one in following]
+                yield [f"id={name}", f"{axes[0]}={first}", f"{axes[1]}={second}", *heights_of]
 
 
 def _try(spec: str, images: Mapping[str, Image], crs: str) -> PointTables | None:
@@ -141,6 +183,7 @@ def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSo
     datum = state_datum(os.path.basename(path)) if HEIGHT_UNKNOWN in told else ""
     notes = [note.partition(": ")[2] for note in tables.warnings if ": read as the columns" in note]
     notes += [f"columns {spec.partition('|columns=')[2]}"] if "|columns=" in spec and not notes else []
+    notes += [f"CRS {crs} ({pyproj.CRS(crs).name}) by the place of the images"] if crs else []
     return PointSource(
         path, [spec], crs, datum, tables.ground, [tables.image] if tables.image is not None else [], notes,
         "have no height" not in told,
@@ -178,6 +221,10 @@ def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[s
         return None
     if table is None:
         return None
+    if names := column_roles.find_measurement_columns(table, images, known):
+        spec = f"{path}|columns={','.join(names)}"
+        tables = _try(spec, images, "")
+        return None if tables is None else _make_source(path, spec, tables, "")
     source = PointSource(path, [])
     for one in column_roles.find_image_columns(table, stem, images, known):
         spec = f"{path}|columns={','.join(one.roles(table))}|image={one.image}"
@@ -204,6 +251,23 @@ class PointRoles:
     control: list[PointSource] = field(default_factory=list)
     measured: list[PointSource] = field(default_factory=list)
     ties: list[PointSource] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def _find_contradiction(source: PointSource, others: Sequence[PointSource]) -> str:
+    """Return how far points are from those with the same ids in other files; empty if they agree."""
+    known = {str(name): xyz for one in others if one.ground is not None
+             for name, xyz in zip(one.ground.ids, one.ground.ground, strict=True)}  # fmt: skip
+    ground = source.ground
+    pairs = [(xyz, known[str(name)]) for name, xyz in zip(ground.ids, ground.ground, strict=True)
+             if str(name) in known] if ground is not None else []  # fmt: skip
+    if not pairs:
+        return ""
+    first, second = np.array(pairs).swapaxes(0, 1)
+    distance = float(np.nanmedian(np.linalg.norm(ground_difference_m(first, second)[:, :2], axis=1)))
+    if distance < COLUMN_ROLES.equal_m:
+        return ""
+    return f"{len(pairs)} of its points have other places (median {distance:.0f} m) in {others[0].name}"
 
 
 def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
@@ -219,6 +283,10 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
         counts = {"GCPs": one.count(Role.GCP), "check points": one.count(Role.CHECK)}
         if any(counts.values()):
             what, reason = "ground points with roles", ", ".join(f"{n} {label}" for label, n in counts.items())
+        elif (apart := _find_contradiction(one, found.control)) and own & ids:
+            found.roles[one.path] = ("ground points, not used", apart)
+            found.notes.append(f"{one.name}: {apart}: not used; exchange gcps if it is the right one")
+            continue
         elif own <= ids:
             (check_ids if is_check else gcp_ids).update(own)
             others = "check points" if not is_check else "GCPs"

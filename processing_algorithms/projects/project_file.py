@@ -5,6 +5,7 @@ refer to the folder of the file.
 """
 
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -115,7 +116,12 @@ def _place_value(folder: str, param: Param, value: Any) -> Any:
 
 
 def _place_file(folder: str, name: str) -> str:
-    packed = "/vsigzip/"
-    if name.startswith(packed) and not name.startswith(f"{packed}/"):
-        return f"{packed}{os.path.abspath(os.path.join(folder, name.removeprefix(packed)))}"
-    return name if name.startswith(("/vsi", "@")) else os.path.join(folder, name)
+    prefix, path = split_virtual(name)
+    is_elsewhere = name.startswith("@") or (not prefix and name.startswith("/vsi"))
+    return name if is_elsewhere else prefix + os.path.join(folder, path)
+
+
+def split_virtual(path: str) -> tuple[str, str]:
+    """Return the prefix of a file in an archive, ``/vsizip/``, and its path; other paths have an empty prefix."""
+    found = re.match(r"(/vsi(?:zip|gzip|tar)/)(?![{/]*vsi)(.*)", path)
+    return (found[1], found[2]) if found else ("", path)

@@ -15,8 +15,9 @@ from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.rasters.dems import fill_gaps, open_geoid, read_geoid_heights
 from ...hrsi_engine.plausibility.places import compute_coverage
 from ...hrsi_engine.surface.dem import surface_heights
-from .folder_files import FileRole, FolderContent, HeightRaster
+from .folder_files import BROKEN_IMAGE, FileRole, FolderContent
 from .height_evidence import RayHeights, find_installed_geoid, intersect_tracks, measure_rays, weigh_hypotheses
+from .height_rasters import HeightRaster
 from .point_sources import PointRoles, PointSource, decide_roles
 from .project_file import ASK
 
@@ -59,6 +60,9 @@ def understand(content: FolderContent, height_datum: str | None = None) -> Under
     made = Understanding(content)
     points = decide_roles(content.sources)
     content.roles += [FileRole(path, *role) for path, role in points.roles.items()]
+    made.decisions += points.notes
+    made.decisions += [f"{os.path.basename(one.path)}: image, not used: {one.reason}" for one in content.roles
+                       if one.role == BROKEN_IMAGE]  # fmt: skip
     made.shared["images"] = [image.path for image in content.images]
     measured = {name for one in content.sources for name in one.measured_ids}
     surveyed = {name for one in points.control for name in one.ground_ids}
@@ -93,15 +97,15 @@ def _choose_dem(made: Understanding, needed: bool) -> HeightRaster | None:
     ranked = sorted(made.content.heights, key=lambda one: (one.share >= least, not one.is_dsm, one.share))
     dem = ranked.pop() if ranked else None
     for one in ranked:
-        made.decisions.append(f"{os.path.basename(one.path)}: not used, {os.path.basename(dem.path)} is")  # type: ignore[union-attr]
+        made.decisions.append(f"{one.name}: not used, {dem.name if dem else None} is")
     if dem is None:
         return None
-    told = f"{os.path.basename(dem.path)}: covers {dem.share:.0%} of the images' ground"
+    told = f"{dem.name}: covers {dem.share:.0%} of the images' ground"
     if dem.share < least and not needed and len(images) > 1:
         made.decisions.append(f"{told}: not used, orthoimages take the heights of the adjusted points")
         return None
-    if dem.nodata is not None:
-        told += f"; the value {dem.nodata:g} is no height and not declared: read as nodata"
+    if dem.facts.nodata is not None:
+        told += f"; the value {dem.facts.nodata:g} is no height and not declared: read as nodata"
     if dem.gap_cells:
         told += f"; gaps up to {dem.gap_cells} cells are interpolated (fill_gaps)"
     made.decisions.append(told)
@@ -119,7 +123,7 @@ def _decide_datums(made: Understanding, points: PointRoles, dem: HeightRaster | 
     names = {"height_datum": _names(open_points or points.control)}
     if dem is not None:
         datums["dem_datum"] = dem.datum or (LAYER if dem.datum == "" else answer)
-        names["dem_datum"] = os.path.basename(dem.path)
+        names["dem_datum"] = dem.name
         if dem.datum:
             made.decisions.append(f"{names['dem_datum']}: heights {dem.datum}, by its name")
     if None in datums.values():
@@ -149,7 +153,7 @@ def _weigh_evidence(
         found = weigh_hypotheses(*heights)
         datums[key] = found.datum
         if found.reason:
-            made.decisions.append(f"{names[key]}: heights {found.datum or 'undecided'}: {found.reason}")
+            made.decisions.append(f"{names[key]}: heights {found.datum or 'of unknown datum'}: {found.reason}")
 
     def compare() -> None:
         known, unknown = sorted(datums, key=lambda key: datums[key] is None)[:2] if dem is not None else ("", "")
@@ -158,7 +162,7 @@ def _weigh_evidence(
         heights = {"height_datum": surveyed[:, 2], "dem_datum": surface_heights(dem.surface, surveyed[:, :2])}
         if (datum := datums[known]) is not None:
             ellipsoidal = heights[known] + _geoid_offset(surveyed, datum)
-            weigh(unknown, surveyed[:, :2], ellipsoidal, heights[unknown], 0.0, f"{names[known]}: heights")
+            weigh(unknown, surveyed[:, :2], ellipsoidal, heights[unknown], 0.0, f"heights of {names[known]}")
         elif geoid := find_installed_geoid(surveyed):  # a difference of the undulation shows both
             share = float(np.nanmedian((heights["height_datum"] - heights["dem_datum"]) / geoid[1]))
             if abs(abs(share) - 1.0) < UNDERSTANDING.undulation_share:

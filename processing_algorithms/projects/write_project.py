@@ -6,9 +6,7 @@ from typing import Any
 
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.io.pages.report import write_text
-from ...hrsi_engine.io.rasters.raster_kinds import write_with_nodata
-from .folder_files import FolderContent
-from .project_file import FOLDERS, SKIP
+from .project_file import FOLDERS, SKIP, split_virtual
 from .understanding import Understanding
 
 HEAD = """\
@@ -22,6 +20,7 @@ output_dir = "result"
 """
 #: Options that name files; ``|`` separates the file from how it is read.
 FILES = ("images", "gcps", "image_points", "tie_points", "tracks", "dem", "laser", "surface", "reference")
+WIDEST_NAME = 60  #: characters: longer names do not widen the table
 #: Remarks on options, for who edits the file.
 REMARKS = {
     "height_datum": "of the points: layer (as the file states), ellipsoidal, egm96, egm2008 or a geoid grid file",
@@ -38,9 +37,10 @@ OFFERED = {
 
 
 def write_project(made: Understanding, path: str) -> None:
-    """Write the project file; a DEM with a nodata value that it does not declare gets a virtual raster next to it."""
+    """Write the project file, and beside it the virtual raster of a DEM of tiles, or without nodata value or CRS."""
     here = os.path.dirname(os.path.abspath(path))
-    shared = {**made.shared, **_declare_nodata(made.content, made.shared.get("dem"), here)}
+    dem = next((one for one in made.content.heights if one.path == made.shared.get("dem")), None)
+    shared = {**made.shared, **({"dem": dem.write_target(here)} if dem is not None else {})}
     title = os.path.basename(os.path.abspath(made.content.folder))
     lines = [HEAD.format(title=json_text(title)), *(f"# {line}" for line in describe_folder(made, here)), ""]
     lines += [f"# QUESTION: {made.question}"] if made.question else []
@@ -57,24 +57,11 @@ def write_project(made: Understanding, path: str) -> None:
 
 def describe_folder(made: Understanding, here: str) -> list[str]:
     """Return a table of the files with their roles, and the decisions."""
-    names = [os.path.relpath(_plain(one.path), here) for one in made.roles]
-    width = max(map(len, names))
+    names = [os.path.relpath(split_virtual(one.path)[1], here) for one in made.roles]
+    width = min(max(map(len, names)), WIDEST_NAME)
     told = [f"{one.role}{'' if one.sure else ' (?)'}{f': {one.reason}' if one.reason else ''}" for one in made.roles]
     table = [f"{name:{width}}  {text}" for name, text in zip(names, told, strict=True)]
     return [*table, *made.decisions]
-
-
-def _plain(path: str) -> str:
-    return path.removeprefix("/vsigzip/")
-
-
-def _declare_nodata(content: FolderContent, dem: str | None, here: str) -> Mapping[str, str]:
-    one = next((one for one in content.heights if one.path == dem and one.nodata is not None), None)
-    if one is None or one.nodata is None:
-        return {}
-    path = os.path.join(here, f"{os.path.splitext(os.path.basename(one.path))[0]}_nodata.vrt")
-    write_with_nodata(one.path, one.nodata, path)
-    return {"dem": path}
 
 
 def _assign(options: Mapping[str, Any], here: str) -> Iterator[str]:
@@ -99,7 +86,5 @@ def _join(values: Sequence[Any]) -> str:
 
 def _relative(spec: str, here: str) -> str:
     path, bar, rest = spec.partition("|")
-    prefix = "/vsigzip/" if path.startswith("/vsigzip/") else ""
-    if path.startswith("/vsi") and not prefix:
-        return spec
-    return f"{prefix}{os.path.relpath(path.removeprefix(prefix), here)}{bar}{rest}"
+    prefix, path = split_virtual(path)
+    return f"{prefix}{path if prefix and not os.path.isabs(path) else os.path.relpath(path, here)}{bar}{rest}"

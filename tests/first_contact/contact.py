@@ -24,6 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parent))
 
+from client_folders import CLIENT_FOLDERS
 from folders import FOLDERS, Source, simulate
 
 from hrsi.hrsi_engine.io.point_files import read_points
@@ -132,7 +133,7 @@ def print_table(names: list[str], data: Path | None, run: bool = True) -> int:
     faults = 0
     with tempfile.TemporaryDirectory(prefix="first-contact-") as place:
         source = simulate(Path(place) / "source")
-        for layout in FOLDERS:
+        for layout in (*FOLDERS, *CLIENT_FOLDERS):
             if not names or layout.__name__ in names:
                 folder = Path(place) / layout.__name__
                 layout(source, folder)

@@ -16,7 +16,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import client_folders
 import folders
+from client_folders import CLIENT_FOLDERS
 from contact import REAL, Contact, meet, true_error_px
 from folders import FOLDERS, Source
 
@@ -53,11 +55,40 @@ ROLES |= {
     "airbus_delivery": {"VOL_PHR.XML": "unknown", "gcps.csv": "GCPs: 18", "measured.csv": "image measurements: 36",
                         "IMG_PHR1A_P/IMG_PHR1A_P_002/IMG_PHR1A_P_202406011030002_SEN_7654321101-002_R2C2.TIF": "part"},
 }  # fmt: skip
+READ_AS = "GCPs: 18 ground points; read as the columns "
+ROLES |= {
+    "zip_beside_delivery": {"050123456010_01.zip": "archive: not used", **ROLES["maxar_delivery"]},
+    "zip_alone": {"050123456010_01.zip": "archive: its images are used", "measured.csv": "image measurements: 36"},
+    "airbus_volumes": {"gcps.csv": "GCPs: 18", "measured.csv": "image measurements: 36", "DEM/dem.tif": "DEM"},
+    "excel_with_units": {"Passpunkte.csv": f"{READ_AS}id, x, y, height, -", **MEASURED},
+    "comments_and_units": {"gcps.csv": f"{READ_AS}id, lon, lat, height, -", **MEASURED},
+    "swapped_columns": {"gcps.csv": f"{READ_AS}id, lat, lon, height", **MEASURED},
+    "lambert_shapefile": {"points_appui.shp": "GCPs: 18", **MEASURED},
+    "lambert_text": {"points_appui.csv": f"{READ_AS}id, x, y, height; CRS EPSG:2154", **MEASURED},
+    "foreign_fields": {"points.shp": "GCPs: 18 ground points; columns id=MATRICULE,height=ALT_M; CRS EPSG:2154",
+                       **MEASURED},
+    "spreadsheet": {"gcps.xlsx": "GCPs: 18", **MEASURED},
+    "kml_placemarks": {"gcps.kml": "GCPs: 18", **MEASURED},
+    "dem_tiles": {"dtm_0_0.tif": "DEM: 54 x 54", **MEASURED},
+    "dem_tiles_in_vrt": {"dtm.vrt": "DEM: 108 x 108", "tiles/dtm_0_1.tif": "part of dtm.vrt", **MEASURED},
+    "copernicus": {"Copernicus_DSM_COG_10_N43_00_E005_00_DEM.tif": "DSM", **MEASURED},
+    "ascii_dem_without_crs": {"dtm.asc": "DEM: 109 x 109 cells, WGS 84 (EPSG:4326", **MEASURED},
+    "long_names": {"Projekt Größe (Endfassung)/Paßpunkte.csv": "GCPs: 18",
+                   "Projekt Größe (Endfassung)/Messungen im Bild.csv": "image measurements: 54"},
+    "one_broken_rpc": {"image_3.tif": "image, not used", "image_3_RPC.TXT": "RPC: not used: LINE_DEN", **MEASURED},
+    "quick_looks": {"image_1_preview.tif": "preview", "image_1.jpg": "metadata", **MEASURED},
+    "folders_of_kinds": {"02_GCP/survey.csv": "GCPs: 18", "02_GCP/pixel.csv": "image measurements: 54"},
+    "one_file_of_everything": {"points.csv": "ground points with roles: 6 GCPs, 12 check points"},
+    "georeferencer_with_crs": {"image_1.points": "GCPs: 18 ground points, with their measurements"},
+    "points_not_measured": {"gcps.csv": "GCPs: 18"},
+    "two_surveys": {"gcps_2019.csv": "ground points, not used", "gcps.csv": "GCPs: 18", **MEASURED},
+    "holes_and_zeros": {"gcp.txt": "GCPs: 18", "mesures.txt": "image measurements: 54", "mnt.tif": "DEM: 114 x 114"},
+}  # fmt: skip
 AS_COPIED = {"gcps.csv": "GCPs: 18", **MEASURED}
 #: Folders whose heights nothing can show: the one question is asked.
-ASKED = {"rpc_files_alone"}
+ASKED = {"rpc_files_alone", "ascii_dem_without_crs"}
 WITHOUT_GCPS = {"without_control", "orthometric_dem_without_control", "images_alone", "laser", "reference_orthoimage",
-                "rpc_files_with_tie_points"}  # fmt: skip
+                "rpc_files_with_tie_points", "points_not_measured"}  # fmt: skip
 #: Largest error (px) with GCPs: the noise of 6 GCPs is 0.2 m and 0.3 px of 0.5 m; without them that of a vendor's RPC.
 MOST_PX = {True: 1.0, False: 60.0}
 
@@ -81,7 +112,8 @@ def lay_out(layout: Callable[[Source, Path], None], source: Source, folder: Path
 
 
 PLANNED = (folders.text_without_header, folders.control_and_check_apart, folders.georeferencer, folders.type_column,
-           folders.airbus_delivery)  # fmt: skip
+           folders.airbus_delivery, client_folders.excel_with_units, client_folders.lambert_text,
+           client_folders.dem_tiles, client_folders.folders_of_kinds, client_folders.one_broken_rpc)  # fmt: skip
 RUN = (folders.one_image_with_control, folders.rpc_files_alone)
 
 
@@ -92,13 +124,15 @@ def test_a_folder_is_understood_and_planned(layout, source: Source, tmp_path: Pa
     assert met.codes == [0, 0]
 
 
+OTHERS = [one for one in (*FOLDERS, *CLIENT_FOLDERS) if one not in RUN]
+
+
 @pytest.mark.parametrize(
-    "layout", [*RUN, *(pytest.param(one, marks=pytest.mark.thorough) for one in FOLDERS if one not in RUN)],
-    ids=lambda one: one.__name__,
-)  # fmt: skip
+    "layout", [*RUN, *(pytest.param(one, marks=pytest.mark.thorough) for one in OTHERS)], ids=lambda one: one.__name__
+)
 def test_a_folder_becomes_a_result(layout, source: Source, tmp_path: Path):
     met = meet(layout.__name__, lay_out(layout, source, tmp_path / "folder"))
-    if layout is folders.nothing_usable:
+    if layout in (folders.nothing_usable, client_folders.dem_alone):
         assert met.codes == [2] and "contains no image with an RPC" in met.text and not met.faults
         return
     check_contact(met)
@@ -107,7 +141,7 @@ def test_a_folder_becomes_a_result(layout, source: Source, tmp_path: Path):
     if layout is folders.one_image_alone:
         assert met.steps is not None and met.steps["triangulate"] == "left out" and met.steps["orthorectify"] == "done"
         assert met.verdict == "doubtful"
-    else:
+    elif layout is not client_folders.long_names:  # the truth has other names
         assert error < MOST_PX[met.name not in WITHOUT_GCPS], met.text
 
 

@@ -26,7 +26,7 @@ from ...block.points import ImagePoints
 from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_size, require_texts
 from ..opening.datasets import read_head
-from ..opening.numbers import parse_finite
+from ..opening.numbers import parse_angle, parse_finite
 from ..safety.replacing import replacing
 from . import table
 
@@ -271,8 +271,8 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
     if len(numbered) > 1 and numbered[0][1].strip() == str(len(numbered) - 1):  # the number of points that follow
         numbered = numbered[1:]
     separator, rows = split_rows([line for _, line in numbered])
-    if rows and not any(parse_finite(text.replace(",", ".")) is not None for text in rows[0]):  # a header line
-        header, rows, numbered = rows[0], rows[1:], numbered[1:]
+    if titles := count_header_rows(rows, separator):
+        header, rows, numbered = rows[titles - 1], rows[titles:], numbered[titles:]
         if not names and not table.match_fields(header):
             raise InputError(
                 f"{path}: its columns are called {', '.join(header)}, which are no fields of points: call them id, "
@@ -302,11 +302,27 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
 
 
 def split_rows(lines: Sequence[str]) -> tuple[str | None, list[list[str]]]:
-    """Return the separator of a text (None for blanks), and its rows; tabs may be repeated as blanks are."""
-    separator = next((sign for sign in (";", "\t", ",") if lines and sign in lines[0]), None)
+    """Return the separator of a text (None for blanks), and its rows; tabs may be repeated as blanks are.
+
+    Titles above a table need not have its separators: the separator is in most lines.
+    """
+    separator = next((sign for sign in (";", "\t", ",") if sum(sign in line for line in lines) * 2 > len(lines)), None)
     if separator == "\t" and len({line.strip().count("\t") for line in lines}) > 1:
         separator = None if len({len(line.split()) for line in lines}) == 1 else separator
-    return separator, [[text.strip().strip('"') for text in line.strip().split(separator)] for line in lines]
+    ends = " \r\n" if separator == "\t" else None  # the last fields may be empty
+    return separator, [[text.strip().strip('"') for text in line.strip(ends).split(separator)] for line in lines]
+
+
+def parse_field(text: str, separator: str | None) -> float | None:
+    """Return the number of a field, which may have a decimal comma or be an angle; None for a text."""
+    value = parse_finite(text if separator == "," else text.replace(",", "."))
+    return parse_angle(text) if value is None else value
+
+
+def count_header_rows(rows: Sequence[Sequence[str]], separator: str | None) -> int:
+    """Return the number of rows without any number above the others: the last names the columns, others are titles."""
+    has_number = (any(parse_field(text, separator) is not None for text in row) for row in rows)
+    return next((number for number, found in enumerate(has_number) if found), 0)
 
 
 def _tell_columns(path: str, rows: Sequence[Sequence[str]]) -> list[str]:

@@ -1,6 +1,7 @@
 """What a raster without RPC is, by its content: heights, a picture on a map, a mask, or none of them."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -37,10 +38,11 @@ class RASTER_KINDS:
     mask_values: int = threshold(3, "values", "largest number of different values of a mask")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class RasterFacts:
     """Kind of a raster, its columns and rows, number of bands, CRS, and the surface of its heights.
 
+    centre, cell : (2,) x, y of the middle, and size of a cell in x and y, in the CRS; None without geotransform
     nodata : value that is no height and is not declared as nodata, None if there is none
     surface : ellipsoidal heights, as stored if the CRS does not state their datum; None for other kinds
     """
@@ -49,32 +51,42 @@ class RasterFacts:
     size: tuple[int, int]
     bands: int
     crs: pyproj.CRS | None = None
+    centre: tuple[float, float] | None = None
+    cell: tuple[float, float] = (1.0, 1.0)
     nodata: float | None = None
     surface: GridSurface | None = None
 
 
-def find_raster_kind(path: str) -> RasterFacts | None:
-    """Return what a raster is; None if GDAL opens no raster."""
+def find_raster_kind(path: str, crs: str = "") -> RasterFacts | None:
+    """Return what a raster is; None if GDAL opens no raster. ``crs`` is that of a raster that states none."""
     dataset, _ = open_dataset(path)
     if dataset is None or dataset.RasterCount == 0:
         return None
-    size, bands = (dataset.RasterXSize, dataset.RasterYSize), dataset.RasterCount
+    if crs:
+        dataset = gdal.Translate("", dataset, format="VRT", outputSRS=crs)
+    facts = RasterFacts(RasterKind.UNPLACED, (dataset.RasterXSize, dataset.RasterYSize), dataset.RasterCount)
+    transform = dataset.GetGeoTransform(can_return_null=True)
+    if transform is not None:
+        facts.centre = tuple(gdal.ApplyGeoTransform(transform, 0.5 * facts.size[0], 0.5 * facts.size[1]))
+        facts.cell = transform[1], transform[5]
     try:
-        crs = Georeference(dataset, path, "raster").crs
+        facts.crs = Georeference(dataset, path, "raster").crs
     except InputError:
-        return RasterFacts(RasterKind.UNPLACED, size, bands)
+        return facts
     name, band = os.path.basename(path).lower(), dataset.GetRasterBand(1)
     if name.endswith(".gtx") or "geoid" in name or "undulation" in name:
-        return RasterFacts(RasterKind.GEOID, size, bands, crs)
+        facts.kind = RasterKind.GEOID
+        return facts
     values = _sample_values(band)
-    if bands == 1 and band.DataType not in (gdal.GDT_Byte, gdal.GDT_UInt16):
-        nodata = _find_fill_value(values[values != band.GetNoDataValue()])
-        heights = dataset if nodata is None else gdal.Translate("", dataset, format="VRT", noData=nodata)
-        datum = "layer" if has_heights(crs) else "ellipsoidal"
-        surface = surface_of_dataset(heights, path, datum, None)
-        return RasterFacts(RasterKind.HEIGHTS, size, bands, crs, nodata, surface)
-    is_mask = bands == 1 and len(np.unique(values)) <= RASTER_KINDS.mask_values
-    return RasterFacts(RasterKind.MASK if is_mask else RasterKind.PICTURE, size, bands, crs)
+    if facts.bands == 1 and band.DataType not in (gdal.GDT_Byte, gdal.GDT_UInt16):
+        facts.kind, facts.nodata = RasterKind.HEIGHTS, _find_fill_value(values[values != band.GetNoDataValue()])
+        heights = dataset if facts.nodata is None else gdal.Translate("", dataset, format="VRT", noData=facts.nodata)
+        datum = "layer" if has_heights(facts.crs) else "ellipsoidal"
+        facts.surface = surface_of_dataset(heights, path, datum, None)
+        return facts
+    is_mask = facts.bands == 1 and len(np.unique(values)) <= RASTER_KINDS.mask_values
+    facts.kind = RasterKind.MASK if is_mask else RasterKind.PICTURE
+    return facts
 
 
 def _sample_values(band: Any) -> np.ndarray:
@@ -90,7 +102,6 @@ def _find_fill_value(values: np.ndarray) -> float | None:
     return float(fills[0]) if len(fills) == 1 else None
 
 
-def write_with_nodata(path: str, nodata: float, target: str) -> None:
-    """Write a virtual raster of a file that declares its nodata value."""
-    dataset, _ = open_dataset(path)
-    gdal.Translate(target, dataset, format="VRT", noData=nodata)
+def write_virtual(paths: Sequence[str], target: str, crs: str = "", nodata: float | None = None) -> None:
+    """Write a virtual raster of one or several files, with the CRS and the nodata value that they do not state."""
+    gdal.BuildVRT(target, list(paths), outputSRS=crs or None, srcNodata=nodata, VRTNodata=nodata)
