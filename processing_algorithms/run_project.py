@@ -66,7 +66,11 @@ def run(options: RunOptions, context: Context) -> Report:
         report["outputs"] = {"report": os.path.join(folder, REPORT_FILE)}
         if options.report:
             report["outputs"]["html"] = os.path.join(folder, PAGE_FILE)
-            write_page(report["outputs"]["html"], "project.html.j2", report, chapters=_read_chapters(report))
+            chapters = _read_chapters(report)
+            maps = [f"#{one['step']}-map" for one in chapters if f'id="{one["step"]}-map"' in one["html"]]
+            write_page(
+                report["outputs"]["html"], "project.html.j2", report, chapters=chapters, map_link=(maps or [""])[0]
+            )
         write_report_json(os.path.join(folder, REPORT_FILE), report)
     return report
 

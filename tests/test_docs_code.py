@@ -5,6 +5,7 @@ A block that cannot run has a comment above it, ``<!-- not run: reason -->``. Li
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import glob
 import io
@@ -12,6 +13,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import tomllib
 from pathlib import Path
 from typing import NamedTuple
@@ -134,19 +136,28 @@ def test_every_algorithm_has_an_example():
 
 
 @pytest.mark.parametrize("notebook", mark_beyond(1, "programs", NOTEBOOKS), ids=lambda path: path.stem)
-def test_notebook_runs(notebook: Path, place: Path, capsys):
-    """Its cells, in order, as a notebook runs them; they keep no output."""
+def test_notebook_runs(notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    """Its cells, in order and in its own folder, as a notebook runs them; what a cell shows can be shown."""
+    examples = tmp_path / "examples"
+    shutil.copytree(ROOT / "examples", examples, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.chdir(examples / "notebooks")
     document = json.loads(notebook.read_text(encoding="utf-8"))
     cells = [cell for cell in document["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
     names: dict = {"__name__": "__main__"}
     for cell in cells:
-        exec(compile("".join(cell["source"]), str(notebook), "exec"), names)
+        tree = ast.parse("".join(cell["source"]), str(notebook))
+        shown = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, str(notebook), "exec"), names)
+        if shown is not None:
+            value = eval(compile(ast.Expression(shown.value), str(notebook), "eval"), names)
+            display = getattr(value, "_repr_html_", None) or getattr(value, "_repr_svg_", None) or value.__repr__
+            assert display is not None and len(str(display())) > 3
     capsys.readouterr()
 
 
-def test_there_are_three_notebooks():
-    assert len(NOTEBOOKS) == 3
+def test_there_are_four_notebooks():
+    assert len(NOTEBOOKS) == 4
 
 
 def test_tasks_are_short():

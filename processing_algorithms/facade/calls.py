@@ -146,6 +146,8 @@ def _convert_results(given: Any, kind: Kind | None) -> Any:
         return given
     if kind is Kind.PROJECT and "project" in given.report:
         return given.report["project"]
+    if kind is Kind.IMAGES and given.is_project:
+        given = given.step("triangulate")
     written = find_image_outputs(given.report, given.folder) if kind is Kind.IMAGES else {}
     return list(written.values()) or str(given.folder)
 

@@ -19,6 +19,7 @@ from ...hrsi_engine.io.output_dir import find_image_outputs
 from ...hrsi_engine.io.rpc_files import read_rpc
 from .. import REGISTRY
 from ..interface.declare import Report, spell_arguments
+from ..projects.project_file import FOLDERS
 
 #: Layers of short names: the first one that exists is used.
 SHORT_NAMES = {
@@ -76,6 +77,35 @@ class Result:
     def summary(self) -> str:
         """Return the lines that the command line prints at the end."""
         return self._spell_text(REGISTRY[self.algorithm].summarise(self.report))
+
+    @property
+    def is_project(self) -> bool:
+        """Whether it is the result of a project, with a result for each of its steps."""
+        return self.algorithm == "run"
+
+    def step(self, name: str) -> "Result":
+        """Return the result of a step of a project.
+
+        Parameters
+        ----------
+        name : str
+            ``triangulate``, ``orthorectify``, ``ortho-check`` or ``evaluate``.
+
+        Returns
+        -------
+        Result
+            Its report, tables and files.
+
+        Raises
+        ------
+        InputError
+            The step was left out or failed, or this is no result of `run`.
+        """
+        entry = self.report.get("steps", {}).get(name)
+        if self.folder is None or not self.is_project or entry is None or "files" not in entry:
+            why = f": {entry['told']}" if entry else ""
+            raise InputError(f"{self.algorithm} has no result of a step {name!r}{why}")
+        return read_result(self.folder / FOLDERS[name])
 
     # ---- tables ------------------------------------------------------------------------------------------------------
 
@@ -190,9 +220,10 @@ class Result:
         InputError
             The result is no adjusted block, or matplotlib is not installed.
         """
-        if self.folder is None or not (self.folder / RECORD_FILE).exists():
+        folder = self.folder / FOLDERS["triangulate"] if self.folder is not None and self.is_project else self.folder
+        if folder is None or not (folder / RECORD_FILE).exists():
             raise InputError(f"{self.algorithm} has no adjusted block to be drawn")
-        return import_module(".block_plot", __package__).plot_block(self.folder)
+        return import_module(".block_plot", __package__).plot_block(folder)
 
     # ---- display -----------------------------------------------------------------------------------------------------
 

@@ -434,13 +434,61 @@ def ten_images(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The overall result of a project: three images with pixels, all four steps, one GCP 20 m off."""
+    folder = tmp_path_factory.mktemp("project") / "block"
+    run("simulate", output_dir=str(folder), images=3, along="-12,0,12", size=256, gcps=6, checks=6, ties=0, relief=60.0)
+    text = (folder / "ground_points.csv").read_text()
+    lon = re.search(r"5\.45\d+", text)
+    assert lon is not None
+    (folder / "ground_points.csv").write_text(text.replace(lon[0], f"{float(lon[0]) + 0.00025:.9f}", 1))
+    (folder / "project.toml").write_text(
+        'images = ["image_1.tif", "image_2.tif", "image_3.tif"]\ngcps = "ground_points.csv"\nimage_points = '
+        '"image_points.csv"\nheight_datum = "ellipsoidal"\ndem = "dem.tif"\n[ortho-check]\n[evaluate]\ntracks = "none"\n'
+    )
+    run("run", project=str(folder))
+    return folder / "result"
+
+
 @pytest.mark.programs
-@pytest.mark.parametrize("block", ["hobart_result", "ten_images"])
+@pytest.mark.parametrize("block", ["hobart_result", "ten_images", "project"])
 def test_number_of_printed_pages(browser: Browser, request: pytest.FixtureRequest, tmp_path: Path, block: str) -> None:
-    """A client's report has 4 to 8 pages for 3 to 10 images."""
+    """A client's report has 4 to 8 pages for 3 to 10 images, overall reports too; none is cut, none nearly empty."""
     browser.open(request.getfixturevalue(block) / "report.html")
     browser.print(tmp_path / "report.pdf")
     assert 4 <= len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "report.pdf").read_bytes())) <= 8
+    if gdal.GetDriverByName("PDF") is None:
+        pytest.skip("this GDAL reads no PDF")
+    check_pages(list(printed_pages(tmp_path / "report.pdf")))
+
+
+def check_pages(pages: list[np.ndarray]) -> None:
+    """The margins of all pages are white, and each page but the last has ink on a third of its height."""
+    per_mm = pages[0].shape[1] / A4_MM[0]
+    margin = int((MARGIN_MM - 1.0) * per_mm)
+    for number, page in enumerate(pages, 1):
+        assert page.shape[0] / per_mm == pytest.approx(A4_MM[1], abs=2.0)
+        edges = (page[:margin], page[-margin:], page[:, :margin], page[:, -margin:])
+        assert min(edge.min() for edge in edges) > 250, f"page {number} is printed beyond its margin"
+        lines = np.flatnonzero((page < 200).any(axis=1))
+        reach = (lines.max() - lines.min()) / page.shape[0] if len(lines) else 0.0
+        assert reach > (0.33 if number < len(pages) else 0.02), f"page {number} is nearly empty"
+
+
+@pytest.mark.programs
+def test_links_within_a_page_have_their_targets(
+    project: Path, simulated: Path, hobart_result: Path, ten_images: Path
+) -> None:
+    """Pages of all steps, the overall page, and pages without a map: no link to nowhere, no id twice."""
+    pages = [*project.rglob("report.html"), *(one / "report.html" for one in (simulated, hobart_result, ten_images))]
+    assert len(pages) == 8
+    for path in pages:
+        text = path.read_text(encoding="utf-8")
+        ids = re.findall(r'\bid="([^"]+)"', text)
+        assert len(ids) == len(set(ids)), path
+        assert set(re.findall(r'href="#([^"]*)"', text)) <= set(ids), path
+    assert "doubtful" in (project / "report.html").read_text(encoding="utf-8")  # with ids in its reasons
 
 
 #: Tables and pictures that reach beyond the printed width, with how far.
@@ -471,12 +519,7 @@ def test_print_cuts_nothing(browser: Browser, result: Path) -> None:
     if gdal.GetDriverByName("PDF") is None:
         pytest.skip("this GDAL reads no PDF")
     pages = list(printed_pages(printed))
-    per_mm = pages[0].shape[1] / A4_MM[0]
-    margin = int((MARGIN_MM - 1.0) * per_mm)
-    for number, page in enumerate(pages, 1):
-        assert page.shape[0] / per_mm == pytest.approx(A4_MM[1], abs=2.0)
-        edges = (page[:margin], page[-margin:], page[:, :margin], page[:, -margin:])
-        assert min(edge.min() for edge in edges) > 250, f"page {number} is printed beyond its margin"
+    check_pages(pages)
     inked = [float((page < 200).any(axis=1).mean()) for page in pages]
     print(
         f"{result.parent.name}: {len(pages)} pages, margins white; the emptiest has {min(inked):.0%} of its lines used"

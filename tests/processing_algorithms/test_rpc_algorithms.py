@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from osgeo import gdal, ogr
 
+import hrsi
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
@@ -93,6 +94,7 @@ def test_json_holds_the_points(
         ("project", "12 48\n", [], "point 1 has no height"),
         ("project", "12 48\n", ["--height", "3", "--dem", "x.tif"], "--dem and --height"),
         ("project", "12 48\n", ["--dem", "x.tif"], "x.tif"),
+        ("project", "12 48 100\n48 12 100\n", [], "longitude and latitude of point 2 are swapped"),
     ],
 )
 def test_wrong_lines_are_named(
@@ -160,6 +162,17 @@ def test_points_without_height_take_the_dem(real_data: Path, tmp_path: Path) -> 
     np.testing.assert_allclose(
         [[p["sample"], p["line"]] for p in same], [[250, 250], [100, 100]], atol=5e-3
     )  # a millimetre of height
+
+
+def test_exchanged_coordinates_are_named_in_files_and_arrays(scene: tuple[str, RPC], tmp_path: Path) -> None:
+    ground = np.array([[12.0, 48.0, 100.0], [48.0, 12.0, 100.0]])
+    rows = write_rows(tmp_path / "ground.csv", "lon,lat,height", ground)
+    with pytest.raises(InputError, match="of p1 are swapped"):
+        run("project", images=[scene[0]], points=rows)
+    with pytest.raises(InputError, match="of point 2 are swapped"):
+        hrsi.project(scene[0], ground)
+    far = hrsi.project(scene[0], [[12.0, 43.0, 100.0]])  # far away, but in order: as asked
+    assert np.isfinite(far).all() or np.isnan(far).all()
 
 
 def test_points_of_another_image_are_refused(scene: tuple[str, RPC], tmp_path: Path) -> None:
