@@ -445,7 +445,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "ground_points.csv").write_text(text.replace(lon[0], f"{float(lon[0]) + 0.00025:.9f}", 1))
     (folder / "project.toml").write_text(
         'images = ["image_1.tif", "image_2.tif", "image_3.tif"]\ngcps = "ground_points.csv"\nimage_points = '
-        '"image_points.csv"\nheight_datum = "ellipsoidal"\ndem = "dem.tif"\n[ortho-check]\n[evaluate]\ntracks = "none"\n'
+        '"image_points.csv"\nheight_datum = "ellipsoidal"\ndem = "dem.tif"\n[evaluate]\ntracks = "none"\n'
     )
     run("run", project=str(folder))
     return folder / "result"
