@@ -141,7 +141,7 @@ def _find_images(folder: str, files: Sequence[str], results: Sequence[str]) -> l
     found = tuple(one for one in found if not one.startswith(tuple(results)))
     paths = [one for one in found if not PREVIEW_WORDS.search(os.path.basename(one))] or list(found)
     if not paths:
-        raise InputError(f"{folder}: has no image with an RPC beside earlier results: name the folder of the images")
+        raise InputError(f"{folder}: has no image with an RPC next to earlier results: name the folder of the images")
     return paths
 
 

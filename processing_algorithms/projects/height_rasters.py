@@ -1,7 +1,7 @@
 """Rasters of heights in a folder: tiles of one DEM become a mosaic, and what a file does not state is found.
 
 A CRS that is missing is one in which the raster lies where the images are; a value that is no height is nodata. Both,
-and mosaics, become a virtual raster beside the project file.
+and mosaics, become a virtual raster next to the project file.
 """
 
 import os
@@ -68,7 +68,7 @@ class HeightRaster:
 
     @property
     def is_dsm(self) -> bool:
-        """Whether its name says that it is a surface model."""
+        """Whether its name states that it is a surface model."""
         return any(word in os.path.basename(self.path).lower() for word in ("dsm", "surface", "mns"))
 
     @property

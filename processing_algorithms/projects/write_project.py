@@ -37,7 +37,7 @@ OFFERED = {
 
 
 def write_project(made: Understanding, path: str) -> None:
-    """Write the project file, and beside it the virtual raster of a DEM of tiles, or without nodata value or CRS."""
+    """Write the project file, and next to it the virtual raster of a DEM of tiles, or without nodata value or CRS."""
     here = os.path.dirname(os.path.abspath(path))
     dem = next((one for one in made.content.heights if one.path == made.shared.get("dem")), None)
     shared = {**made.shared, **({"dem": dem.write_target(here)} if dem is not None else {})}
