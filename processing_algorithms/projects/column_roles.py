@@ -24,7 +24,7 @@ from ...hrsi_engine.io.point_files.table import match_fields
 from .height_evidence import HEIGHT_EVIDENCE
 
 UNUSED = "-"  #: name of a column that is not read
-AXES = (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x"))  #: meanings of two neighbouring columns
+POSITION_NAMES = (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x"))  #: meanings of two neighbouring columns
 LINE_NAMES = re.compile(r"line|lig|row|zeile|y|fila|reng", re.IGNORECASE)
 
 
@@ -90,7 +90,7 @@ def list_ground_columns(table: TextTable) -> Iterator[list[str]]:
     """Yield names of the columns in which neighbours are a position, with the height next to them and without."""
     name, numeric = table.id_column, [k for k in table.numeric if k != table.id_column]
     for first, second in pairwise(numeric):
-        for axes in AXES:
+        for axes in POSITION_NAMES:
             for height in (*(k for k in (second + 1, first - 1) if k in numeric), None):
                 roles = [UNUSED] * len(table.names)
                 for column, role in ((first, axes[0]), (second, axes[1]), (height, "height"), (name, "id")):

@@ -22,7 +22,7 @@ from ...hrsi_engine.io.rasters.raster_kinds import (
     RasterFacts,
     RasterKind,
     find_raster_kind,
-    write_virtual,
+    write_virtual_raster,
 )  # fmt: skip
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from .point_sources import state_datum
@@ -88,7 +88,7 @@ class HeightRaster:
         """Write the virtual raster to a folder and return its path; the file itself if it states everything."""
         if not self.target:
             return self.path
-        write_virtual(self.paths, os.path.join(folder, self.target), self.crs, self.facts.nodata)
+        write_virtual_raster(self.paths, os.path.join(folder, self.target), self.crs, self.facts.nodata)
         return os.path.join(folder, self.target)
 
 
@@ -126,7 +126,7 @@ def merge_tiles(rasters: Sequence[HeightRaster], region: np.ndarray) -> list[Hei
             continue
         paths = tuple(one.path for one in tiles)
         virtual = f"/vsimem/{tiles[0].target or os.path.basename(paths[0])}_tiles.vrt"
-        write_virtual(paths, virtual, tiles[0].crs, tiles[0].facts.nodata)
+        write_virtual_raster(paths, virtual, tiles[0].crs, tiles[0].facts.nodata)
         facts = find_raster_kind(virtual)
         found = find_heights(virtual, facts, region) if facts is not None else None
         if found is not None:

@@ -18,7 +18,7 @@ from ...hrsi_engine.io.geopackage.layer_tables import layer_names
 from ...hrsi_engine.io.point_files import PointTables, csv_text, read_points
 from ...hrsi_engine.io.point_files.find import read_table
 from . import column_roles
-from .column_roles import AXES, COLUMN_ROLES, match_image, share_near
+from .column_roles import COLUMN_ROLES, POSITION_NAMES, match_image, share_near
 
 #: Words of file names and of fields that state the role of points.
 CHECK_WORDS = re.compile(r"(?<![a-z])(check|chk|cp|icp|ckp|validation|verif|test|kontroll?|pruef)", re.IGNORECASE)
@@ -156,7 +156,7 @@ def _list_fields(spec: str) -> Iterator[list[str]]:
             continue
         for k, (first, second) in enumerate(pairwise(names)):
             following = [*names[k + 2 : k + 3], *heights][:1]
-            for axes in AXES if name not in (first, second, *following) else ():
+            for axes in POSITION_NAMES if name not in (first, second, *following) else ():
                 heights_of = [f"height={one}" for one in following]
                 yield [f"id={name}", f"{axes[0]}={first}", f"{axes[1]}={second}", *heights_of]
 

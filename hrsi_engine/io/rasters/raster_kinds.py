@@ -102,6 +102,6 @@ def _find_fill_value(values: np.ndarray) -> float | None:
     return float(fills[0]) if len(fills) == 1 else None
 
 
-def write_virtual(paths: Sequence[str], target: str, crs: str = "", nodata: float | None = None) -> None:
+def write_virtual_raster(paths: Sequence[str], target: str, crs: str = "", nodata: float | None = None) -> None:
     """Write a virtual raster of one or several files, with the CRS and the nodata value that they do not state."""
     gdal.BuildVRT(target, list(paths), outputSRS=crs or None, srcNodata=nodata, VRTNodata=nodata)
