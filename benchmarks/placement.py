@@ -1,43 +1,88 @@
 """Table of images that were cut, reduced, enlarged or converted: errors of their RPCs, and what HRSI says.
 
-``python benchmarks/placement.py``: one row for each combination of program, carrier of the RPC and grid, and the sums.
-A warning is false if the image's position is right to 0.5 px. GDAL's displacement of resampled images, half a pixel of
-the original less half a new one, is a true error below 1 px, which HRSI states with its size: it has a row of its own.
+``python benchmarks/placement.py [--docs]``: one cell for each combination of program, carrier of the RPC and grid, and
+the sums; ``--docs`` writes docs/protocols/placement.md. A warning is false if the image's position is right to 0.5 px.
+GDAL's displacement of resampled images, half a pixel of the original less half a new one, is a true error below 1 px,
+which HRSI states with its size: it is counted apart.
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 import placement_cases  # noqa: E402
+from placement_cases import Case, Finding  # noqa: E402
+
+from hrsi.benchmarks.pages import DOCS  # noqa: E402
+
+PAGE = """\
+# Where the pixels of an image lie in the image of its RPC
+
+Made by `python benchmarks/placement.py --docs`.
+
+A scene of {width} x {height} px with an RPC is cut, reduced, enlarged and converted by five programs; its RPC goes along
+in nine ways. The true position of each pixel is known. A cell has the largest error (px) of the RPC as it is in the
+files, and, if HRSI changes it, the error after; then what HRSI says: m *moved* to where the image was cut, u *unknown*
+(a warning with the possible error), c *contradictory* (a warning, and `write-rpc` refuses). "size" is a side file that
+states the size of the scene.
+
+{table}
+
+{sums}
+"""
 
 
 def main() -> None:
-    """Print the table."""
-    print(f"{'image':64} {'before px':>9} {'after px':>9}  HRSI says")
+    """Print the table and the sums, or write them to the page."""
+    rows: dict[str, dict[str, str]] = defaultdict(dict)
     counts: Counter[str] = Counter()
     for case in placement_cases.list_cases():
         with tempfile.TemporaryDirectory() as folder:
             found = placement_cases.examine(case, placement_cases.write_case(case, Path(folder)))
-        print(f"{case!s:64} {found.before_px:9.3f} {found.after_px:9.3f}  {found.says}")
-        counts["combinations"] += 1
-        counts["wrong as they are (> 1 px)"] += found.before_px > 1.0
-        counts["corrected"] += found.before_px > 1.0 >= found.after_px
-        doubted = found.says not in ("", "moved")
-        counts["told as doubtful"] += found.after_px > 1.0 and doubted
-        counts["silent errors above 1 px"] += found.after_px > 1.0 and not doubted
-        stated_px = float(found.says.split()[-2]) if doubted else 0.0
-        is_slight = doubted and 0.01 < found.after_px <= 1.0 and stated_px <= 1.0
-        counts["true warnings of less than 1 px"] += is_slight
-        counts["false warnings (right to 0.5 px)"] += doubted and found.after_px <= 0.5 and not is_slight
-    for name, count in counts.items():
-        print(f"{name}: {count}")
+        rows[f"{case.shape}, {case.tool}, {case.grid} grid"][name_carrier(case)] = format_cell(found)
+        count(found, counts)
+    carriers = list(dict.fromkeys(carrier for row in rows.values() for carrier in row))
+    lines = [["image", *carriers], ["---"] * (len(carriers) + 1)]
+    lines += [[name, *(row.get(carrier, "") for carrier in carriers)] for name, row in rows.items()]
+    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    sums = "\n".join(f"* {name}: {number}" for name, number in counts.items())
+    width, height = placement_cases.SIZE
+    if "--docs" in sys.argv:
+        page = PAGE.format(width=width, height=height, table=table, sums=sums)
+        (DOCS / "protocols" / "placement.md").write_text(page, encoding="utf-8")
+    else:
+        print(table, sums, sep="\n\n")
+
+
+def name_carrier(case: Case) -> str:
+    """Return the column of a case."""
+    return case.carrier + (" + size" if case.states_size else "")
+
+
+def format_cell(found: Finding) -> str:
+    """Return the errors before and after, and the first letter of what HRSI says."""
+    after = "" if abs(found.after_px - found.before_px) < 1e-3 else f" → {found.after_px:.2f}"
+    return f"{found.before_px:.2f}{after} {found.says[:1]}".rstrip()
+
+
+def count(found: Finding, counts: Counter[str]) -> None:
+    """Count a case in the sums."""
+    is_doubted = found.says not in ("", "moved")
+    stated_px = float(found.says.split()[-2]) if is_doubted else 0.0
+    is_slight = is_doubted and 0.01 < found.after_px <= 1.0 and stated_px <= 1.0
+    counts["combinations"] += 1
+    counts["wrong as they are (> 1 px)"] += found.before_px > 1.0
+    counts["corrected"] += found.before_px > 1.0 >= found.after_px
+    counts["told as doubtful"] += found.after_px > 1.0 and is_doubted
+    counts["silent errors above 1 px"] += found.after_px > 1.0 and not is_doubted
+    counts["true warnings of less than 1 px"] += is_slight
+    counts["false warnings (right to 0.5 px)"] += is_doubted and found.after_px <= 0.5 and not is_slight
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ OFF and SCALE describe the image for which an RPC was made: vendors centre it, s
 and lines, and OFF - SCALE, the first sample and line of its range, is near 0. The RPC of a crop has an OFF that was
 moved, and its range begins far from 0: then sizes show nothing. The RPCs of 15 SkySat frames, which are the worst, give
 0.89 to 1.08 of the size, and begin at -0.04 to 0.07 of the range; the 13 of other sensors whose files state the size
-give 0.99 to 1.02.
+give 0.99 to 1.02. Those that begin at exactly 0 or -1 were made for exactly the pixels of their images.
 """
 
 from dataclasses import dataclass
@@ -31,6 +31,10 @@ class FRAME:
     )  # fmt: skip
     part_mean: float = threshold(
         0.93, "", "… geometric mean of both", "the same 28 RPCs: 0.946 to 1.008, 2026-11-28"
+    )  # fmt: skip
+    exact_begin_px: float = threshold(
+        1.0, "px", "largest offset of the range of an RPC that was made for exactly the pixels of its image",
+        "9 vendor RPCs that begin at 0 or -1 have the stated size or, ZY-3, are 2 % smaller, 2026-11-28"
     )  # fmt: skip
     larger: float = threshold(1.5, "", "size of an image over that of its RPC, above which it is of another image")
     factor: float = threshold(1.05, "", "smallest resampling factor that is detected from the sizes")
@@ -105,7 +109,9 @@ def judge_size(rpc: RPC, size: Size, stated: Size | None = None) -> PlacementDou
     is_scaled &= not 1.0 / FRAME.factor < ratio.mean() < FRAME.factor
     share = 1.0 / ratio
     if stated is None:
-        agrees = (share > FRAME.part_share) & (share < FRAME.larger) & (np.sqrt(share.prod()) > FRAME.part_mean)
+        is_exact = (np.abs(low) <= FRAME.exact_begin_px).all()
+        part_share, part_mean = (1.0 - FRAME.stated_share,) * 2 if is_exact else (FRAME.part_share, FRAME.part_mean)
+        agrees = (share > part_share) & (share < FRAME.larger) & (np.sqrt(share.prod()) > part_mean)
     else:
         agrees = np.abs(share - 1.0) < FRAME.stated_share
     if agrees.all() and not is_scaled:
@@ -121,7 +127,7 @@ def judge_size(rpc: RPC, size: Size, stated: Size | None = None) -> PlacementDou
             f", {ratio.mean():.4g} times as long and wide: if its pixels were resampled, or it is another band with a "
             f"larger or smaller pixel, the error is up to {format_offset(rpc, scaled)}"
         )
-    if (ratio >= 1.0).all():
+    if (ratio > 1.0 - FRAME.stated_share).all():
         message += (
             f"{'; if' if is_scaled else ': if'} it was cut, the RPC is right for the upper left part only, and the "
             f"error is up to {format_offset(rpc, offset)}"
