@@ -26,11 +26,15 @@ PAGE = """\
 
 Made by `python benchmarks/placement.py --docs`.
 
-A scene of {width} x {height} px with an RPC is cut, reduced, enlarged and converted by five programs; its RPC goes along
-in nine ways. The true position of each pixel is known. A cell has the largest error (px) of the RPC as it is in the
-files, and, if HRSI changes it, the error after; then what HRSI says: m *moved* to where the image was cut, u *unknown*
-(a warning with the possible error), c *contradictory* (a warning, and `write-rpc` refuses). "size" is a side file that
-states the size of the scene.
+A scene of {width} x {height} px with an RPC is cut, reduced, enlarged and converted by five programs. Its RPC goes along in nine
+ways. The true position of each pixel is known. A cell has the largest error (px) of the RPC as it is in the files, and,
+if HRSI changes it, the error after; then what HRSI says:
+
+* m: *moved* to where the image was cut,
+* u: *unknown*, a warning with the possible error,
+* c: *contradictory*, a warning, and `write-rpc` refuses.
+
+"size" is a side file that states the size of the scene.
 
 {table}
 
