@@ -26,8 +26,9 @@ PAGE = """\
 
 Made by `python benchmarks/placement.py --docs`.
 
-A scene of {width} x {height} px with an RPC is cut, reduced, enlarged and converted by five programs. Its RPC goes along in nine
-ways. The true position of each pixel is known. A cell has the largest error (px) of the RPC as it is in the files, and,
+A scene of {width} x {height} px with an RPC is cut, reduced, enlarged and converted by five programs.
+Its RPC goes along in nine ways. The true position of each pixel is known. A cell has the
+largest error (px) of the RPC as it is in the files, and,
 if HRSI changes it, the error after; then what HRSI says:
 
 * m: *moved* to where the image was cut,
