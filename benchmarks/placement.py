@@ -84,7 +84,7 @@ def count(found: Finding, counts: Counter[str]) -> None:
     counts["combinations"] += 1
     counts["wrong as they are (> 1 px)"] += found.before_px > 1.0
     counts["corrected"] += found.before_px > 1.0 >= found.after_px
-    counts["told as doubtful"] += found.after_px > 1.0 and is_doubted
+    counts["reported as doubtful"] += found.after_px > 1.0 and is_doubted
     counts["silent errors above 1 px"] += found.after_px > 1.0 and not is_doubted
     counts["true warnings of less than 1 px"] += is_slight
     counts["false warnings (right to 0.5 px)"] += is_doubted and found.after_px <= 0.5 and not is_slight
