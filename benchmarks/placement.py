@@ -29,7 +29,7 @@ Made by `python benchmarks/placement.py --docs`.
 A scene of {width} x {height} px with an RPC is cut, reduced, enlarged and converted by five programs.
 Its RPC goes along in nine ways. The true position of each pixel is known. A cell has the
 largest error (px) of the RPC as it is in the files, and,
-if HRSI changes it, the error after; then what HRSI says:
+if HRSI changes it, the error after; then what HRSI reports:
 
 * m: *moved* to where the image was cut,
 * u: *unknown*, a warning with the possible error,
