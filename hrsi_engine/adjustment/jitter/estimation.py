@@ -36,6 +36,7 @@ from ...foundation.errors import InputError
 from ...foundation.robust_scale import ROBUST
 from ...foundation.statistical_limits import ITERATIONS
 from ...foundation.thresholds import threshold, thresholds
+from ...refinement.model import estimate_priors
 from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import Solution
 from ..preparation.problem import Problem
@@ -262,7 +263,26 @@ def _form_rows(
             matrices.append(sparse.csr_matrix((data.ravel(), where.ravel(), pointers), (len(data), unknowns)))
             rights.append(np.einsum("mir,mi->mr", basis, y).ravel())
             points.append(np.repeat(here, count))
-    return _Rows(sparse.vstack(matrices).tocsr(), np.concatenate(rights), np.concatenate(points))
+    drifts = _form_drift_rows(problem, solution, first_camera, unknowns)
+    return _Rows(
+        sparse.vstack([*matrices, drifts.matrix]).tocsr(), np.concatenate([*rights, drifts.right]),
+        np.concatenate([*points, drifts.point]),
+    )  # fmt: skip
+
+
+def _form_drift_rows(problem: Problem, solution: Solution, first_camera: int, unknowns: int) -> _Rows:
+    """Return the a priori drift of each camera as equations, each with a number below 0 instead of a point.
+
+    Curves of the lines with the GCPs could explain all of their residuals: without it, they would leave the drifts free.
+    """
+    observations, camera = problem.observations, problem.camera
+    _, image = np.unique(observations.camera_of_image, return_index=True)
+    images = [observations.images[index] for index in image.tolist()]
+    sigma = np.array([camera.prior_sigmas(one, estimate_priors(one)) for one in images])
+    column = np.flatnonzero(np.broadcast_to(camera.drifts, sigma.shape))
+    weight = 1.0 / sigma.ravel()[column]
+    matrix = sparse.csr_matrix((weight, (np.arange(len(column)), first_camera + column)), (len(column), unknowns))
+    return _Rows(matrix, -weight * solution.state.values.ravel()[column], -1 - np.arange(len(column)))
 
 
 class _WeightedPoints:

@@ -9,7 +9,6 @@ from ...block.block import Image, Role
 from ...foundation.reasons import Level, Reason
 from ...foundation.statistical_limits import SIGNIFICANCE
 from ...ground.geodesy import ground_difference_m
-from ...refinement.model import estimate_priors
 from .evidence import Evidence
 from .significance import EFFECT
 
@@ -35,8 +34,8 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
         if part.gcps < EFFECT.fewest_points or len(rows) < 2 or part.ce90_m is None or part.le90_m is None:
             continue
         images = [result.block.images[row] for row in rows]
-        priors = [estimated.model.prior_sigmas(image, estimate_priors(image))[columns] for image in images]
-        gradient, excess, likeness = fit_deformation(images, estimated.values[np.ix_(rows, columns)], np.array(priors))
+        drifts = np.ix_(rows, columns)
+        gradient, excess, likeness = fit_deformation(images, estimated.values[drifts], evidence.value_sigmas[drifts])
         rim = np.stack([gcps.min(axis=0), gcps.max(axis=0)])
         half_m = float(np.linalg.norm(ground_difference_m(rim[1:], rim[:1])[0, :2])) / 2.0
         plan_m = half_m * float(np.linalg.norm(gradient[:2], 2))
@@ -61,7 +60,7 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray, sigmas: np.ndar
     """Return the linear deformation of the ground that best explains the drifts of the images.
 
     images : two or more
-    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px; ``sigmas`` a priori
+    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px; ``sigmas`` of them
     Result: error in east, north and height per metre east and north ``(3, 2)``; the probability of such drifts by the
     sensors alone (chi² test of what the deformation explains), and of such agreement of independent drifts (F test).
     """

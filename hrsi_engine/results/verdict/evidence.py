@@ -10,7 +10,7 @@ from ...adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, collect_
 from ...adjustment.result import Adjustment, Decision
 from ...block.block import Role
 from ...foundation.thresholds import threshold, thresholds
-from ...refinement.model import RefitRPC
+from ...refinement.model import RefitRPC, estimate_priors
 from ..residuals import Residuals
 from .fields import NESTED, ResidualField, find_residual_fields
 from .significance import SOUND_BLOCKS
@@ -101,6 +101,15 @@ class Evidence:
             for axis in WAVE_AXES
         ]
         return float(np.sqrt(max(squares, default=0.0) / 2.0))
+
+    @cached_property
+    def value_sigmas(self) -> np.ndarray:
+        """Standard deviations ``(images, parameters)`` of the cameras' values: of sensor and estimate together."""
+        cameras, images = self.result.cameras, self.result.block.images
+        if cameras is None:
+            return np.empty((len(images), 0))
+        of_sensor = np.array([cameras.model.prior_sigmas(image, estimate_priors(image)) for image in images])
+        return np.sqrt(of_sensor**2 + cameras.covariance.diagonal(axis1=1, axis2=2))
 
     @property
     def can_be_simpler(self) -> bool:

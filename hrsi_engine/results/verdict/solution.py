@@ -7,7 +7,6 @@ import numpy as np
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
-from ...refinement.model import estimate_priors
 from .evidence import CAMERA, Evidence
 from .significance import EFFECT, SOUND_BLOCKS, is_significant
 
@@ -94,11 +93,9 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
     if estimated is None or result.plan is not None:
         return
     by_ties = {name for part in result.parts if part.gcps < EFFECT.fewest_points for name in part.images}
-    drifts, images = estimated.model.drifts, result.block.images
-    far = np.zeros(estimated.values.shape)
-    for index in [index for index, image in enumerate(images) if image.id in by_ties]:
-        sigma = estimated.model.prior_sigmas(images[index], estimate_priors(images[index]))[drifts]
-        far[index, drifts] = np.abs(estimated.values[index, drifts]) / sigma
+    images, is_free = result.block.images, np.array([image.id in by_ties for image in result.block.images])
+    tested = np.outer(is_free, estimated.model.drifts)
+    far = np.where(tested, np.abs(estimated.values) / np.where(tested, evidence.value_sigmas, 1.0), 0.0)
     found = np.flatnonzero(far.max(axis=1, initial=0.0) > SOLUTION.implausible_drift)
     if not len(found):
         return
@@ -109,7 +106,7 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
         "drift-implausible", Level.DOUBTFUL,
         f"the attitude drift of image {list_ids(ids)} from tie points is implausible for the sensor, and no GCPs "
         f"confirm it: {estimated.model.parameters[parameter]} of {images[worst].id} is {value:.1e}, "
-        f"{far[worst, parameter]:.0f} times the a priori standard deviation ("
+        f"{far[worst, parameter]:.0f} times the standard deviation ("
         f"{abs(value) / far[worst, parameter]:.1e})",
         f"measure at least {EFFECT.fewest_points} GCPs spread over the images; without GCPs, look for systematic "
         "errors of tie points (between dates, on relief or shadows)",
