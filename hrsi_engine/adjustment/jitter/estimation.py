@@ -273,7 +273,7 @@ def _form_rows(
 def _form_drift_rows(problem: Problem, solution: Solution, first_camera: int, unknowns: int) -> _Rows:
     """Return the a priori drift of each camera as equations, each with a number below 0 instead of a point.
 
-    Curves of the lines with the GCPs could explain all of their residuals: without it, they would leave the drifts free.
+    Curves could explain all residuals of the GCPs on their lines: without it, they would leave the drifts free.
     """
     observations, camera = problem.observations, problem.camera
     _, image = np.unique(observations.camera_of_image, return_index=True)

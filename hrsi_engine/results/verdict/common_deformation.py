@@ -25,7 +25,7 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
     result = evidence.result
     estimated = result.cameras
     gcps = result.block.points.ground[result.block.points.role == Role.GCP]  # without GCPs of an earlier block
-    if estimated is None or len(gcps) < EFFECT.fewest_points or not set(_DRIFTS) <= set(estimated.model.parameters):
+    if len(gcps) < EFFECT.fewest_points or not set(_DRIFTS) <= set(estimated.model.parameters):
         return
     columns = [estimated.model.parameters.index(name) for name in _DRIFTS]
     number = {image.id: index for index, image in enumerate(result.block.images)}

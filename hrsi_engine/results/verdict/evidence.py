@@ -106,8 +106,6 @@ class Evidence:
     def value_sigmas(self) -> np.ndarray:
         """Standard deviations ``(images, parameters)`` of the cameras' values: of sensor and estimate together."""
         cameras, images = self.result.cameras, self.result.block.images
-        if cameras is None:
-            return np.empty((len(images), 0))
         of_sensor = np.array([cameras.model.prior_sigmas(image, estimate_priors(image)) for image in images])
         return np.sqrt(of_sensor**2 + cameras.covariance.diagonal(axis1=1, axis2=2))
 

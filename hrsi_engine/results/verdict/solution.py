@@ -90,7 +90,7 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
     """
     result = evidence.result
     estimated = result.cameras
-    if estimated is None or result.plan is not None:
+    if result.plan is not None:
         return
     by_ties = {name for part in result.parts if part.gcps < EFFECT.fewest_points for name in part.images}
     images, is_free = result.block.images, np.array([image.id in by_ties for image in result.block.images])
