@@ -15,6 +15,8 @@ The shifts are linear in the image, so that they are a suitable start for every 
 """
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from ...foundation.large_arrays import finite_rows
 from ...foundation.progress import silent
@@ -78,14 +80,14 @@ def align_images(
         found = loop.iterate(state, weighting, "none", ITERATIONS.fine, silent)
         if scale == ROBUST.rejected:
             # Values of the model with the same effect on the image points as the shifts, except for their priors
-            p = len(model.parameters)
+            p, shifts = len(model.parameters), centre_shifts(few, found.state, shift_weight)
             normal, right = np.zeros((few.cameras, p, p)), np.zeros((few.cameras, p))
             for index, rows in enumerate(few.by_image):
                 camera, of_prior = few.camera_of_image[index], 1.0 / few.sigma_px[rows, None] ** 2
                 linearise = model.equations(few.images[index], few.xy[rows])
                 by_values = linearise(np.zeros(p), found.state.ground[few.point[rows]]).by_values
                 normal[camera] += np.einsum("ncp,ncq->pq", by_values, of_prior[:, :, None] * by_values)
-                shift_px = found.state.values[camera] / few.images[index].camera_pixel
+                shift_px = shifts[camera] / few.images[index].camera_pixel
                 right[camera] += np.einsum("ncp,nc->p", by_values, of_prior * shift_px)
             held = np.isinf(prior_weight)
             normal += np.where(held, 0.0, prior_weight)[:, :, None] * np.eye(p)
@@ -99,6 +101,31 @@ def align_images(
         factor, state = agreeing * cauchy(sigmas, scale), found.state
         if scale == ROBUST.rejected:  # their sum would constrain the block's mean height
             priors = set_point_priors(few, state.ground, None, None)[0]
+
+
+def centre_shifts(observations: Observations, aligned: State, weight: np.ndarray) -> np.ndarray:
+    """Return the shifts of aligned cameras ``(cameras, 2)`` without their part that translates a whole connected block.
+
+    Tie points do not determine it: rotations of the images, which shifts do not follow, would move the block by many
+    standard deviations of its RPCs to reduce their parallaxes a little. ``weight (cameras, 2)`` are the priors of the
+    shifts; a block with fixed cameras keeps its position.
+    """
+    by_ground, shifts = np.zeros((observations.cameras, 2, 3)), aligned.values.copy()
+    for index, rows in enumerate(observations.by_image):
+        image, camera = observations.images[index], observations.camera_of_image[index]
+        if len(rows):
+            middle = np.nanmean(aligned.ground[observations.point[rows]], axis=0, keepdims=True)
+            by_ground[camera] = image.camera_pixel * image.rpc.project_with_metric_jacobian(middle)[1][0]
+    count, rows = len(aligned.ground), observations.count
+    seen = sparse.csr_matrix((np.ones(rows), (observations.camera, observations.point)), (observations.cameras, count))
+    parts, part = connected_components(seen @ seen.T, directed=False)
+    for number in range(parts):
+        here = np.flatnonzero(part == number)
+        if np.isfinite(weight[here]).all():
+            J, w = by_ground[here].reshape(-1, 3), np.sqrt(weight[here].ravel())
+            moved_m = np.linalg.lstsq(w[:, None] * J, w * shifts[here].ravel(), rcond=None)[0]
+            shifts[here] -= (J @ moved_m).reshape(-1, 2)
+    return shifts
 
 
 def bound_heights(observations: Observations, ground: np.ndarray) -> PointPriors:
