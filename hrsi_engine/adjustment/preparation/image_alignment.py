@@ -116,8 +116,10 @@ def centre_shifts(observations: Observations, aligned: State, weight: np.ndarray
         if len(rows):
             middle = np.nanmean(aligned.ground[observations.point[rows]], axis=0, keepdims=True)
             by_ground[camera] = image.camera_pixel * image.rpc.project_with_metric_jacobian(middle)[1][0]
-    count, rows = len(aligned.ground), observations.count
-    seen = sparse.csr_matrix((np.ones(rows), (observations.camera, observations.point)), (observations.cameras, count))
+    seen = sparse.csr_matrix(
+        (np.ones(observations.count), (observations.camera, observations.point)),
+        (observations.cameras, len(aligned.ground)),
+    )
     parts, part = connected_components(seen @ seen.T, directed=False)
     for number in range(parts):
         here = np.flatnonzero(part == number)
