@@ -20,9 +20,9 @@ import numpy as np
 from osgeo import gdal
 
 sys.path.insert(0, str(Path(__file__).parent))
-from rpc_samples import sample_rpc, write_image
+from rpc_samples import restore, sample_rpc, write_image, write_in_place
 
-from hrsi.hrsi_engine.io.rpc_files import difference_px, read_rpc, restore, write_in_place, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import difference_px, read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import rpc_from_gdal
 
 ORIGINAL, FIRST, SECOND = sample_rpc(1), sample_rpc(2), sample_rpc(3)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 from osgeo import gdal
 
 from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.io import rpc_files
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
+from hrsi.hrsi_engine.io.safety.transactions import Transaction
 
 
 def sample_rpc(seed: int = 0, err_bias: float | None = None) -> RPC:
@@ -59,3 +63,22 @@ def ground_grid(rpc: RPC, steps: int = 5) -> np.ndarray:
     lon, lat, height = np.meshgrid(axis, axis, axis)
     unit = np.column_stack([lon.ravel(), lat.ravel(), height.ravel()])
     return unit * [rpc.long_scale, rpc.lat_scale, rpc.height_scale] + [rpc.long_off, rpc.lat_off, rpc.height_off]
+
+
+def write_in_place(path: str, rpc: RPC) -> tuple[str, ...]:
+    """Replace the RPC of one file as `write-rpc` does; return the notices."""
+    with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
+        notices = rpc_files.prepare_in_place(path, rpc, changes)
+        changes.commit()
+    rpc_files.require_in_place(path, rpc)
+    return notices
+
+
+def restore(path: str) -> tuple[str, ...]:
+    """Restore the RPC of one file; return the notices. Raises `InputError` if it keeps no original."""
+    with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
+        notices = rpc_files.prepare_restoring(path, changes)
+        changes.commit()
+    if not notices:
+        raise InputError(f"{path}: {rpc_files.KEEPS_NONE}")
+    return notices

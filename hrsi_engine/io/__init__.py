@@ -6,5 +6,5 @@ __getattr__, __dir__, __all__ = lazy_names(__name__, {
     "rasters.dems": "open_dem",
     "point_files": "PointTables read_points",
     "rasters.images": "open_image",
-    "rpc_files": "FoundRpc read_rpc restore write_geotiff_copy write_rpc_text write_vrt",
+    "rpc_files": "FoundRpc read_rpc",
 })  # fmt: skip

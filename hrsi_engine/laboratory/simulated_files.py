@@ -87,7 +87,7 @@ def _create_file(
     ]
     dataset = gdal.GetDriverByName("GTiff").Create(temporary, samples, lines, bands, data_type, options)
     if dataset is None:
-        raise OutputError(f"{path}: cannot be created ({messages[-1] if messages else 'unknown reason'})")
+        raise OutputError(f"{path}: cannot be created ({messages.reason})")
     return dataset
 
 

@@ -15,17 +15,15 @@ import pytest
 import rasterio
 from osgeo import gdal
 from osgeo_utils.samples.validate_cloud_optimized_geotiff import validate
-from rpc_samples import ground_grid, sample_rpc, write_image
+from rpc_samples import ground_grid, restore, sample_rpc, write_image, write_in_place
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, OutputError
 from hrsi.hrsi_engine.io.rpc_files import (
     difference_px,
     prepare_sidecar,
     read_rpc,
-    restore,
     tiff_tag,
     write_geotiff_copy,
-    write_in_place,
     write_rpb,
     write_rpc_text,
     write_vrt,

@@ -540,10 +540,7 @@ def test_original_comes_back_after_writing_in_place(pair, ties, tmp_path):
     before = [read_rpc(path).rpc for path in pair]
     run("triangulate", images=pair, tie_points=ties, write="in-place", output_dir=str(tmp_path / "result"))
     assert [read_rpc(path).rpc for path in pair] != before
-    from hrsi.hrsi_engine.io.rpc_files import restore
-
-    for path in pair:
-        restore(path)
+    run("write-rpc", images=pair, restore=True)
     assert [read_rpc(path).rpc for path in pair] == before
 
 

@@ -129,8 +129,7 @@ def write_geopackage(
                         create_style_table(dataset)
             if dataset is None or messages:
                 dataset = None  # closed here, where GDAL's messages are suppressed
-                reason = messages[-1] if messages else "unknown reason"
-                raise OutputError(f"{path}: cannot be written ({reason}): check the folder")
+                raise OutputError(f"{path}: cannot be written ({messages.reason}): check the folder")
             del dataset
         try:
             with contextlib.closing(sqlite3.connect(temporary, isolation_level=None)) as database:

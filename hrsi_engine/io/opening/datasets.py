@@ -50,14 +50,23 @@ def check_advice(path: str, otherwise: str = "check the path") -> str:
     )
 
 
+class Messages(list[str]):
+    """Failures that GDAL reported."""
+
+    @property
+    def reason(self) -> str:
+        """The last one."""
+        return self[-1] if self else "unknown reason"
+
+
 @contextmanager
-def gdal_messages() -> Iterator[list[str]]:
+def gdal_messages() -> Iterator[Messages]:
     """Collect the failures that GDAL reports in the calling thread instead of printing them.
 
     RuntimeError (GDAL with exceptions enabled) and SystemError (GDAL 3.6 with a message that is not UTF-8) are added to
     the messages. The body may then be incomplete: preset its results.
     """
-    messages: list[str] = []
+    messages = Messages()
 
     def collect(severity: int, _code: int, text: str) -> None:
         if severity >= gdal.CE_Failure:

@@ -58,8 +58,7 @@ def read(path: str, layer_wanted: str = "", chosen: Mapping[str, str] | None = N
     with gdal_messages() as messages:
         table = _read_layer(path, source, layer, dataset.GetDriver().ShortName, chosen or {})
     if table is None or messages:
-        reason = messages[-1] if messages else "unknown reason"
-        raise InputError(f"{source}: cannot be read to the end ({reason}): obtain it again")
+        raise InputError(f"{source}: cannot be read to the end ({messages.reason}): obtain it again")
     return replace(table, operations=layer.GetMetadataItem(POINT_OPERATIONS) or "")
 
 

@@ -126,4 +126,4 @@ def write_shear(one: PerspectiveView, path: str) -> None:
         )  # fmt: skip
         made = sheared and gdal.GetDriverByName("PNG").CreateCopy(path, sheared)
     if made is None:
-        raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+        raise OutputError(f"{path}: cannot be written ({messages.reason})")

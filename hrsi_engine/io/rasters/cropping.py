@@ -57,8 +57,7 @@ def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
             resampleAlg=resampling,
         )  # fmt: skip
     if virtual is None:
-        reason = messages[-1] if messages else "unknown reason"
-        raise InputError(f"{path}: cannot be read ({reason}): obtain the file again")
+        raise InputError(f"{path}: cannot be read ({messages.reason}): obtain the file again")
     virtual.SetMetadata(metadata_of(whole, "IMAGERY"), "IMAGERY")  # vendor's text on sensor and time
     for number in range(1, whole.RasterCount + 1):  # without overviews GDAL loses band names
         virtual.GetRasterBand(number).SetDescription(whole.GetRasterBand(number).GetDescription())
@@ -162,6 +161,6 @@ def pixel_view(path: str) -> str:
             view.SetGeoTransform((-0.5, 1.0, 0.0, 0.5, 0.0, -1.0))
             view.SetMetadata({}, "RPC")
     if view is None:
-        raise InputError(f"{path}: cannot be shown ({messages[-1] if messages else 'unknown reason'}): check the file")
+        raise InputError(f"{path}: cannot be shown ({messages.reason}): check the file")
     del view
     return name

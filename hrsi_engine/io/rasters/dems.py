@@ -151,8 +151,7 @@ class _DemReader:
             cells = band.ReadAsArray(column, row, columns, rows)
             mask = band.GetMaskBand().ReadAsArray(column, row, columns, rows)
         if cells is None or mask is None:
-            reason = messages[-1] if messages else "unknown reason"
-            raise InputError(f"{self._path}: heights at row {row}, column {column} cannot be read ({reason})")
+            raise InputError(f"{self._path}: heights at row {row}, column {column} cannot be read ({messages.reason})")
         heights = (cells.astype(np.float64) * self._scale + self._offset) * self._metres
         heights[mask == 0] = np.nan
         heights[~np.isfinite(heights)] = np.nan

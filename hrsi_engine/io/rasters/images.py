@@ -242,9 +242,8 @@ class GdalRaster:
             if band.GetMaskFlags() != gdal.GMF_ALL_VALID:
                 mask = band.GetMaskBand().ReadAsArray(first_sample, first_line, width, height)
         if grey is None or (mask is None and messages):
-            reason = messages[-1] if messages else "unknown reason"
             raise InputError(
-                f"{self.path}: pixels at sample {first_sample}, line {first_line} cannot be read ({reason}): obtain "
+                f"{self.path}: pixels at sample {first_sample}, line {first_line} cannot be read ({messages.reason}): obtain "
                 "the file again"
             )
         valid = np.ones(grey.shape, dtype=bool) if mask is None else mask != 0
@@ -283,9 +282,8 @@ class GdalRaster:
                 mask = band.GetMaskBand().ReadAsArray(*window, **means) if masked else None
             dataset.FlushCache()
             if part is None or (masked and mask is None):
-                reason = messages[-1] if messages else "unknown reason"
                 raise InputError(
-                    f"{self.path}: lines from {window[1]} on cannot be read ({reason}): obtain the file again"
+                    f"{self.path}: lines from {window[1]} on cannot be read ({messages.reason}): obtain the file again"
                 )
             known = np.isfinite(part) if mask is None else np.isfinite(part) & (mask >= 254.5)
             grey[first : first + count], valid[first : first + count] = np.where(known, part, np.float32(0.0)), known

@@ -97,8 +97,7 @@ def resample_to_grid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
             height=like.raster.size[1], dstSRS=like.crs, resampleAlg="cubic", errorThreshold=0.0, dstAlpha=True,
         )  # fmt: skip
     if result is None:
-        reason = messages[-1] if messages else "unknown reason"
-        raise InputError(f"{ortho.path}: cannot be brought onto the pixels of {like.path} ({reason})")
+        raise InputError(f"{ortho.path}: cannot be brought onto the pixels of {like.path} ({messages.reason})")
     del result
     return OrthoRaster(ortho.path, GdalRaster(path), like.crs, like.geotransform)
 

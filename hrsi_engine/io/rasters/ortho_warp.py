@@ -110,9 +110,8 @@ class OrthoSource:
                 mask = self.dataset.GetRasterBand(self.bands[0]).GetMaskBand().ReadAsArray(sample, line, samples, lines)
         found = [band for band in values if band is not None]
         if len(found) < len(self.bands) or (self.masked and mask is None):
-            reason = messages[-1] if messages else "unknown reason"
             raise InputError(
-                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): obtain the file again"
+                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({messages.reason}): obtain the file again"
             )
         return found, mask
 
@@ -175,7 +174,7 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
             target.SetMetadata(nodes, "GEOLOCATION")
             done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
         if not done:
-            raise OutputError(f"{source.path}: GDAL cannot warp it ({messages[-1] if messages else 'unknown reason'})")
+            raise OutputError(f"{source.path}: GDAL cannot warp it ({messages.reason})")
         count = len(source.bands)
         values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
         valid = values[count] != 0 if _with_alpha(source, warp, whole) else None

@@ -197,7 +197,7 @@ def _write_tiles(
             fill(dataset)
         del dataset  # closed here, so that failures of the last writing are noticed
     if messages or not created:
-        raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+        raise OutputError(f"{path}: cannot be written ({messages.reason})")
 
 
 def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:

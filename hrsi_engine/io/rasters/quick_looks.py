@@ -40,4 +40,4 @@ def write_quick_look(image: Image, rpc: RPC, height_m: float, path: str) -> None
             resampleAlg="bilinear", dstNodata=0, creationOptions=["COMPRESS=DEFLATE", "TILED=YES"],
         )  # fmt: skip
     if warped is None:
-        raise OutputError(f"{path}: GDAL cannot warp {image.path} ({messages[-1] if messages else 'unknown reason'})")
+        raise OutputError(f"{path}: GDAL cannot warp {image.path} ({messages.reason})")

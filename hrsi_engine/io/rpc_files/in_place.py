@@ -25,22 +25,6 @@ from .write import NO_LINEAGE, SIDECARS, Lineage, write_rpc_file
 KEEPS_NONE = "keeps no original RPC: it was not written in place by this program, or is restored already"
 
 
-def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
-    """Replace the RPC of one image and keep the original inside the file; see `prepare_in_place`.
-
-    path : A GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``)
-    rpc : the new camera; progress : callback; False cancels
-    Result: notices for the log.
-    Raises `InputError`: the file is of another kind; `OutputError`: no space on the disk, or no permission;
-    `Cancelled`: ``progress`` returned False.
-    """
-    with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
-        notices = prepare_in_place(path, rpc, changes, progress)
-        changes.commit()
-    require_in_place(path, rpc)
-    return notices
-
-
 def prepare_in_place(
     path: str, rpc: RPC, changes: Transaction, progress: Progress = silent, lineage: Lineage = NO_LINEAGE
 ) -> tuple[str, ...]:
@@ -106,36 +90,11 @@ def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-
     return (*stale, *winning)
 
 
-def restore(path: str, progress: Progress = silent) -> tuple[str, ...]:
-    """Restore the RPC that an image or RPC file had before the first writing in place.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    progress : Progress
-        Callback; False cancels.
-
-    Returns
-    -------
-    tuple of str
-        Notices for the log.
-
-    Raises
-    ------
-    InputError
-        No original is kept.
-    """
-    with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
-        notices = prepare_restoring(path, changes, progress)
-        changes.commit()
-    if not notices:
-        raise InputError(f"{path}: {KEEPS_NONE}")
-    return notices
-
-
 def prepare_restoring(path: str, changes: Transaction, progress: Progress = silent) -> tuple[str, ...]:
-    """Prepare what `restore` does, in ``changes``; return notices, none if no original is kept."""
+    """Prepare in ``changes`` that an image or RPC file has the RPC again that it had before the first writing in place.
+
+    Result: notices for the log, none if no original is kept.
+    """
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     is_rpc_file = rpc_reader_of(path) is not None
     names = {os.path.basename(path).lower()} if is_rpc_file else {n for k in PLAIN for n in RPC_READERS[k].beside(stem)}

@@ -47,33 +47,12 @@ SIDECARS: dict[str, tuple[str, Callable[[RPC], str]]] = {
 
 
 def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = NO_LINEAGE, replace: Replace = replacing) -> None:
-    """Write a ``_RPC.TXT`` file with all digits, read it again and compare.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    rpc : RPC
-        The camera.
-    lineage : Lineage, optional
-        Metadata items of the file.
-    replace : callable, optional
-        Gives a temporary name to write to.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
+    """Write a ``_RPC.TXT`` file with all digits, read it again and compare."""
     write_rpc_file(path, rpc, "rpc-txt", replace, lineage)
 
 
 def write_rpb(path: str, rpc: RPC, replace: Replace = replacing) -> None:
-    """Write an ``.RPB`` file with all digits, read it again and compare.
-
-    path : the file; rpc : the camera; replace : gives a temporary name to write to
-    Raises `OutputError`: the file cannot be written.
-    """
+    """Write an ``.RPB`` file with all digits, read it again and compare."""
     write_rpc_file(path, rpc, "rpb", replace)
 
 
@@ -95,30 +74,10 @@ def write_geotiff_copy(
     the layout of a Cloud Optimized GeoTIFF remain; GDAL's side files (``.aux.xml``, ``.msk``, ``.ovr``) are copied
     too. Any other image is written by GDAL as a tiled, losslessly compressed GeoTIFF.
 
-    Parameters
-    ----------
-    source_path, target_path : str
-        The image, and its copy.
-    rpc : RPC
-        The camera of the copy.
-    progress : Progress
-        Callback; False cancels.
-    lineage : Lineage, optional
-        Metadata items of the copy, and its RPC before the refinement.
-
-    Returns
-    -------
-    tuple of str
-        Notices for the log.
-
-    Raises
-    ------
-    InputError
-        The source cannot be read or is the target.
-    OutputError
-        The target cannot be written.
-    Cancelled
-        ``progress`` returned False.
+    progress : callback; False cancels; lineage : metadata items of the copy, and its RPC before the refinement
+    Result: notices for the log.
+    Raises `InputError`: the source cannot be read or is the target; `OutputError`: the target cannot be written;
+    `Cancelled`: ``progress`` returned False.
     """
     with Transaction(os.path.dirname(os.path.abspath(target_path))) as changes:
         notices = prepare_geotiff_copy(source_path, target_path, rpc, changes, progress, lineage)
@@ -218,7 +177,7 @@ def create_copy(
     if cancelled:
         raise Cancelled(f"cancelled; {target_path} was not written")
     if not written or messages:
-        raise OutputError(f"{target_path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+        raise OutputError(f"{target_path}: cannot be written ({messages.reason})")
 
 
 def write_vrt(
@@ -226,29 +185,8 @@ def write_vrt(
 ) -> tuple[str, ...]:
     """Write a virtual image: the source's pixels with another RPC; the source is only read.
 
-    Parameters
-    ----------
-    source_path, target_path : str
-        The image, and the VRT; its path of the source is relative if the source is in its folder or below, otherwise
-        absolute.
-    rpc : RPC
-        The camera of the VRT.
-    lineage : Lineage, optional
-        Metadata items of the VRT, and its RPC before the refinement.
-    replace : callable, optional
-        Gives a temporary name to write to.
-
-    Returns
-    -------
-    tuple of str
-        Notices for the log.
-
-    Raises
-    ------
-    InputError
-        The source cannot be read or is the target.
-    OutputError
-        The VRT cannot be written.
+    The path of the source is relative if it is in the folder of the VRT or below. Arguments, result and errors as in
+    `write_geotiff_copy`.
     """
     _require_other_file(source_path, target_path)
     local = os.path.exists(source_path)
@@ -273,7 +211,7 @@ def save_vrt(
             virtual.FlushCache()
             del virtual
         if messages or not os.path.exists(temporary):
-            raise OutputError(f"{target_path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+            raise OutputError(f"{target_path}: cannot be written ({messages.reason})")
         reopened, message = open_dataset(temporary)
         if reopened is None:
             raise OutputError(f"{target_path}: cannot be opened again ({message})")
