@@ -2,13 +2,15 @@
 
 import json
 import os
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
 from .budgets import require_raster, require_size
-from .datasets import check_advice, open_dataset
+from .datasets import check_advice, gdal_messages, open_dataset
 
 
 def read_json(path: str, kind: str) -> Any:
@@ -35,3 +37,24 @@ def open_raster(path: str) -> gdal.Dataset:
         raise InputError(f"{path}: neither an image nor an RPC file{reason}: {check_advice(path, 'check the file')}")
     require_raster(path, dataset)
     return dataset
+
+
+def read_pixels(
+    path: str, dataset: gdal.Dataset, bands: Sequence[int], window: tuple[int, int, int, int], masked: bool, **how: Any
+) -> tuple[list[np.ndarray], np.ndarray | None]:
+    """Return the values of bands in a window, and the mask of the first of them if ``masked`` (0: invalid).
+
+    window : first sample, first line, samples, lines; how : further arguments of GDAL's ``ReadAsArray``
+    Raises `InputError` if the pixels cannot be read.
+    """
+    found: list[np.ndarray | None] = []
+    with gdal_messages() as messages:
+        found += [dataset.GetRasterBand(number).ReadAsArray(*window, **how) for number in bands]
+        found += [dataset.GetRasterBand(bands[0]).GetMaskBand().ReadAsArray(*window, **how)] if masked else []
+    read = [values for values in found if values is not None]
+    if len(read) < len(bands) + masked:
+        raise InputError(
+            f"{path}: pixels at sample {window[0]}, line {window[1]} cannot be read ({messages.reason}): obtain the "
+            "file again"
+        )
+    return (read[:-1], read[-1]) if masked else (read, None)

@@ -18,7 +18,8 @@ from ...ground.operation_uses import OperationUse, with_geoid
 from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import require_heights, require_raster
-from ..opening.datasets import call_quiet, check_advice, gdal_messages, open_dataset
+from ..opening.datasets import call_quiet, check_advice, open_dataset
+from ..opening.files import read_pixels
 from ..opening.georeference import Georeference
 from ..opening.plain_files import require_plain
 
@@ -146,12 +147,7 @@ class _DemReader:
 
     def _read_heights(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
         """Return the heights of a window (m) as in the file, NaN where there are none."""
-        band, cells, mask = self._dataset.GetRasterBand(1), None, None
-        with gdal_messages() as messages:
-            cells = band.ReadAsArray(column, row, columns, rows)
-            mask = band.GetMaskBand().ReadAsArray(column, row, columns, rows)
-        if cells is None or mask is None:
-            raise InputError(f"{self._path}: heights at row {row}, column {column} cannot be read ({messages.reason})")
+        (cells,), mask = read_pixels(self._path, self._dataset, [1], (column, row, columns, rows), masked=True)
         heights = (cells.astype(np.float64) * self._scale + self._offset) * self._metres
         heights[mask == 0] = np.nan
         heights[~np.isfinite(heights)] = np.nan

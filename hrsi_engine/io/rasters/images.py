@@ -19,8 +19,8 @@ from ...block.placement import PlacementDoubt, judge_size
 from ...foundation.errors import InputError
 from ...foundation.options import InMemory
 from ...foundation.thresholds import threshold, thresholds
-from ..opening.datasets import gdal_messages, virtual_status
-from ..opening.files import open_raster
+from ..opening.datasets import virtual_status
+from ..opening.files import open_raster, read_pixels
 from ..opening.item_images import item_of
 from ..rpc_files.fields import FoundRpc
 from ..rpc_files.find import read_rpc_file, rpc_of_dataset
@@ -235,17 +235,9 @@ class GdalRaster:
         height = min(line + lines, self.size[1]) - first_line
         if width <= 0 or height <= 0:
             return np.zeros((lines, samples), dtype=np.float32), np.zeros((lines, samples), dtype=bool)
-        band = self.dataset.GetRasterBand(self._band)
-        grey = mask = None
-        with gdal_messages() as messages:
-            grey = band.ReadAsArray(first_sample, first_line, width, height)
-            if band.GetMaskFlags() != gdal.GMF_ALL_VALID:
-                mask = band.GetMaskBand().ReadAsArray(first_sample, first_line, width, height)
-        if grey is None or (mask is None and messages):
-            raise InputError(
-                f"{self.path}: pixels at sample {first_sample}, line {first_line} cannot be read ({messages.reason}): obtain "
-                "the file again"
-            )
+        masked = self.dataset.GetRasterBand(self._band).GetMaskFlags() != gdal.GMF_ALL_VALID
+        window = first_sample, first_line, width, height
+        (grey,), mask = read_pixels(self.path, self.dataset, [self._band], window, masked)
         valid = np.ones(grey.shape, dtype=bool) if mask is None else mask != 0
         if np.issubdtype(grey.dtype, np.inexact):
             valid &= np.isfinite(grey)
@@ -271,20 +263,15 @@ class GdalRaster:
         grey, valid = np.empty((lines, samples), dtype=np.float32), np.empty((lines, samples), dtype=bool)
         strip = max(1, OPEN_IMAGES.strip_pixels // (samples * step * step))
         dataset = self.dataset
-        band = dataset.GetRasterBand(self._band)
-        masked = band.GetMaskFlags() != gdal.GMF_ALL_VALID
+        masked = dataset.GetRasterBand(self._band).GetMaskFlags() != gdal.GMF_ALL_VALID
         means = {"buf_type": gdal.GDT_Float32, "resample_alg": gdal.GRIORA_Average}
         for first in range(0, lines, strip):
-            count, part, mask = min(strip, lines - first), None, None
-            window = (0, first * step, samples * step, count * step, samples, count)
-            with gdal_messages() as messages:
-                part = band.ReadAsArray(*window, **means)
-                mask = band.GetMaskBand().ReadAsArray(*window, **means) if masked else None
+            count = min(strip, lines - first)
+            window = 0, first * step, samples * step, count * step
+            (part,), mask = read_pixels(
+                self.path, dataset, [self._band], window, masked, buf_xsize=samples, buf_ysize=count, **means
+            )
             dataset.FlushCache()
-            if part is None or (masked and mask is None):
-                raise InputError(
-                    f"{self.path}: lines from {window[1]} on cannot be read ({messages.reason}): obtain the file again"
-                )
             known = np.isfinite(part) if mask is None else np.isfinite(part) & (mask >= 254.5)
             grey[first : first + count], valid[first : first + count] = np.where(known, part, np.float32(0.0)), known
         return grey, valid

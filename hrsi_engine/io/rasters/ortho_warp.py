@@ -18,6 +18,7 @@ from osgeo import gdal, gdal_array
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages
+from ..opening.files import read_pixels
 from .images import GdalRaster
 
 #: Resampling methods of GDAL's warper, with their radius in image pixels.
@@ -101,19 +102,7 @@ class OrthoSource:
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[list[np.ndarray], np.ndarray | None]:
         """Return the bands of a window, and its mask if the image has a mask or an alpha band."""
-        values: list[np.ndarray | None] = []
-        mask = None
-        with gdal_messages() as messages:
-            for number in self.bands:
-                values.append(self.dataset.GetRasterBand(number).ReadAsArray(sample, line, samples, lines))
-            if self.masked:
-                mask = self.dataset.GetRasterBand(self.bands[0]).GetMaskBand().ReadAsArray(sample, line, samples, lines)
-        found = [band for band in values if band is not None]
-        if len(found) < len(self.bands) or (self.masked and mask is None):
-            raise InputError(
-                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({messages.reason}): obtain the file again"
-            )
-        return found, mask
+        return read_pixels(self.path, self.dataset, self.bands, (sample, line, samples, lines), self.masked)
 
 
 @dataclass(frozen=True)
