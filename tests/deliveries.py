@@ -74,25 +74,6 @@ def isd_with_namespace(rpc: RPC, prefix: str) -> str:
     return text.replace(f"<{prefix}:isd>", f'<{prefix}:isd xmlns:{prefix}="{uri}">')
 
 
-def enmap_metadata(bands: list[RPC], vnir: int, size: tuple[int, int]) -> str:
-    """Return EnMAP's METADATA.XML with an RPC for each band, those of VNIR first."""
-    parts = []
-    for number, rpc in enumerate(bands, start=1):
-        names = {name: name.upper().replace("LINE", "ROW").replace("SAMP", "COL") for name in (*SCALARS, *POLYNOMIALS)}
-        numbers = [f"<{names[name]}>{getattr(rpc, name)!r}</{names[name]}>" for name in SCALARS]
-        for name in POLYNOMIALS:
-            numbers += [
-                f"<{names[name]}_{k}>{value!r}</{names[name]}_{k}>"
-                for k, value in enumerate(getattr(rpc, name).tolist(), start=1)
-            ]
-        parts.append(f'<bandID number="{number}">{"".join(numbers)}</bandID>')
-    return f"""<?xml version="1.0" encoding="UTF-8"?>
-<level_X xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"><base><mission>EnMAP</mission></base><specific>
-<widthOfScene>{size[0]}</widthOfScene><heightOfScene>{size[1]}</heightOfScene></specific><product><image>
-<vnir><channels>{vnir}</channels></vnir><swir><channels>{len(bands) - vnir}</channels></swir></image>
-<navigation><RPC>{"".join(parts)}</RPC></navigation></product></level_X>"""
-
-
 def cut_tile(source: Path, target: Path, window: tuple[int, int, int, int]) -> None:
     """Cut sample, line, samples, lines out of an image, without its RPC, as a tile without place is delivered."""
     pixels = gdal.Open(str(source)).ReadAsArray(*window)

@@ -3,5 +3,5 @@
 from ..foundation.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(
-    __name__, {"rpc": "RPC", "rpc_fit": "RpcFit best_fit extrapolation_warnings fit_rpc"}
+    __name__, {"rpc": "RPC", "rpc_fit": "RpcFit fit_rpc"}
 )

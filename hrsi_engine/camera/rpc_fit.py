@@ -192,17 +192,8 @@ def refit_rpc(
 def extrapolation_warnings(required_range: tuple[float, float], fitted_range: tuple[float, float]) -> tuple[str, ...]:
     """Return a warning if an RPC is to be used at heights (m) outside those from which it is computed.
 
-    Parameters
-    ----------
-    required_range : tuple of float
-        Lowest and highest ellipsoidal height in metres at which the RPC is to be used.
-    fitted_range : tuple of float
-        Lowest and highest height of the data from which it is computed.
-
-    Returns
-    -------
-    tuple of str
-        One warning, or none.
+    required_range : lowest and highest ellipsoidal height at which the RPC is to be used
+    fitted_range : lowest and highest height of the data from which it is computed
     """
     slack = 0.01 * (fitted_range[1] - fitted_range[0])
     if required_range[0] >= fitted_range[0] - slack and required_range[1] <= fitted_range[1] + slack:
@@ -222,24 +213,9 @@ def best_fit(
     Without damping, denominators can fit noise or distortions that no RPC can represent, and have large errors between
     the points. The differences of the result are those at the check points.
 
-    Parameters
-    ----------
-    points : tuple of (n, 3) ndarray and (n, 2) ndarray
-        Ground (lon, lat, height) and image (sample, line in px) to fit.
-    check : tuple of (m, 3) ndarray and (m, 2) ndarray
-        Other points, by which the damping is chosen.
-    common_denominator : bool
-        One denominator for sample and line; affine corrections can then be included exactly.
-
-    Returns
-    -------
-    RpcFit
-        The camera with the most damping of those that are best at the check points, within `FIT.alike`.
-
-    Raises
-    ------
-    SolveError
-        Fewer than 5 points, or collinear or coincident points.
+    points, check : ground ``(n, 3)`` lon, lat, height and image ``(n, 2)`` sample, line
+    common_denominator : as in `fit_rpc`
+    Result: the camera with the most damping of those that are best at the check points, within `FIT.alike`.
     """
     fits = []
     for ridge in FIT.ridges:
@@ -333,9 +309,6 @@ def _compute_differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tup
     """Return the largest and the RMS length (px) of the differences between observed and projected points."""
     squared = np.nan_to_num(np.sum((image - rpc.project(ground)) ** 2, axis=1), nan=np.inf)
     return float(np.sqrt(squared.max())), float(np.sqrt(squared.mean()))
-
-
-# ---- preparation -----------------------------------------------------------------------------------------------
 
 
 # ---- iteratively reweighted least squares ----------------------------------------------------------------------

@@ -35,7 +35,7 @@ ANY_RPC = st.builds(
     DENOMINATOR, ACCURACY, ACCURACY,
 )  # fmt: skip
 NAMES = {"rpb": "x.rpb", "isd": "x.xml", "rpc-txt": "x_rpc.txt", "dimap": "rpc_x.xml", "kompsat": "x.rpc",
-         "enmap": "x-metadata.xml", "geom": "x.geom", "rpcm-json": "x.json",
+         "geom": "x.geom", "rpcm-json": "x.json",
          "orthority": "x.yaml", "alos": "rpc-x.txt"}  # fmt: skip
 PIECES = st.sampled_from(
     ["LINE_OFF: 1\n", "lineOffset = 1;", "lineNumCoef = (1,", "BEGIN_GROUP = IMAGE", "<isd><RPB>", "<Dimap_Document>",

@@ -147,24 +147,6 @@ def test_a_spot_5_scene_without_rpc_is_called_what_it_is(capsys, tmp_path: Path)
         assert "a DIMAP product of SPOT 5, level 1A, which names no RPC file" in log
 
 
-def test_enmap_has_an_rpc_a_band_and_the_first_of_each_camera_counts(capsys, scene: Path, rpc: RPC, tmp_path: Path):
-    stem = "ENMAP01-____L1B-DT0000001_20260101T000000Z_001_V010400"
-    bands = [rpc, rpc.shift(0.3, 0.0), rpc.shift(12.0, -7.0), rpc.shift(12.4, -7.0)]
-    (tmp_path / f"{stem}-METADATA.XML").write_text(deliveries.enmap_metadata(bands, 2, SIZE))
-    for camera, band in (("VNIR", bands[0]), ("SWIR", bands[2])):
-        image = tmp_path / f"{stem}-SPECTRAL_IMAGE_{camera}.TIF"
-        deliveries.cut_tile(scene / "image_1.tif", image, (0, 0, *SIZE))
-        report, log = info(capsys, image)
-        assert "EnMAP metadata" in log
-        place = band.localize(np.array([[(SIZE[0] - 1) / 2.0, (SIZE[1] - 1) / 2.0]]), 250.0).ground[0]
-        assert_same_place(report["images"][image.stem], {"lon": place[0], "lat": place[1]})
-    report, _ = info(capsys, tmp_path)
-    assert len(report["images"]) == 2
-    report, _ = info(capsys, tmp_path / f"{stem}-METADATA.XML")
-    (alone,) = report["images"].values()
-    assert (alone["samples"], alone["lines"]) == SIZE
-
-
 def test_a_folder_without_rpcs_says_so(capsys, tmp_path: Path) -> None:
     (tmp_path / "readme.txt").write_text("nothing")
     _, log = told(capsys, "rpc-info", tmp_path, code=2)

@@ -39,7 +39,6 @@ RPC_READERS: dict[str, RpcReader] = {
     "rpc-txt": text_formats.RPC_TXT,
     "dimap": xml_formats.DIMAP,
     "kompsat": text_formats.KOMPSAT,
-    "enmap": xml_formats.ENMAP,
     "geom": text_formats.GEOM,
     "rpcm-json": text_formats.RPCM_JSON,
     "orthority": text_formats.ORTHORITY,

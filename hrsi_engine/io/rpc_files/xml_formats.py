@@ -1,4 +1,4 @@
-"""RPC files in XML: those of Maxar, Airbus and EnMAP, and GDAL's own.
+"""RPC files in XML: those of Maxar and Airbus, and GDAL's own.
 
 * ISD XML of DigitalGlobe / Maxar (WorldView, GeoEye): ``<isd>`` with an ``<RPB>`` part. A product in tiles,
 ``…_R1C2-…_P001.TIF``, has one file ``…-…_P001.XML``, whose ``<TIL>`` part has their positions.
@@ -8,15 +8,11 @@
 ground-to-image coefficients are used (``Inverse_Model`` in V2, ``GroundtoImage_Values`` in V3). ERR_BIAS of these
 files is the fit of the RPC in pixels, not the accuracy on the ground, and is not used. HEIGHT_OFF of the RPC may be
 arbitrary (4000 m in Pleiades Neo); the product file states the height of the scene's centre.
-* EnMAP's ``METADATA.XML`` of level 1B: an RPC for each band, ``navigation/RPC/bandID``, rows and columns from 0. The
-  bands of the VNIR camera come first, then those of SWIR. The first band of an image is read, so its RPC is that of the
-  image's first band. Source: EnMAP HSI Level 1B product specification, EN-PCV-ICD-2009.
 * GDAL's own side file ``<image>.aux.xml`` (PAM): metadata domain ``RPC``.
 """
 
 import os
 import re
-from functools import partial
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
@@ -202,49 +198,6 @@ def _find_dimap_tile(image_path: str, side_file: str) -> Origin | None:
 
 
 DIMAP = RpcReader("DIMAP XML", _dimap_names, _is_dimap, read_dimap, _find_dimap_tile, _is_product)
-
-# ---- EnMAP ---------------------------------------------------------------------------------------------------------
-
-ENMAP_NAMES = {
-    name: name.upper().replace("LINE", "ROW").replace("SAMP", "COL") for name in (*SCALARS, *POLYNOMIALS)
-} | {"err_bias": "ERR_BIAS", "err_rand": "ERR_RAND"}  # fmt: skip
-
-
-def read_enmap(image_path: str, path: str) -> RpcReading:
-    """Return the RPC of an image's first band, and its size; if the name is that of SWIR, the first band of SWIR."""
-    root, swir = read_xml(path), os.path.splitext(image_path)[0].lower().endswith("_swir")
-    bands = [band for model in root.iter("RPC") for band in model.iter("bandID")]
-    if not bands:
-        raise InputError(f"{path}: EnMAP metadata without navigation/RPC: only products of level 1B have RPCs")
-    before = (root.findtext(".//vnir//channels") or "") if swir else "0"
-    number = int(before) if before.strip().isdigit() else -1
-    if not 0 <= number < len(bands):
-        raise InputError(
-            f"{path}: has {len(bands)} RPCs, and the one of the image is not marked: obtain the file again"
-        )
-    entries = {element.tag.upper().replace("_", ""): element.text or "" for element in bands[number]}
-    values: dict[str, Text | None] = {key: entries.get(ENMAP_NAMES[key].replace("_", "")) for key in SCALARS}
-    for name in POLYNOMIALS:
-        key = ENMAP_NAMES[name].replace("_", "")
-        values[name] = values_by_number(entries, key, range(1, 21)) or values_by_number(entries, key, range(1, 21), 2)
-    size = positive_size(element_text(root, "widthOfScene"), element_text(root, "heightOfScene"))
-    return RpcReading(fields.rpc_from_text(path, values, ENMAP_NAMES), size)
-
-
-def _is_enmap(name: str, head: bytes) -> bool:
-    root = rb"<([\w.-]+:)?level_X[\s>]"  # in any namespace
-    return name.endswith(".xml") and re.search(root, head[:4000]) is not None and b"EnMAP" in head
-
-
-def _enmap_names(stem: str) -> tuple[str, ...]:
-    product, _, rest = stem.partition("-spectral_image")
-    return (f"{product}-metadata.xml",) if rest else ()
-
-
-ENMAP = RpcReader(
-    "EnMAP metadata", _enmap_names, _is_enmap, partial(read_enmap, ""), is_product=lambda _: True,
-    read_beside=read_enmap,
-)  # fmt: skip
 
 # ---- PAM -----------------------------------------------------------------------------------------------------------
 
