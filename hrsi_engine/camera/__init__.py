@@ -2,6 +2,4 @@
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(
-    __name__, {"rpc": "RPC", "rpc_fit": "RpcFit fit_rpc"}
-)
+__getattr__, __dir__, __all__ = lazy_names(__name__, {"rpc": "RPC", "rpc_fit": "RpcFit fit_rpc"})

@@ -81,6 +81,11 @@ def element_text(root: Element, name: str) -> str | None:
     return None if element is None else (element.text or "")
 
 
+def texts_below(root: Element) -> dict[str, str]:
+    """Return name -> text of the first element with this name, for all elements below ``root``."""
+    return {element.tag: element.text or "" for element in reversed([*root.iter()])}
+
+
 def positive_size(samples: str | None, lines: str | None) -> tuple[int, int] | None:
     """Return an image size given as text, None unless both are whole numbers above zero."""
     try:

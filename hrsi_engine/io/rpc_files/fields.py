@@ -113,11 +113,26 @@ def gdal_metadata(rpc: RPC) -> dict[str, str]:
 
 def rpc_from_gdal(where: str, metadata: Mapping[str, str]) -> RPC:
     """Return the RPC of GDAL's RPC metadata domain; raise `InputError` with the field that is wrong."""
-    values: dict[str, Text | None] = {name: metadata.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
+    return rpc_from_entries(where, metadata, GDAL_NAMES)
+
+
+def rpc_from_entries(
+    where: str, entries: Mapping[str, str], names: Mapping[str, str], numbers: Sequence[str] = (),
+    zero_is_unknown: bool = False,
+) -> RPC:  # fmt: skip
+    """Return the RPC of texts by their names in a file; raises as `rpc_from_text`.
+
+    names : RPC field name -> its name in the file
+    numbers : endings of a polynomial's name for its coefficients; without them, all stand behind the name
+    zero_is_unknown : whether a program writes 0 for an unknown error
+    """
+    values: dict[str, Text | None] = {name: entries.get(names[name]) for name in (*ERRORS, *SCALARS)}
+    if zero_is_unknown:
+        values |= {name: None for name in ERRORS if not (entries.get(names[name]) or "").strip("0. ")}
     for name in POLYNOMIALS:
-        text = metadata.get(GDAL_NAMES[name])
-        values[name] = None if text is None else text.replace(",", " ").split()
-    return rpc_from_text(where, values)
+        numbered = [entries[key] for number in numbers if (key := f"{names[name]}{number}") in entries]
+        values[name] = numbered or entries.get(names[name], "").replace(",", " ").split() or None
+    return rpc_from_text(where, values, names)
 
 
 def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
@@ -198,12 +213,6 @@ def _find_numbers(text: str) -> list[float]:
 def _parse_double(number: str) -> float:
     """Return the value of a number; Fortran writes its exponent with a D."""
     return float(number.replace("d", "e").replace("D", "e"))
-
-
-def values_by_number(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:
-    """Return the texts of ``name1``, ``name2`` … that exist; None if there are none."""
-    texts = [entries[key] for number in numbers if (key := f"{name}{number:0{width}d}") in entries]
-    return texts or None
 
 
 def shorten(text: object, most: int = 40) -> str:

@@ -23,7 +23,7 @@ from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
 from . import fields
 from .content import positive_size, read_text, siblings
-from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, RpcReader, RpcReading, Text, values_by_number
+from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, RpcReader, RpcReading, Text
 
 #: RPC field -> its name in the file.
 RPB_NAMES = {
@@ -45,14 +45,11 @@ _RPB_ENTRY = re.compile(r"(?<!\w)(\w+)\s*=\s*(?:\(([^()]*)\)|([^;\n(]*))")
 
 def read_rpb(path: str) -> RpcReading:
     """Return the RPC of an ``.RPB`` file."""
-    keys = {name: title.lower() for name, title in RPB_NAMES.items()}
+    names = {title.lower(): title for title in RPB_NAMES.values()}
     found = ((name.lower(), listed or scalar) for name, listed, scalar in _RPB_ENTRY.findall(read_text(path)))
-    entries = fields.entries_of(path, found, keys.values())
-    values: dict[str, Text | None] = {name: entries.get(keys[name]) for name in (*ERRORS, *SCALARS)}
-    for name in POLYNOMIALS:
-        listed = entries.get(keys[name])
-        values[name] = None if listed is None else [item.strip() for item in listed.split(",")]
-    rpc, sensor = fields.rpc_from_text(path, values, RPB_NAMES), entries.get("satid", "").strip(' "')
+    entries = fields.entries_of(path, found, names)
+    rpc = fields.rpc_from_entries(path, {names[key]: text for key, text in entries.items() if key in names}, RPB_NAMES)
+    sensor = entries.get("satid", "").strip(' "')
     return RpcReading(rpc, _read_imd_size(path), sensor=sensor)
 
 
@@ -92,11 +89,7 @@ def read_rpc_txt(path: str) -> RpcReading:
     lines = (line.replace("=", " ", 1).replace(":", " ", 1).strip() for line in read_text(path).splitlines())
     parts = (line.partition(" ") for line in lines)
     entries = fields.entries_of(path, ((name.upper(), value.strip()) for name, _, value in parts), GDAL_NAMES.values())
-    values: dict[str, Text | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
-    for name in POLYNOMIALS:  # GDAL prints all coefficients behind one name
-        listed = entries.get(GDAL_NAMES[name], "").replace(",", " ").split()
-        values[name] = [entries[key] for key in _NUMBERED[name] if key in entries] or listed or None
-    return RpcReading(fields.rpc_from_text(path, values))
+    return RpcReading(fields.rpc_from_entries(path, entries, GDAL_NAMES, [f"_{number}" for number in range(1, 21)]))
 
 
 def rpc_txt_text(rpc: RPC, lineage: Mapping[str, str] | None = None) -> str:
@@ -130,11 +123,9 @@ def read_geom(path: str) -> RpcReading:
     """Return the RPC of a ``.geom`` file, and the scene's size if the file states it."""
     parts = (line.partition(":") for line in read_text(path).splitlines())
     entries = fields.entries_of(path, ((name.strip(), value.strip()) for name, _, value in parts), GEOM_NAMES.values())
-    values: dict[str, Text | None] = {name: entries.get(GEOM_NAMES[name]) for name in SCALARS}
-    values |= {name: values_by_number(entries, f"{GEOM_NAMES[name]}_", range(20), width=2) for name in POLYNOMIALS}
-    values |= {name: text for name in ERRORS if (text := entries.get(GEOM_NAMES[name], "0")).strip("0. ")}
+    rpc = fields.rpc_from_entries(path, entries, GEOM_NAMES, [f"_{number:02d}" for number in range(20)], True)
     size = positive_size(entries.get("number_samples"), entries.get("number_lines"))
-    return RpcReading(fields.rpc_from_text(path, values, GEOM_NAMES), size)
+    return RpcReading(rpc, size)
 
 
 def geom_text(rpc: RPC) -> str:
@@ -201,11 +192,9 @@ def read_orthority(image_path: str, path: str) -> RpcReading:
         listed = ", ".join(parts) or "none"
         raise InputError(f"{path}: has {len(wanted)} RPCs for {name} (parts: {listed}): keep one of that name")
     found = _YAML_ENTRY.findall(parts[wanted[0]])
-    entries = {key: listed.replace(",", " ").split() or scalar for key, listed, scalar in found}
-    names = (*ERRORS, *SCALARS, *POLYNOMIALS)
-    values: dict[str, Text | None] = {name: entries.get(_YAML_NAMES[name]) for name in names}
-    size = [*entries.get("im_size", ()), "", ""]
-    return RpcReading(fields.rpc_from_text(path, values, _YAML_NAMES), positive_size(size[0], size[1]))
+    entries = {key: listed or scalar for key, listed, scalar in found}
+    size = [*entries.get("im_size", "").split(","), "", ""]
+    return RpcReading(fields.rpc_from_entries(path, entries, _YAML_NAMES), positive_size(size[0], size[1]))
 
 
 ORTHORITY = RpcReader(

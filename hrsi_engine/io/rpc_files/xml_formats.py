@@ -17,8 +17,8 @@ import re
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from . import fields
-from .content import Element, element_text, finite_number, positive_size, read_xml, siblings, xml_bytes
-from .fields import ERRORS, POLYNOMIALS, SCALARS, Origin, RpcReader, RpcReading, Text, shorten, values_by_number
+from .content import Element, element_text, finite_number, positive_size, read_xml, siblings, texts_below, xml_bytes
+from .fields import ERRORS, POLYNOMIALS, SCALARS, Origin, RpcReader, RpcReading, shorten
 from .text_formats import RPB_NAMES
 
 # ---- ISD -----------------------------------------------------------------------------------------------------------
@@ -36,11 +36,9 @@ def read_isd(path: str) -> RpcReading:
     part = next(root.iter("RPB"), None)
     if part is None:
         raise InputError(f"{path}: the RPB element is missing: this product was delivered without RPC")
-    values: dict[str, Text | None] = {name: element_text(part, ISD_NAMES[name]) for name in SCALARS}
-    values |= {name: text for name in ERRORS if (text := element_text(part, ISD_NAMES[name]) or "").strip("0. ")}
-    values |= {name: (element_text(part, ISD_NAMES[name]) or "").split() for name in POLYNOMIALS}
+    rpc = fields.rpc_from_entries(path, texts_below(part), ISD_NAMES, zero_is_unknown=True)
     size = positive_size(element_text(root, "NUMCOLUMNS"), element_text(root, "NUMROWS"))
-    return RpcReading(fields.rpc_from_text(path, values, ISD_NAMES), size, sensor=element_text(root, "SATID") or "")
+    return RpcReading(rpc, size, sensor=element_text(root, "SATID") or "")
 
 
 def isd_text(rpc: RPC) -> str:
@@ -102,10 +100,10 @@ def read_dimap(path: str) -> RpcReading:
     model, validity = _find_first(root, _GROUND_TO_IMAGE), next(root.iter("RFM_Validity"), None)
     if model is None or validity is None:
         raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: obtain the file again")
-    coefficients = {element.tag: element.text or "" for element in model}
-    values: dict[str, Text | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
-    values |= {name: values_by_number(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
-    rpc = fields.rpc_from_text(path, values, DIMAP_NAMES)
+    entries = texts_below(model) | texts_below(validity)
+    for name in ERRORS:
+        entries.pop(DIMAP_NAMES[name], None)
+    rpc = fields.rpc_from_entries(path, entries, DIMAP_NAMES, [f"_{number}" for number in range(1, 21)])
     # Sample and line of the centre of the first pixel in this version: 1 or 0
     version = next((element.get("version", "") for element in root.iter("METADATA_FORMAT")), "")
     first = {"2": 1, "3": 0}.get(version.strip()[:1])
