@@ -23,7 +23,7 @@ from ..rpc_files.crop import CropPlace
 from ..rpc_files.fields import rpc_from_gdal, rpc_from_numbers
 from ..rpc_files.find import HEIGHT_ITEM, SENSOR_ITEM
 from ..rpc_files.write import Lineage, save_geotiff, save_vrt
-from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat
+from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat, copy_band_properties
 
 VRT = "vrt"  #: as an alternative to `orthoimages.FORMATS`
 
@@ -84,10 +84,7 @@ def join_images(paths: Sequence[str], first: np.ndarray, size: tuple[int, int]) 
     for number, kind in enumerate(bands[0], 1):
         virtual.AddBand(kind)
         band, origin = virtual.GetRasterBand(number), datasets[0].GetRasterBand(number)
-        band.SetDescription(origin.GetDescription())
-        band.SetColorInterpretation(origin.GetColorInterpretation())
-        if origin.GetNoDataValue() is not None:
-            band.SetNoDataValue(origin.GetNoDataValue())
+        copy_band_properties(origin, band, origin.GetNoDataValue())
         _set_sources(band, str(number), places)
     if any(dataset.GetRasterBand(1).GetMaskFlags() == gdal.GMF_PER_DATASET for dataset in datasets):
         virtual.CreateMaskBand(gdal.GMF_PER_DATASET)

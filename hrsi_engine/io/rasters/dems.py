@@ -35,24 +35,11 @@ Undulations = Callable[[np.ndarray], np.ndarray]  # (n, 2) x, y in the DEM's CRS
 def open_dem(path: str, height_datum: str = "layer", epoch: float | None = None) -> GridSurface:
     """Open a DEM as a surface of ellipsoidal heights; its cells are read when they are needed.
 
-    Parameters
-    ----------
-    path : str
-        Any raster that GDAL opens, with a geotransform and a CRS; the first band contains the heights.
-    height_datum : str
-        ``layer`` (as the CRS of the file states), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file.
-    epoch : float, optional
-        Year at which coordinates in a plate-fixed CRS are transformed to WGS84.
-
-    Returns
-    -------
-    GridSurface
-        Ellipsoidal heights; its ``operations`` describe the transformation to WGS84.
-
-    Raises
-    ------
-    InputError
-        The file is no DEM, has no CRS, does not state its height datum, or a geoid grid is missing.
+    path : any raster that GDAL opens, with a geotransform and a CRS; the first band contains the heights
+    height_datum : ``layer`` (as the CRS states), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file
+    epoch : year at which coordinates in a plate-fixed CRS are transformed to WGS84
+    Result: ellipsoidal heights; its ``operations`` describe the transformation to WGS84.
+    Raises `InputError`: the file is no DEM, has no CRS, does not state its height datum, or a geoid grid is missing.
     """
     dataset, message = open_dataset(path)
     if dataset is None:

@@ -209,23 +209,21 @@ def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid,
     dataset.SetProjection(grid.crs)
     dataset.SetGeoTransform(grid.geotransform)
     for number, origin in enumerate(source.bands, 1):
-        # Copy name, colour interpretation, scale, offset and unit of the source's band
-        old = source.dataset.GetRasterBand(origin)
-        new = dataset.GetRasterBand(number)
-        new.SetDescription(old.GetDescription())
-        new.SetColorInterpretation(old.GetColorInterpretation())
-        if old.GetScale() is not None:
-            new.SetScale(old.GetScale())
-        if old.GetOffset() is not None:
-            new.SetOffset(old.GetOffset())
-        if old.GetUnitType():
-            new.SetUnitType(old.GetUnitType())
-        if warp.nodata is not None:
-            dataset.GetRasterBand(number).SetNoDataValue(warp.nodata)
+        copy_band_properties(source.dataset.GetRasterBand(origin), dataset.GetRasterBand(number), warp.nodata)
     if warp.nodata is None:
         with config_option(*INTERNAL_MASK):
             dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
     return dataset
+
+
+def copy_band_properties(origin: gdal.Band, band: gdal.Band, nodata: float | None) -> None:
+    """Copy name, colour interpretation, scale, offset and unit of a band to another one, and set its nodata value."""
+    band.SetDescription(origin.GetDescription())
+    band.SetColorInterpretation(origin.GetColorInterpretation())
+    stated = ((band.SetScale, origin.GetScale()), (band.SetOffset, origin.GetOffset()), (band.SetNoDataValue, nodata))
+    for set_value, value in (*stated, (band.SetUnitType, origin.GetUnitType() or None)):
+        if value is not None:
+            set_value(value)
 
 
 def chunk_size(scale: float) -> tuple[int, int]:

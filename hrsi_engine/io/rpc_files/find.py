@@ -162,15 +162,9 @@ def _compare_sources(path: str, dataset: gdal.Dataset, readers: Sequence[Callabl
 def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
     """Return the difference of another source as text, `` (500 px off)``; empty for the same RPC."""
     try:
-        other = read_other().rpc
+        off_px = difference_px(rpc, read_other().rpc)
     except InputError:
         return " (damaged)"
-    if other == rpc:
-        return ""
-    steps = np.array([[0.0, 0.0, 0.0], *([x, y, 0.0] for x in (-0.5, 0.5) for y in (-0.5, 0.5))])
-    scales = rpc.long_scale, rpc.lat_scale, rpc.height_scale
-    ground = np.array([rpc.long_off, rpc.lat_off, rpc.height_off]) + steps * scales
-    off_px = float(np.max(np.hypot(*(rpc.project(ground) - other.project(ground)).T)))
     if off_px < RPC_SOURCES.same_px:
         return ""
     return f" ({off_px:.3g} px off)" if np.isfinite(off_px) else " (another RPC)"

@@ -17,7 +17,7 @@ import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from html import escape
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from ...foundation.errors import InputError, OutputError
 from ..opening.budgets import FILE_BUDGETS
@@ -50,16 +50,11 @@ class TagEntry:
         return self.length <= len(self.field)
 
 
-@dataclass(frozen=True)
-class Field:
+class Field(NamedTuple):
     """A value to be written: field type and bytes, in the file's byte order."""
 
     kind: int
     content: bytes
-
-    @property
-    def count(self) -> int:
-        return len(self.content) // TYPE_BYTES[self.kind]
 
 
 @dataclass(frozen=True)
@@ -139,16 +134,12 @@ def read_value(path: str, directory: Directory, tag: int) -> bytes | None:
         return file.read(entry.length)
 
 
-def edit_directory(path: str, changes: Mapping[int, Field | None]) -> bool:
+def edit_directory(path: str, directory: Directory, changes: Mapping[int, Field | None]) -> bool:
     """Set tags of the first directory (None removes one); return False if the directory was moved to the end.
 
     The file itself is changed: give a copy, and rename it afterwards. A moved directory is valid TIFF but ends the
-    layout of a Cloud Optimized GeoTIFF. Raises `InputError` if the file is no TIFF or damaged, `OutputError` if a
-    classic TIFF would grow beyond 4 GiB.
+    layout of a Cloud Optimized GeoTIFF. Raises `OutputError` if a classic TIFF would grow beyond 4 GiB.
     """
-    directory = read_directory(path)
-    if directory is None:
-        raise InputError(f"{path}: is not a TIFF file: name a GeoTIFF")
     with open(path, "r+b") as file:
         entries = {entry.tag: entry for entry in directory.entries}
         for tag, field in changes.items():
@@ -160,14 +151,16 @@ def edit_directory(path: str, changes: Mapping[int, Field | None]) -> bool:
 
 def _place_value(file: BinaryIO, directory: Directory, tag: int, old: TagEntry | None, field: Field) -> TagEntry:
     """Write a value over the old one if it fits, otherwise at the end of the file; return its entry."""
-    word_bytes = struct.calcsize(directory.word)
-    if len(field.content) <= word_bytes:
-        return TagEntry(tag, field.kind, field.count, field.content.ljust(word_bytes, b"\0"))
-    if old is not None and not old.is_inline and len(field.content) <= old.length:
+    word_bytes, content = struct.calcsize(directory.word), field.content
+    if len(content) <= word_bytes:
+        place = content.ljust(word_bytes, b"\0")
+    elif old is not None and not old.is_inline and len(content) <= old.length:
         file.seek(directory.place(old))
-        file.write(field.content)
-        return TagEntry(tag, field.kind, field.count, old.field)
-    return TagEntry(tag, field.kind, field.count, _append_value(file, directory, field.content))
+        file.write(content)
+        place = old.field
+    else:
+        place = _append_value(file, directory, content)
+    return TagEntry(tag, field.kind, len(content) // TYPE_BYTES[field.kind], place)
 
 
 def _append_value(file: BinaryIO, directory: Directory, content: bytes) -> bytes:
@@ -277,7 +270,7 @@ def set_numbers(
         told = _with_items(_LINEAGE_ITEM.sub("", told), [_write_item(name, value) for name, value in lineage.items()])
     if told != xml:
         changes[TAG_METADATA] = Field(ASCII, told.encode("utf-8", "surrogateescape") + b"\0")
-    return edit_directory(path, changes)
+    return edit_directory(path, directory, changes)
 
 
 def restore_numbers(path: str) -> bool:
@@ -296,7 +289,7 @@ def restore_numbers(path: str) -> bool:
         TAG_RPC: None if numbers is None else Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers)),
         TAG_METADATA: Field(ASCII, cleaned.encode("utf-8", "surrogateescape") + b"\0") if "<Item" in cleaned else None,
     }
-    edit_directory(path, changes)
+    edit_directory(path, directory, changes)
     return True
 
 
