@@ -4,6 +4,4 @@
 
 from .rpc import RPC as RPC
 from .rpc_fit import RpcFit as RpcFit
-from .rpc_fit import best_fit as best_fit
-from .rpc_fit import extrapolation_warnings as extrapolation_warnings
 from .rpc_fit import fit_rpc as fit_rpc

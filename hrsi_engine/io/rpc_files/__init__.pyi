@@ -23,8 +23,6 @@ from .in_place import prepare_in_place as prepare_in_place
 from .in_place import prepare_restoring as prepare_restoring
 from .in_place import prepare_sidecar as prepare_sidecar
 from .in_place import require_in_place as require_in_place
-from .in_place import restore as restore
-from .in_place import write_in_place as write_in_place
 from .placement import describe_map_evidence as describe_map_evidence
 from .placement import difference_px as difference_px
 from .placement import find_placement_doubt as find_placement_doubt
