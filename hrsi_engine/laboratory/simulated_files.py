@@ -20,7 +20,7 @@ from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import WGS84_3D
-from ..io.opening.datasets import gdal_messages
+from ..io.opening.datasets import Messages, gdal_messages
 from ..io.point_files.csv_text import write_csv, write_measurements
 from ..io.rpc_files.fields import gdal_metadata
 from ..io.rpc_files.placement import Geotransform
@@ -75,7 +75,7 @@ def _write_row(dataset: gdal.Dataset, line: int, parts: list[PixelStrip]) -> Non
 
 
 def _create_file(
-    path: str, temporary: str, shape: tuple[int, int, int], data_type: int, messages: list[str]
+    path: str, temporary: str, shape: tuple[int, int, int], data_type: int, messages: Messages
 ) -> gdal.Dataset:
     samples, lines, bands = shape
     options = [
@@ -91,7 +91,7 @@ def _create_file(
     return dataset
 
 
-def _require_quiet(path: str, messages: list[str]) -> None:
+def _require_quiet(path: str, messages: Messages) -> None:
     if messages:
         raise OutputError(f"{path}: cannot be written ({messages[-1]}): check free space and permissions")
 
