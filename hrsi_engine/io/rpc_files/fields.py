@@ -123,7 +123,7 @@ def rpc_from_entries(
     """Return the RPC of texts by their names in a file; raises as `rpc_from_text`.
 
     names : RPC field name -> its name in the file
-    numbers : endings of a polynomial's name for its coefficients; without them, all stand behind the name
+    numbers : endings of a polynomial's name for its coefficients; without them, all are behind the name
     zero_is_unknown : whether a program writes 0 for an unknown error
     """
     values: dict[str, Text | None] = {name: entries.get(names[name]) for name in (*ERRORS, *SCALARS)}
