@@ -106,7 +106,7 @@ MUTANTS = (
         "(weight > 0.0).sum(axis=1)", "tests/measurement/test_ellipse.py",
     ),
     Mutant(
-        "rivals from half of the misfit", "adjustment/blunders/control.py", "GCP_TESTS.like * best)", "0.5 * best)",
+        "rivals from half of the misfit", "adjustment/blunders/control.py", "EQUALITY.alike * best)", "0.5 * best)",
         "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(

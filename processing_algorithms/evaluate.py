@@ -10,8 +10,6 @@ import numpy as np
 from ..hrsi_engine.adjustment.evaluation import (
     PairFit,
     TrackFit,
-    compute_survey_differences_m,
-    compute_survey_residuals_px,
     find_wrong_tracks,
     fit_pairs,
     fit_tracks,
@@ -38,7 +36,7 @@ from ..hrsi_engine.io.point_files import measurements_of, read_points
 from ..hrsi_engine.measurement.block_matching.search import count_points_per_cell
 from ..hrsi_engine.measurement.tie_points import find_overlapping_pairs
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
-from ..hrsi_engine.results.residuals import radial_rmse, rmse
+from ..hrsi_engine.results.residuals import compute_given_residuals, radial_rmse, rmse
 from ..hrsi_engine.results.surface_figures import describe_surface
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import GridSurface
@@ -103,7 +101,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
         seen = block.with_cameras(rpcs)
         observations, fit = fit_tracks(seen, tracks)
-        known_px, known_m = compute_survey_residuals_px(seen), compute_survey_differences_m(seen)
+        known_px, known_m = compute_given_residuals(seen)
         made_by = judges.makers[name].report if name in judges.makers else None
         sets.append(RpcSet(name, source, made_by, seen, fit, fit_pairs(observations, fit), known_px, known_m))
     wrong = find_wrong_tracks(observations, [one.pairs for one in sets], options.reject)

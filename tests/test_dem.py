@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.foundation.statistical_limits import ITERATIONS
 from hrsi.hrsi_engine.surface.dem import RAY_TRACING, Status, dem_sigma_m, intersect_surface, surface_heights
 from hrsi.hrsi_engine.surface.grid_surface import SURFACE, ConstantHeight, GridSurface
 from hrsi.tests.test_rpc import synthetic_rpc
@@ -152,7 +153,7 @@ def test_rays_are_followed_in_steps_of_the_grid() -> None:
     ends = [rpc.localize(image, height).ground[:, :2] for height in (0.0, 600.0)]  # all terrain, and some more
     cells = np.abs(ends[1] - ends[0]).max() / CELL_DEG
     assert 4.0 < cells < 20.0
-    assert len(calls) < cells / RAY_TRACING.step + RAY_TRACING.most_iterations + 4
+    assert len(calls) < cells / RAY_TRACING.step + ITERATIONS.most + 4
 
 
 def test_heights_are_bilinear_across_tiles() -> None:

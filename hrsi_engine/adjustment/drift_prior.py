@@ -86,35 +86,37 @@ class DriftPrior:
 
             (I + Q D)^-1 Q    and    (I + Q D)^-1 v
         """
-        held, values = np.where(self.free, loop.prior_weight, 0.0), solution.state.values
-        own = cofactors[loop.pattern.diagonal]
-        known = np.concatenate([own, values[:, :, None]], axis=2)
+        prior_weight, values = np.where(self.free, loop.prior_weight, 0.0), solution.state.values
+        diagonal = cofactors[loop.pattern.diagonal]
+        with_values = np.concatenate([diagonal, values[:, :, None]], axis=2)
         of_parts = [one.select_drifts(cofactors, values, loop.pattern) for one in loop.common]
 
         def look_ahead(weight: np.ndarray, common: Sequence[CommonDrift]) -> np.ndarray:
             """Return the factors estimated with other prior weights of the drifts, ``weight (cameras, p)``."""
-            ahead = np.linalg.solve(np.eye(own.shape[1]) + own * (weight - held)[:, None, :], known)
+            ahead = np.linalg.solve(
+                np.eye(diagonal.shape[1]) + diagonal * (weight - prior_weight)[:, None, :], with_values
+            )
             variances, drifts = ahead[:, :, :-1].diagonal(axis1=1, axis2=2), ahead[:, :, -1]
             squares = np.where(self.free, (drifts / self.prior_sigma) ** 2, 0.0)
             freedom = np.where(self.free, np.clip(1.0 - weight * variances, 0.0, 1.0), 0.0)
-            for now, then, of_part in zip(loop.common, common, of_parts, strict=True):
+            for now, next_common, of_part in zip(loop.common, common, of_parts, strict=True):
                 squares[now.place], freedom[now.place] = now.predict_differences(
-                    then, *of_part, held[now.place], weight[now.place]
+                    next_common, *of_part, prior_weight[now.place], weight[now.place]
                 )
             return self._estimate_factors(squares, freedom)
 
-        wanted = look_ahead(held, loop.common)
-        by_solution = self._find_largest_change(wanted)
+        estimated = look_ahead(prior_weight, loop.common)
+        by_solution = self._find_largest_change(estimated)
         if by_solution < ITERATIONS.coarse:
             return 0.0
         for _ in range(ITERATIONS.most):
-            self.factor = wanted
+            self.factor = estimated
             weight = np.where(
                 self.free, unit_variance * self.points_per_error / (self.factor * self.prior_sigma) ** 2, 0.0
             )
             common = [one.balance_with(self.factor[one.place], unit_variance) for one in loop.common]
-            wanted = look_ahead(weight, common)
-            if self._find_largest_change(wanted) < ITERATIONS.fine:
+            estimated = look_ahead(weight, common)
+            if self._find_largest_change(estimated) < ITERATIONS.fine:
                 break
         loop.set_prior_weight(np.where(self.free, weight, self.points_per_error * self.given), common)
         return by_solution
@@ -126,12 +128,12 @@ class DriftPrior:
             return self.factor
         block = (DRIFT.of_sensor + self.sums[0]) / (DRIFT.of_sensor + self.sums[1])
         term = (REDUNDANCY.stated * block + squares.sum(axis=0)) / (REDUNDANCY.stated + freedom.sum(axis=0))
-        own = np.sqrt((REDUNDANCY.stated * term + squares) / (REDUNDANCY.stated + freedom))
+        individual = np.sqrt((REDUNDANCY.stated * term + squares) / (REDUNDANCY.stated + freedom))
         self.of_block = float(np.sqrt(block))
-        return np.where(self.free, own, self.factor)
+        return np.where(self.free, individual, self.factor)
 
-    def _find_largest_change(self, wanted: np.ndarray) -> float:
-        return float(np.abs(wanted / self.factor - 1.0).max(initial=0.0))
+    def _find_largest_change(self, estimated: np.ndarray) -> float:
+        return float(np.abs(estimated / self.factor - 1.0).max(initial=0.0))
 
     def list_components(self) -> tuple[VarianceComponent, ...]:
         """Return the variance component of the drifts; empty if the model has none."""

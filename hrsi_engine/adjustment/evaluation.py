@@ -27,7 +27,7 @@ from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST, robust_sigma
 from ..foundation.statistical_limits import SAMPLES
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import ground_difference_m, move_ground
+from ..ground.geodesy import move_ground
 from ..refinement.models import MODELS
 from .observations import Observations, select_points
 from .starting_values.intersection import estimate_start_positions, intersect_points
@@ -97,11 +97,11 @@ def fit_tracks(
     else:
         ground = start[observations.points]
     fit, by_ground = np.full((observations.count, 2), np.nan), np.full((observations.count, 2, 3), np.nan)
-    there = finite_rows(ground)
+    is_located = finite_rows(ground)
     for image, rows in zip(block.images, observations.by_image, strict=True):
-        here = rows[there[observations.point[rows]]]
-        computed, by_ground[here] = image.rpc.project_with_metric_jacobian(ground[observations.point[here]])
-        fit[here] = observations.xy[here] - computed
+        rows_here = rows[is_located[observations.point[rows]]]
+        computed, by_ground[rows_here] = image.rpc.project_with_metric_jacobian(ground[observations.point[rows_here]])
+        fit[rows_here] = observations.xy[rows_here] - computed
     if start is not None and len(ground):  # the cameras are linear over the metres that are left
         step = _find_steps(observations, by_ground, fit)
         ground, fit = move_ground(ground, step), fit - np.einsum("nki,ni->nk", by_ground, step[observations.point])
@@ -125,16 +125,16 @@ def _predict(observations: Observations, by_ground: np.ndarray, fit: np.ndarray)
     """Return ``predicted_px`` and ``enlargement`` of `TrackFit` from the fit of all rays."""
     # B' W B of each point, and the part of each image point's noise that its own prediction contains
     weight = observations.sigma_px**-2.0
-    own = np.einsum("n,nki,nkj->nij", weight, by_ground, by_ground)
-    normal = np.add.reduceat(own, observations.first[:-1], axis=0) if len(own) else np.zeros((0, 3, 3))
+    part = np.einsum("n,nki,nkj->nij", weight, by_ground, by_ground)
+    normal = np.add.reduceat(part, observations.first[:-1], axis=0) if len(part) else np.zeros((0, 3, 3))
     regular = np.isfinite(normal).all(axis=(1, 2))
     normal[~regular] = np.eye(3)
     inverse = np.linalg.pinv(normal, hermitian=True)[observations.point]
     left = np.eye(2) - np.einsum("nki,nij,nlj,n->nkl", by_ground, inverse, by_ground, weight)
     left[~np.isfinite(left).all(axis=(1, 2))] = np.nan
-    known = np.isfinite(left[:, 0, 0])
+    valid = np.isfinite(left[:, 0, 0])
     lowest = np.full(len(left), np.nan)
-    lowest[known] = np.linalg.eigvalsh(left[known])[:, 0]
+    lowest[valid] = np.linalg.eigvalsh(left[valid])[:, 0]
     predictable = lowest > PREDICTION.most_enlargement**-2.0
     predicted, enlargement = np.full_like(fit, np.nan), np.full(len(fit), np.nan)
     cofactor = np.linalg.inv(left[predictable])
@@ -146,14 +146,14 @@ def _predict(observations: Observations, by_ground: np.ndarray, fit: np.ndarray)
 def _list_common_points(observations: Observations, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows ``(n,)`` of each point in two images, that of the image with the smaller index first."""
     point = observations.point[usable]
-    ones, others = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    ones, second_lists = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for step in range(1, int(np.diff(observations.first).max(initial=1))):  # rows of one point follow one another
         same_point = np.flatnonzero(point[step:] == point[:-step])
-        one, other = usable[same_point], usable[same_point + step]
-        is_reversed = observations.image[one] > observations.image[other]
-        ones.append(np.where(is_reversed, other, one))
-        others.append(np.where(is_reversed, one, other))
-    return np.concatenate(ones), np.concatenate(others)
+        one, second_rows = usable[same_point], usable[same_point + step]
+        is_reversed = observations.image[one] > observations.image[second_rows]
+        ones.append(np.where(is_reversed, second_rows, one))
+        second_lists.append(np.where(is_reversed, one, second_rows))
+    return np.concatenate(ones), np.concatenate(second_lists)
 
 
 def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
@@ -162,8 +162,8 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     count = len(observations.images)
     # parallel rays have no distance across an epipolar line
     ray = np.cross(fit.by_ground[:, 0], fit.by_ground[:, 1])
-    apart = np.linalg.norm(np.cross(ray[first], ray[second]), axis=1)
-    crossing = apart > PARALLEL_SINE * np.linalg.norm(ray[first], axis=1) * np.linalg.norm(ray[second], axis=1)
+    sine = np.linalg.norm(np.cross(ray[first], ray[second]), axis=1)
+    crossing = sine > PARALLEL_SINE * np.linalg.norm(ray[first], axis=1) * np.linalg.norm(ray[second], axis=1)
     first, second = first[crossing], second[crossing]
     key = observations.image[first].astype(np.int64) * count + observations.image[second]
     order = np.argsort(key * len(observations.points) + observations.point[first], kind="stable")
@@ -195,16 +195,16 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
             ordered[part].sort()
         return np.asarray(0.5 * (ordered[begin + (size - 1) // 2] + ordered[begin + size // 2]))
 
-    parts = [slice(here, there) for here, there in pairwise([*begin.tolist(), len(key)])]
-    left, near = across - find_medians(across)[group], np.zeros(len(across), dtype=bool)
+    parts = [slice(begin_row, end_row) for begin_row, end_row in pairwise([*begin.tolist(), len(key)])]
+    left, inliers = across - find_medians(across)[group], np.zeros(len(across), dtype=bool)
     for _ in range(TREND_ROUNDS):
         limit = ROBUST.outlier * np.maximum(MAD_TO_SIGMA * find_medians(np.abs(left)), 1e-9)
-        before, near = near, np.abs(left) <= limit[group]
-        if (near == before).all():
+        previous, inliers = inliers, np.abs(left) <= limit[group]
+        if (inliers == previous).all():
             break
-        kept = terms * near[:, None]
-        normal = np.add.reduceat(kept[:, :, None] * kept[:, None, :], begin)
-        right = np.add.reduceat(kept * across[:, None], begin)
+        weighted_terms = terms * inliers[:, None]
+        normal = np.add.reduceat(weighted_terms[:, :, None] * weighted_terms[:, None, :], begin)
+        right = np.add.reduceat(weighted_terms * across[:, None], begin)
         trend = (np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ right[:, :, None])[:, :, 0]
         left = across - np.einsum("nt,nt->n", terms, trend[group])
     return [
@@ -225,45 +225,11 @@ def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFi
 
     sets : the pairs of each set of cameras; reject : in robust standard deviations; 0 leaves nothing out
     """
-    wrong = np.full(len(observations.points), bool(reject))
+    is_wrong = np.full(len(observations.points), bool(reject))
     for pairs in sets if reject else ():
-        largest = np.zeros(len(wrong))
+        largest = np.zeros(len(is_wrong))
         for pair in pairs:
             largest[pair.points] = np.maximum(largest[pair.points], np.abs(pair.left_px))
         typical = float(robust_sigma(np.concatenate([pair.left_px for pair in pairs]))) if pairs else 0.0
-        wrong &= largest > reject * max(typical, 1e-9)
-    return wrong
-
-
-def compute_survey_residuals_px(block: Block) -> np.ndarray:
-    """Return observed - projected ``(n, 2)`` of the image points of surveyed points; NaN for all others."""
-    rows = block.measurements
-    residual = np.full((len(rows), 2), np.nan)
-    usable = (block.known & finite_rows(block.points.ground))[rows.point]
-    for index, image in enumerate(block.images):
-        here = np.flatnonzero(usable & (rows.image == index))
-        residual[here] = rows.xy[here] - image.rpc.project(block.points.ground[rows.point[here]])
-    return residual
-
-
-def compute_survey_differences_m(block: Block) -> np.ndarray:
-    """Return survey - intersected position ``(points, 3)`` east, north, up of the surveyed points.
-
-    For a point on one image it is the distance in plan from its ray at the surveyed height; NaN where undefined.
-    """
-    difference = np.full((len(block.points), 3), np.nan)
-    rays = block.rays_per_point()
-    usable = block.known & finite_rows(block.points.ground)
-    several = usable & (rays >= 2)
-    if several.any():
-        observations, fit = fit_tracks(block, several)
-        difference[observations.points] = ground_difference_m(block.points.ground[observations.points], fit.ground)
-    rows, residual = block.measurements, compute_survey_residuals_px(block)
-    for index in np.flatnonzero((usable & (rays == 1))[rows.point]).tolist():
-        ground = block.points.ground[rows.point[index]][None]
-        _, by_ground = block.images[rows.image[index]].rpc.project_with_metric_jacobian(ground)
-        step = np.zeros((1, 3))
-        step[0, :2] = np.linalg.solve(by_ground[0, :, :2], residual[index])
-        found = ground_difference_m(ground, move_ground(ground, step))[0]
-        difference[rows.point[index], :2] = found[:2]
-    return difference
+        is_wrong &= largest > reject * max(typical, 1e-9)
+    return is_wrong

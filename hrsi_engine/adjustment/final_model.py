@@ -19,8 +19,7 @@ import numpy as np
 from scipy import special
 
 from ..foundation.large_arrays import any_of_rows
-from ..foundation.statistical_limits import SIGNIFICANCE
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.statistical_limits import EQUALITY, SIGNIFICANCE
 from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_parameters
 from ..refinement.selection import DRIFTING, NESTED_MODELS
 from .blunders.discrepancies import Discrepancies, compute_derivatives
@@ -31,21 +30,11 @@ from .preparation.problem import Problem
 from .statistics.precision import Precision
 
 
-@thresholds
-class DELIVERY:
-    """Limits for replacing the estimated model by a simpler one."""
-
-    fewest_gcps: int = threshold(3, "GCPs", "fewest GCPs for the leave-one-out test of models")
-    most_left: float = threshold(
-        0.05, "", "largest sum of squares of the drift that a simpler model omits, relative to that of residuals"
-    )
-
-
 def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.ndarray) -> np.ndarray:
     """Return the GCPs that are used in a solution and have complete surveys ``(m, 3)``, as leave-one-out tests need."""
-    known = (survey_weight > 0.0).all(axis=1) & solution.weighting.contributes
+    is_complete = (survey_weight > 0.0).all(axis=1) & solution.weighting.contributes
     measured = np.add.reduceat(solution.weight > 0.0, problem.observations.first[:-1], dtype=np.int64) > 0
-    return np.flatnonzero(known & measured & any_of_rows(survey_weight > 0.0))
+    return np.flatnonzero(is_complete & measured & any_of_rows(survey_weight > 0.0))
 
 
 def predict_left_out(
@@ -59,14 +48,14 @@ def predict_left_out(
     gcps, values = len(control.points), solution.state.values
     errors, change = [], np.zeros((values.size, gcps))
     for gcp in range(gcps):
-        out = control.find_measurements([gcp])
-        normal = control.invert_subset(out) @ control.u[out]
-        errors.append((control.sigma[out] * normal).reshape(-1, 2))
-        change[:, gcp] = control.by_unknown[out].T @ normal
-    camera, asked = problem.camera, problem.model.name
+        excluded = control.find_measurements([gcp])
+        normal = control.invert_subset(excluded) @ control.u[excluded]
+        errors.append((control.sigma[excluded] * normal).reshape(-1, 2))
+        change[:, gcp] = control.by_unknown[excluded].T @ normal
+    camera, model_name = problem.camera, problem.model.name
     if not isinstance(camera, ImagePolynomial):
-        return {asked: np.array([np.mean(np.sum(error**2, axis=1)) for error in errors])}, ()
-    without = values[:, :, None] - loop.system.solve(change.reshape(*values.shape, gcps))
+        return {model_name: np.array([np.mean(np.sum(error**2, axis=1)) for error in errors])}, ()
+    values_without = values[:, :, None] - loop.system.solve(change.reshape(*values.shape, gcps))
     squares, derivatives = (
         sum_squares(problem, camera, solution),
         compute_derivatives(problem, solution, control.points),
@@ -75,7 +64,7 @@ def predict_left_out(
     tie = ~problem.observations.located[problem.observations.point]
     by_ties = replace(solution, factor=solution.factor * tie)
     tie_squares = sum_squares(problem, camera, by_ties)
-    most_left = DELIVERY.most_left * float(
+    most_left = EQUALITY.negligible * float(
         (by_ties.weight * by_ties.weighting.contributes[problem.observations.point])
         @ np.sum(solution.normals.residual**2, axis=1)
     )
@@ -83,19 +72,22 @@ def predict_left_out(
     squared, too_simple = {}, []
     has = {name.removeprefix("drift_") for name in camera.parameters}  # without drifts a shift has no nested models
     nested = [name for name in NESTED_MODELS if has >= set(IMAGE_SPACE[name].parameters)]
-    for name in nested if asked in NESTED_MODELS else (asked,):
-        own = locate_parameters(IMAGE_SPACE[name].parameters, camera.parameters)
-        rest = np.setdiff1d(np.arange(len(camera.parameters)), own)
-        left = np.zeros((*values.shape, len(rest)))  # omitted drift, in the camera's parameters
-        left[:, own], left[:, rest] = -compute_gain(squares, loop.prior_weight, own, rest), np.eye(len(rest))
-        drift = np.einsum("cpr,cr->cp", left, values[:, rest])
-        chance = unit_variance * special.chdtri(max(len(rest), 1) * len(values), SIGNIFICANCE.level)
+    for name in nested if model_name in NESTED_MODELS else (model_name,):
+        contained = locate_parameters(IMAGE_SPACE[name].parameters, camera.parameters)
+        omitted = np.setdiff1d(np.arange(len(camera.parameters)), contained)
+        left = np.zeros((*values.shape, len(omitted)))  # omitted drift, in the camera's parameters
+        left[:, contained], left[:, omitted] = (
+            -compute_gain(squares, loop.prior_weight, contained, omitted),
+            np.eye(len(omitted)),
+        )
+        drift = np.einsum("cpr,cr->cp", left, values[:, omitted])
+        chance = unit_variance * special.chdtri(max(len(omitted), 1) * len(values), SIGNIFICANCE.level)
         if np.einsum("cp,cpq,cq->", drift, tie_squares, drift) > max(most_left, chance):
             too_simple.append(name)
         of_model = []
         for gcp, point in enumerate(control.points.tolist()):
             cameras = problem.observations.camera[np.unique(control.row[control.find_measurements([gcp])])]
-            drift = np.einsum("kpr,kr->kp", left[cameras], without[cameras][:, rest, gcp])
+            drift = np.einsum("kpr,kr->kp", left[cameras], values_without[cameras][:, omitted, gcp])
             error = errors[gcp] + np.einsum("kcp,kp->kc", derivatives[point][0], drift)
             of_model.append(np.mean(np.sum(error**2, axis=1)))
         squared[name] = np.array(of_model)
@@ -123,14 +115,14 @@ def express_as_model(
         start=problem.start._replace(values=problem.start.values[:, order]),
         common=tuple(one.reorder(order) for one in problem.common),
     )  # fmt: skip
-    again = copy(loop)
-    again.equations, again.system = now.equations, CameraSystem(now.pattern)
-    again.set_prior_weight(loop.prior_weight[:, order], [one.reorder(order) for one in loop.common])
+    new_loop = copy(loop)
+    new_loop.equations, new_loop.system = now.equations, CameraSystem(now.pattern)
+    new_loop.set_prior_weight(loop.prior_weight[:, order], [one.reorder(order) for one in loop.common])
     blocks, right = solution.normals.blocks[:, order[:, None], order], solution.normals.right[:, order]
     normals = replace(solution.normals, blocks=blocks, right=right)
     state = solution.state._replace(values=solution.state.values[:, order])
     cameras = precise.cameras[:, order[:, None], order]
     return (
-        now, again, replace(solution, state=state, normals=normals),
+        now, new_loop, replace(solution, state=state, normals=normals),
         replace(precise, parameters=precise.parameters[:, order], cameras=cameras),
     )  # fmt: skip

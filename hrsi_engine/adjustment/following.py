@@ -98,8 +98,8 @@ class BlockUpdater:
         prior, values = self._loop.prior_weight, self._last.state.values
         blocks, right = self._blocks, self._last.normals.right - np.where(np.isinf(prior), 0.0, prior) * values
         # Contributions of the edited points in the adjustment
-        same = self._taken_out is not None and np.array_equal(self._taken_out[0], is_edited)
-        if not same or self._taken_out is None or self._taken_out[1] is not self._pattern:
+        is_unchanged = self._taken_out is not None and np.array_equal(self._taken_out[0], is_edited)
+        if not is_unchanged or self._taken_out is None or self._taken_out[1] is not self._pattern:
             self._taken_out = is_edited, self._pattern, self._form_normals(self._select_before(is_edited))
         for part, sign in ((self._taken_out[2], -1.0), (self._form_normals(now), 1.0)):
             if part is not None:
@@ -144,23 +144,23 @@ class BlockUpdater:
 
     def _select_now(self, block: Block) -> _PointObservations:
         """Return the observations of a block's points; unchanged measurements keep their weights of the adjustment."""
-        whole = self._problem.observations
+        adjusted = self._problem.observations
         selected = select_observations(block, self._problem.options.check_as_ties)
-        observations = replace(selected, camera_of_image=whole.camera_of_image)
+        observations = replace(selected, camera_of_image=adjusted.camera_of_image)
         weight = 1.0 / observations.sigma_px**2
         survey = observations.survey_weight.copy()
         names = block.points.ids[observations.points]
         for row, (point, image) in enumerate(
             zip(observations.point.tolist(), observations.image.tolist(), strict=True)
         ):
-            same = self._row_of.get((names[point], image))
-            if same is not None and (whole.xy[same] == observations.xy[row]).all():
-                weight[row] = self._last.weight[same]
+            index = self._row_of.get((names[point], image))
+            if index is not None and (adjusted.xy[index] == observations.xy[row]).all():
+                weight[row] = self._last.weight[index]
         for point, name in enumerate(names.tolist()):
-            same = self._place_of.get(name)
-            if same is not None and np.array_equal(whole.survey_weight[same], survey[point]):
+            index = self._place_of.get(name)
+            if index is not None and np.array_equal(adjusted.survey_weight[index], survey[point]):
                 priors = self._last.weighting.points
-                survey[point] = np.where(priors.observed[same] & (survey[point] > 0.0), priors.weight[same], 0.0)
+                survey[point] = np.where(priors.observed[index] & (survey[point] > 0.0), priors.weight[index], 0.0)
         # Initial positions of the adjustment; those of new points by intersection
         start = estimate_start_positions(observations)
         place = np.array([self._place_of.get(name, -1) for name in names.tolist()], dtype=np.int64)
@@ -184,21 +184,21 @@ class BlockUpdater:
     # ---- positions -------------------------------------------------------------------------------------------------
 
     def _prepare_reintersection(
-        self, others: Collection[str]
+        self, ids: Collection[str]
     ) -> tuple[NormalEquations, State, np.ndarray, Normals] | None:
         """Return the equations of the known points and some others with the final cameras; None without any.
 
         They are followed by the state, the weights ``(n,)`` of the image points and the normal equations there.
         """
         problem, points = self._problem, self._problem.observations.points
-        wanted = problem.block.known[points] | np.isin(self._ids, list(others))
-        wanted &= finite_rows(self.result.ground[points])
-        if not wanted.any():
+        is_watched = problem.block.known[points] | np.isin(self._ids, list(ids))
+        is_watched &= finite_rows(self.result.ground[points])
+        if not is_watched.any():
             return None
-        before = self._select_before(wanted)
-        equations, weighting = form_point_equations(before.observations, problem.model), before.weighting
+        observed = self._select_before(is_watched)
+        equations, weighting = form_point_equations(observed.observations, problem.model), observed.weighting
         delivered = self._deliver(self._last.state.values)
-        state = State(delivered, self.result.ground[points[wanted]])
+        state = State(delivered, self.result.ground[points[is_watched]])
         normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
         return equations, state, weighting.image, normals
 

@@ -161,37 +161,37 @@ class GaussNewton:
         )  # fmt: skip
         return replace(ended.at, converged=ended.converged, status=ended.status)
 
-    def _reweight(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
+    def _reweight(self, solution: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
         """Return the same state with new robust factors and new weights of the external observations."""
-        weighting = at.weighting
+        weighting = solution.weighting
         for source in self.external:
             # the cofactors belong to the priors of coordinates that no source before it has observed again
-            points = source.add_to_priors(weighting.points, at.state.ground, at.normals.inverse)
+            points = source.add_to_priors(weighting.points, solution.state.ground, solution.normals.inverse)
             weighting = replace(weighting, points=points)
-        t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
-        return self.form_solution(at.state, weighting, robustly(t))
+        t = np.linalg.norm(solution.normals.residual, axis=1) * np.sqrt(weighting.image)
+        return self.form_solution(solution.state, weighting, robustly(t))
 
     def form_solution(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
         """Return the equations and the cost at a state, with robust factors ``(n,)``; nothing is iterated."""
         normals = self.equations.form_normals(state, weighting.image * factor, weighting.points, weighting.contributes)
         for joint in self.joint:
             joint.add_to(normals, state.values, self.pattern)
-        at = Solution(state, weighting, normals, factor, 0.0)
-        return replace(at, cost=self.compute_cost(at))
+        solution = Solution(state, weighting, normals, factor, 0.0)
+        return replace(solution, cost=self.compute_cost(solution))
 
     def compute_cost(self, at: Solution) -> float:
         """Half the weighted sum of squares of image points, surveys and priors."""
         joint = sum(joint.compute_cost(at.state.values) for joint in self.joint)
         weak = at.weighting.points.sum_weak_squares(at.state.ground, at.weighting.contributes)
-        own = float(np.sum(self._finite_prior * at.state.values**2))
-        return 0.5 * (self.sum_of_squares(at) + weak + own) + joint
+        prior_squares = float(np.sum(self._finite_prior * at.state.values**2))
+        return 0.5 * (self.sum_of_squares(at) + weak + prior_squares) + joint
 
     def sum_of_squares(self, at: Solution) -> float:
         """Return the weighted sum of squares of image points and surveys that are used to determine the cameras."""
         contributes, residual = at.weighting.contributes, at.normals.residual
         lengths = np.einsum("nc,nc->n", residual, residual) * at.weight
-        used = np.repeat(contributes, self.rows_per_point)
-        return float(lengths @ used) + at.weighting.points.sum_of_squares(at.state.ground, contributes)
+        contributing_rows = np.repeat(contributes, self.rows_per_point)
+        return float(lengths @ contributing_rows) + at.weighting.points.sum_of_squares(at.state.ground, contributes)
 
     def count_redundancy(self, weighting: Weighting) -> float:
         """Return the redundancy, at least 1; priors of the cameras are not counted as observations."""

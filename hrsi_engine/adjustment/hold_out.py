@@ -13,6 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from ..block.block import Block, Role
+from ..foundation.statistical_limits import SAMPLES
 from .options import HOLD_OUT
 
 
@@ -26,24 +27,24 @@ def hold_out_ties(block: Block, share: float) -> Block:
     if share == 0.0:
         role[role == Role.HELD_OUT] = Role.TIE
     elif not (role == Role.HELD_OUT).any() and np.count_nonzero(tracks) > HOLD_OUT.fewest_tracks:
-        chosen = sample_tracks(block, tracks, share)
+        sample = sample_tracks(block, tracks, share)
         # Number of common tracks of each pair of images, and number of those that would stay
         rows = block.measurements
-        here = np.flatnonzero(tracks[rows.point])
-        seen = sparse.csr_matrix(
-            (np.ones(len(here), dtype=np.int32), (rows.point[here], rows.image[here])),
+        rows_of_tracks = np.flatnonzero(tracks[rows.point])
+        incidence = sparse.csr_matrix(
+            (np.ones(len(rows_of_tracks), dtype=np.int32), (rows.point[rows_of_tracks], rows.image[rows_of_tracks])),
             (len(block.points), len(block.images)),
         )
-        seen.data[:] = 1  # for points measured twice on an image
-        common, lost = seen.T @ seen, seen[chosen].T @ seen[chosen]
-        pairs = lost.tocoo()
-        every = np.asarray(common[pairs.row, pairs.col]).ravel()
-        kept = every - pairs.data
-        poor = (kept < HOLD_OUT.least_kept * every) | (kept < np.minimum(every, HOLD_OUT.fewest_kept))
+        incidence.data[:] = 1  # for points measured twice on an image
+        common, common_sample = incidence.T @ incidence, incidence[sample].T @ incidence[sample]
+        pairs = common_sample.tocoo()
+        common_count = np.asarray(common[pairs.row, pairs.col]).ravel()
+        remaining = common_count - pairs.data
+        poor = (remaining < HOLD_OUT.least_kept * common_count) | (remaining < np.minimum(common_count, SAMPLES.tested))
         poor &= pairs.row != pairs.col
         weak = sparse.csr_matrix((np.ones(poor.sum(), np.int32), (pairs.row[poor], pairs.col[poor])), common.shape)
-        needed = np.asarray((seen[chosen] @ weak).multiply(seen[chosen]).sum(axis=1)).ravel() > 0
-        role[chosen[~needed]] = Role.HELD_OUT
+        is_needed = np.asarray((incidence[sample] @ weak).multiply(incidence[sample]).sum(axis=1)).ravel() > 0
+        role[sample[~is_needed]] = Role.HELD_OUT
     return block if (role == block.points.role).all() else replace(block, points=replace(block.points, role=role))
 
 
@@ -53,10 +54,12 @@ def sample_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:
     head = np.flatnonzero(tracks[rows.point])
     head = head[np.unique(rows.point[head], return_index=True)[1]]  # of each track, its row on its first image
     image, point = rows.image[head], rows.point[head]
-    centre, half = (np.array([getattr(one, what) for one in block.images]) for what in ("centre_px", "half_size_px"))
+    centre, half = (
+        np.array([getattr(one, attribute) for one in block.images]) for attribute in ("centre_px", "half_size_px")
+    )
     place = (rows.xy[head] - centre[image]) / (2.0 * np.maximum(half[image], 0.5)) + 0.5
     cell = np.clip((place * HOLD_OUT.cells).astype(np.int64), 0, HOLD_OUT.cells - 1)
     order = np.lexsort((rows.xy[head, 0], rows.xy[head, 1], cell[:, 0], cell[:, 1], image))
     number = np.arange(1, len(order) + 1)
-    taken = np.floor(number * share) > np.floor((number - 1) * share)
-    return np.sort(point[order[taken]])
+    is_taken = np.floor(number * share) > np.floor((number - 1) * share)
+    return np.sort(point[order[is_taken]])

@@ -109,15 +109,15 @@ class Observations:
         lengths = np.diff(self.first)
         return {int(k): np.flatnonzero(lengths == k) for k in np.unique(lengths)}
 
-    def count_rays(self, used: np.ndarray) -> np.ndarray:
-        """Return the number of rays of each point ``(m,)``, from the measurements that are ``used (n,)``.
+    def count_rays(self, is_used: np.ndarray) -> np.ndarray:
+        """Return the number of rays of each point ``(m,)``, from the measurements that are ``is_used (n,)``.
 
         Tiles and bands of one exposure have one common ray to a point.
         """
         exposure = number_exposures(self.images)
         if exposure.max(initial=-1) + 1 == len(exposure):
-            return np.add.reduceat(used, self.first[:-1], dtype=np.int64)
-        rays = np.unique(np.column_stack([self.point, exposure[self.image]])[used], axis=0)
+            return np.add.reduceat(is_used, self.first[:-1], dtype=np.int64)
+        rays = np.unique(np.column_stack([self.point, exposure[self.image]])[is_used], axis=0)
         return np.bincount(rays[:, 0], minlength=len(self.points))
 
     def find_rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -127,18 +127,18 @@ class Observations:
         rows = np.arange(place[-1]) + np.repeat(self.first[points] - place[:-1], lengths)
         return rows, place[:-1]
 
-    def drop_points(self, lost: np.ndarray) -> Observations:
+    def drop_points(self, dropped: np.ndarray) -> Observations:
         """Return the observations without some of the points (mask over ``points``)."""
-        keep = ~lost[self.point]
-        new_index = np.cumsum(~lost) - 1
+        keep = ~dropped[self.point]
+        new_index = np.cumsum(~dropped) - 1
         point = new_index[self.point[keep]]
         return Observations(
-            self.images, self.rows[keep], self.points[~lost], point, self.image[keep], self.xy[keep],
-            self.sigma_px[keep], np.searchsorted(point, np.arange((~lost).sum() + 1)), self.survey[~lost],
-            self.survey_weight[~lost], self.contributes[keep], self.camera_of_image,
-            None if self.survey_correlation is None else self.survey_correlation[~lost],
-            None if self.referenced is None else self.referenced[~lost],
-            None if self.alike is None else self.alike[~lost],
+            self.images, self.rows[keep], self.points[~dropped], point, self.image[keep], self.xy[keep],
+            self.sigma_px[keep], np.searchsorted(point, np.arange((~dropped).sum() + 1)), self.survey[~dropped],
+            self.survey_weight[~dropped], self.contributes[keep], self.camera_of_image,
+            None if self.survey_correlation is None else self.survey_correlation[~dropped],
+            None if self.referenced is None else self.referenced[~dropped],
+            None if self.alike is None else self.alike[~dropped],
         )  # fmt: skip
 
 
@@ -172,12 +172,12 @@ def select_points(
     surveyed = np.zeros(len(block.points), dtype=bool) if surveyed is None else surveyed
     contributing = np.ones(len(block.points), dtype=bool) if contributing is None else contributing
     rows = np.flatnonzero(usable[block.measurements.point])
-    every = len(rows) == len(block.measurements)  # then its columns are used without a copy
-    chosen = block.measurements if every else block.measurements.select(rows)
+    is_complete = len(rows) == len(block.measurements)  # then its columns are used without a copy
+    measurements = block.measurements if is_complete else block.measurements.select(rows)
     taking_part = np.zeros(len(block.points), dtype=bool)
-    taking_part[chosen.point] = True
+    taking_part[measurements.point] = True
     points = np.flatnonzero(taking_part)
-    point = (np.cumsum(taking_part) - 1)[chosen.point]
+    point = (np.cumsum(taking_part) - 1)[measurements.point]
     survey = block.points.ground[points]
     has_survey = surveyed[points][:, None] & np.isfinite(survey)
     carrying = surveyed[points]  # (m,)
@@ -192,12 +192,13 @@ def select_points(
     correlation[carrying] = np.nan_to_num(pairs)  # infinite variances
     # Surveyed points that were found by matching with a reference
     of_gcps = carrying[point]
-    alike = np.zeros(len(points), dtype=bool)
-    alike[point[of_gcps][block.measurements.kind[rows[of_gcps]] == REFERENCE_KIND]] = True
+    of_reference = np.zeros(len(points), dtype=bool)
+    of_reference[point[of_gcps][block.measurements.kind[rows[of_gcps]] == REFERENCE_KIND]] = True
     return Observations(
-        images=block.images, rows=rows, points=points, point=point, image=chosen.image, xy=chosen.xy,
-        sigma_px=chosen.sigma_px, first=np.searchsorted(point, np.arange(len(points) + 1)),
+        images=block.images, rows=rows, points=points, point=point, image=measurements.image, xy=measurements.xy,
+        sigma_px=measurements.sigma_px, first=np.searchsorted(point, np.arange(len(points) + 1)),
         survey=np.where(has_survey, survey, np.nan), survey_weight=np.where(has_survey, weight, 0.0),
-        contributes=contributing[chosen.point], camera_of_image=np.arange(len(block.images), dtype=np.int32),
-        survey_correlation=correlation if correlation.any() else None, alike=alike if alike.any() else None,
+        contributes=contributing[measurements.point], camera_of_image=np.arange(len(block.images), dtype=np.int32),
+        survey_correlation=correlation if correlation.any() else None,
+        alike=of_reference if of_reference.any() else None,
     )  # fmt: skip

@@ -11,19 +11,12 @@ from ..block.jitter_curve import JitterEstimate
 from ..block.laser import LaserPoints
 from ..block.points import Role
 from ..foundation.large_arrays import finite_rows
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.statistical_limits import EQUALITY
 from ..refinement.model import RefinementModel
 from ..refinement.selection import ModelChoice
 from ..surface.dem import HeightSurface
 from ..surface.matching import SurfaceMatch
 from .priors.earlier_cameras import JointCameras
-
-
-@thresholds
-class SURVEYS_ALIKE:
-    """Limit for surveys with the stated standard deviation of the GCPs."""
-
-    alike: float = threshold(0.01, "", "tolerance about the range of the GCPs' stated variances (relative)")
 
 
 @dataclass(frozen=True)
@@ -469,8 +462,8 @@ class Adjustment:
             # Factors apply only to variances within the range of those stated for the GCPs
             gcps = np.flatnonzero(self.block.points.role == Role.GCP)
             stated = self.block.points.survey_covariance_m2(gcps).diagonal(axis1=1, axis2=2)
-            low = np.min(stated, axis=0, initial=np.inf, where=np.isfinite(stated)) * (1.0 - SURVEYS_ALIKE.alike)
-            high = np.max(stated, axis=0, initial=0.0, where=np.isfinite(stated)) * (1.0 + SURVEYS_ALIKE.alike)
+            low = np.min(stated, axis=0, initial=np.inf, where=np.isfinite(stated)) * (1.0 - EQUALITY.alike)
+            high = np.max(stated, axis=0, initial=0.0, where=np.isfinite(stated)) * (1.0 + EQUALITY.alike)
             variance = covariance.diagonal(axis1=1, axis2=2)
             scale = np.where((variance >= low) & (variance <= high), scale, 1.0)
             return np.asarray(covariance * scale[:, :, None] * scale[:, None, :])
@@ -494,9 +487,9 @@ class Adjustment:
         covariance = self.ground_covariance_m2[points]
         if self.shared_shifts_m is None:
             return covariance
-        seen, own = self.shared_shifts_m[points], self.block.points.operation_shifts_m(points)
-        seen[:, :, : own.shape[2]] -= own
-        return np.asarray(covariance + seen @ seen.swapaxes(1, 2))
+        shifts, operation_shifts = self.shared_shifts_m[points], self.block.points.operation_shifts_m(points)
+        shifts[:, :, : operation_shifts.shape[2]] -= operation_shifts
+        return np.asarray(covariance + shifts @ shifts.swapaxes(1, 2))
 
     @cached_property
     def has_residual(self) -> np.ndarray:

@@ -28,7 +28,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg, special
 
-from ..foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE
+from ..foundation.statistical_limits import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import estimate_priors
 from ..refinement.selection import can_estimate_drift
@@ -48,7 +48,6 @@ ROUNDS = 25
 class SIGMA:
     """Limits for the test of a priori sigmas, for their estimation and its convergence."""
 
-    material: float = threshold(1.25, "", "estimated over given sigma up to which no correction is made")
     most_plausible: float = threshold(20.0, "", "estimated over given sigma beyond which image points are wrong")
     of_camera_px: float = threshold(
         1.0, "px", "… unless residuals are smaller: images move in a way that is not modelled", "pixel size"
@@ -56,7 +55,6 @@ class SIGMA:
     beside_held: float = threshold(2.0, "", "the same without tie points, or with external heights or positions")
     alike: float = threshold(0.9, "", "correlation of two variance factors above which they are one")
     hidden_by_drift: int = threshold(25, "GCPs", "number of GCPs up to which drifts of a few images can absorb errors")
-    least_share: float = threshold(0.04, "", "smallest ratio of a variance to that of the last step")
 
 
 @dataclass(eq=False)
@@ -86,8 +84,8 @@ class SigmaEstimation:
         options, observations = self.problem.options, self.problem.observations
         if not (options.test_sigmas or options.variance_components):
             return False
-        asked = options.variance_components or can_estimate_drift(observations.count, len(observations.images))
-        self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and asked)
+        requested = options.variance_components or can_estimate_drift(observations.count, len(observations.images))
+        self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and requested)
         if options.variance_components:
             self.sigmas.free[:] = True
         if self.drifts:
@@ -122,21 +120,23 @@ class SigmaEstimation:
             if freedom >= REDUNDANCY.estimated:
                 chance = 2.0 * min(special.chdtrc(freedom, squares), special.chdtr(freedom, squares))
                 ratio = float(np.sqrt(squares / freedom))
-                failed = chance < SIGNIFICANCE.level and not 1.0 / SIGMA.material < ratio < SIGMA.material
+                failed = chance < SIGNIFICANCE.level and not 1.0 / EQUALITY.size < ratio < EQUALITY.size
                 self.tests.append(ModelTest(name, ratio, freedom, bool(failed)))
         # Wrong points also cause residuals, and so do wrong external heights or places: larger sigmas would accept
         # them. With hardly any tie points sigma0 is the factor of all.
         redundancy = self.sums[: -components.SURVEYS : 2, 1].sum()
-        told = not self.problem.position_observations and redundancy >= REDUNDANCY.common
-        most = SIGMA.most_plausible if told else SIGMA.beside_held
-        least_px = SIGMA.of_camera_px if told else 0.0
+        texts = not self.problem.position_observations and redundancy >= REDUNDANCY.common
+        largest = SIGMA.most_plausible if texts else SIGMA.beside_held
+        least_px = SIGMA.of_camera_px if texts else 0.0
         # RMS of the stated sigmas of the image points of each group that has any
         of_point, names = self.groups.of_image_point, self.groups.names[: -components.SURVEYS]
         count = np.bincount(of_point, minlength=len(names))
         squared = np.bincount(of_point, self.problem.observations.sigma_px**2, len(names))
         stated_px = {name: float(np.sqrt(s / n)) for name, s, n in zip(names, squared, count, strict=True) if n}
         spoilt = any(
-            test.ratio > max(most, least_px / stated_px[test.group]) for test in self.tests if test.group in stated_px
+            test.ratio > max(largest, least_px / stated_px[test.group])
+            for test in self.tests
+            if test.group in stated_px
         )
         failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
         self.sigmas.free[:] = failed
@@ -156,17 +156,17 @@ class SigmaEstimation:
             precise = self.precision_at(loop, solution)
             cofactors = precise.cameras
             self.sums = components.compute_group_sums(self.groups, self.problem.observations, solution, precise)
-            before, of_image = self.sigmas.factor, self.sigmas.of_image
+            previous, of_image = self.sigmas.factor, self.sigmas.of_image
             self.sigmas.correct_factors(self.sums)
-            self._iterate_control(solution, before, control)
+            self._iterate_control(solution, previous, control)
             # the squares by the groups' new sigmas determine the differences between images
-            grown = (self.sigmas.factor / before)[self.groups.of_image_point]
-            of_images = components.compute_image_sums(self.problem.observations, solution, precise, grown)
+            enlarged = (self.sigmas.factor / previous)[self.groups.of_image_point]
+            of_images = components.compute_image_sums(self.problem.observations, solution, precise, enlarged)
             self.sigmas.correct_images(of_images, self.groups.sensor)
-            changes = self.sigmas.factor / before - 1.0, self.sigmas.of_image / of_image - 1.0
+            changes = self.sigmas.factor / previous - 1.0, self.sigmas.of_image / of_image - 1.0
             change = float(max(np.abs(one).max() for one in changes))
             if change < ITERATIONS.settled:
-                self.sigmas.factor, self.sigmas.of_image = before, of_image
+                self.sigmas.factor, self.sigmas.of_image = previous, of_image
         else:
             cofactors = loop.compute_camera_cofactors(solution)
             variances = cofactors[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
@@ -180,11 +180,12 @@ class SigmaEstimation:
         return change
 
     def _iterate_control(
-        self, solution: Solution, before: np.ndarray, control_at: Callable[[Solution, np.ndarray], Discrepancies]
+        self, solution: Solution, previous: np.ndarray, control_at: Callable[[Solution, np.ndarray], Discrepancies]
     ) -> None:
         """Repeat the update of the sigmas of surveys and of image points of GCPs until they converge.
 
-        Both explain the same discrepancies, so they are estimated together; ``before`` are the factors of the solution.
+        Both explain the same discrepancies,
+        so they are estimated together; ``previous`` are the factors of the solution.
         """
         observations, weighting, groups = self.problem.observations, solution.weighting, len(self.sigmas.factor)
         rays = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64)
@@ -197,32 +198,32 @@ class SigmaEstimation:
         images, kinds = groups - components.SURVEYS, components.number_survey_groups(observations)[points]
         of_survey = images + kinds[control.point, control.axis]  # the last index, `groups`, means no group
         group = np.where(control.kind == IMAGE, self.groups.of_image_point[control.row], of_survey)
-        told = np.isin(np.arange(groups), group)
-        told[:images:2] = False  # those of tie points
-        told[images:] = True
-        rows = np.flatnonzero(np.append(told, True)[group])
+        texts = np.isin(np.arange(groups), group)
+        texts[:images:2] = False  # those of tie points
+        texts[images:] = True
+        rows = np.flatnonzero(np.append(texts, True)[group])
         group, u, s = group[rows], control.u[rows], control.s[np.ix_(rows, rows)]
         # groups that the block cannot distinguish get a common factor
         kind = group[:, None] == np.arange(groups)
         curvature = kind.T @ s**2 @ kind
         scale = np.sqrt(np.maximum(curvature.diagonal(), 1e-300))
-        alike = (curvature > SIGMA.alike * scale * scale[:, None]) & told & told[:, None]
-        label = np.where(told, np.argmax(alike | np.eye(groups, dtype=bool), axis=1), np.arange(groups))
+        similar = (curvature > SIGMA.alike * scale * scale[:, None]) & texts & texts[:, None]
+        label = np.where(texts, np.argmax(similar | np.eye(groups, dtype=bool), axis=1), np.arange(groups))
         sums, free = self.sums.copy(), self.sigmas.free
-        self.sigmas.factor, self.sigmas.free = np.where(told, before, self.sigmas.factor), free & told
+        self.sigmas.factor, self.sigmas.free = np.where(texts, previous, self.sigmas.factor), free & texts
         for _ in range(ROUNDS):
-            variance = np.append(np.where(told, self.sigmas.factor / before, 1.0) ** 2, 1.0)[group]
+            variance = np.append(np.where(texts, self.sigmas.factor / previous, 1.0) ** 2, 1.0)[group]
             factors = linalg.lu_factor(np.eye(len(u)) + s * (variance - 1.0), check_finite=False)
             left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
-            own = left[:, 1:].diagonal()
-            telling = variance * own < 1.0 - REDUNDANCY.tested
-            freedom = own @ (np.where(telling, group, groups)[:, None] == np.arange(groups))
+            part = left[:, 1:].diagonal()
+            telling = variance * part < 1.0 - REDUNDANCY.tested
+            freedom = part @ (np.where(telling, group, groups)[:, None] == np.arange(groups))
             kind = np.where(telling, np.append(label, groups)[group], groups)[:, None] == np.arange(groups)
-            excess = left[:, 0] ** 2 @ kind - own @ kind
+            excess = left[:, 0] ** 2 @ kind - part @ kind
             step = (np.linalg.pinv(kind.T @ left[:, 1:] ** 2 @ kind, hermitian=True) @ excess)[label]
-            ratio = (self.sigmas.factor / before) ** 2
-            sums[told, 1] = (ratio * freedom)[told]
-            sums[told, 0] = (np.maximum(ratio + step, SIGMA.least_share * ratio) * freedom)[told]
+            ratio = (self.sigmas.factor / previous) ** 2
+            sums[texts, 1] = (ratio * freedom)[texts]
+            sums[texts, 0] = (np.maximum(ratio + step, EQUALITY.negligible * ratio) * freedom)[texts]
             if self.sigmas.correct_factors(sums) < ITERATIONS.settled * ITERATIONS.settled:
                 break
         self.sigmas.free = free
@@ -239,17 +240,17 @@ class SigmaEstimation:
         observations = self.problem.observations
         return self.sigmas.survey_weight(observations, observations.survey_weight)
 
-    def report_to(self, found: RoundFindings) -> None:
+    def report_to(self, result: RoundFindings) -> None:
         """Add the tests and the estimated sigmas to the findings of the adjustment."""
-        found.tests = tuple(self.tests)
+        result.tests = tuple(self.tests)
         horizontal, height, correlated = self.sigmas.predict_survey_factors(self.sums).tolist()
-        found.survey_factors = horizontal, height, correlated
-        found.sigma_px = self.problem.observations.sigma_px * self._factor_image_points()
+        result.survey_factors = horizontal, height, correlated
+        result.sigma_px = self.problem.observations.sigma_px * self._factor_image_points()
         if not self.tried:
             return
         if self.sigmas.free.any():
             groups, observations = self.groups, self.problem.observations
-            found.components = components.list_components(groups, observations, self.sigmas, self.sums)
-            found.warnings += components.describe_wrong_sigmas(found.components, self.groups.cautious)
+            result.components = components.list_components(groups, observations, self.sigmas, self.sums)
+            result.warnings += components.describe_wrong_sigmas(result.components, self.groups.cautious)
         if self.drifts:
-            found.components += self.drift.list_components()
+            result.components += self.drift.list_components()

@@ -10,13 +10,13 @@ from ..block.block import Block, Role
 from ..foundation.errors import SolveError, list_ids
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.progress import Progress, advance, silent, stage
-from ..foundation.statistical_limits import ITERATIONS
+from ..foundation.statistical_limits import ITERATIONS, SAMPLES
 from ..foundation.workers.threads import one_thread_calls
 from ..ground.geodesy import ground_difference_m
 from ..refinement.selection import NESTED_MODELS, select_simplest
 from .blunders.snooping import Snooping
 from .equations.nested_dissection import SingularSystemError
-from .final_model import DELIVERY, express_as_model, find_judging_gcps, predict_left_out
+from .final_model import express_as_model, find_judging_gcps, predict_left_out
 from .gauss_newton import GaussNewton, Solution
 from .options import AdjustOptions
 from .outcome.assembly import assemble_adjustment
@@ -80,9 +80,9 @@ def run_adjuster(
                 return adjuster.run(progress), adjuster
             except SingularSystemError as error:
                 observations = problem.observations
-                there = np.isin(observations.camera_of_image, error.cameras)
-                named = list_ids(image.id for image, one in zip(block.images, there, strict=True) if one)
-                raise SolveError(f"{error}; {named} or its connection is not determined by the observations") from error
+                target = np.isin(observations.camera_of_image, error.cameras)
+                names = list_ids(image.id for image, one in zip(block.images, target, strict=True) if one)
+                raise SolveError(f"{error}; {names} or its connection is not determined by the observations") from error
     except np.linalg.LinAlgError as error:  # points too far from their images
         raise SolveError(
             f"the equations are singular ({error}): points and images do not belong together, or the points are "
@@ -112,9 +112,9 @@ class Adjuster(Snooping):
             self.solution = self.solve(None, progress)
         # Test the sigmas by the residuals; if they fail, adjust again with estimated sigmas
         sigmas = self.sigmas
-        how = self.problem.options.robust, self.problem.options.tolerance, silent
+        options_text = self.problem.options.robust, self.problem.options.tolerance, silent
         if sigmas.start_estimation(self.loop, self.solution) and sigmas.drifts:
-            self.solution = self.loop.continue_from(self.solution, *how)
+            self.solution = self.loop.continue_from(self.solution, *options_text)
             sigmas.test_few_surveys(self.loop, self.solution)
         precise = self.iterate_sigmas(stage(progress, 0.7, 0.8))
         if self.sigmas.tried and rejecting:  # test again with the new drifts and sigmas
@@ -152,7 +152,7 @@ class Adjuster(Snooping):
         """
         problem, choice = self.problem, self.problem.choice
         gcps = find_judging_gcps(problem, self.solution, self.survey_weight)
-        if choice is None or len(gcps) < DELIVERY.fewest_gcps:
+        if choice is None or len(gcps) < SAMPLES.plane:
             return precise
         control = self.compute_control(self.solution, gcps)
         self.loop.system.factorise(self.solution.normals.blocks, self.loop.prior_weight)
@@ -178,7 +178,7 @@ class Adjuster(Snooping):
     def iterate_sigmas(self, progress: Progress) -> Precision:
         """Estimate sigmas and adjust with them in turn until they converge; return the last solution's precision."""
         sigmas = self.sigmas
-        how = self.problem.options.robust, self.problem.options.tolerance, silent
+        method = self.problem.options.robust, self.problem.options.tolerance, silent
         for number in range(ROUNDS):
             if not sigmas.tried:
                 break
@@ -192,7 +192,7 @@ class Adjuster(Snooping):
                 self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
                 self.solution = self.solve(self.solution, silent)
             else:
-                self.solution = self.loop.continue_from(self.solution, *how)
+                self.solution = self.loop.continue_from(self.solution, *method)
         return sigmas.precision_at(self.loop, self.solution)
 
 
@@ -207,11 +207,11 @@ def cross_validate(
     without height error.
     """
     observations = problem.observations
-    chosen = np.flatnonzero(solution.weighting.contributes & any_of_rows(survey_weight > 0.0))
-    error = np.full((len(chosen), 3), np.nan)
+    gcps = np.flatnonzero(solution.weighting.contributes & any_of_rows(survey_weight > 0.0))
+    error = np.full((len(gcps), 3), np.nan)
     rays = observations.count_rays(solution.weighting.image > 0.0)
-    for number, point in enumerate(chosen.tolist()):
-        advance(progress, number / len(chosen), "cross-validation")
+    for number, point in enumerate(gcps.tolist()):
+        advance(progress, number / len(gcps), "cross-validation")
         left = survey_weight.copy()
         left[point, :2] = 0.0
         if rays[point] >= 2:
@@ -219,14 +219,14 @@ def cross_validate(
         weighting = problem.survey_weighting(solution.weighting.image, left, solution.weighting.points)
         contributes = weighting.contributes.copy()
         contributes[point] = False
-        without = loop.iterate(
+        reduced_block = loop.iterate(
             solution.state, replace(weighting, contributes=contributes), problem.options.robust,
             problem.options.tolerance, silent,
         )  # fmt: skip
         survey = observations.survey[point : point + 1]
-        predicted = compute_final_cameras(problem, loop, without).ground[point : point + 1]
+        predicted = compute_final_cameras(problem, loop, reduced_block).ground[point : point + 1]
         error[number] = ground_difference_m(survey, predicted)[0]
         if rays[point] < 2:
             error[number, 2] = np.nan
-    ids = problem.block.points.ids[observations.points[chosen]]
+    ids = problem.block.points.ids[observations.points[gcps]]
     return CrossValidation(tuple(str(name) for name in ids), error)

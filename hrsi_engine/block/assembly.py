@@ -30,7 +30,7 @@ def assemble(
 
     A known point is a GCP unless its role differs. With ``gcp_ids``, these are the GCPs and all other known points are
     check points; ``check_ids`` are always check points; if both are given, all other known points are excluded. Points
-    with the role ``off`` are also excluded, unless they are named. Measured points without position are tie points.
+    with the role ``outside`` are also excluded, unless they are named. Measured points without position are tie points.
 
     Parameters
     ----------
@@ -57,14 +57,16 @@ def assemble(
     """
     defaults = defaults or DefaultSigmas()
     image_ids = [image.id for image in images]
-    twice = sorted(name for name, count in Counter(image_ids).items() if count > 1)
-    if twice:
-        raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
+    repeated = sorted(name for name, count in Counter(image_ids).items() if count > 1)
+    if repeated:
+        raise InputError(f"image id {list_ids(repeated)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
     rows = stack_image_points([table for table in image_points if len(table)])
     # Exclude points with the role off unless they are named; their measurements are not used as tie points either
-    off = (known.role == Role.OFF) & ~np.isin(known.ids, [*(gcp_ids or ()), *(check_ids or ())])
-    known, rows = (known.select(~off), rows.select(~isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
+    outside = (known.role == Role.OFF) & ~np.isin(known.ids, [*(gcp_ids or ()), *(check_ids or ())])
+    known, rows = (
+        (known.select(~outside), rows.select(~isin(rows.ids, known.ids[outside]))) if outside.any() else (known, rows)
+    )
     if gcp_ids and check_ids:
         # Exclude surveyed points that are not selected; their measurements are not used as tie points either
         other = (
@@ -78,21 +80,21 @@ def assemble(
     measured = np.isin(known.ids, ids)
     known, unmeasured = known.select(measured), known.select(~measured)
     if len(unmeasured):
-        told = f"{len(known)} of {len(measured)} ground points are measured on images; "
-        told += f"{len(unmeasured)} are not used: {list_ids(unmeasured.ids)}"
-        alone = ids[(np.bincount(point_index, minlength=len(ids)) == 1) & ~np.isin(ids, known.ids)]
-        if len(alone):
-            told += f"; {len(alone)} points measured on one image have no ground position: {list_ids(alone)}"
-        warnings.append(told)
+        warnings_text = f"{len(known)} of {len(measured)} ground points are measured on images; "
+        warnings_text += f"{len(unmeasured)} are not used: {list_ids(unmeasured.ids)}"
+        single = ids[(np.bincount(point_index, minlength=len(ids)) == 1) & ~np.isin(ids, known.ids)]
+        if len(single):
+            warnings_text += f"; {len(single)} points measured on one image have no ground position: {list_ids(single)}"
+        warnings.append(warnings_text)
     role = _assign_roles(known, gcp_ids, check_ids)
     points = _make_points(ids, known, role, defaults)
     order = np.lexsort((image_index, point_index))
     sigma = np.where(np.isnan(rows.sigma_px), defaults.sigma_image_px, rows.sigma_px)
     measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)
     measurements = _drop_repetitions(measurements, ids, warnings)
-    bad = ~(finite_rows(measurements.xy) & (measurements.sigma_px > 0.0))
-    if bad.any():
-        row = np.flatnonzero(bad)[0]
+    is_bad = ~(finite_rows(measurements.xy) & (measurements.sigma_px > 0.0))
+    if is_bad.any():
+        row = np.flatnonzero(is_bad)[0]
         raise InputError(
             f"point {ids[measurements.point[row]]!s} on image {images[measurements.image[row]].id} has sample, line "
             f"{measurements.xy[row].tolist()} and sigma {measurements.sigma_px[row]}: numbers are needed, and a sigma "
@@ -102,22 +104,22 @@ def assemble(
     return Block(tuple(images), points, measurements, tuple(warnings), unmeasured)
 
 
-def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> list[str]:
+def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, valid: GroundPoints) -> list[str]:
     """Return a warning about measured ids without a ground point that differ only by spelling from one that has one.
 
     Ids that are measured in the same image are different points.
     """
-    surveyed = known.ids[finite_rows(known.ground)]
-    found = []
-    for tie, others in find_similar_ids(ids[~np.isin(ids, surveyed)], surveyed).items():
+    surveyed = valid.ids[finite_rows(valid.ground)]
+    result = []
+    for tie, remainder in find_similar_ids(ids[~np.isin(ids, surveyed)], surveyed).items():
         images = rows.image_ids[rows.ids == tie]
-        for name in others:
+        for name in remainder:
             if not np.isin(images, rows.image_ids[rows.ids == name]).any():
-                found.append(f"{tie!r} ({name!r} has one)")
-    if not found:
+                result.append(f"{tie!r} ({name!r} has one)")
+    if not result:
         return []
     return [
-        f"measured, but without a ground point: {list_ids(found)}: ids are compared as text, so these are different "
+        f"measured, but without a ground point: {list_ids(result)}: ids are compared as text, so these are different "
         "points; if two of them are the same point, use the same id"
     ]
 
@@ -128,11 +130,11 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
         return GroundPoints.create([], np.empty((0, 3)))
     merged = stack_ground_points(tables)
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
-    apart = are_apart(merged.ground, merged.ground[first[inverse]])
-    if apart.any():
+    contradicts = are_apart(merged.ground, merged.ground[first[inverse]])
+    if contradicts.any():
         raise InputError(
-            f"ground point {list_ids(np.unique(merged.ids[apart]))} has different positions in {merged.source}: keep "
-            "one"
+            f"ground point {list_ids(np.unique(merged.ids[contradicts]))} has different positions in {merged.source}: "
+            "keep one"
         )
     return merged.select(first)
 
@@ -151,62 +153,63 @@ def stack_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     return ImagePoints(**columns, source=tables[0].source)
 
 
-def _assign_roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
-    for option, chosen in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
-        missing = sorted(set(chosen).difference(known.ids.tolist())) if chosen else []
+def _assign_roles(valid: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
+    for option, selection in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
+        missing = sorted(set(selection).difference(valid.ids.tolist())) if selection else []
         if missing:
-            alike = [repr(name) for others in find_similar_ids(missing, known.ids).values() for name in others]
+            similar = [repr(name) for remainder in find_similar_ids(missing, valid.ids).values() for name in remainder]
             raise InputError(
                 f"`{option}` names {list_ids(missing)}, not among the measured ground points"
-                f"{f' of {known.source}' if known.source else ''}: correct the ids"
-                f"{f'; there is {list_ids(alike)}' if alike else ''}"
+                f"{f' of {valid.source}' if valid.source else ''}: correct the ids"
+                f"{f'; there is {list_ids(similar)}' if similar else ''}"
             )
-    both = sorted(set(gcp_ids or ()) & set(check_ids or ()))
-    if both:
-        raise InputError(f"{list_ids(both)} is in `gcp_ids` and in `check_ids`: a point is control or check, not both")
-    role = np.where(known.role == UNSET, Role.GCP, known.role)
+    pair = sorted(set(gcp_ids or ()) & set(check_ids or ()))
+    if pair:
+        raise InputError(f"{list_ids(pair)} is in `gcp_ids` and in `check_ids`: a point is control or check, not both")
+    role = np.where(valid.role == UNSET, Role.GCP, valid.role)
     if gcp_ids:
         role = np.where(
-            np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(np.isin(role, UNSURVEYED), role, Role.CHECK)
+            np.isin(valid.ids, list(gcp_ids)), Role.GCP, np.where(np.isin(role, UNSURVEYED), role, Role.CHECK)
         )
     if check_ids:
-        role = np.where(np.isin(known.ids, list(check_ids)), Role.CHECK, role)
-    return np.where(any_of_rows(np.isnan(known.ground)), Role.TIE, role)
+        role = np.where(np.isin(valid.ids, list(check_ids)), Role.CHECK, role)
+    return np.where(any_of_rows(np.isnan(valid.ground)), Role.TIE, role)
 
 
-def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults: DefaultSigmas) -> GroundPoints:
+def _make_points(ids: np.ndarray, valid: GroundPoints, role: np.ndarray, defaults: DefaultSigmas) -> GroundPoints:
     """Return one row for every measured id; ids without ground point become tie points at NaN."""
-    empty = np.full((len(ids), 3, 3), np.nan) if known.covariance_m2 is not None else None
+    empty = np.full((len(ids), 3, 3), np.nan) if valid.covariance_m2 is not None else None
     points = GroundPoints.create(
-        ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=known.source, covariance_m2=empty
+        ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=valid.source, covariance_m2=empty
     )
-    points = replace(points, operations=known.operations)
-    row = np.searchsorted(ids, known.ids)
-    if points.covariance_m2 is not None and known.covariance_m2 is not None:
+    points = replace(points, operations=valid.operations)
+    row = np.searchsorted(ids, valid.ids)
+    if points.covariance_m2 is not None and valid.covariance_m2 is not None:
         # A covariance must be positive definite; NaN are variances that follow from default sigmas
-        given = known.survey_covariance_m2()
-        given = np.where(np.isnan(given), np.eye(3), given)
-        open_axis = np.isinf(given.diagonal(axis1=1, axis2=2))
-        finite = np.where(open_axis[:, :, None] | open_axis[:, None, :], np.eye(3), given)
+        stated = valid.survey_covariance_m2()
+        stated = np.where(np.isnan(stated), np.eye(3), stated)
+        open_axis = np.isinf(stated.diagonal(axis1=1, axis2=2))
+        finite = np.where(open_axis[:, :, None] | open_axis[:, None, :], np.eye(3), stated)
         scale = np.sqrt(np.abs(finite.diagonal(axis1=1, axis2=2)))
         with np.errstate(divide="ignore", invalid="ignore"):
             correlation = np.nan_to_num(finite / (scale[:, :, None] * scale[:, None, :]))
-        bad = known.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
-        if len(bad):
+        rejected = valid.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
+        if len(rejected):
             raise InputError(
-                f"ground point {list_ids(bad)} has a covariance that is not positive definite: correlations must lie "
-                "between -1 and 1 and agree with each other"
+                f"ground point {list_ids(rejected)} has a covariance that is not positive definite: correlations "
+                "must lie between -1 and 1 and agree with each other"
             )
-        points.covariance_m2[row] = known.covariance_m2
-    points.ground[row], points.role[row], points.sigma_m[row] = known.ground, role, known.sigma_m
-    points.operation[row] = known.operation
+        points.covariance_m2[row] = valid.covariance_m2
+    points.ground[row], points.role[row], points.sigma_m[row] = valid.ground, role, valid.sigma_m
+    points.operation[row] = valid.operation
     for column, default in enumerate((defaults.sigma_gcp_xy_m, defaults.sigma_gcp_h_m)):
         sigma = points.sigma_m[:, column]
         sigma[np.isnan(sigma)] = default
-    bad = ids[~(points.sigma_m > 0.0).all(axis=1)]
-    if len(bad):
+    rejected = ids[~(points.sigma_m > 0.0).all(axis=1)]
+    if len(rejected):
         raise InputError(
-            f"ground point {list_ids(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
+            f"ground point {list_ids(rejected)} has a sigma that is not positive: give metres above 0, or leave it "
+            "empty"
         )
     return points
 
@@ -245,11 +248,11 @@ _SLIGHT = dict.fromkeys([*map(ord, "-_.0"), *(code for code in range(0x3001) if 
 
 def normalise_spellings(ids: Iterable[str]) -> list[str]:
     """Return a normalised spelling of each id, equal for similar ids."""
-    listed = list(ids)
-    text = _join_lower_case(listed)
+    names = list(ids)
+    text = _join_lower_case(names)
     for pattern, plain in _SPELLINGS:
         text = re.sub(pattern, plain, text)
-    return text.split(_APART) if listed else []
+    return text.split(_APART) if names else []
 
 
 def _join_lower_case(ids: Iterable[str]) -> str:
@@ -265,20 +268,20 @@ def _strip_separators(ids: Iterable[str]) -> list[str]:
     return _join_lower_case(ids).translate(_SLIGHT).split(_APART)
 
 
-def find_similar_ids(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list[str]]:
+def find_similar_ids(strangers: Iterable[str], valid: Iterable[str]) -> dict[str, list[str]]:
     """Return the known ids that are similar to each of ``strangers``, without those that have no similar ones."""
     by_spelling: dict[str, list[str]] = {}
     waiting = map(str, strangers)
     names = list(islice(waiting, _AT_ONCE))
-    known = list(map(str, known)) if names else []  # if all ids of a large block are known, nothing is normalised
-    if not known:
+    valid = list(map(str, valid)) if names else []  # if all ids of a large block are known, nothing is normalised
+    if not valid:
         return {}
-    for name, spelling in zip(known, normalise_spellings(known), strict=True):
+    for name, spelling in zip(valid, normalise_spellings(valid), strict=True):
         by_spelling.setdefault(spelling, []).append(name)
-    found, bones = dict[str, list[str]](), set(_strip_separators(known))
+    result, bones = dict[str, list[str]](), set(_strip_separators(valid))
     while names:
-        names = [name for name, own in zip(names, _strip_separators(names), strict=True) if own in bones]
+        names = [name for name, part in zip(names, _strip_separators(names), strict=True) if part in bones]
         spelt = zip(names, normalise_spellings(names), strict=True)
-        found |= {name: by_spelling[spelling] for name, spelling in spelt if spelling in by_spelling}
+        result |= {name: by_spelling[spelling] for name, spelling in spelt if spelling in by_spelling}
         names = list(islice(waiting, _AT_ONCE))
-    return found
+    return result

@@ -347,9 +347,10 @@ def find_image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray
     position = {image.id: index for index, image in enumerate(images)}
     unknown = [name for name in measured if str(name) not in position]
     if unknown:
-        where = f" of {rows.source}" if rows.source else ""
+        source = f" of {rows.source}" if rows.source else ""
         raise InputError(
-            f"image {list_ids(map(repr, map(str, unknown)))} in the image points{where} is not in the block (images: "
+            f"image {list_ids(map(repr, map(str, unknown)))} in the image points{source} is not in the block "
+            "(images: "
             f"{list_ids(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
         )
     return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
@@ -358,19 +359,19 @@ def find_image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray
 def number_exposures(images: Sequence[Image]) -> np.ndarray:
     """Return the index of each image's exposure, counted from 0, ``(images,)``."""
     number: dict[str | int, int] = {}
-    found = [
+    result = [
         number.setdefault(index if image.tile is None else image.tile.scene, len(number))
         for index, image in enumerate(images)
     ]
-    return np.array(found, dtype=np.int64)
+    return np.array(result, dtype=np.int64)
 
 
-def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) -> list[list[str]]:
-    """Return the ids of tiles or bands of each scene that has several, without the ids in ``apart``."""
-    named = {name for group in apart for name in group}
+def group_tiles(images: Sequence[Image], single_tiles: Sequence[Sequence[str]] = ()) -> list[list[str]]:
+    """Return the ids of tiles or bands of each scene that has several, without the ids in ``single_tiles``."""
+    names = {name for group in single_tiles for name in group}
     scenes: dict[str, list[str]] = {}
     for image in images:
-        if image.tile is not None and image.id not in named:
+        if image.tile is not None and image.id not in names:
             scenes.setdefault(image.tile.scene, []).append(image.id)
     return [tiles for tiles in scenes.values() if len(tiles) > 1]
 

@@ -43,8 +43,8 @@ class NameColumn:
     def __eq__(self, other: object) -> Any:
         return (self.names == other)[self.number] if isinstance(other, str) else np.asarray(self) == other
 
-    def __ne__(self, other: object) -> Any:
-        return ~(self == other)
+    def __ne__(self, second: object) -> Any:
+        return ~(self == second)
 
     __hash__ = None  # type: ignore[assignment]  # not hashable, like an array
 
@@ -57,11 +57,11 @@ class NameColumn:
 def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarray]:
     """Return the distinct ids, sorted, and the index of each row's id; fast if equal ids are adjacent."""
     if isinstance(ids, NameColumn):
-        used = np.zeros(len(ids.names), dtype=bool)
-        used[ids.number] = True
-        distinct, place = np.unique(ids.names[used], return_inverse=True)
-        new = np.zeros(len(used), dtype=np.int64)
-        new[used] = place
+        is_used = np.zeros(len(ids.names), dtype=bool)
+        is_used[ids.number] = True
+        distinct, place = np.unique(ids.names[is_used], return_inverse=True)
+        new = np.zeros(len(is_used), dtype=np.int64)
+        new[is_used] = place
         return distinct, new[ids.number]
     if not len(ids):
         return ids, np.zeros(0, dtype=np.int64)
@@ -70,18 +70,18 @@ def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarra
     return distinct, inverse.astype(np.int64)[np.cumsum(head) - 1]
 
 
-def isin(ids: np.ndarray | NameColumn, wanted: Sequence[str] | np.ndarray) -> np.ndarray:
-    """Return which rows have one of the ``wanted`` names, ``(n,)`` bool."""
+def isin(ids: np.ndarray | NameColumn, requested: Sequence[str] | np.ndarray) -> np.ndarray:
+    """Return which rows have one of the ``requested`` names, ``(n,)`` bool."""
     if isinstance(ids, NameColumn):
-        return np.isin(ids.names, wanted)[ids.number]
-    return np.isin(ids, wanted)
+        return np.isin(ids.names, requested)[ids.number]
+    return np.isin(ids, requested)
 
 
-def match_names(wanted: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each ``wanted`` name a row of ``known`` with this name, and whether there is one (else any row)."""
-    order = np.argsort(known)
-    row = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(order) - 1)]
-    return row, np.asarray(known[row] == wanted)
+def match_names(requested: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each ``requested`` name a row of ``valid`` with this name, and whether there is one (else any row)."""
+    order = np.argsort(valid)
+    row = order[np.minimum(np.searchsorted(valid, requested, sorter=order), len(order) - 1)]
+    return row, np.asarray(valid[row] == requested)
 
 
 def join_names(columns: Sequence[np.ndarray | NameColumn]) -> Any:
@@ -101,8 +101,8 @@ class Columns:
     def select(self, keep: np.ndarray) -> Self:
         """Return the selected rows (mask or indices)."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        chosen = {name: one[keep] for name, one in columns.items() if isinstance(one, (np.ndarray, NameColumn))}
-        return replace(self, **chosen)  # type: ignore[type-var]
+        selection = {name: one[keep] for name, one in columns.items() if isinstance(one, (np.ndarray, NameColumn))}
+        return replace(self, **selection)  # type: ignore[type-var]
 
     def __repr__(self) -> str:
         first = getattr(self, fields(self)[0].name)  # type: ignore[arg-type]

@@ -24,21 +24,21 @@ def find_weak_control(block: Block) -> dict[str, list[str]]:
     measured = block.measurements
     rows = np.flatnonzero(block.points.role[measured.point] == Role.GCP)
     kinds = {"outside the image": np.zeros(len(rows), dtype=bool), "on nodata": np.zeros(len(rows), dtype=bool)}
-    for at, row in enumerate(rows.tolist()):
+    for position, row in enumerate(rows.tolist()):
         image, xy = block.images[int(measured.image[row])], measured.xy[row]
         if image.size is None:
             continue
         outside = (np.abs(xy - image.centre_px) > image.half_size_px + 0.5 + CONTROL_VISIBILITY.edge_px).any()
-        kinds["outside the image"][at] = outside
+        kinds["outside the image"][position] = outside
         if image.raster is not None and not outside and len(rows) <= CONTROL_VISIBILITY.most_read:
             sample, line = np.clip(np.rint(xy).astype(int), 0, np.array(image.size) - 1).tolist()
-            kinds["on nodata"][at] = not image.raster.read(sample, line, 1, 1)[1].all()
+            kinds["on nodata"][position] = not image.raster.read(sample, line, 1, 1)[1].all()
     points, number = np.unique(measured.point[rows], return_inverse=True)
     rays = np.bincount(number, minlength=len(points))
-    found = {}
-    for what, affected in kinds.items():
-        every = np.bincount(number, affected, len(points)) == rays
-        found[what] = block.points.ids[points[every]].tolist()
-    named = {name for names in found.values() for name in names}
+    result = {}
+    for kind, affected in kinds.items():
+        interval = np.bincount(number, affected, len(points)) == rays
+        result[kind] = block.points.ids[points[interval]].tolist()
+    names_of = {name for names in result.values() for name in names}
     single = block.points.ids[points[rays == 1]].tolist() if len(block.images) > 1 else []
-    return {**found, "in one image only": [name for name in single if name not in named]}
+    return {**result, "in one image only": [name for name in single if name not in names_of]}

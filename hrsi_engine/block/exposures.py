@@ -32,6 +32,7 @@ from ..camera.rpc import RPC
 from ..camera.rpc_fit import best_fit, fit_rpc, make_virtual_grid
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import GRIDS
 from .block import Image, Tile
 from .pointing import compute_gsds_m, find_image_sensor
 
@@ -50,7 +51,6 @@ class BANDS:
     """Conditions for two images to be bands of one exposure."""
 
     least_pixel: float = threshold(1.5, "", "smallest pixel of a band relative to the finest band's")
-    nodes: int = threshold(15, "nodes", "nodes along each side of the finer image that are projected into the other")
     least_nodes: int = threshold(9, "nodes", "fewest nodes per height that must lie in both images")
     bent_px: float = threshold(0.5, "px", "largest deviation of a band from a shift and a scale, in its pixels")
     parallax: float = threshold(
@@ -70,7 +70,7 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
     for index, image in enumerate(images):
         if image.tile is None and image.size is not None and _PART.search(image.id):
             products.setdefault(_TIME.sub("", _PART.sub("", image.id)), []).append(index)
-    joined = list(images)
+    combined = list(images)
     for name, members in products.items():
         parts = [images[index] for index in members]
         if len(parts) < 2 or len({part.rpc for part in parts}) == 1:
@@ -82,22 +82,22 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
         if places.off_px.max() > STRIP.whole_px or not _have_common_rays(parts, places.first):
             continue
         for index, first in zip(members, places.first.tolist(), strict=True):
-            joined[index] = replace(images[index], tile=Tile(name, (first[0], first[1]), places.size))
-    return joined
+            combined[index] = replace(images[index], tile=Tile(name, (first[0], first[1]), places.size))
+    return combined
 
 
 def _have_common_rays(parts: Sequence[Image], first: np.ndarray) -> bool:
     """Return whether adjacent parts at ``first (n, 2)`` have the same rays where they meet, tested at two heights."""
     order = np.lexsort((first[:, 0], first[:, 1]))
-    for one, other in pairwise(order.tolist()):
-        known, part = parts[one], parts[other]
-        offset = (first[other] - first[one]).astype(np.float64)
+    for one, second in pairwise(order.tolist()):
+        valid, part = parts[one], parts[second]
+        offset = (first[second] - first[one]).astype(np.float64)
         edge = part.centre_px + np.clip(
-            known.centre_px - offset - part.centre_px, -part.half_size_px, part.half_size_px
+            valid.centre_px - offset - part.centre_px, -part.half_size_px, part.half_size_px
         )
         for height in part.rpc.height_range:
-            seen = known.rpc.project(part.rpc.localize(edge[None], height).ground)
-            if not np.hypot(*(seen - edge - offset)[0]) <= STRIP.bent_px:
+            visible = valid.rpc.project(part.rpc.localize(edge[None], height).ground)
+            if not np.hypot(*(visible - edge - offset)[0]) <= STRIP.bent_px:
                 return False
     return True
 
@@ -117,10 +117,10 @@ def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) 
 
     least_pixel : smallest ratio of the pixel sizes of band and finer image; 0 if it is known that they belong together
     """
-    gsd, joined = compute_gsds_m(images), list(images)
+    gsd, result = compute_gsds_m(images), list(images)
     order = np.argsort(gsd, kind="stable").tolist()
     if not order or gsd[order[-1]] < least_pixel * gsd[order[0]]:
-        return joined
+        return result
     scenes: dict[str | int, list[int]] = {}
     for index in order:
         tile = images[index].tile
@@ -133,29 +133,29 @@ def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) 
             for band in members
             if fine not in members and least_pixel * gsd[fine] <= gsd[band]
             if least_pixel == 0.0 or _may_be_one_exposure(images[fine], images[band])
-            if (relation := _relate_band(joined, fine, band)) is not None
+            if (relation := _relate_band(result, fine, band)) is not None
         ]
         if not found:
             continue
         best = max(found, key=lambda relation: (round(relation.pixel, 1), relation.nodes))
-        whole = _find_scene(joined[best.fine])
-        joined[best.fine] = replace(joined[best.fine], tile=whole)
-        of_band = joined[best.band].tile or Tile(str(scene), (0.0, 0.0))
+        composite = _find_scene(result[best.fine])
+        result[best.fine] = replace(result[best.fine], tile=composite)
+        of_band = result[best.band].tile or Tile(str(scene), (0.0, 0.0))
         for index in members:
-            own = joined[index].tile or of_band
-            first = best.first + best.pixel * (np.array(own.first) - of_band.first)
-            tile = Tile(whole.scene, (float(first[0]), float(first[1])), whole.size, best.pixel)
-            joined[index] = replace(joined[index], tile=tile)
-    return joined
+            bands = result[index].tile or of_band
+            first = best.first + best.pixel * (np.array(bands.first) - of_band.first)
+            tile = Tile(composite.scene, (float(first[0]), float(first[1])), composite.size, best.pixel)
+            result[index] = replace(result[index], tile=tile)
+    return result
 
 
 def join_named_bands(images: Sequence[Image], groups: Sequence[Sequence[str]]) -> list[Image]:
     """Return the images; those of a group of ids that are bands or windows of one exposure become tiles of it."""
-    joined = {image.id: image for image in images}
+    combined = {image.id: image for image in images}
     for group in groups:
-        named = [joined[name] for name in group if name in joined]
-        joined |= {image.id: image for image in join_bands(named, 0.0)}
-    return list(joined.values())
+        names = [combined[name] for name in group if name in combined]
+        combined |= {image.id: image for image in join_bands(names, 0.0)}
+    return list(combined.values())
 
 
 def _find_scene(image: Image) -> Tile:
@@ -166,47 +166,51 @@ def _find_scene(image: Image) -> Tile:
 
 def _relate_band(images: Sequence[Image], fine: int, band: int) -> _Relation | None:
     """Return the position of a band in the scene of a finer image; None if it is not a band of that exposure."""
-    one, other = images[fine], images[band]
-    heights = np.repeat(np.linspace(*one.rpc.height_range, 3), BANDS.nodes**2)
-    xy = np.tile(one.grid_px(BANDS.nodes, BANDS.nodes), (3, 1))
+    one, second = images[fine], images[band]
+    heights = np.repeat(np.linspace(*one.rpc.height_range, 3), GRIDS.nodes**2)
+    xy = np.tile(one.grid_px(GRIDS.nodes, GRIDS.nodes), (3, 1))
     ground, converged = one.rpc.localize(xy, heights)
-    seen = other.rpc.project(ground)
-    near = converged & (np.abs(seen - other.centre_px) <= other.half_size_px + 0.5).all(axis=1)
-    if near.sum() < 3 * BANDS.least_nodes:
+    projected = second.rpc.project(ground)
+    inside = converged & (np.abs(projected - second.centre_px) <= second.half_size_px + 0.5).all(axis=1)
+    if inside.sum() < 3 * BANDS.least_nodes:
         return None
-    xy, seen, heights = xy[near], seen[near], heights[near] - heights[near].mean()
+    xy, projected, heights = xy[inside], projected[inside], heights[inside] - heights[inside].mean()
     # Unknowns for each coordinate: its shift, the common scale, and the parallax by height
     zero, unit = np.zeros(len(xy)), np.ones(len(xy))
     design = np.concatenate([
-        np.column_stack([unit, zero, seen[:, 0], heights, zero]),
-        np.column_stack([zero, unit, seen[:, 1], zero, heights]),
+        np.column_stack([unit, zero, projected[:, 0], heights, zero]),
+        np.column_stack([zero, unit, projected[:, 1], zero, heights]),
     ])  # fmt: skip
     right = xy.T.ravel()
-    found = np.linalg.lstsq(design, right, rcond=None)[0]
-    pixel = float(found[2])
-    apart = float(np.abs(design @ found - right).max())
-    if not (apart <= BANDS.bent_px * pixel and np.hypot(*found[3:]) * compute_gsds_m([one])[0] <= BANDS.parallax):
+    parameters = np.linalg.lstsq(design, right, rcond=None)[0]
+    pixel = float(parameters[2])
+    deviation = float(np.abs(design @ parameters - right).max())
+    if not (
+        deviation <= BANDS.bent_px * pixel and np.hypot(*parameters[3:]) * compute_gsds_m([one])[0] <= BANDS.parallax
+    ):
         return None
     scene = _find_scene(one)
-    return _Relation(scene.pixel * pixel, int(near.sum()), np.array(scene.first) + scene.pixel * found[:2], fine, band)
+    return _Relation(
+        scene.pixel * pixel, int(inside.sum()), np.array(scene.first) + scene.pixel * parameters[:2], fine, band
+    )
 
 
-def _may_be_one_exposure(one: Image, other: Image) -> bool:
+def _may_be_one_exposure(one: Image, second: Image) -> bool:
     """Return whether two images can be of one exposure according to names, sensors and places."""
-    if one.sensor and other.sensor and one.sensor != other.sensor:
+    if one.sensor and second.sensor and one.sensor != second.sensor:
         return False
-    a, b = one.rpc, other.rpc
+    a, b = one.rpc, second.rpc
     apart_deg = abs((a.long_off - b.long_off + 180.0) % 360.0 - 180.0)
     if apart_deg > a.long_scale + b.long_scale or abs(a.lat_off - b.lat_off) > a.lat_scale + b.lat_scale:
         return False
-    catalogue = [set(_CATALOGUE.findall(image.id.upper())) for image in (one, other)]
+    catalogue = [set(_CATALOGUE.findall(image.id.upper())) for image in (one, second)]
     if all(catalogue) and catalogue[0].isdisjoint(catalogue[1]):
         return False
     times: list[list[datetime]] = [[], []]
-    for image, own in zip((one, other), times, strict=True):
-        for found, form in product(_TIME.findall(image.id), ("%y%b%d%H%M%S", "%Y%m%d%H%M%S")):
+    for image, first in zip((one, second), times, strict=True):
+        for dates, form in product(_TIME.findall(image.id), ("%y%b%d%H%M%S", "%Y%m%d%H%M%S")):
             with suppress(ValueError):
-                own.append(datetime.strptime(found, form))
+                first.append(datetime.strptime(dates, form))
     return not all(times) or abs((times[0][0] - times[1][0]).total_seconds()) <= BANDS.apart_s
 
 
@@ -215,14 +219,14 @@ def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
 
     The frames and detectors of a pass are numbered in their names; they share the errors of orbit and attitude.
     """
-    found: dict[tuple[str, ...], list[int]] = {}
+    passes: dict[tuple[str, ...], list[int]] = {}
     for index, image in enumerate(images):
         time = _PASS.search(image.id)
         sensor = find_image_sensor(image) if time is not None else None
         if time is not None and sensor is not None:
             key = sensor.title, re.sub(r"\D", "", time.group()), *_CATALOGUE.findall(image.id.upper())
-            found.setdefault(key, []).append(index)
-    return [np.array(numbers) for numbers in found.values() if len(numbers) > 1]
+            passes.setdefault(key, []).append(index)
+    return [np.array(numbers) for numbers in passes.values() if len(numbers) > 1]
 
 
 @thresholds
@@ -264,41 +268,43 @@ def place_parts(parts: Sequence[Image]) -> StripPlaces:
 
     Raises `InputError` for a part that has no common ground with the others, or another pixel grid.
     """
-    found: dict[int, np.ndarray] = {0: np.zeros(2)}
+    result: dict[int, np.ndarray] = {0: np.zeros(2)}
     scenes = {None if part.tile is None or part.camera_pixel != 1.0 else part.tile.scene for part in parts}
     if len(scenes) == 1 and None not in scenes:
-        found = {number: np.array(part.tile.first) for number, part in enumerate(parts) if part.tile is not None}
+        result = {number: np.array(part.tile.first) for number, part in enumerate(parts) if part.tile is not None}
     last, reached = 0, dict[int, tuple[int, np.ndarray]]()  # common nodes and position of the parts reached
-    while len(found) < len(parts):
-        for number in set(range(len(parts))) - set(found):
+    while len(result) < len(parts):
+        for number in set(range(len(parts))) - set(result):
             nodes, offset = _measure_offset(parts[last], parts[number])
             if nodes > reached.get(number, (0,))[0]:
-                reached[number] = nodes, found[last] + offset
+                reached[number] = nodes, result[last] + offset
         if not reached:
-            lost = next(part.id for number, part in enumerate(parts) if number not in found)
-            raise InputError(f"{lost} has no common ground with the other parts and is not adjacent to them: remove it")
+            missing = next(part.id for number, part in enumerate(parts) if number not in result)
+            raise InputError(
+                f"{missing} has no common ground with the other parts and is not adjacent to them: remove it"
+            )
         last = max(reached, key=lambda number: reached[number][0])
-        found[last] = reached.pop(last)[1]
-    places = np.array([found[number] for number in range(len(parts))])
-    whole = np.rint(places).astype(np.int64)
-    first = whole - whole.min(axis=0)
+        result[last] = reached.pop(last)[1]
+    places = np.array([result[number] for number in range(len(parts))])
+    complete = np.rint(places).astype(np.int64)
+    first = complete - complete.min(axis=0)
     end = (first + [part.known_size for part in parts]).max(axis=0)
-    return StripPlaces(first, (int(end[0]), int(end[1])), np.abs(places - whole).max(axis=1))
+    return StripPlaces(first, (int(end[0]), int(end[1])), np.abs(places - complete).max(axis=1))
 
 
-def _measure_offset(known: Image, part: Image) -> tuple[int, np.ndarray]:
+def _measure_offset(frame: Image, part: Image) -> tuple[int, np.ndarray]:
     """Return the number of common nodes, and the position ``(2,)`` of a part's first pixel in another part."""
     xy = part.grid_px(STRIP.nodes, STRIP.nodes)
     ground, converged = part.rpc.localize(xy, part.middle_height_m)
-    seen = known.rpc.project(ground)
-    reach = (0.5 + STRIP.reach_share) * np.array(known.known_size)
-    near = converged & (np.abs(seen - known.centre_px) <= reach).all(axis=1)
-    offsets = (seen - xy)[near]
+    offset_px = frame.rpc.project(ground)
+    reach = (0.5 + STRIP.reach_share) * np.array(frame.known_size)
+    inside = converged & (np.abs(offset_px - frame.centre_px) <= reach).all(axis=1)
+    offsets = (offset_px - xy)[inside]
     if not len(offsets):
         return 0, np.zeros(2)
     if np.ptp(offsets, axis=0).max() > STRIP.bent_px:
         raise InputError(
-            f"{part.id} and {known.id} are not parts of one strip: in their overlap the offset of their pixels changes "
+            f"{part.id} and {frame.id} are not parts of one strip: in their overlap the offset of their pixels changes "
             f"by {np.ptp(offsets, axis=0).max():.3g} px. Name images of one acquisition with the same pixel grid"
         )
     return len(offsets), np.median(offsets, axis=0)
@@ -309,31 +315,31 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
 
     Raises `SolveError` if an RPC has no ground positions for its part.
     """
-    fitted, checked = (
+    rpc_fit, checked = (
         [_make_grid(parts, first, number, shape) for number in range(len(parts))]
         for shape in (STRIP.grid, STRIP.check_grid)
     )
     points, check = (
         (np.concatenate([grid[0] for grid in grids]), np.concatenate([grid[1] for grid in grids]))
-        for grids in (fitted, checked)
+        for grids in (rpc_fit, checked)
     )
     rpc = parts[0].rpc.shift(*first[0].astype(float))
     if _measure_apart(rpc, *check).max() > STRIP.same_px:
         fit = best_fit(points, check)
         rpc, largest_px, weights = fit.rpc, fit.max_px, np.ones(len(points[0]))
-        off = _measure_apart(rpc, *points)
+        residual_px = _measure_apart(rpc, *points)
         # Of the weighted fits, use the one with the smallest maximum difference at the check points
         for _ in range(STRIP.rounds if largest_px > STRIP.fit_px else 0):
-            weights *= off / off.max() + STRIP.least_growth
+            weights *= residual_px / residual_px.max() + STRIP.least_growth
             weighted = fit_rpc(*points, weights=weights, ridge=fit.ridge).rpc
-            off = _measure_apart(weighted, *points)
+            residual_px = _measure_apart(weighted, *points)
             if (worst := float(_measure_apart(weighted, *check).max())) < largest_px:
                 rpc, largest_px = weighted, worst
     errors = {name: [getattr(part.rpc, name) for part in parts] for name in ("err_bias", "err_rand")}
     known = {name: max(values) for name, values in errors.items() if None not in values}
-    apart = [_measure_apart(rpc, *grid) for grid in checked]
-    largest = [one.max(initial=0.0) for one in apart]  # 0 for a part that is covered completely by later ones
-    rms = [np.sqrt(np.mean(one**2)) if len(one) else 0.0 for one in apart]
+    off_px = [_measure_apart(rpc, *grid) for grid in checked]
+    largest = [one.max(initial=0.0) for one in off_px]  # 0 for a part that is covered completely by later ones
+    rms = [np.sqrt(np.mean(one**2)) if len(one) else 0.0 for one in off_px]
     return StripRpc(replace(rpc, **known), np.array(largest), np.array(rms), *points)
 
 

@@ -35,6 +35,7 @@ from ..camera.rpc_stack import RPCStack
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import GRIDS
 from ..ground.geodesy import continuous_longitudes, ground_difference_m
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from ..surface.grid_surface import ConstantHeight
@@ -58,9 +59,9 @@ def compute_footprints(
     if not images:
         return []
     outlines = np.concatenate([image.outline_px(per_side) for image in images])
-    which = np.repeat(np.arange(len(images)), 4 * per_side)
+    owner = np.repeat(np.arange(len(images)), 4 * per_side)
     heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(images),))
-    ground = stack_rpcs(images).localize(which, outlines, heights[which])
+    ground = stack_rpcs(images).localize(owner, outlines, heights[owner])
     return [make_polygon(ring) for ring in ground.reshape(len(images), -1, 3)]
 
 
@@ -111,24 +112,24 @@ def find_touching_pairs(polygons: Sequence[Polygon]) -> list[tuple[int, int]]:
     known = [number for number, polygon in enumerate(polygons) if not polygon.is_empty]
     if not known:
         return []
-    together = [_shift_to(polygons[number], polygons[known[0]]) for number in known]
+    tree_pairs = [_shift_to(polygons[number], polygons[known[0]]) for number in known]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShapelyDeprecationWarning)  # of Shapely 1.8 on a change in 2, see below
-        tree = STRtree(together)
-    place = {id(polygon): number for number, polygon in enumerate(together)}
+        tree = STRtree(tree_pairs)
+    place = {id(polygon): number for number, polygon in enumerate(tree_pairs)}
     pairs = []
-    for number, polygon in enumerate(together):
+    for number, polygon in enumerate(tree_pairs):
         for found in tree.query(polygon):
             # Shapely 1.8 returns the polygons themselves, 2 their indices
-            other = int(found) if isinstance(found, np.integer) else place[id(found)]
-            if other > number and polygon.intersects(together[other]):
-                pairs.append((known[number], known[other]))
+            second = int(found) if isinstance(found, np.integer) else place[id(found)]
+            if second > number and polygon.intersects(tree_pairs[second]):
+                pairs.append((known[number], known[second]))
     return sorted(pairs)
 
 
-def _shift_to(polygon: Polygon, other: Polygon) -> Polygon:
+def _shift_to(polygon: Polygon, second: Polygon) -> Polygon:
     """Return a polygon shifted by multiples of 360 degrees to the longitude of another one."""
-    turns = round((other.bounds[0] - polygon.bounds[0]) / 360.0)
+    turns = round((second.bounds[0] - polygon.bounds[0]) / 360.0)
     return translate(polygon, 360.0 * turns) if turns else polygon
 
 
@@ -138,7 +139,6 @@ class GEOMETRY:
 
     ray_reach_m: float = threshold(100.0, "m", "heights above and below the terrain, between which rays are computed")
     terrain_grid: int = threshold(50, "points", "nodes along each side of an image, for its terrain")
-    volume_grid: int = threshold(11, "points", "nodes along each side of an image, for the check of its RPC")
     volume_heights: int = threshold(7, "points", "number of heights at which an RPC is checked")
     least_denominator: float = threshold(0.1, "", "smallest denominator of an RPC relative to its median")
     lowest_height_m: float = threshold(-600.0, "m", "lowest land, with a margin", "theory: Dead Sea shore, -430 m")
@@ -254,10 +254,10 @@ def describe_views(images: Sequence[Image], centres: np.ndarray, footprints: Seq
     """Return the imaging geometry of images at their centres ``(n, 3)`` on the ground."""
     if not images:
         return []
-    stack, which = stack_rpcs(images), np.arange(len(images))
-    _, by_ground = stack.project_with_metric_jacobian(which, centres)
+    stack, owner = stack_rpcs(images), np.arange(len(images))
+    _, by_ground = stack.project_with_metric_jacobian(owner, centres)
     steps = np.linalg.inv(by_ground[:, :, :2])  # columns: metres east and north of one sample, one line
-    east, north, up = _find_stacked_directions(stack, which, centres).T
+    east, north, up = _find_stacked_directions(stack, owner, centres).T
     angles = np.degrees([np.arctan2(np.hypot(east, north), up), np.arctan2(east, north) % (2.0 * np.pi)])
     return [
         ViewGeometry(centre, step[0], step[1], angle[0], angle[1], list_corners(footprint))
@@ -280,10 +280,10 @@ def compute_view_directions(rpc: RPC, ground: np.ndarray) -> np.ndarray:
     return _find_directions(ground, lambda height_m: rpc.localize(image, height_m).ground)
 
 
-def _find_stacked_directions(stack: RPCStack, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """Return `compute_view_directions` of ground points, each for its camera ``which (n,)`` of a stack."""
-    image = stack.project(which, ground)
-    return _find_directions(ground, lambda height_m: stack.localize(which, image, height_m))
+def _find_stacked_directions(stack: RPCStack, index: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """Return `compute_view_directions` of ground points, each for its camera ``index (n,)`` of a stack."""
+    image = stack.project(index, ground)
+    return _find_directions(ground, lambda height_m: stack.localize(index, image, height_m))
 
 
 def _find_directions(ground: np.ndarray, ray_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
@@ -298,9 +298,9 @@ def compute_pair_geometries(views: Sequence[ViewDirection], pairs: Sequence[tupl
     """Return overlap, convergence and base-to-height ratio of pairs of views (indices)."""
     middles, overlaps = np.full((len(pairs), 3), np.nan), list[tuple[float, float]]()
     for middle, (first, second) in zip(middles, pairs, strict=True):
-        one, other = views[first].footprint, views[second].footprint
-        common = intersect_footprints(one, other)
-        overlaps.append((common.area / one.area, common.area / other.area) if common.area > 0.0 else (0.0, 0.0))
+        one, partner = views[first].footprint, views[second].footprint
+        common = intersect_footprints(one, partner)
+        overlaps.append((common.area / one.area, common.area / partner.area) if common.area > 0.0 else (0.0, 0.0))
         if common.area > 0.0:
             middle[:2] = common.centroid.x, common.centroid.y
             height = float(surface_heights(views[first].surface, middle[None, :2])[0])
@@ -333,10 +333,10 @@ def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
     """
     footprints = [view.footprint for view in views]
     touching = find_touching_pairs(footprints)
-    found = dict(zip(touching, compute_pair_geometries(views, touching), strict=True))
+    result = dict(zip(touching, compute_pair_geometries(views, touching), strict=True))
     ids = [view.image.id for view in views]
     return [
-        found.get((i, j)) or PairGeometry(ids[i], ids[j], (0.0, 0.0), None, None)
+        result.get((i, j)) or PairGeometry(ids[i], ids[j], (0.0, 0.0), None, None)
         for i, j in combinations(range(len(views)), 2)
     ]
 
@@ -366,7 +366,7 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
         )
     _, (ground, converged) = make_virtual_grid(
         image.rpc, image.domain_px, image.rpc.height_range,
-        (GEOMETRY.volume_grid, GEOMETRY.volume_grid, GEOMETRY.volume_heights),
+        (GRIDS.nodes, GRIDS.nodes, GEOMETRY.volume_heights),
     )  # fmt: skip
     if not converged.all():
         share = 1.0 - np.mean(converged)

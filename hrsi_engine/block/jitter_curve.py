@@ -27,16 +27,18 @@ class JitterCurve:
     def evaluate(self, line: np.ndarray) -> np.ndarray:
         """Return the displacements ``(n, 2)`` in px at lines ``(n,)`` computed by the RPC; NaN if unknown."""
         place = np.clip(np.asarray(line) - self.first_line, 0.0, len(self.shift_px) - 1.0)
-        at = np.clip(np.nan_to_num(place).astype(np.int64), 0, max(len(self.shift_px) - 2, 0))
-        part, near = (place - at)[:, None], self.shift_px[at]
-        return np.asarray(near + part * (self.shift_px[np.minimum(at + 1, len(self.shift_px) - 1)] - near))
+        position = np.clip(np.nan_to_num(place).astype(np.int64), 0, max(len(self.shift_px) - 2, 0))
+        part, neighbours = (place - position)[:, None], self.shift_px[position]
+        return np.asarray(
+            neighbours + part * (self.shift_px[np.minimum(position + 1, len(self.shift_px) - 1)] - neighbours)
+        )
 
     def remove_from(self, xy: np.ndarray) -> np.ndarray:
         """Return the positions without jitter, as the RPC computes them, of measured image points ``(n, 2)``."""
-        without = np.array(xy, dtype=np.float64)
+        remaining = np.array(xy, dtype=np.float64)
         for _ in range(INVERSE_STEPS):
-            without = xy - self.evaluate(without[:, 1])
-        return without
+            remaining = xy - self.evaluate(remaining[:, 1])
+        return remaining
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,7 @@ class JitterEstimate:
 
     def add(self, other: "JitterEstimate") -> "JitterEstimate":
         """Return the sum of two estimates, the second one, whose prior it takes, made without the first."""
-        samples = tuple(_add_curves(*both) for both in zip(self.samples, other.samples, strict=True))
+        samples = tuple(_add_curves(*pair) for pair in zip(self.samples, other.samples, strict=True))
         return JitterEstimate(_add_curves(self.curves, other.curves), samples, other.prior)
 
     def displace(self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, remove: bool = False) -> np.ndarray:
@@ -63,31 +65,31 @@ class JitterEstimate:
         ids : of the block's images; image : (n,) index of each measurement's image
         remove : whether to remove the jitter instead of adding it
         """
-        moved = xy.copy()
+        displaced_xy = xy.copy()
         for number, name in enumerate(ids):
             if name in self.curves:
-                here, curve = np.flatnonzero(image == number), self.curves[name]
-                moved[here] = curve.remove_from(xy[here]) if remove else xy[here] + curve.evaluate(xy[here, 1])
-        return moved
+                rows, curve = np.flatnonzero(image == number), self.curves[name]
+                displaced_xy[rows] = curve.remove_from(xy[rows]) if remove else xy[rows] + curve.evaluate(xy[rows, 1])
+        return displaced_xy
 
     def add_sigmas(
-        self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, sigma_px: np.ndarray, chosen: np.ndarray
+        self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, sigma_px: np.ndarray, selection: np.ndarray
     ) -> np.ndarray:
-        """Return the sigmas ``(n,)`` of measurements, those of the ``chosen (n,)`` with the error of the curves."""
+        """Return the sigmas ``(n,)`` of measurements, those of the ``selection (n,)`` with the error of the curves."""
         widened = sigma_px.copy()
         for number, name in enumerate(ids):
             if name in self.curves:
-                here, curve = np.flatnonzero(chosen & (image == number)), self.curves[name]
-                of_curve = replace(curve, shift_px=curve.sigma_px).evaluate(xy[here, 1])
-                widened[here] = np.sqrt(sigma_px[here] ** 2 + np.mean(of_curve**2, axis=1))
+                rows, curve = np.flatnonzero(selection & (image == number)), self.curves[name]
+                of_curve = replace(curve, shift_px=curve.sigma_px).evaluate(xy[rows, 1])
+                widened[rows] = np.sqrt(sigma_px[rows] ** 2 + np.mean(of_curve**2, axis=1))
         return widened
 
 
-def _add_curves(one: Mapping[str, JitterCurve], other: Mapping[str, JitterCurve]) -> dict[str, JitterCurve]:
+def _add_curves(one: Mapping[str, JitterCurve], second: Mapping[str, JitterCurve]) -> dict[str, JitterCurve]:
     """Return the sums of two sets of curves; two curves of an image have the same lines."""
-    return {**one, **other} | {
+    return {**one, **second} | {
         name: JitterCurve(
-            curve.first_line, curve.shift_px + other[name].shift_px, np.hypot(curve.sigma_px, other[name].sigma_px)
+            curve.first_line, curve.shift_px + second[name].shift_px, np.hypot(curve.sigma_px, second[name].sigma_px)
         )
-        for name, curve in one.items() if name in other
+        for name, curve in one.items() if name in second
     }  # fmt: skip

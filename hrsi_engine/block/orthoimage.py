@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import GRIDS
 from ..ground.geodesy import ground_difference_m
 from ..ground.operation_uses import OperationUse
 from .block import Raster
@@ -82,7 +83,6 @@ class AREA:
     """Division of an area into parts whose observations have a common error."""
 
     least_side_m: float = threshold(500.0, "m", "smallest side of a part")
-    parts_per_side: int = threshold(4, "parts", "largest number of parts along a side of the area")
 
 
 class ErrorShares(NamedTuple):
@@ -105,8 +105,8 @@ class ErrorShares(NamedTuple):
         count = len(ground)
         if not count:
             return sigma_m
-        shared = count * self.by_all**2 + float(np.sum(parts**2)) / count * self.by_part**2
-        return sigma_m * float(np.sqrt(shared + self.independent**2))
+        common = count * self.by_all**2 + float(np.sum(parts**2)) / count * self.by_part**2
+        return sigma_m * float(np.sqrt(common + self.independent**2))
 
 
 ORTHOIMAGE_ERRORS, DEM = ErrorShares(0.8, 0.4), ErrorShares(0.4, 0.4)
@@ -116,11 +116,11 @@ def divide_area(ground: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the index of the part of the area of each place ``ground (k, 3)``, and the names of the parts."""
     if not len(ground):
         return np.zeros(0, dtype=np.int64), ()
-    away = ground_difference_m(ground, np.broadcast_to(ground[0], (len(ground), 3)))[:, :2]
-    low, size = away.min(axis=0), np.ptp(away, axis=0)
-    side = max(AREA.least_side_m, float(size.max()) / AREA.parts_per_side)
+    deviation = ground_difference_m(ground, np.broadcast_to(ground[0], (len(ground), 3)))[:, :2]
+    low, size = deviation.min(axis=0), np.ptp(deviation, axis=0)
+    side = max(AREA.least_side_m, float(size.max()) / GRIDS.parts)
     columns, rows = np.maximum(np.ceil(size / side), 1).astype(int)
-    place = np.minimum(((away - low) / side).astype(np.int64), [columns - 1, rows - 1])
+    place = np.minimum(((deviation - low) / side).astype(np.int64), [columns - 1, rows - 1])
     numbers, part = np.unique(place[:, 1] * columns + place[:, 0], return_inverse=True)
     names = []
     for number in range(len(numbers)):

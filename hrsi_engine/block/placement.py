@@ -89,8 +89,8 @@ def format_lonlat(ground: np.ndarray) -> str:
 
 def rpc_range(rpc: RPC) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and last sample and line for which an RPC was made: OFF - SCALE and OFF + SCALE."""
-    off, scale = np.array([rpc.samp_off, rpc.line_off]), np.abs([rpc.samp_scale, rpc.line_scale])
-    return off - scale, off + scale
+    offset, scale = np.array([rpc.samp_off, rpc.line_off]), np.abs([rpc.samp_scale, rpc.line_scale])
+    return offset - scale, offset + scale
 
 
 def judge_size(rpc: RPC, size: Size, stated: Size | None = None) -> PlacementDoubt | None:

@@ -130,8 +130,8 @@ class GroundPoints(Columns):
         covariance = np.zeros((len(self.ids[rows]), 3, 3))
         covariance[:, range(3), range(3)] = self.sigma_m[rows][:, [0, 0, 1]] ** 2
         if self.covariance_m2 is not None:
-            given = self.covariance_m2[rows]
-            covariance = np.where(np.isnan(given), covariance, given)
+            stated = self.covariance_m2[rows]
+            covariance = np.where(np.isnan(stated), covariance, stated)
         return covariance
 
     def operation_shifts_m(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
@@ -187,16 +187,16 @@ class GroundPoints(Columns):
         """
         covariance = None if covariance_m2 is None else np.array(covariance_m2, dtype=np.float64)
         covariance = None if covariance is None else covariance.reshape(len(ids), 3, 3)
-        made: Any = cls  # for mypy: the constructor converts single values to arrays
-        return made(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
+        created: Any = cls  # for mypy: the constructor converts single values to arrays
+        return created(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
 
 
 def stack_ground_points(tables: Sequence[GroundPoints]) -> GroundPoints:
     """Return tables of ground points under each other, with the source of the first."""
     covariance, operation, operations = None, list[np.ndarray](), tuple[OperationUse, ...]()
     if any(table.covariance_m2 is not None for table in tables):  # NaN where a table has none
-        given = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
-        covariance = np.concatenate(given)
+        stated = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
+        covariance = np.concatenate(stated)
     for table in tables:
         operation.append(np.where(table.operation >= 0, table.operation + len(operations), -1))
         operations += table.operations
@@ -208,12 +208,12 @@ def stack_ground_points(tables: Sequence[GroundPoints]) -> GroundPoints:
 
 def describe_operations(points: GroundPoints) -> str:
     """Return the operations that are not exact as JSON, in the form of reports, with point ids; empty without any."""
-    found = [
+    result = [
         {**use.entry(), "ids": points.ids[points.operation == number].tolist()}
         for number, use in enumerate(points.operations)
         if use.operation.accuracy_m != 0.0 and (points.operation == number).any()
     ]
-    return json_text(found) if found else ""
+    return json_text(result) if result else ""
 
 
 def with_operations(points: GroundPoints, described: str) -> GroundPoints:
@@ -221,9 +221,9 @@ def with_operations(points: GroundPoints, described: str) -> GroundPoints:
     operation, uses = np.full(len(points), -1), list[OperationUse]()
     try:
         for number, entry in enumerate(json.loads(described)):
-            here = np.isin(points.ids, [str(name) for name in entry["ids"]])
-            operation[here] = number
-            uses.append(read_entry(entry, int(here.sum())))
+            rows = np.isin(points.ids, [str(name) for name in entry["ids"]])
+            operation[rows] = number
+            uses.append(read_entry(entry, int(rows.sum())))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{points.source}: its list of coordinate operations is damaged ({error!r}): obtain the file again"
@@ -298,8 +298,8 @@ class ImagePoints(Columns):
         ImagePoints
             The table.
         """
-        made: Any = cls  # for mypy: the constructor converts single values to arrays
-        return made(ids, image_ids, np.reshape(xy, (len(ids), 2)), sigma_px, kind, quality, source)
+        created: Any = cls  # for mypy: the constructor converts single values to arrays
+        return created(ids, image_ids, np.reshape(xy, (len(ids), 2)), sigma_px, kind, quality, source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -325,6 +325,6 @@ def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
     ground, reference : (n, 3) lon, lat in degrees, also beyond ±180, height in metres; unknown heights are equal
     """
-    known = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
-    first, second = (np.column_stack([xyz[:, :2], np.where(known, xyz[:, 2], 0.0)]) for xyz in (ground, reference))
+    valid = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
+    first, second = (np.column_stack([xyz[:, :2], np.where(valid, xyz[:, 2], 0.0)]) for xyz in (ground, reference))
     return distances_m(first, second) > SAME_POINT.same_position_m

@@ -25,20 +25,23 @@ class SlidingFootprint:
     """
 
     def __init__(self, image: Image, heights: GroundRange) -> None:
-        at = (image.rpc.localize(image.outline_px(OUTLINE_PER_SIDE), height).ground[:, :2] for height in heights)
-        self._heights, (self._low, high) = heights, at
+        position = (image.rpc.localize(image.outline_px(OUTLINE_PER_SIDE), height).ground[:, :2] for height in heights)
+        self._heights, (self._low, high) = heights, position
         rise = high - self._low
         rise[:, 0] = wrap_degrees(rise[:, 0])
         self._rise = rise / max(heights.high_m - heights.low_m, 1e-9)
-        known = np.isfinite(rise).all(axis=1)
-        self.slide = np.median(self._rise[known], axis=0) if known.any() else np.zeros(2)
-        around = self._low[known] - self._low[known][:1]
-        around[:, 0] = wrap_degrees(around[:, 0])
-        self.extent = float(np.min(np.ptp(around, axis=0))) if known.any() else 0.0
+        valid = np.isfinite(rise).all(axis=1)
+        self.slide = np.median(self._rise[valid], axis=0) if valid.any() else np.zeros(2)
+        outline = self._low[valid] - self._low[valid][:1]
+        outline[:, 0] = wrap_degrees(outline[:, 0])
+        self.extent = float(np.min(np.ptp(outline, axis=0))) if valid.any() else 0.0
         self.box = np.full((2, 4), np.nan)
-        if known.any():
-            corner = self._low[known][0]
-            self.box[:] = np.r_[corner + around.min(axis=0), corner + around.max(axis=0)], np.tile(self.slide, 2)
+        if valid.any():
+            corner = self._low[valid][0]
+            self.box[:] = (
+                np.r_[corner + outline.min(axis=0), corner + outline.max(axis=0)],
+                np.tile(self.slide, 2),
+            )
 
     def outline(self, height_m: float) -> np.ndarray:
         """Return the lon, lat ``(k, 2)`` of the outline at a height."""

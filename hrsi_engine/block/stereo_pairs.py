@@ -62,18 +62,18 @@ class StereoPair:
 
 def choose_stereo_pairs(
     pairs: Sequence[PairGeometry], incidence_deg: dict[str, float], suns: dict[str, SunAngles | None],
-    times: dict[str, datetime | None], tie_images: dict[str, set[str]], most: int,
+    times: dict[str, datetime | None], tie_images: dict[str, set[str]], largest: int,
 ) -> list[StereoPair]:  # fmt: skip
     """Return the pairs selected for matching, the best first.
 
     pairs : geometry of the pairs
     incidence_deg, suns, times : of the images, by image id
     tie_images : ids of the tie points in each image, by image id
-    most : largest number of pairs to return
+    largest : largest number of pairs to return
     """
-    found = [_score_pair(pair, incidence_deg, suns, times, tie_images) for pair in pairs]
-    found = sorted((pair for pair in found if pair.score > 0.0), key=lambda pair: -pair.score)
-    return [pair for pair in found[:most] if pair.score >= STEREO.least_share * found[0].score]
+    result = [_score_pair(pair, incidence_deg, suns, times, tie_images) for pair in pairs]
+    result = sorted((pair for pair in result if pair.score > 0.0), key=lambda pair: -pair.score)
+    return [pair for pair in result[:largest] if pair.score >= STEREO.least_share * result[0].score]
 
 
 def _score_pair(

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 IDS_NAMED = 8  # most ids in a message
 
 
-def list_ids(ids: Iterable[object], most: int = IDS_NAMED) -> str:
-    """Join ids to a text for a message: the first ``most`` of them and, if there are more, their total number."""
-    listed = [str(item) for item in ids]
-    return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")
+def list_ids(ids: Iterable[object], largest: int = IDS_NAMED) -> str:
+    """Join ids to a text for a message: the first ``largest`` of them and, if there are more, their total number."""
+    names = [str(item) for item in ids]
+    return ", ".join(names[:largest]) + (f" … ({len(names)} in all)" if len(names) > largest else "")
 
 
 class HrsiError(Exception):

@@ -74,17 +74,17 @@ def signals_as_exceptions() -> Iterator[None]:
         return
     _State.number = _State.raised_at = None
     _State.arrived.clear()
-    before = {number: signal.getsignal(number) for number in _ENDINGS}
+    previous = {number: signal.getsignal(number) for number in _ENDINGS}
     hooks = sys.unraisablehook, sys.excepthook
-    before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
+    previous = {number: handler for number, handler in previous.items() if handler not in (signal.SIG_IGN, None)}
 
     def as_before() -> None:
         sys.unraisablehook, sys.excepthook = hooks
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)
 
     try:
-        for number in before:
+        for number in previous:
             signal.signal(number, _raise)
         sys.unraisablehook = lambda told: _raise_again() if _is_ours(told.exc_value) else hooks[0](told)
         sys.excepthook = lambda kind, error, trace: _raise_again() if _is_ours(error) else hooks[1](kind, error, trace)
@@ -103,7 +103,7 @@ def _ending_blocked_work() -> Iterator[None]:
     """End the process if its main thread remains in library code for `PATIENCE.blocked_s` after a signal."""
     receiver, sender = socket.socketpair()
     sender.setblocking(False)
-    before = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
+    previous = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
 
     def watch() -> None:
         with receiver:
@@ -115,7 +115,7 @@ def _ending_blocked_work() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.set_wakeup_fd(before)
+        signal.set_wakeup_fd(previous)
         sender.close()
 
 
@@ -131,14 +131,16 @@ def holding_signals() -> Iterator[None]:
         came.append(number)
         _State.arrived.set()
 
-    before = {number: signal.getsignal(number) for number in _ENDINGS}
-    before = {number: handler for number, handler in before.items() if handler is not None}  # None: not set by Python
-    for number in before:
+    previous = {number: signal.getsignal(number) for number in _ENDINGS}
+    previous = {
+        number: handler for number, handler in previous.items() if handler is not None
+    }  # None: not set by Python
+    for number in previous:
         signal.signal(number, hold)
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)
         if came:
             signal.raise_signal(came[0])
@@ -168,15 +170,15 @@ def _raise(number: int, _frame: FrameType | None) -> None:
 def _raise_again() -> None:
     """Raise the lost exception of the signal again in the main thread, after `PATIENCE.again_s`."""
     _State.raised_at = None
-    again = threading.Timer(PATIENCE.again_s, signal.raise_signal, [_State.number])
-    again.daemon = True
-    again.start()
+    repeated = threading.Timer(PATIENCE.again_s, signal.raise_signal, [_State.number])
+    repeated.daemon = True
+    repeated.start()
 
 
 def _quit(number: int, _frame: FrameType | None) -> None:
     _State.number = number
-    told = ending()
-    code, line = told if told is not None else (1, "")
+    message = ending()
+    code, line = message if message is not None else (1, "")
     with suppress(OSError):
         os.write(2, f"ERROR: {line}\n".encode())
     os._exit(code)

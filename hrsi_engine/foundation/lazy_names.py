@@ -17,11 +17,11 @@ def lazy_names(
     package : its ``__name__``
     modules : the names that each module defines, separated by blanks: ``{"errors": "HrsiError InputError"}``
     """
-    where = {name: module for module, names in modules.items() for name in names.split()}
+    module_of = {name: module for module, names in modules.items() for name in names.split()}
 
     def get(name: str) -> Any:
-        if name not in where:
+        if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(f"{package}.{where[name]}"), name)
+        return getattr(import_module(f"{package}.{module_of[name]}"), name)
 
-    return get, lambda: sorted(where), sorted(where)
+    return get, lambda: sorted(module_of), sorted(module_of)

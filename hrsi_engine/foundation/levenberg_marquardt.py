@@ -22,6 +22,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from .statistical_limits import EQUALITY
 from .thresholds import threshold, thresholds
 
 
@@ -39,7 +40,6 @@ class DESCENT:
     great_leap: float = threshold(0.5, "", "largest ratio of costs after and before such a step")
     done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum at convergence (sigma0 included)")
     near_sigma: float = threshold(1e-2, "sigma", "distance to the minimum accepted after the last step")
-    rounding_share: float = threshold(1e-9, "", "relative change of the cost that is no rise", "rounding of sums")
 
 
 CONVERGED = "converged"  # status of a descent that ended at a minimum
@@ -83,50 +83,56 @@ class Descent(Generic[T]):
 
 
 def descend(
-    start: T, step: Callable[[T, float], Step[T]], variance: Callable[[T], float], most: int,
+    start: T, step: Callable[[T, float], Step[T]], variance: Callable[[T], float], largest: int,
     weighed: Callable[[T], T] | None = None, tolerance: float = 0.0,
 ) -> Descent[T]:  # fmt: skip
     """Return the local minimum that is reached from a place.
 
     start : first place; its cost must be finite
     step : returns the step from a place with a damping; variance : the variance of unit weight at a place, sigma0²
-    most : largest number of steps
+    largest : largest number of steps
     weighed : returns an accepted place with new (robust) weights; only costs with equal weights are compared. With
     it, the descent does not end at the first step, before any weights were derived from residuals
     tolerance : the descent also ends if the predicted decrease is below this share of the cost
     """
-    best = at = start
+    best = current = start
     del start  # frees its memory, which can be large
-    damping, needed, growth, astray = 0.0, DESCENT.first_damping, DESCENT.raised, 0
+    damping, threshold_value, growth, astray = 0.0, DESCENT.first_damping, DESCENT.raised, 0
     promised = np.inf
-    for number in range(1, most + 1):
-        if number == most:  # only an undamped step shows the distance to the minimum
-            at, damping = best, 0.0
-        taken = step(at, damping)
-        if at is best:
-            promised, braked = taken.promised, taken.braked
-        fell = taken.ahead.cost <= best.cost * (1.0 + DESCENT.rounding_share) + 1e-12
-        enough = max(0.5 * DESCENT.done_sigma**2 * variance(best), tolerance * best.cost)
-        done = at is best and promised <= enough and (number > 1 or weighed is None)
-        if done and damping == 0.0:
-            return Descent(taken.ahead if fell else best, True, CONVERGED, number)
-        if number == most:
-            near = promised <= 0.5 * DESCENT.near_sigma**2 * variance(best)
-            said = CONVERGED if near else f"stopped at the iteration limit, {_distance_text(promised, variance(best))}"
-            return Descent(taken.ahead if fell else best, near, said, most)
+    for number in range(1, largest + 1):
+        if number == largest:  # only an undamped step shows the distance to the minimum
+            current, damping = best, 0.0
+        accepted = step(current, damping)
+        if current is best:
+            promised, braked = accepted.promised, accepted.braked
+        fell = accepted.ahead.cost <= best.cost * (1.0 + EQUALITY.rounding) + 1e-12
+        limit = max(0.5 * DESCENT.done_sigma**2 * variance(best), tolerance * best.cost)
+        converged = current is best and promised <= limit and (number > 1 or weighed is None)
+        if converged and damping == 0.0:
+            return Descent(accepted.ahead if fell else best, True, CONVERGED, number)
+        if number == largest:
+            is_near = promised <= 0.5 * DESCENT.near_sigma**2 * variance(best)
+            said = (
+                CONVERGED if is_near else f"stopped at the iteration limit, {_distance_text(promised, variance(best))}"
+            )
+            return Descent(accepted.ahead if fell else best, is_near, said, largest)
         if fell:
-            came = (best.cost - taken.ahead.cost) / max(promised - braked, 1e-300)
-            best = at = weighed(taken.ahead) if weighed else taken.ahead
+            came = (best.cost - accepted.ahead.cost) / max(promised - braked, 1e-300)
+            best = current = weighed(accepted.ahead) if weighed else accepted.ahead
             astray, growth = 0, DESCENT.raised
             if damping:
                 # a damped step always predicts little, therefore the next step is undamped if this one predicts little
-                needed = max(_lower_damping(damping, came, braked / max(promised, 1e-300)), DESCENT.least_damping)
-                damping = 0.0 if done else needed
-        elif astray < DESCENT.look_ahead and taken.ahead.cost < (DESCENT.great_leap * at.cost if astray else np.inf):
-            at, astray = taken.ahead, astray + 1
+                threshold_value = max(
+                    _lower_damping(damping, came, braked / max(promised, 1e-300)), DESCENT.least_damping
+                )
+                damping = 0.0 if converged else threshold_value
+        elif astray < DESCENT.look_ahead and accepted.ahead.cost < (
+            DESCENT.great_leap * current.cost if astray else np.inf
+        ):
+            current, astray = accepted.ahead, astray + 1
         else:
-            at, astray = best, 0
-            damping = needed = growth * damping if damping else needed
+            current, astray = best, 0
+            damping = threshold_value = growth * damping if damping else threshold_value
             growth *= 2.0
             if damping > DESCENT.most_damping:
                 said = f"no step lowers the cost, {_distance_text(promised, variance(best))}"

@@ -85,29 +85,31 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     """
     if cls is None:
         return partial(options, kw_only=kw_only)
-    made = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
+    created = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
     for method in (_OptionsBase.__repr__, _OptionsBase.__eq__, _OptionsBase.__hash__, _OptionsBase.__setattr__):
-        setattr(made, method.__name__, method)
+        setattr(created, method.__name__, method)
     # Add the section Parameters to the docstring, from the descriptions of the fields
-    doc = inspect.cleandoc(made.__doc__ or "")
+    doc = inspect.cleandoc(created.__doc__ or "")
     heading = "Parameters\n----------\n"
-    opening, _, rest = doc.partition(heading)
-    own = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", rest.strip()) if entry}
+    opening, _, annotations = doc.partition(heading)
+    fields_here = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", annotations.strip()) if entry}
     entries: list[str] = []
-    for part in fields(made):  # type: ignore[arg-type]
+    for part in fields(created):  # type: ignore[arg-type]
         said, inner = option_of(part), inner_options_of(part)
         if said is not None:
             entries.append(_describe_field(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
         elif inner is not None:
             entries.append(_describe_field(part, (inner.__doc__ or "").partition("\n")[0]))
         else:
-            entries += [text for names, text in own.items() if part.name in names.split(", ") and text not in entries]
-    made.__doc__ = f"{opening.rstrip()}\n\n{heading}{chr(10).join(entries)}\n"
-    return made
+            entries += [
+                text for names, text in fields_here.items() if part.name in names.split(", ") and text not in entries
+            ]
+    created.__doc__ = f"{opening.rstrip()}\n\n{heading}{chr(10).join(entries)}\n"
+    return created
 
 
-def _values_of(own: Any) -> dict[str, Any]:
-    return {part.name: getattr(own, part.name) for part in fields(own)}
+def _values_of(individual: Any) -> dict[str, Any]:
+    return {part.name: getattr(individual, part.name) for part in fields(individual)}
 
 
 class _OptionsBase:

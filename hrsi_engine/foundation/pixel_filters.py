@@ -10,12 +10,21 @@ from typing import Any
 import numpy as np
 
 from .packages import require_package
+from .thresholds import threshold, thresholds
 
 #: Smoothing and derivative kernel of an isotropic gradient (Scharr 2000); it is 32 times the gradient.
 SCHARR = np.array([3.0, 10.0, 3.0]), np.array([-1.0, 0.0, 1.0])
 _BORDERS = {"reflect": "BORDER_REFLECT", "mirror": "BORDER_REFLECT_101", "constant": "BORDER_CONSTANT"}
 _ORDERS = {0: "INTER_NEAREST", 1: "INTER_LINEAR", 3: "INTER_CUBIC"}
 LONGEST_MAP = 1 << 14  # longest side of the coordinate maps of cv2.remap, which must be below 32768
+
+
+@thresholds
+class BLUR:
+    """Smoothing before measurements, and the blur of edges in images."""
+
+    sigma_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before matching and derivatives")
+    edge_px: float = threshold(1.5, "px", "distance from an edge or corner within which grey values are blurred")
 
 
 def load_opencv() -> Any:
@@ -109,9 +118,9 @@ def interpolate(
     """
     cv2 = load_opencv()
     kind = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
-    how = {"interpolation": getattr(cv2, _ORDERS[order]), "borderMode": kind, "borderValue": outside or 0}
+    method = {"interpolation": getattr(cv2, _ORDERS[order]), "borderMode": kind, "borderValue": outside or 0}
     if max(x.shape) < LONGEST_MAP:
-        return np.asarray(cv2.remap(image, x, y, **how))
+        return np.asarray(cv2.remap(image, x, y, **method))
     parts = [slice(start, start + LONGEST_MAP) for start in range(0, x.size, LONGEST_MAP)]
-    lines = [cv2.remap(image, x.ravel()[part][None], y.ravel()[part][None], **how)[0] for part in parts]
+    lines = [cv2.remap(image, x.ravel()[part][None], y.ravel()[part][None], **method)[0] for part in parts]
     return np.concatenate(lines).reshape(x.shape)

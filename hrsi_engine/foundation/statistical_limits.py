@@ -1,7 +1,8 @@
 """Limits that all statistical estimates share: one significance level, one weight of stated standard deviations.
 
 A test, an estimate or an iteration takes its limits from here, and robust ones from `robust_scale`, so that the same
-question has the same answer wherever it is asked; limits of one method alone are in its module.
+question has the same answer wherever it is asked; limits of one method alone are in its module. Sizes of parts that
+are computed together, and of grids, are in `working_sizes`.
 """
 
 from .thresholds import threshold, thresholds
@@ -14,6 +15,7 @@ class SIGNIFICANCE:
     level: float = threshold(0.01, "", "significance level of a test that changes a model, a sigma or a weight")
     false_alarm: float = threshold(1e-4, "", "error probability of a test that calls an observation wrong")
     decisive: float = threshold(9.0, "chi²", "difference that decides between two explanations (3 sigma)")
+    sigmas: float = threshold(3.0, "sigma", "error that a search or a comparison allows for", "normal: 0.3 %")
 
 
 @thresholds
@@ -41,6 +43,12 @@ class SAMPLES:
 
     fewest: int = threshold(12, "observations", "fewest of a group for a robust trend or scale of its own")
     dense: int = threshold(50, "items", "largest number whose joint covariance is computed as one matrix")
+    tested: int = threshold(8, "points", "fewest common points of two images, or points of a cell, that are tested")
+    redundant: int = threshold(6, "points", "fewest for an estimate of up to five unknowns", "theory")
+    plane: int = threshold(3, "points", "fewest that determine a plane, or reveal an error of a shift", "theory")
+    trend: int = threshold(30, "points", "fewest for a trend linear in position that is estimated robustly")
+    neighbours: int = threshold(8, "points", "neighbours by whose median a point is predicted")
+    local: int = threshold(64, "points", "sample by which two images, or the differences of two rays, are compared")
 
 
 @thresholds
@@ -51,3 +59,13 @@ class ITERATIONS:
     coarse: float = threshold(0.05, "", "relative change that ends an iteration inside another one")
     settled: float = threshold(0.01, "", "relative change of a standard deviation that needs no new solution")
     fine: float = threshold(1e-3, "", "relative change that ends an iteration without a new solution")
+
+
+@thresholds
+class EQUALITY:
+    """Differences that do not matter."""
+
+    alike: float = threshold(0.02, "", "relative difference of variances, or of explanations, that are equally good")
+    size: float = threshold(1.25, "", "ratio up to which two pixel sizes or standard deviations count as equal")
+    rounding: float = threshold(1e-9, "", "difference of equal numbers, relative or in pixels", "rounding of sums")
+    negligible: float = threshold(0.05, "", "share of a variance without effect", "2.5 % of the standard deviation")

@@ -53,10 +53,10 @@ def read_laser(
     else:
         table = read_parquet(path, choose_fields(spec)) if head.startswith(b"PAR1") else read_table(spec)
         points = _read_points(table, Reference(ground_crs or "", height_datum, epoch=epoch))
-    wrong = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
-    if not len(points) or wrong.all():
+    faulty = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
+    if not len(points) or faulty.all():
         raise InputError(f"{points.source}: none of its points has a height that is on the ground: obtain it again")
-    return replace(points, doubt=np.where(wrong & (points.doubt == ""), "a height of no ground", points.doubt))
+    return replace(points, doubt=np.where(faulty & (points.doubt == ""), "a height of no ground", points.doubt))
 
 
 def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
@@ -75,12 +75,12 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
         )
     # Points without a height are omitted, so that their height is not taken from a DEM
     z = np.full(len(table), np.nan) if table.geometry is None else table.geometry[:, 2]
-    kept = ~np.isnan(z) if heights is None else ~(np.isnan(heights) & np.isnan(z))
-    if not kept.any():
+    retained = ~np.isnan(z) if heights is None else ~(np.isnan(heights) & np.isnan(z))
+    if not retained.any():
         raise InputError(f"{table.source}: none of its points has a height: name another file or layer")
-    if not kept.all():
-        columns = {name: column[kept] for name, column in table.columns.items()}
-        geometry = None if table.geometry is None else table.geometry[kept]
+    if not retained.all():
+        columns = {name: column[retained] for name, column in table.columns.items()}
+        geometry = None if table.geometry is None else table.geometry[retained]
         table = PointTable(table.source, columns, table.field_names, table.row_name, geometry, table.crs)
     if table.geometry is None and not {"x", "y"} <= table.columns.keys():
         reference = replace(reference, ground_crs="")
@@ -106,8 +106,8 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
     )  # fmt: skip
 
 
-def read_parquet(path: str, chosen: Mapping[str, str] | None = None) -> PointTable:
-    """Return the points of a GeoParquet file with its known fields, or with the ``chosen`` ones (`match_fields`)."""
+def read_parquet(path: str, selection: Mapping[str, str] | None = None) -> PointTable:
+    """Return the points of a GeoParquet file with its known fields, or with the ``selection`` ones (`match_fields`)."""
     try:
         from pyarrow import ArrowException, parquet
     except ImportError:
@@ -128,14 +128,16 @@ def read_parquet(path: str, chosen: Mapping[str, str] | None = None) -> PointTab
         if not isinstance(geo, dict) or not isinstance(geo.get("columns", {}), dict):
             raise InputError(f"{path}: its description of the geometry ('geo') is damaged: obtain it again")
         names = list(file.schema_arrow.names)
-        found = {
-            field: names[index] for field, index in match_fields(names, chosen, path).items() if field in NUMBER_FIELDS
+        result = {
+            field: names[index]
+            for field, index in match_fields(names, selection, path).items()
+            if field in NUMBER_FIELDS
         }
         place = geo.get("primary_column", "geometry")
-        wanted = [*found.values(), *([place] if place in names else [])]
-        table = file.read(columns=wanted)
+        requested = [*result.values(), *([place] if place in names else [])]
+        table = file.read(columns=requested)
         columns = {}
-        for field, name in found.items():
+        for field, name in result.items():
             values = table.column(name).to_numpy()
             if values.dtype.kind not in "iufb" and not all(v is None or isinstance(v, (int, float)) for v in values):
                 raise InputError(f"{path}: field {name!r} contains no numbers: correct it")
@@ -254,9 +256,9 @@ def read_granule(path: str) -> LaserPoints:
     with quiet():
         root = dataset.GetRootGroup()
         for product in PRODUCTS.values():
-            found = list(_read_beams(path, root, product))
-            if found:
-                return _stack_beams(path, product, found)
+            result = list(_read_beams(path, root, product))
+            if result:
+                return _stack_beams(path, product, result)
     titles = ", ".join(product.title for product in PRODUCTS.values())
     raise InputError(f"{path}: is no granule that is known ({titles}): name another file")
 
@@ -267,8 +269,8 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
         if not beam.startswith(product.beam):
             continue
         place = f"/{beam}/{product.points}".rstrip("/")
-        arrays = {name: values for name, below in product.arrays.items()
-                  if (values := _read_array(path, root, f"{place}/{below}")) is not None}  # fmt: skip
+        arrays = {name: values for name, lower in product.arrays.items()
+                  if (values := _read_array(path, root, f"{place}/{lower}")) is not None}  # fmt: skip
         if {"lon", "lat", "height"} <= arrays.keys():
             count = len(arrays["height"])
             damaged = [name for name, values in arrays.items() if len(values) != count]
@@ -304,12 +306,12 @@ def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]
     name = os.path.basename(path)
     for beam, arrays in beams:
         ground = np.column_stack([arrays["lon"], arrays["lat"], arrays["height"]])
-        known = np.flatnonzero(np.isfinite(ground).all(axis=1))
+        valid = np.flatnonzero(np.isfinite(ground).all(axis=1))
         empty = np.full(len(ground), np.nan)
         doubt = np.full(len(ground), "", dtype="U64")
-        for why, (name_of_array, compare, limit) in product.doubts.items():
+        for reason, (name_of_array, compare, limit) in product.doubts.items():
             if name_of_array in arrays:
-                doubt[compare(arrays[name_of_array], limit) & (doubt == "")] = why
+                doubt[compare(arrays[name_of_array], limit) & (doubt == "")] = reason
         canopy = arrays["heights"][:, -3] if arrays.get("heights", empty).ndim == 2 else arrays.get("canopy", empty)
         columns = {
             "ground": ground, "sigma_m": arrays.get("sigma", np.full(len(ground), product.stated_sigma_m)),
@@ -319,6 +321,6 @@ def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]
             "ids": np.char.add(f"{beam}-", np.arange(len(ground)).astype(str)),
         }  # fmt: skip
         for column, values in columns.items():
-            parts.setdefault(column, []).append(values[known])
-    joined = {column: np.concatenate(values) for column, values in parts.items()}
-    return LaserPoints.create(joined.pop("ground"), source=path, **joined)
+            parts.setdefault(column, []).append(values[valid])
+    combined = {column: np.concatenate(values) for column, values in parts.items()}
+    return LaserPoints.create(combined.pop("ground"), source=path, **combined)

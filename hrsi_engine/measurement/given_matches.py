@@ -18,6 +18,7 @@ from ..foundation.errors import InputError
 from ..foundation.progress import Progress, silent
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.scheduling import PartResult, Scheduler, WorkPart, open_scheduler, run_parts
+from ..foundation.working_sizes import MEMORY
 from .block_matching import joining
 from .block_matching.links import drop_unreliable_links, judge_links, summarise_connections
 from .block_matching.overlaps import compute_resolution_step, rank_resolution
@@ -38,7 +39,6 @@ _LEARNED = "errors of learned matchers are 1 or 2 px, of half-precision files 4 
 class EXTERNAL:
     """Windows for measuring given matches again, and their largest errors."""
 
-    window_px: int = threshold(1024, "px", "side of the part of the reference that is matched together")
     border_px: int = threshold(40, "px", "border around matches: half a matching window and a reserve")
     reach_px: tuple[float, float] = threshold((6.0, 6.0), "px", "smallest and largest half length of the search")
     across_px: float = threshold(4.0, "px", "half width of the search: error of given matches", _LEARNED)
@@ -66,7 +66,8 @@ class ExternalMatchJob:
 
 
 def refine_given_matches(
-    images: Sequence[Image], given: ImagePoints, options: TieOptions | None = None, progress: Progress = silent, *,
+    images: Sequence[Image], given_points: ImagePoints, options: TieOptions | None = None,
+    progress: Progress = silent, *,
     scheduler: Scheduler | None = None,
 ) -> TiePoints:  # fmt: skip
     """Measure given matches (tracks, accurate to a few pixels) again, test them, and return the resulting tracks.
@@ -74,10 +75,11 @@ def refine_given_matches(
     Raises `InputError` if no match is between two images with pixels, `Cancelled` if ``progress`` returns False.
     """
     options, scheduler = options or TieOptions(), scheduler or open_scheduler()
-    jobs = list(_divide_into_jobs(images, given))
+    jobs = list(_divide_into_jobs(images, given_points))
     if not jobs:
         raise InputError(
-            f"{given.source}: contains no match between two images of the block that have pixels: check the image "
+            f"{given_points.source}: contains no match between two images of the block that have pixels: check the "
+            "image "
             "names")  # fmt: skip
     label = "measuring matches of"
     parts = [
@@ -106,20 +108,21 @@ def refine_given_matches(
     warnings = [f"{hold.image}: none of the given matches passes the tests" for hold in holds if not hold.links]
     if 2 * sum(accepted.values()) < total:
         warnings.append(
-            f"{given.source}: {sum(accepted.values())} of {total} given matches pass the tests: check that they belong "
+            f"{given_points.source}: {sum(accepted.values())} of {total} given matches pass the tests: check that "
+            "they belong "
             "to these images, in pixels of the full images"
         )
     return TiePoints(points, ground, tuple(pairs), tuple(warnings), holds)
 
 
-def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[ExternalMatchJob]:
+def _divide_into_jobs(images: Sequence[Image], given_points: ImagePoints) -> Iterator[ExternalMatchJob]:
     """Yield windows of reference images, each with the matches in it."""
     number_of = {image.id: number for number, image in enumerate(images) if image.raster is not None}
-    given = given.select(np.isin(given.image_ids, list(number_of)))
-    if not len(given):
+    given_points = given_points.select(np.isin(given_points.image_ids, list(number_of)))
+    if not len(given_points):
         return
-    _, track = np.unique(given.ids, return_inverse=True)
-    number = np.array([number_of[name] for name in given.image_ids.tolist()])
+    _, track = np.unique(given_points.ids, return_inverse=True)
+    number = np.array([number_of[name] for name in given_points.image_ids.tolist()])
     # The reference of a track is its image with the coarsest pixels, of several such images the first
     rank = np.array([(-rank_resolution(image), k) for k, image in enumerate(images)])
     order = np.lexsort((*rank[number].T[::-1], track))
@@ -128,14 +131,14 @@ def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[E
     reference[track[order][heads]] = order[heads]
     head = reference[track]
     rows = np.flatnonzero(number != number[head])
-    cell = np.floor(given.xy[head[rows]] / EXTERNAL.window_px).astype(np.int64)
+    cell = np.floor(given_points.xy[head[rows]] / MEMORY.part_px).astype(np.int64)
     keys, job = np.unique(np.column_stack([number[head[rows]], cell]), axis=0, return_inverse=True)
     for index, (first, column, row) in enumerate(keys.tolist()):
         rows_of_job = rows[job.ravel() == index]
-        side = EXTERNAL.window_px
+        side = MEMORY.part_px
         window = ImageWindow(column * side, row * side, side, side)
         pairs = tuple(
-            ExternalPair(second, images[second], given.xy[head[partner_rows]], given.xy[partner_rows])
+            ExternalPair(second, images[second], given_points.xy[head[partner_rows]], given_points.xy[partner_rows])
             for second in np.unique(number[rows_of_job]).tolist()
             for partner_rows in (rows_of_job[number[rows_of_job] == second],)
         )

@@ -17,6 +17,7 @@ from ..foundation.pixel_filters import load_opencv
 from ..foundation.thresholds import threshold, thresholds
 from .block_matching.windows import read_overview
 from .tie_points import PairSummary
+from .tile_matching.epipolar import EPIPOLAR
 
 
 @thresholds
@@ -24,7 +25,6 @@ class LIKELY_CAUSES:
     """Reduced images, and limits for the causes of a search without result."""
 
     side_px: int = threshold(1000, "px", "largest side of the reduced images")
-    ratio: float = threshold(0.8, "", "distance of the nearest over that of the second nearest feature", "Lowe 2004")
     inliers: int = threshold(
         12,
         "matches",
@@ -124,7 +124,7 @@ def _match(first: np.ndarray, second: np.ndarray) -> _AffineMap:
     if described is None or described_others is None or len(second_places) < 2:
         return nothing
     nearest = cv2.BFMatcher().knnMatch(described, described_others, k=2)
-    distinct = [best for best, second_best in nearest if best.distance < LIKELY_CAUSES.ratio * second_best.distance]
+    distinct = [best for best, second_best in nearest if best.distance < EPIPOLAR.ratio * second_best.distance]
     if len(distinct) < LIKELY_CAUSES.inliers:
         return nothing
     source = np.array([places[match.queryIdx].pt for match in distinct])

@@ -12,6 +12,8 @@ import numpy as np
 from scipy import ndimage
 
 from ..block.block import Raster
+from ..foundation.pixel_filters import BLUR
+from ..foundation.statistical_limits import EQUALITY
 from ..foundation.thresholds import threshold, thresholds
 from .window_matching.correlation import compute_orientation_field
 from .window_matching.least_squares_matching import match_patches
@@ -23,7 +25,6 @@ from .window_matching.windows import DONE, LsmOptions, MatchImage
 class TRANSFER:
     """Conditions for the measurement of a point of one image in another."""
 
-    smoothing_px: float = threshold(0.7, "px", "sigma of the smoothing filter of both windows")
     half_px: int = threshold(15, "px", "half side of the correlation window")
     across_px: float = threshold(6.0, "px", "half width of the search across epipolar lines, beyond `margin_px`")
     correlation: float = threshold(0.7, "", "smallest accepted correlation coefficient")
@@ -37,7 +38,6 @@ class TRANSFER:
         0.12, "", "largest deformation of a chip relative to the cameras", "slopes of 30 % at 20 degrees between views"
     )
     finest_px: float = threshold(0.8, "px", "smallest pixel of a window in pixels of the second image")
-    texture: float = threshold(1e-6, "grey values", "smallest standard deviation of grey values in a window")
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half
     pixels = ndimage.map_coordinates(source, coordinates, order=3, mode="nearest")
     usable = ndimage.map_coordinates(valid.astype(np.float64), coordinates, order=1, mode="constant", cval=0.0) > 0.999
     contrast = float(np.std(pixels[usable])) if usable.any() else 0.0
-    if contrast < TRANSFER.texture:
+    if contrast < EQUALITY.rounding:
         return None
     # Scale to unit contrast, since sensors have different grey values and the gain between windows is tested
-    return MatchImage((pixels / contrast).astype(np.float32), usable, TRANSFER.smoothing_px)
+    return MatchImage((pixels / contrast).astype(np.float32), usable, BLUR.sigma_px)

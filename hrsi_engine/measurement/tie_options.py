@@ -19,7 +19,6 @@ class TIE_SEARCH:
     sampled_per_cell: int = threshold(2, "points", "tie points per cell with one matched window")
     few_links: int = threshold(3, "links", "links of an image below which it is matched as in small blocks", _YEAR)
     predicted_pairs: int = threshold(5, "pairs", "pairs of such an image that are matched at predicted positions")
-    pair_batch: int = threshold(128, "pairs", "largest number of pairs with features in memory")
     completed_partners: int = threshold(2, "images", "smallest number of images with a point for a search in others")
     completed_sigma_px: float = threshold(0.12, "px", "largest sigma of such a point", _KAHRAMANMARAS)
     cells_per_part: int = threshold(12, "cells", "number of cells of a part of the work (seconds)")

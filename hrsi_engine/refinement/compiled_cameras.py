@@ -37,12 +37,12 @@ register(*corrected_rays.CORRECTION_FORMULAS, *pseudo_rays.RAY_FORMULAS)
 @njit(**OPTIONS)
 def _linearise_polynomials(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
-    out: Arrays,
+    arrays: Arrays,
 ) -> None:  # fmt: skip
     """Write the equations of `image_space.ImagePolynomial`, or of `object_coordinates.GroundPolynomial` (3 powers)."""
     first, image, xy, _ = observed
     constants, coefficients, powers = formula
-    residual, by_ground, _, terms = out
+    residual, by_ground, _, terms = arrays
     scratch = np.empty(20)
     for number in range(len(points)):
         point = points[number]
@@ -66,17 +66,17 @@ def _linearise_polynomials(
 @njit(**OPTIONS)
 def _linearise_ground_corrections(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
-    out: Arrays,
+    arrays: Arrays,
 ) -> None:  # fmt: skip
     """Write the equations of `object_space.GroundCorrection`."""
     first, image, xy, _ = observed
     constants, coefficients, _ = formula
-    residual, by_ground, by_frame, terms = out
+    residual, by_ground, by_frame, terms = arrays
     scratch = np.empty(20)
     for number in range(len(points)):
         point = points[number]
         position = ellipsoid.geocentric(ground[point, 0], ground[point, 1], ground[point, 2])
-        here = ellipsoid.axes(ground[point, 0], ground[point, 1])
+        axes = ellipsoid.axes(ground[point, 0], ground[point, 1])
         row = first[point]
         for a in range(place[number], place[number + 1]):
             i = image[row]
@@ -84,7 +84,7 @@ def _linearise_ground_corrections(
             lon, lat, height = ellipsoid.geodetic(x, y, z)
             east, north = ellipsoid.metres_of_a_degree(lat, height)
             project_point(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
-            rotate_derivatives(constants, coefficients, i, ellipsoid.axes(lon, lat), here, by_ground, by_frame, a)
+            rotate_derivatives(constants, coefficients, i, ellipsoid.axes(lon, lat), axes, by_ground, by_frame, a)
             residual[a, 0] = xy[row, 0] - residual[a, 0]
             residual[a, 1] = xy[row, 1] - residual[a, 1]
             row += 1
@@ -93,12 +93,12 @@ def _linearise_ground_corrections(
 @njit(**OPTIONS)
 def _linearise_pseudo_sensors(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
-    out: Arrays,
+    arrays: Arrays,
 ) -> None:  # fmt: skip
     """Write the equations of `pseudo_sensor.PseudoSensor`; its rays replace the RPCs."""
     first, image, xy, rays = observed
-    constants, coefficients, used = formula
-    residual, by_ground, by_quantity, terms = out
+    constants, coefficients, parameters = formula
+    residual, by_ground, by_quantity, terms = arrays
     for number in range(len(points)):
         point = points[number]
         position = ellipsoid.geocentric(ground[point, 0], ground[point, 1], ground[point, 2])
@@ -106,7 +106,7 @@ def _linearise_pseudo_sensors(
         row = first[point]
         for a in range(place[number], place[number + 1]):
             linearise_by_rays(
-                used, constants, coefficients, image[row], rays, xy, row, position, axes,
+                parameters, constants, coefficients, image[row], rays, xy, row, position, axes,
                 residual, by_ground, by_quantity, terms, a,
             )  # fmt: skip
             residual[a, 0] = xy[row, 0] - residual[a, 0]

@@ -176,19 +176,20 @@ class ObservationEquations:
     def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> EquationState:
         """Return the weighted equations at ``values``; without ``roots`` of P, these are computed at the values."""
         control = self.control
-        at = self.linearise(values, control.ground)
-        residual = control.xy - at.computed
-        if not (np.isfinite(residual).all() and np.isfinite(at.by_values).all()):
-            lost = control.ids[~finite_rows(residual)].tolist()
+        position = self.linearise(values, control.ground)
+        residual = control.xy - position.computed
+        if not (np.isfinite(residual).all() and np.isfinite(position.by_values).all()):
+            missing = control.ids[~finite_rows(residual)].tolist()
             raise SolveError(
-                f"{self.image.id}: model {self.model.name} has no solution at {', '.join(lost[:8]) or 'a point'}: the "
+                f"{self.image.id}: model {self.model.name} has no solution at {', '.join(missing[:8]) or 'a point'}: "
+                "the "
                 "point is outside the validity range of the RPC; check its coordinates, or choose a simpler `model`"
             )
         if roots is None:
-            survey = at.by_ground * control.sigma_m[:, None, [0, 0, 1]]
+            survey = position.by_ground * control.sigma_m[:, None, [0, 0, 1]]
             covariance = survey @ survey.transpose(0, 2, 1) + control.sigma_px[:, None, None] ** 2 * np.eye(2)
             roots = np.linalg.inv(np.linalg.cholesky(covariance))
-        matrix = self._normalize(roots, at.by_values)
+        matrix = self._normalize(roots, position.by_values)
         right = np.einsum("nij,nj->ni", roots, residual).ravel()
         cost = 0.5 * float(np.sum(right**2) + np.sum(_scale(values, self.sigmas) ** 2))
         return EquationState(values, roots, matrix, right, residual, cost)
@@ -200,7 +201,7 @@ class ObservationEquations:
         """Return the negative gradient of the cost by the scaled parameters, ``(p,)``."""
         return np.asarray(at.matrix.T @ at.right - _scale(at.values, self.sigmas))
 
-    def compute_hessian(self, at: EquationState) -> np.ndarray:
+    def compute_hessian(self, position: EquationState) -> np.ndarray:
         """Return the Hessian ``(p, p)`` of the cost by the scaled parameters, made positive definite.
 
         With A the matrix and r the residuals it is ``A' A + I - sum_i r_i H_i``; the sum by differences of A along each
@@ -208,13 +209,15 @@ class ObservationEquations:
         `ESTIMATION.least_curvature`, so that every step descends (saddle-free Newton, Dauphin et al. 2014).
         """
         p = len(self.sigmas)
-        normal = at.matrix.T @ at.matrix + np.eye(p)
+        normal = position.matrix.T @ position.matrix + np.eye(p)
         second = np.empty((p, p))
         for k, reach in enumerate(ESTIMATION.difference_sigmas / np.sqrt(normal.diagonal())):
             change = np.zeros(p)
             change[k] = reach * self.sigmas[k]
-            ahead, behind = (self.linearise(at.values + to, self.control.ground).by_values for to in (change, -change))
-            second[k] = self._normalize(at.roots, ahead - behind).T @ at.right / (2.0 * reach)
+            ahead, behind = (
+                self.linearise(position.values + column, self.control.ground).by_values for column in (change, -change)
+            )
+            second[k] = self._normalize(position.roots, ahead - behind).T @ position.right / (2.0 * reach)
         half = np.linalg.cholesky(normal)
         inverse = np.linalg.inv(half)
         bends, vectors = np.linalg.eigh(np.eye(p) - inverse @ (0.5 * (second + second.T)) @ inverse.T)
@@ -236,13 +239,13 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     solver: Estimator = getattr(model, "solve", iterate_least_squares)
     values, iterations, status = solver(equations)
     # Precision, redundancy and leave-one-out residuals at the solution
-    at = equations.linearise_at(values)
-    count, p = len(at.residual), len(sigmas)
-    triangle = np.linalg.qr(np.vstack([at.matrix, np.eye(p)]), mode="r")
+    minimum = equations.linearise_at(values)
+    count, p = len(minimum.residual), len(sigmas)
+    triangle = np.linalg.qr(np.vstack([minimum.matrix, np.eye(p)]), mode="r")
     inverse = np.linalg.inv(triangle) if p else np.zeros((0, 0))
-    rows = (at.matrix @ inverse).reshape(count, 2, p)
+    rows = (minimum.matrix @ inverse).reshape(count, 2, p)
     share = rows @ rows.transpose(0, 2, 1)
-    whitened = np.einsum("nij,nj->ni", at.roots, at.residual)
+    whitened = np.einsum("nij,nj->ni", minimum.roots, minimum.residual)
     redundancy = float(2 * count - np.einsum("nii->", share))
     sigma0 = float(np.sqrt(np.sum(whitened**2) / redundancy)) if redundancy > 0.5 else 1.0
     # I minus leverage, with eigenvalues of at least 1e-9: they are 0 for a point that alone determines a parameter
@@ -250,8 +253,10 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     not_below = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, 1e-9), vectors)
     left_out = np.linalg.solve(not_below, whitened[:, :, None])
     return Estimate(
-        values=at.values, covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T, residual_px=at.residual,
-        left_out_px=np.linalg.solve(at.roots, left_out)[:, :, 0], roots=at.roots, share=share, sigma0=sigma0,
+        values=minimum.values, covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T,
+        residual_px=minimum.residual,
+        left_out_px=np.linalg.solve(minimum.roots, left_out)[:, :, 0], roots=minimum.roots, share=share,
+        sigma0=sigma0,
         redundancy=redundancy, iterations=iterations, converged=status == CONVERGED, status=status,
     )  # fmt: skip
 
@@ -271,57 +276,61 @@ def iterate_least_squares(
     freedom = max(2 * len(equations.control) - int((sigmas > 0.0).sum()), 1)
     compute_hessian = lru_cache(maxsize=1)(equations.compute_hessian)  # a rejected step is repeated from the same state
 
-    def step_gauss_newton(at: EquationState, damping: float) -> Step[EquationState]:
-        return try_step(at, solve_step(at.matrix, at.right, at.values, sigmas, damping), damping)
+    def step_gauss_newton(state: EquationState, damping: float) -> Step[EquationState]:
+        return try_step(state, solve_step(state.matrix, state.right, state.values, sigmas, damping), damping)
 
-    def step_newton(at: EquationState, damping: float) -> Step[EquationState]:
-        normal = compute_hessian(at) + damping * np.diag(_diagonal(at.matrix))
-        return try_step(at, np.linalg.solve(normal, equations.gradient(at)), damping)
+    def step_newton(state: EquationState, damping: float) -> Step[EquationState]:
+        normal = compute_hessian(state) + damping * np.diag(_diagonal(state.matrix))
+        return try_step(state, np.linalg.solve(normal, equations.gradient(state)), damping)
 
-    def try_step(at: EquationState, by_values: np.ndarray, damping: float) -> Step[EquationState]:
-        damping_term = 0.5 * damping * float(by_values @ (_diagonal(at.matrix) * by_values))
-        predicted_decrease = 0.5 * float(by_values @ equations.gradient(at)) + damping_term
+    def try_step(state: EquationState, by_values: np.ndarray, damping: float) -> Step[EquationState]:
+        damping_term = 0.5 * damping * float(by_values @ (_diagonal(state.matrix) * by_values))
+        predicted_decrease = 0.5 * float(by_values @ equations.gradient(state)) + damping_term
         try:
             return Step(
-                equations.linearise_at(at.values + sigmas * by_values, at.roots), predicted_decrease, damping_term
+                equations.linearise_at(state.values + sigmas * by_values, state.roots),
+                predicted_decrease,
+                damping_term,
             )
         except SolveError as error:
             failures.append(error)
-            return Step(replace(at, cost=np.inf), predicted_decrease, damping_term)
+            return Step(replace(state, cost=np.inf), predicted_decrease, damping_term)
 
-    def variance(at: EquationState) -> float:
-        return max(1.0, 2.0 * at.cost / freedom)
+    def variance(state: EquationState) -> float:
+        return max(1.0, 2.0 * state.cost / freedom)
 
-    at = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
+    state = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
     first = steps
     while (
         steps < first + ESTIMATION.scaled_steps
-        and (misfit := float(np.sqrt(np.mean(at.right**2)))) > ESTIMATION.large_residual
+        and (misfit := float(np.sqrt(np.mean(state.right**2)))) > ESTIMATION.large_residual
     ):
-        candidate = try_step(at, solve_step(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
+        candidate = try_step(
+            state, solve_step(state.matrix / misfit, state.right / misfit, state.values, sigmas), 0.0
+        ).ahead
         steps += 1
-        if not candidate.cost < at.cost:
+        if not candidate.cost < state.cost:
             break
-        at = candidate
-    values, gauss_newton_converges, previous_cost = at.values, True, np.inf
+        state = candidate
+    values, gauss_newton_converges, previous_cost = state.values, True, np.inf
     for _ in range(ESTIMATION.weightings):
-        at = equations.linearise_at(values)
-        unsettled = at.cost > ESTIMATION.unsettled_ratio * previous_cost
+        state = equations.linearise_at(values)
+        unsettled = state.cost > ESTIMATION.unsettled_ratio * previous_cost
         if gauss_newton_converges:
             ended = descend(
-                at, step_gauss_newton, variance, min(ESTIMATION.gauss_newton_steps, ITERATIONS.most - steps)
+                state, step_gauss_newton, variance, min(ESTIMATION.gauss_newton_steps, ITERATIONS.most - steps)
             )
-            at, steps, gauss_newton_converges = ended.at, steps + ended.steps, ended.converged
+            state, steps, gauss_newton_converges = ended.at, steps + ended.steps, ended.converged
         if not gauss_newton_converges and steps < ITERATIONS.most:
-            ended = descend(at, step_newton, variance, ITERATIONS.most - steps)
-            at, steps = ended.at, steps + ended.steps
-        values, previous_cost = at.values, at.cost
+            ended = descend(state, step_newton, variance, ITERATIONS.most - steps)
+            state, steps = ended.at, steps + ended.steps
+        values, previous_cost = state.values, state.cost
         if not ended.converged or steps >= ITERATIONS.most:
             break
     if failures and not ended.converged:
         raise failures[0]
-    why = ": the weights of the GCPs and the corrected RPC depend on each other, and do not converge"
-    return values, steps, ended.status + (why if unsettled and not ended.converged else "")
+    reason = ": the weights of the GCPs and the corrected RPC depend on each other, and do not converge"
+    return values, steps, ended.status + (reason if unsettled and not ended.converged else "")
 
 
 def _scale(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:

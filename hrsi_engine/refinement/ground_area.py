@@ -48,6 +48,6 @@ def compute_ground_area(image: Image) -> GroundArea:
 
 def compute_px_per_m(images: Sequence[Image]) -> np.ndarray:
     """Return the pixels per metre on the ground at the centre of each image, ``(images,)``."""
-    stack, which = stack_rpcs(images), np.arange(len(images))
+    stack, index = stack_rpcs(images), np.arange(len(images))
     centres = np.array([image.camera_centre_px for image in images])
-    return stack.px_per_m(which, stack.localize(which, centres, stack.middles()[:, 2]))
+    return stack.px_per_m(index, stack.localize(index, centres, stack.middles()[:, 2]))

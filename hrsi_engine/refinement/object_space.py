@@ -63,7 +63,9 @@ class GroundCorrection:
         drift = priors.drift * float(image.camera_half_size_px.max()) * metres
         sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
         up = self.entries[:, 0] == UP
-        plan_does_it = {by for axis, by in self.entries.tolist() if axis != UP} >= set(self.entries[up, 1].tolist())
+        plan_does_it = {scale for axis, scale in self.entries.tolist() if axis != UP} >= set(
+            self.entries[up, 1].tolist()
+        )
         return np.where(up & plan_does_it, OBJECT_SPACE_PRIORS.height_share * sigma, sigma)
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
@@ -73,8 +75,8 @@ class GroundCorrection:
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
             coefficients, terms = self.coefficients(values)[None], np.empty((len(ground), 4))
             lon, lat, height = ground.T
-            moved = move_position(constants, coefficients, 0, ellipsoid.geocentric(lon, lat, height), terms, ALL_ROWS)
-            shift_ground = np.column_stack(ellipsoid.geodetic(*moved)) if np.any(values) else ground
+            shifted = move_position(constants, coefficients, 0, ellipsoid.geocentric(lon, lat, height), terms, ALL_ROWS)
+            shift_ground = np.column_stack(ellipsoid.geodetic(*shifted)) if np.any(values) else ground
             computed, by_ground = image.rpc.project_with_metric_jacobian(shift_ground)
             by_frame = np.empty((len(ground), 2, 3))
             rotate_derivatives(
@@ -112,8 +114,8 @@ class GroundCorrection:
             return image.rpc.project(ground)
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         terms = np.empty((len(ground), 4))
-        moved = move_position(constants, coefficients, 0, ellipsoid.geocentric(*ground.T), terms, ALL_ROWS)
-        return image.rpc.project(np.column_stack(ellipsoid.geodetic(*moved)))
+        shifted = move_position(constants, coefficients, 0, ellipsoid.geocentric(*ground.T), terms, ALL_ROWS)
+        return image.rpc.project(np.column_stack(ellipsoid.geodetic(*shifted)))
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Return the refined RPC: a new one, fitted to the corrected camera."""
@@ -143,13 +145,13 @@ def move_position(
         terms[a, k] = basis[k]
     x, y, z = position
     for k in range(3):
-        by = m[i, k, 0] + m[i, k, 1] * basis[1] + m[i, k, 2] * basis[2] + m[i, k, 3] * basis[3]
-        x, y, z = x + c[i, 3 * k] * by, y + c[i, 3 * k + 1] * by, z + c[i, 3 * k + 2] * by
+        correction = m[i, k, 0] + m[i, k, 1] * basis[1] + m[i, k, 2] * basis[2] + m[i, k, 3] * basis[3]
+        x, y, z = x + c[i, 3 * k] * correction, y + c[i, 3 * k + 1] * correction, z + c[i, 3 * k + 2] * correction
     return x, y, z
 
 
 def rotate_derivatives(
-    constants: np.ndarray, coefficients: np.ndarray, i: int, there: Any, here: Any,
+    constants: np.ndarray, coefficients: np.ndarray, i: int, target: Any, rows: Any,
     by_ground: np.ndarray, by_frame: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
     """Transform derivatives by the corrected position to those by the frame's coordinates and by the given position.
@@ -162,9 +164,9 @@ def rotate_derivatives(
     c, reach = constants, constants[i, 12]
     for row in range(2):
         e, n, u = by_ground[a, row, 0], by_ground[a, row, 1], by_ground[a, row, 2]
-        x = e * there[0][0] + n * there[1][0] + u * there[2][0]
-        y = e * there[0][1] + n * there[1][1] + u * there[2][1]
-        z = e * there[0][2] + n * there[1][2] + u * there[2][2]
+        x = e * target[0][0] + n * target[1][0] + u * target[2][0]
+        y = e * target[0][1] + n * target[1][1] + u * target[2][1]
+        z = e * target[0][2] + n * target[1][2] + u * target[2][2]
         f0 = c[i, 0] * x + c[i, 1] * y + c[i, 2] * z
         f1 = c[i, 3] * x + c[i, 4] * y + c[i, 5] * z
         f2 = c[i, 6] * x + c[i, 7] * y + c[i, 8] * z
@@ -172,14 +174,14 @@ def rotate_derivatives(
         for k in range(3):
             # dE' by E is I + M / R, whose rows are those of the frame
             m0, m1, m2 = coefficients[i, 0, k + 1], coefficients[i, 1, k + 1], coefficients[i, 2, k + 1]
-            more = (f0 * m0 + f1 * m1 + f2 * m2) / reach
-            x, y, z = x + more * c[i, 3 * k], y + more * c[i, 3 * k + 1], z + more * c[i, 3 * k + 2]
+            additional = (f0 * m0 + f1 * m1 + f2 * m2) / reach
+            x, y, z = x + additional * c[i, 3 * k], y + additional * c[i, 3 * k + 1], z + additional * c[i, 3 * k + 2]
         for k in range(3):
-            by_ground[a, row, k] = x * here[k][0] + y * here[k][1] + z * here[k][2]
+            by_ground[a, row, k] = x * rows[k][0] + y * rows[k][1] + z * rows[k][2]
 
 
 def _correction(name: str, title: str, entries: list[tuple[int, int]], least_points: int) -> GroundCorrection:
-    names = tuple(f"{GROUND_AXES[axis]}_{('0', *GROUND_AXES)[by]}" for axis, by in entries)
+    names = tuple(f"{GROUND_AXES[axis]}_{('0', *GROUND_AXES)[kind]}" for axis, kind in entries)
     return GroundCorrection(name, title, names, np.array(entries), least_points)
 
 

@@ -39,7 +39,6 @@ class SENSOR:
     largest_height_m: float = threshold(2e6, "m", "largest plausible height: above all mapping satellites")
     largest_climb: float = threshold(0.02, "", "largest relative change of height over half an image (else noise)")
     least_range_m: float = threshold(100.0, "m", "smallest difference of the two heights that define a ray")
-    closure_px: float = threshold(1e-9, "px", "step of the projection at convergence")
     height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays at convergence")
 
 
@@ -93,20 +92,20 @@ COLUMNS = 18
 @lru_cache(maxsize=1024)
 def compute_sensor_frame(image: Image) -> SensorFrame:
     """Return the frame of an image: its origin is below the centre of the image, on the ellipsoid."""
-    below = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
-    if not np.isfinite(below).all():
+    lower = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
+    if not np.isfinite(lower).all():
         raise SolveError(f"{image.id}: the RPC has no ground position for the middle of the image: check that both fit")
     centre, half_size = image.camera_centre_px, image.camera_half_size_px
-    level = SensorFrame(LocalFrame(float(below[0]), float(below[1])), 0.0, centre, half_size)
+    level = SensorFrame(LocalFrame(float(lower[0]), float(lower[1])), 0.0, centre, half_size)
     ends = np.array([[u, v] for v in (-1.0, 0.0, 1.0) for u in (-1.0, 1.0)])
     rays = compute_pseudo_rays(image.rpc, level, centre + half_size * ends)
     on_datum = rays[:, STATION] + rays[:, SENSOR_HEIGHT, None] * rays[:, TANGENT]
     east, north = on_datum[3] - on_datum[2]
     # The sensor heights z of the three lines: where the rays of both ends of a line are closest to each other
-    apart = rays[1::2, STATION] - rays[::2, STATION]
+    difference = rays[1::2, STATION] - rays[::2, STATION]
     opening = rays[1::2, TANGENT] - rays[::2, TANGENT]
     with np.errstate(divide="ignore", invalid="ignore"):
-        z = rays[::2, SENSOR_HEIGHT] + np.sum(apart * opening, axis=1) / np.sum(opening**2, axis=1)
+        z = rays[::2, SENSOR_HEIGHT] + np.sum(difference * opening, axis=1) / np.sum(opening**2, axis=1)
     first, middle, last = z.tolist()
     heights = first, middle, last
     if not SENSOR.least_height_m <= middle <= SENSOR.largest_height_m:

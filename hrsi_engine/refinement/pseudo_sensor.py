@@ -31,7 +31,7 @@ import numpy as np
 from ..block.block import Image
 from ..camera.rpc_fit import FIT, best_fit, make_image_grid
 from ..foundation.large_arrays import finite_rows
-from ..foundation.statistical_limits import ITERATIONS
+from ..foundation.statistical_limits import EQUALITY, ITERATIONS
 from ..ground import ellipsoid
 from .corrected_rays import intersect_frame_height, linearise_by_rays
 from .ground_area import compute_ground_area, compute_px_per_m
@@ -82,20 +82,20 @@ class PseudoSensor:
         """Return the observation equations; the rays of the observed positions are computed here, once."""
         constants = self.constants(image)[None]
         rays = compute_pseudo_rays(image.rpc, compute_sensor_frame(image), observed_px)
-        structure, used = self.structure, self.used
+        structure, is_used = self.structure, self.used
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
             count = len(ground)
             computed, by_ground = np.empty((count, 2)), np.empty((count, 2, 3))
-            by_quantity, terms = np.empty((count, 2, len(used))), np.empty((count, structure.terms))
+            by_quantity, terms = np.empty((count, 2, len(is_used))), np.empty((count, structure.terms))
             lon, lat, height = ground.T
             linearise_by_rays(
-                used, constants, self.coefficients(values)[None], 0, rays, observed_px, ALL_ROWS,
+                is_used, constants, self.coefficients(values)[None], 0, rays, observed_px, ALL_ROWS,
                 ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat),
                 computed, by_ground, by_quantity, terms, ALL_ROWS,
             )  # fmt: skip
             by_coefficient = by_quantity[:, :, :, None] * terms[:, None, None, :]
-            by_coefficient = by_coefficient.reshape(count, 2, len(used) * structure.terms)
+            by_coefficient = by_coefficient.reshape(count, 2, len(is_used) * structure.terms)
             return Equations(computed, by_coefficient @ structure.mixing, by_ground)
 
         return linearise
@@ -135,13 +135,13 @@ class PseudoSensor:
             rays = compute_pseudo_rays(image.rpc, frame, position)
             xy, by_image = self._intersect(constants, coefficients, rays, position, place[:, 2])
             # matrices with NaN are replaced by the identity: their right sides are NaN already
-            bad = ~np.isfinite(by_image).all(axis=(1, 2))
-            regular = np.where(bad[:, None, None], np.eye(2), by_image)
+            rejected = ~np.isfinite(by_image).all(axis=(1, 2))
+            regular = np.where(rejected[:, None, None], np.eye(2), by_image)
             step = np.linalg.solve(regular, (place[:, :2] - xy)[:, :, None])[:, :, 0]
             position = position + step
-            if not np.nanmax(np.abs(step), initial=0.0) > SENSOR.closure_px:
+            if not np.nanmax(np.abs(step), initial=0.0) > EQUALITY.rounding:
                 break
-        position[~(np.abs(step).max(axis=1, initial=0.0) <= 1e3 * SENSOR.closure_px)] = np.nan
+        position[~(np.abs(step).max(axis=1, initial=0.0) <= 1e3 * EQUALITY.rounding)] = np.nan
         return position
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
@@ -172,16 +172,16 @@ class PseudoSensor:
             z = z + heights - ground[:, 2]
             if not np.nanmax(np.abs(heights - ground[:, 2])) > SENSOR.height_closure_m:
                 break
-        known = finite_rows(ground)
-        return ground[known], position[known]
+        valid = finite_rows(ground)
+        return ground[valid], position[valid]
 
     def _intersect(
         self, constants: np.ndarray, coefficients: np.ndarray, rays: np.ndarray, position: np.ndarray, z: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the intersections ``(n, 2)`` m of corrected rays with heights ``z (n,)``, and ``(n, 2, 2)`` m/px."""
-        here = np.zeros_like(z), np.zeros_like(z)
+        rows = np.zeros_like(z), np.zeros_like(z)
         hit = intersect_frame_height(
-            constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, here
+            constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, rows
         )
         return np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2)
 

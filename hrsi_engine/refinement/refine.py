@@ -11,7 +11,7 @@ import numpy as np
 from ..block.assembly import assemble
 from ..block.block import Image
 from ..block.default_sigmas import DefaultSigmas
-from ..block.points import GroundPoints, ImagePoints, Role
+from ..block.points import SAME_POINT, GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError, list_ids
 from ..foundation.large_arrays import finite_rows
@@ -31,7 +31,6 @@ class CONTROL:
     """Limits for GCPs that are wrong for an image or do not determine it."""
 
     farthest_m: float = threshold(300e3, "m", "largest distance of a GCP from its image", "0.1 rad from 800 km: 120 km")
-    same_place_m: float = threshold(0.05, "m", "distance below which two GCPs count as one")
     least_width: float = threshold(0.03, "", "smallest spread of the GCPs in one direction over the other")
     warned_px: float = threshold(10.0, "px", "standard deviation at the image corners above which a warning is given")
     undetermined_px: float = threshold(1e3, "px", "… and above which the parameters are not determined")
@@ -133,13 +132,13 @@ def refine_rpc(
     elif not isinstance(image, Image):
         image = Image("image", image.rpc, image.size)
     control = Control.create(ground, xy, ids, sigma_px, sigma_m)
-    found = refine_image(image, control, RefineOptions(model, leave_out), models)
+    result = refine_image(image, control, RefineOptions(model, leave_out), models)
     # Implausible inputs are added as warnings; for a block, its own check covers all images together
     points = GroundPoints.create(control.ids, control.ground, Role.GCP, control.sigma_m)
     measured = ImagePoints.create(control.ids, np.full(len(control), image.id), control.xy, control.sigma_px)
     reasons = check_block(assemble([image], [points], [measured]))
     implausible = [f"{image.id}: {reason.message}: {reason.advice}" for reason in reasons]
-    return replace(found, warnings=(*implausible, *found.warnings))
+    return replace(result, warnings=(*implausible, *result.warnings))
 
 
 def refine_image(
@@ -151,28 +150,28 @@ def refine_image(
     warnings = check_control(image, control)
     choice = RULES[model]([(image, control)]) if model in RULES else None
     suspects = find_suspects(image, control) if choice is None else list(choice.suspects)
-    what = "it is left out" if options.leave_out else "it is kept"
+    kind = "it is left out" if options.leave_out else "it is kept"
     warnings += choice.warnings if choice else ()
     warnings += [
-        f"{one.image}: GCP {one.id} contradicts the others by {one.deviation_px:.1f} px: {what}; check it"
+        f"{one.image}: GCP {one.id} contradicts the others by {one.deviation_px:.1f} px: {kind}; check it"
         for one in suspects
     ]
     keep = ~np.isin(control.ids, [suspect.id for suspect in suspects])
-    used = control.select(keep) if options.leave_out else control
+    is_used = control.select(keep) if options.leave_out else control
     name = choice.model if choice else model
     if name not in models:
         raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *models])}")
-    chosen = models[name]
-    found = solve_refinement(chosen, image, used)
-    if not found.converged:
-        warnings.append(f"{image.id}: model {name} {found.status}: its parameters are not reliable")
-    edge = edge_sigma_px(chosen, image, found)
+    selection = models[name]
+    result = solve_refinement(selection, image, is_used)
+    if not result.converged:
+        warnings.append(f"{image.id}: model {name} {result.status}: its parameters are not reliable")
+    edge = edge_sigma_px(selection, image, result)
     if edge > CONTROL.warned_px:
         warnings.append(
             f"{image.id}: the standard deviation of model {name} is {edge:.0f} px at the edges of the image: spread "
             "the GCPs or choose a simpler `model`"
         )
-    return Refinement(image, chosen, found, used, tuple(suspects), choice, tuple(warnings))
+    return Refinement(image, selection, result, is_used, tuple(suspects), choice, tuple(warnings))
 
 
 def check_control(image: Image, control: Control) -> list[str]:
@@ -209,26 +208,26 @@ def check_control(image: Image, control: Control) -> list[str]:
             f"{image.id}: longitude and latitude of GCP {list_ids(control.ids[swapped])} are swapped: exchange them"
         )
     distance = _compute_distance_m(image, control.ground)
-    far = distance > CONTROL.farthest_m
-    if far.any():
+    is_far = distance > CONTROL.farthest_m
+    if is_far.any():
         raise InputError(
-            f"{image.id}: GCP {list_ids(control.ids[far])} lies {distance[far].max() / 1e3:.0f} km from the image: "
-            "check its coordinates and the CRS"
+            f"{image.id}: GCP {list_ids(control.ids[is_far])} lies {distance[is_far].max() / 1e3:.0f} km from the "
+            "image: check its coordinates and the CRS"
         )
     first, second = np.triu_indices(len(control), 1)
-    near = distances_m(control.ground[first], control.ground[second]) < CONTROL.same_place_m
+    is_near = distances_m(control.ground[first], control.ground[second]) < SAME_POINT.same_position_m
     warnings = [
         f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they are used as one"
-        for first, second in islice(zip(first[near], second[near], strict=True), 8)
+        for first, second in islice(zip(first[is_near], second[is_near], strict=True), 8)
     ]
     if len(control) < 3:
         return warnings
     along, across = np.linalg.svd(control.xy - control.xy.mean(axis=0), compute_uv=False)
     if across <= CONTROL.least_width * along:
-        where = "at one place" if along < CONTROL.least_width * float(np.hypot(*image.half_size_px)) else "on a line"
+        location = "at one place" if along < CONTROL.least_width * float(np.hypot(*image.half_size_px)) else "on a line"
         warnings.append(
-            f"{image.id}: the GCPs {list_ids(control.ids)} lie {where}: they do not determine corrections of the rest "
-            "of the image; spread them, or use a shift only"
+            f"{image.id}: the GCPs {list_ids(control.ids)} lie {location}: they do not determine corrections of the "
+            "rest of the image; spread them, or use a shift only"
         )
     return warnings
 
@@ -278,29 +277,29 @@ def solve_refinement(model: RefinementModel, image: Image, control: Control) -> 
             "simpler `model` or measure more"
         )
     try:
-        found = estimate(model, image, control, CONTROL_ONLY)
+        result = estimate(model, image, control, CONTROL_ONLY)
     except np.linalg.LinAlgError as error:
         raise SolveError(
             f"{image.id}: the equations of model {model.name} are singular ({error}): the GCPs are outside the "
             "validity range of the RPC: check their coordinates and ids"
         ) from error
-    if edge_sigma_px(model, image, found) > CONTROL.undetermined_px:
+    if edge_sigma_px(model, image, result) > CONTROL.undetermined_px:
         raise SolveError(
             f"{image.id}: the {len(control)} GCPs do not determine model {model.name} over the image: spread them, or "
             "choose a simpler `model`"
         )
-    return found
+    return result
 
 
-def edge_sigma_px(model: RefinementModel, image: Image, found: Estimate) -> float:
+def edge_sigma_px(model: RefinementModel, image: Image, result: Estimate) -> float:
     """Return the largest standard deviation of the corrected position at the corners of the image.
 
     If sigma0 is below 1, the covariance is not reduced by it: a close fit is no evidence for undetermined parameters.
     """
-    if not len(found.values):
+    if not len(result.values):
         return 0.0
     corners = image.centre_px + image.half_size_px * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
     ground = image.rpc.localize(corners, image.middle_height_m).ground
-    by_values = model.equations(image, corners)(found.values, ground).by_values
-    variance = np.einsum("ncp,pq,ncq->n", by_values, found.covariance, by_values)
-    return float(np.sqrt(np.nanmax(variance, initial=0.0)) * max(1.0, 1.0 / max(found.sigma0, 1e-12)))
+    by_values = model.equations(image, corners)(result.values, ground).by_values
+    variance = np.einsum("ncp,pq,ncq->n", by_values, result.covariance, by_values)
+    return float(np.sqrt(np.nanmax(variance, initial=0.0)) * max(1.0, 1.0 / max(result.sigma0, 1e-12)))

@@ -25,17 +25,17 @@ def refit_camera(model: RefinementModel, image: Image, values: np.ndarray) -> Re
         return RefitRPC(image.rpc, 0.0)
     # The image area in the vendor RPC's image coordinates: a correction of many pixels moves the ground of the image
     # out of the vendor's area, and an RPC fitted there would extrapolate over a part of the image.
-    wanted = vendors = make_image_grid(image.domain_px, (3, 3))
+    requested = vendors = make_image_grid(image.domain_px, (3, 3))
     area = image.domain_px
     for _ in range(ITERATIONS.most):
-        away = wanted - model.project(image, values, image.rpc.localize(vendors, image.rpc.height_off).ground)
-        if not np.isfinite(away).all():
+        shift = requested - model.project(image, values, image.rpc.localize(vendors, image.rpc.height_off).ground)
+        if not np.isfinite(shift).all():
             area = image.domain_px
             break
-        vendors = vendors + away
+        vendors = vendors + shift
         low, high = vendors.min(axis=0), vendors.max(axis=0)
         area = float(low[0]), float(high[0]), float(low[1]), float(high[1])
-        if np.abs(away).max() < REFIT.settled_px:
+        if np.abs(shift).max() < REFIT.settled_px:
             break
     fit = refit_rpc(
         image.rpc, lambda vendors, ground: model.project(image, values, ground), area, image.rpc.height_range

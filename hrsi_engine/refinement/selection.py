@@ -30,7 +30,7 @@ from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import ROBUST
-from ..foundation.statistical_limits import REDUNDANCY, SIGNIFICANCE
+from ..foundation.statistical_limits import REDUNDANCY, SAMPLES, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 from .estimate import Control, Estimate, estimate
 from .models import MODELS
@@ -57,8 +57,6 @@ class SELECTION:
         25_000, "measurements", "most per image for an estimate of the drift: with more, treated as independent, small "
         "common errors are estimated as drift (115 109 tie points tilt a pair by 60 m in height)", "SPOT 7, 2026-11-22"
     )  # fmt: skip
-    drift_points: int = threshold(6, "points", "fewest on each image for an estimate of its drift")
-    few_gcps: int = threshold(3, "GCPs", "fewest for linear terms of the generic method", "thesis, section 4.3")
     many_gcps: int = threshold(50, "GCPs", "fewest for all terms of the generic method", "thesis, section 4.3")
 
 
@@ -103,9 +101,11 @@ Controls = Sequence[tuple[Image, Control]]
 def select_control(block: Block, image: int, role: Role) -> Control:
     """Return the points of a role (GCPs, check points, …) that were measured on an image (by index)."""
     rows, points = block.measurements, block.points
-    here = np.flatnonzero((points.role[rows.point] == role) & (rows.image == image))
-    point = rows.point[here]
-    return Control(points.ids[point], points.ground[point], rows.xy[here], rows.sigma_px[here], points.sigma_m[point])
+    indices = np.flatnonzero((points.role[rows.point] == role) & (rows.image == image))
+    point = rows.point[indices]
+    return Control(
+        points.ids[point], points.ground[point], rows.xy[indices], rows.sigma_px[indices], points.sigma_m[point]
+    )
 
 
 def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> ModelChoice:
@@ -128,19 +128,19 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
     rows, points = block.measurements, block.points
     located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]  # surveyed in plan and height
     with_gcps = np.unique(rows.image[located]).tolist()
-    few = block.with_measurements(located)  # leaves out millions of tie points
-    choice = RULES[rule]([(block.images[index], select_control(few, index, Role.GCP)) for index in with_gcps])
+    sample = block.with_measurements(located)  # leaves out millions of tie points
+    choice = RULES[rule]([(block.images[index], select_control(sample, index, Role.GCP)) for index in with_gcps])
     if not drift_held or rule != "auto" or choice.model not in NESTED_MODELS:
         return choice
     # Do the block's points determine the drift of its images?
-    rays, known = block.rays_per_point(), points.role == Role.GCP
-    holds = ((rays >= 2) & (points.role == Role.TIE)) | (known & (rays >= 1))
-    used, exposure = holds[rows.point], block.exposure_of_image
-    per_exposure = np.bincount(exposure[rows.image[used]], minlength=exposure.max() + 1)
-    observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
+    rays, valid = block.rays_per_point(), points.role == Role.GCP
+    holds = ((rays >= 2) & (points.role == Role.TIE)) | (valid & (rays >= 1))
+    is_used, exposure = holds[rows.point], block.exposure_of_image
+    per_exposure = np.bincount(exposure[rows.image[is_used]], minlength=exposure.max() + 1)
+    observed = 2 * int(is_used.sum()) + 3 * int((holds & valid).sum())
     unknown = 3 * int(holds.sum()) + len(MODELS[DRIFTING].parameters) * len(per_exposure)
-    enough = (per_exposure >= SELECTION.drift_points).all() and observed >= unknown
-    if not enough or not can_estimate_drift(len(rows), len(block.images)):
+    sufficient = (per_exposure >= SAMPLES.redundant).all() and observed >= unknown
+    if not sufficient or not can_estimate_drift(len(rows), len(block.images)):
         return choice
     reason = (
         "the standard deviation of the attitude drift is estimated from the block (variance component); "
@@ -158,19 +158,19 @@ def choose_by_number(controls: Controls) -> ModelChoice:
     """Rule ``generic``: by the number of GCPs on the image with fewest, or a simpler model that predicts as well."""
     suspects, warnings, clean = _exclude_suspects(controls)
     count = min((len(control) for _, control in clean), default=0)
-    if count < SELECTION.few_gcps:
+    if count < SAMPLES.plane:
         reason = (
-            f"{_count_gcps(count)}: with fewer than {SELECTION.few_gcps} only constants of position, roll and "
+            f"{_count_gcps(count)}: with fewer than {SAMPLES.plane} only constants of position, roll and "
             "pitch are estimated"
         )
         return ModelChoice("generic-shift", reason, {}, suspects, warnings)
     is_few = count < SELECTION.many_gcps
-    most = "generic-affine" if is_few else "generic-full"
-    least = SELECTION.few_gcps if is_few else SELECTION.many_gcps
-    reason = f"{_count_gcps(count)}: from {least} corrections linear in the image"
-    errors = {name: _predict_if_redundant(name, clean, 1).squared for name in (*GENERIC_CANDIDATES[:-1], most)}
-    if errors[most] is None:
-        return ModelChoice(most, reason, {}, suspects, warnings)
+    largest = "generic-affine" if is_few else "generic-full"
+    smallest = SAMPLES.plane if is_few else SELECTION.many_gcps
+    reason = f"{_count_gcps(count)}: from {smallest} corrections linear in the image"
+    errors = {name: _predict_if_redundant(name, clean, 1).squared for name in (*GENERIC_CANDIDATES[:-1], largest)}
+    if errors[largest] is None:
+        return ModelChoice(largest, reason, {}, suspects, warnings)
     model, said = select_simplest(errors)
     return ModelChoice(model, f"{reason}; {said}", _compute_scores(errors), suspects, warnings)
 
@@ -181,27 +181,27 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
         return ModelChoice(WITHOUT_CONTROL, "without GCPs only a shift of each image is determined")
     suspects, warnings, clean = _exclude_suspects(controls)
     count = min(len(control) for _, control in clean)
-    found: dict[str, Prediction] = {}
+    result: dict[str, Prediction] = {}
     for name in CANDIDATE_MODELS:
-        if name == DISTORTED and any(one.sigmas < SELECTION.expected_error for one in found.values()):
-            found[name] = Prediction(None)
+        if name == DISTORTED and any(one.sigmas < SELECTION.expected_error for one in result.values()):
+            result[name] = Prediction(None)
         else:
-            found[name] = _predict_if_redundant(name, clean, MODELS[name].least_points)
-    errors = {name: one.squared for name, one in found.items()}
+            result[name] = _predict_if_redundant(name, clean, MODELS[name].least_points)
+    errors = {name: one.squared for name, one in result.items()}
     if all(squared is None for squared in errors.values()):
         reason = f"{_count_gcps(count)} on an image determine only a shift"
         return ModelChoice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
     model, reason = select_simplest(errors)
-    others = {name: None if name == DISTORTED else squared for name, squared in errors.items()}
-    explained = model != DISTORTED or found[model].sigmas <= SELECTION.large_error
-    if not explained and any(squared is not None for squared in others.values()):
-        model, reason = select_simplest(others)  # some GCPs are wrong, and are to be detected
-    refused = [f"{name} {one.refused}" for name, one in found.items() if one.refused]
+    remainder = {name: None if name == DISTORTED else squared for name, squared in errors.items()}
+    explained = model != DISTORTED or result[model].sigmas <= SELECTION.large_error
+    if not explained and any(squared is not None for squared in remainder.values()):
+        model, reason = select_simplest(remainder)  # some GCPs are wrong, and are to be detected
+    refused = [f"{name} {one.refused}" for name, one in result.items() if one.refused]
     reason += "".join(f"; {said}" for said in refused)
-    sigmas = found[model].sigmas
+    sigmas = result[model].sigmas
     # Only a model with too few GCPs for a test may be taken without one, not a model without a minimum.
-    unjudged = errors[DISTORTED] is None and not found[DISTORTED].refused
-    if unjudged and count >= SELECTION.few_gcps and sigmas > SELECTION.large_error:
+    unjudged = errors[DISTORTED] is None and not result[DISTORTED].refused
+    if unjudged and count >= SAMPLES.plane and sigmas > SELECTION.large_error:
         distorted, simple = _predict_by_leave_one_out(DISTORTED, clean).squared, errors[model]
         if distorted is not None and simple is not None and distorted.sum() < simple.sum():
             reason = (
@@ -221,17 +221,18 @@ def _exclude_suspects(
     for image, control in controls:
         if len(control) == 1:
             warnings.append(f"{image.id}: no other GCP controls {control.ids[0]}: an error in it cannot be detected")
-        found = _estimate_or_none("shift", image, control) if 1 < len(control) <= SELECTION.few_gcps else None
-        if found is not None and _normalize_errors(found).max() > SELECTION.large_error:
-            apart = float(np.linalg.norm(found.left_out_px, axis=1).max())
+        result = _estimate_or_none("shift", image, control) if 1 < len(control) <= SAMPLES.plane else None
+        if result is not None and _normalize_errors(result).max() > SELECTION.large_error:
+            distance = float(np.linalg.norm(result.left_out_px, axis=1).max())
             warnings.append(
-                f"{image.id}: the GCPs {', '.join(control.ids.tolist())} contradict each other by up to {apart:.1f} px "
+                f"{image.id}: the GCPs {', '.join(control.ids.tolist())} contradict each other by up to "
+                f"{distance:.1f} px "
                 "after a shift; these are too few to decide whether one is wrong or the image is distorted: measure "
                 "more GCPs"
             )
-    bad = {(suspect.image, suspect.id) for suspect in suspects}
+    rejected = {(suspect.image, suspect.id) for suspect in suspects}
     clean = [
-        (image, control.select(np.array([(image.id, name) not in bad for name in control.ids.tolist()])))
+        (image, control.select(np.array([(image.id, name) not in rejected for name in control.ids.tolist()])))
         for image, control in controls
     ]
     return tuple(suspects), tuple(warnings), clean
@@ -262,8 +263,8 @@ class Prediction(NamedTuple):
 
 def _predict_if_redundant(name: str, controls: Controls, spare: int) -> Prediction:
     """Return the prediction by a model; an empty one with fewer than ``spare`` GCPs more than it needs."""
-    least = MODELS[name].least_points + max(spare, 1)
-    if any(len(control) < least for _, control in controls):
+    smallest = MODELS[name].least_points + max(spare, 1)
+    if any(len(control) < smallest for _, control in controls):
         return Prediction(None)
     return _predict_by_leave_one_out(name, controls)
 
@@ -273,13 +274,13 @@ def _predict_by_leave_one_out(name: str, controls: Controls) -> Prediction:
     errors, in_sigmas = [], []
     for image, control in controls:
         try:
-            found = estimate(MODELS[name], image, control)
+            result = estimate(MODELS[name], image, control)
         except SolveError:
             return Prediction(None, f"has no solution on {image.id}")
-        if not found.converged:
-            return Prediction(None, f"{found.status} on {image.id}")
-        errors.append(np.sum(found.left_out_px**2, axis=1))
-        in_sigmas.append(_normalize_errors(found))
+        if not result.converged:
+            return Prediction(None, f"{result.status} on {image.id}")
+        errors.append(np.sum(result.left_out_px**2, axis=1))
+        in_sigmas.append(_normalize_errors(result))
     return Prediction(np.concatenate(errors), "", float(np.sqrt(np.mean(np.concatenate(in_sigmas) ** 2))))
 
 
@@ -300,10 +301,10 @@ def select_simplest(errors: Mapping[str, np.ndarray | None], standard_errors: fl
             rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
             said = f"leave-one-out error of the GCPs: {name} {rms[name]:.3f} px"
             if name != best:
-                how = "not significantly" if standard_errors is None else "within one standard error"
-                said += f"; {best} {rms[best]:.3f} px is better, but {how}"
-            others = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
-            reason = said + (f"; others {', '.join(others)} px" if others else "")
+                method = "not significantly" if standard_errors is None else "within one standard error"
+                said += f"; {best} {rms[best]:.3f} px is better, but {method}"
+            remainder = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
+            reason = said + (f"; others {', '.join(remainder)} px" if remainder else "")
             return name, reason
     raise AssertionError("the best model is as good as itself")
 
@@ -323,21 +324,21 @@ def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
         removed: list[tuple[int, tuple[float, float]]] = []
         failed = 0
         for _ in range(max(1, (len(control) - 1) // 3)):
-            found = _estimate_or_none(name, image, control.select(left))
-            if found is None or found.redundancy - 2.0 < REDUNDANCY.estimated:
+            result = _estimate_or_none(name, image, control.select(left))
+            if result is None or result.redundancy - 2.0 < REDUNDANCY.estimated:
                 break
             # The GCP with the largest F statistic, and the statistic over its critical value, of F(2, redundancy - 2)
             whitened, predicted = (
-                np.einsum("nij,nj->ni", found.roots, residual) for residual in (found.residual_px, found.left_out_px)
+                np.einsum("nij,nj->ni", result.roots, residual) for residual in (result.residual_px, result.left_out_px)
             )
-            q, freedom = np.sum(whitened * predicted, axis=1), found.redundancy - 2.0
-            rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / freedom
+            q, freedom = np.sum(whitened * predicted, axis=1), result.redundancy - 2.0
+            remaining = np.maximum(result.sigma0**2 * result.redundancy - q, 1e-12) / freedom
             critical = 1.0 / special.fdtri(freedom, 2, SIGNIFICANCE.false_alarm / len(control))
-            worst = int(np.argmax(q / rest))
-            ratio = float(q[worst] / 2.0 / rest[worst] / critical)
-            deviation = float(np.linalg.norm(found.left_out_px[worst]))
+            worst = int(np.argmax(q / remaining))
+            ratio = float(q[worst] / 2.0 / remaining[worst] / critical)
+            deviation = float(np.linalg.norm(result.left_out_px[worst]))
             removed.append((int(left[worst]), (deviation, ratio)))
-            if ratio > 1.0 and _normalize_errors(found)[worst] > ROBUST.outlier:
+            if ratio > 1.0 and _normalize_errors(result)[worst] > ROBUST.outlier:
                 failed = len(removed)
             left = np.delete(left, worst)
         if removed and not failed:  # no blunder by this model: the others, which take longer, are not needed
@@ -354,11 +355,11 @@ def _estimate_or_none(name: str, image: Image, control: Control) -> Estimate | N
     if len(control) <= MODELS[name].least_points:
         return None
     try:
-        found = estimate(MODELS[name], image, control)
+        result = estimate(MODELS[name], image, control)
     except SolveError:
         return None
-    return found if found.converged else None
+    return result if result.converged else None
 
 
-def _normalize_errors(found: Estimate) -> np.ndarray:
-    return np.linalg.norm(np.einsum("nij,nj->ni", found.roots, found.left_out_px), axis=1)
+def _normalize_errors(result: Estimate) -> np.ndarray:
+    return np.linalg.norm(np.einsum("nij,nj->ni", result.roots, result.left_out_px), axis=1)

@@ -21,7 +21,7 @@ from .object_coordinates import GroundPolynomial
 
 
 def linearise_images(
-    model: RefinementModel, images: Sequence[Image], which: np.ndarray, xy: np.ndarray, values: np.ndarray,
+    model: RefinementModel, images: Sequence[Image], image_index: np.ndarray, xy: np.ndarray, values: np.ndarray,
     ground: np.ndarray,
 ) -> Equations:  # fmt: skip
     """Return the linearised equations of points that were observed at ``xy (n, 2)``; see `RefinementModel.equations`.
@@ -32,27 +32,31 @@ def linearise_images(
     if isinstance(model, ImagePolynomial | GroundPolynomial):
         constants = np.array([model.constants(image) for image in images])
         return model.linearise(
-            constants, which, values, ground, *stack_rpcs(images).project_with_metric_jacobian(which, ground)
+            constants,
+            image_index,
+            values,
+            ground,
+            *stack_rpcs(images).project_with_metric_jacobian(image_index, ground),
         )
     n, p = len(ground), len(model.parameters)
-    found = Equations(np.empty((n, 2)), np.empty((n, 2, p)), np.empty((n, 2, 3)))
-    for index, rows in _group_by_image(which):
-        own = model.equations(images[index], xy[rows])(values[index], ground[rows])
-        for whole, part in zip(found, own, strict=True):
-            whole[rows] = part
-    return found
+    result = Equations(np.empty((n, 2)), np.empty((n, 2, p)), np.empty((n, 2, 3)))
+    for index, rows in _group_by_image(image_index):
+        individual = model.equations(images[index], xy[rows])(values[index], ground[rows])
+        for complete, part in zip(result, individual, strict=True):
+            complete[rows] = part
+    return result
 
 
 def project_to_images(
-    model: RefinementModel, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
+    model: RefinementModel, images: Sequence[Image], image_index: np.ndarray, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:
     """Return the image points ``(n, 2)`` of ground points by the corrected cameras; see `RefinementModel.project`."""
     if isinstance(model, ImagePolynomial | GroundPolynomial):
-        return linearise_images(model, images, which, np.empty((len(ground), 2)), values, ground).computed
-    found = np.empty((len(ground), 2))
-    for index, rows in _group_by_image(which):
-        found[rows] = model.project(images[index], values[index], ground[rows])
-    return found
+        return linearise_images(model, images, image_index, np.empty((len(ground), 2)), values, ground).computed
+    result = np.empty((len(ground), 2))
+    for index, rows in _group_by_image(image_index):
+        result[rows] = model.project(images[index], values[index], ground[rows])
+    return result
 
 
 def invert_2x2(matrices: np.ndarray) -> np.ndarray:

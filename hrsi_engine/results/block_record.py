@@ -32,17 +32,17 @@ def make_record(result: Adjustment) -> dict[str, Any]:
     """Return the record of a result, ready for JSON."""
     p = len(result.model.parameters)
     covariance = result.cameras.covariance[:, :p, :p]
-    known = np.isfinite(covariance).all(axis=(1, 2))
+    ids_known = np.isfinite(covariance).all(axis=(1, 2))
     # Pairs of images with the number of points that were measured on both and kept
     rows, block = result.block.measurements, result.block
-    kept = result.weight > 0.0
-    seen = sparse.csr_matrix(
-        (np.ones(int(kept.sum()), dtype=np.int32), (rows.point[kept], rows.image[kept])),
+    rows_kept = result.weight > 0.0
+    observed = sparse.csr_matrix(
+        (np.ones(int(rows_kept.sum()), dtype=np.int32), (rows.point[rows_kept], rows.image[rows_kept])),
         shape=(len(block.points), len(block.images)),
     )
-    shared = sparse.triu(seen.T @ seen, 1).tocoo()
+    common = sparse.triu(observed.T @ observed, 1).tocoo()
     names = [image.id for image in block.images]
-    pairs = [[names[a], names[b], int(n)] for a, b, n in zip(shared.row, shared.col, shared.data, strict=True)]
+    pairs = [[names[a], names[b], int(n)] for a, b, n in zip(common.row, common.col, common.data, strict=True)]
     return {
         "schema": 1, "model": result.model.name, "sigma0": result.sigma0, "parameters": list(result.model.parameters),
         "images": [
@@ -50,9 +50,10 @@ def make_record(result: Adjustment) -> dict[str, Any]:
                 "id": image.id, "path": os.path.abspath(image.path) if os.path.exists(image.path) else image.path,
                 **item_entry(image.path),
                 "rpc": {part.name: np.asarray(getattr(image.rpc, part.name)).tolist() for part in fields(image.rpc)},
-                "values": values.tolist(), "covariance": own.tolist() if known[k] else None,
+                "values": values.tolist(), "covariance": normal.tolist() if ids_known[k] else None,
             }
-            for k, (image, values, own) in enumerate(zip(result.block.images, result.values, covariance, strict=True))
+            for k,
+            (image, values, normal) in enumerate(zip(result.block.images, result.values, covariance, strict=True))
         ],
         "pairs": pairs, "layers": POINT_LAYERS,
     }  # fmt: skip
@@ -66,18 +67,24 @@ def joint_arrays(joint: JointCameras) -> dict[str, np.ndarray]:
 def read_joint_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCameras:
     """Return the cameras from arrays as of `joint_arrays`; raise `InputError` if the arrays are inconsistent."""
     try:
-        given = {part.name: arrays[part.name] for part in fields(JointCameras)}
-        k, (c, p), b = len(given["images"]), given["values"].shape, len(given["blocks"])
+        stated = {part.name: arrays[part.name] for part in fields(JointCameras)}
+        k, (c, p), b = len(stated["images"]), stated["values"].shape, len(stated["blocks"])
         numbers = {"camera": (k,), "rows": (b,), "columns": (b,), "gcps": (k,)}
         floats = {"values": (c, p), "blocks": (b, p, p), "squares": (c, p, p)}
-        whole = all(given[name].shape == shape and given[name].dtype.kind in "iu" for name, shape in numbers.items())
-        whole &= all(given[name].shape == shape and np.isfinite(given[name]).all() for name, shape in floats.items())
-        whole &= given["fixed"].shape == (c, p) and given["fixed"].dtype == bool and len(given["parameters"]) == p
-        whole &= all(((given[name] >= 0) & (given[name] < c)).all() for name in ("camera", "rows", "columns"))
-        whole = whole and bool((np.diff(given["rows"]) >= 0).all() and (given["rows"] <= given["columns"]).all())
+        complete = all(
+            stated[name].shape == shape and stated[name].dtype.kind in "iu" for name, shape in numbers.items()
+        )
+        complete &= all(
+            stated[name].shape == shape and np.isfinite(stated[name]).all() for name, shape in floats.items()
+        )
+        complete &= stated["fixed"].shape == (c, p) and stated["fixed"].dtype == bool and len(stated["parameters"]) == p
+        complete &= all(((stated[name] >= 0) & (stated[name] < c)).all() for name in ("camera", "rows", "columns"))
+        complete = complete and bool(
+            (np.diff(stated["rows"]) >= 0).all() and (stated["rows"] <= stated["columns"]).all()
+        )
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{source}: contains no camera parameters ({error!r}): adjust that block again") from None
-    if not whole:
+    if not complete:
         raise InputError(f"{source}: its arrays are inconsistent: adjust that block again")
-    names: dict[str, Any] = {name: tuple(map(str, given[name].tolist())) for name in ("images", "parameters")}
-    return JointCameras(**{**given, **names})
+    names: dict[str, Any] = {name: tuple(map(str, stated[name].tolist())) for name in ("images", "parameters")}
+    return JointCameras(**{**stated, **names})

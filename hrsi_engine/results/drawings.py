@@ -19,7 +19,9 @@ from ..drawing.block_figures import CARD, ImageCard, Picture, PointChip, ReportF
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
 from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
+from ..foundation.statistical_limits import EQUALITY
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import GRIDS, REPORT
 from ..ground.map_crs import middle_position
 from ..io.pages.report import read_picture
 from ..io.rasters.images import GdalRaster
@@ -36,15 +38,10 @@ class REPORT_PAGE:
 
     most_known: int = threshold(1500, "points", "most known points on the map, those with the largest residuals")
     most_ties: int = threshold(2500, "points", "number up to which all tie points are drawn singly")
-    worst_ties: int = threshold(300, "points", "of more tie points, those with the largest residuals are drawn")
-    most_vectors: int = threshold(250, "residuals", "largest number of residual vectors on an image")
-    most_images: int = threshold(24, "images", "most that are shown, those with the largest residuals")
-    card_cells: int = threshold(10, "cells", "cells of an image along each side, for mean residuals")
     chip_half_px: int = threshold(12, "px", "smallest half side of a chip of a point")
     largest_chip_px: int = threshold(36, "px", "largest half side of a chip")
     most_values: int = threshold(400_000, "values", "largest number in a histogram; of more an even choice")
     most_picture_pixels: int = threshold(400_000_000, "px", "largest number read for all pictures: some seconds")
-    covering_share: float = threshold(0.05, "", "smallest new area of an image in the background of the map")
 
 
 MOST_CHIPS = {Role.GCP: 120, Role.CHECK: 120, Role.TIE: 24}  # the worst of each role
@@ -75,18 +72,18 @@ def report_figures(
     refined : the block's images with their refined RPCs, which determine positions on the map; by default the block's
     outline : finds the outline of a target that was measured: with image and position it gives polylines
     """
-    shown = _choose_points(result, left)
+    visible = _choose_points(result, left)
     images = refined or result.block.images
-    cards = _make_cards(result, shown)
+    cards = _make_cards(result, visible)
     pictures = _read_pictures(result.block.images, [card.image for card in cards])
     return ReportFigures(
-        map=_make_map(result, left, shown, images, pictures), points=_point_columns(result, left, shown),
+        map=_make_map(result, left, visible, images, pictures), points=_point_columns(result, left, visible),
         pictures=list(pictures.values()),
         cards=[
-            replace(card, picture=own.name, picture_size=own.covers) if (own := pictures.get(card.image)) else card
+            replace(card, picture=part.name, picture_size=part.covers) if (part := pictures.get(card.image)) else card
             for card in cards
         ],
-        chips=_make_chips(result, shown, outline),
+        chips=_make_chips(result, visible, outline),
         normalised={
             axis: values[:: max(1, len(values) // REPORT_PAGE.most_values)]
             for axis, values in normalise_residuals(result).items()
@@ -104,30 +101,30 @@ def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
     placed = finite_rows(choose_positions(result))
-    known = _select_worst(np.flatnonzero(placed & block.known), worst, REPORT_PAGE.most_known)
-    listed = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
-    known = np.union1d(known, listed)  # rows of the page's tables link to their points
+    valid = _select_worst(np.flatnonzero(placed & block.known), worst, REPORT_PAGE.most_known)
+    names = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
+    valid = np.union1d(valid, names)  # rows of the page's tables link to their points
     ties = np.flatnonzero(placed & ~block.known)
     if len(ties) > REPORT_PAGE.most_ties:
-        ties = _select_worst(ties, worst, REPORT_PAGE.worst_ties)
-    points = np.concatenate([known, ties])
+        ties = _select_worst(ties, worst, REPORT.rows)
+    points = np.concatenate([valid, ties])
     number = np.full(len(block.points), -1)
     number[points] = np.arange(len(points))
     return _PointSelection(left.measured_px, statistic, points, number)
 
 
-def _select_worst(points: np.ndarray, worst: np.ndarray, most: int) -> np.ndarray:
+def _select_worst(points: np.ndarray, worst: np.ndarray, largest: int) -> np.ndarray:
     """Return the points with the largest statistics, in their order."""
-    return np.sort(points[np.argsort(-worst[points], kind="stable")[:most]])
+    return np.sort(points[np.argsort(-worst[points], kind="stable")[:largest]])
 
 
-def _point_columns(result: Adjustment, left: Residuals, shown: _PointSelection) -> dict[str, Any]:
+def _point_columns(result: Adjustment, left: Residuals, visible: _PointSelection) -> dict[str, Any]:
     """Return the data of points and of their measurements for the page's script, by columns."""
-    block, rows, points = result.block, result.block.measurements, shown.points
-    here = np.flatnonzero(shown.number[rows.point] >= 0)
-    here = here[np.argsort(shown.number[rows.point[here]], kind="stable")]
-    outlier, used = is_outlier(shown.statistic), result.has_residual
-    unused = ~used & (block.points.role[rows.point] == Role.TIE)
+    block, rows, points = result.block, result.block.measurements, visible.points
+    indices = np.flatnonzero(visible.number[rows.point] >= 0)
+    indices = indices[np.argsort(visible.number[rows.point[indices]], kind="stable")]
+    outlier, is_used = is_outlier(visible.statistic), result.has_residual
+    unused = ~is_used & (block.points.role[rows.point] == Role.TIE)
     flag = np.select([unused, outlier], [2, 1], 0)
     worst = np.zeros(len(block.points), dtype=np.int64)
     np.maximum.at(worst, rows.point, flag)
@@ -141,15 +138,16 @@ def _point_columns(result: Adjustment, left: Residuals, shown: _PointSelection) 
             "height": _round_numbers(place[:, 2], 2),
             "east": _round_numbers(left.ground_m[points, 0]), "north": _round_numbers(left.ground_m[points, 1]),
             "up": _round_numbers(left.ground_m[points, 2]),
-            "residual": _round_numbers(_point_rms(block, shown)[points]),
+            "residual": _round_numbers(_point_rms(block, visible)[points]),
             "sigma": _round_numbers(np.hypot(*result.ground_sigma_m[points, :2].T)),
             "rays": block.rays_per_point()[points].tolist(), "flag": worst[points].tolist(),
         },
         "measurements": {
-            "point": shown.number[rows.point[here]].tolist(), "image": rows.image[here].tolist(),
-            "sample": _round_numbers(rows.xy[here, 0], 2), "line": _round_numbers(rows.xy[here, 1], 2),
-            "dx": _round_numbers(shown.residual_px[here, 0]), "dy": _round_numbers(shown.residual_px[here, 1]),
-            "flag": flag[here].tolist(),
+            "point": visible.number[rows.point[indices]].tolist(), "image": rows.image[indices].tolist(),
+            "sample": _round_numbers(rows.xy[indices, 0], 2), "line": _round_numbers(rows.xy[indices, 1], 2),
+            "dx": _round_numbers(visible.residual_px[indices, 0]),
+            "dy": _round_numbers(visible.residual_px[indices, 1]),
+            "flag": flag[indices].tolist(),
         },
     }  # fmt: skip
 
@@ -158,34 +156,34 @@ def _round_numbers(values: np.ndarray, digits: int = 3) -> list[float | None]:
     return [value if np.isfinite(value) else None for value in np.round(values, digits).tolist()]
 
 
-def _point_rms(block: Block, shown: _PointSelection) -> np.ndarray:
+def _point_rms(block: Block, visible: _PointSelection) -> np.ndarray:
     """Return sqrt(mean(dx² + dy²)) over the measurements of each point; NaN without measurements."""
-    square = np.sum(shown.residual_px**2, axis=1)
-    known = np.isfinite(square)
-    point = block.measurements.point[known]
+    square = np.sum(visible.residual_px**2, axis=1)
+    valid = np.isfinite(square)
+    point = block.measurements.point[valid]
     with np.errstate(invalid="ignore"):
-        total = np.bincount(point, square[known], len(block.points))
+        total = np.bincount(point, square[valid], len(block.points))
         return np.sqrt(total / np.bincount(point, minlength=len(block.points)))
 
 
 def _make_map(
-    result: Adjustment, left: Residuals, shown: _PointSelection, images: Sequence[Image],
+    result: Adjustment, left: Residuals, visible: _PointSelection, images: Sequence[Image],
     pictures: Mapping[str, Picture],
 ) -> BlockMap:  # fmt: skip
     """Return footprints, points with their residuals, and a field of tie points by cells if they are many."""
     block, place = result.block, choose_positions(result)
     height = middle_position(place)[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
-    many = len(ties) > REPORT_PAGE.most_ties
+    frequent = len(ties) > REPORT_PAGE.most_ties
     field = TieField(
-        place[ties, :2], _point_rms(block, shown)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
+        place[ties, :2], _point_rms(block, visible)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
         block.rays_per_point()[ties],
     )  # fmt: skip
-    residual = left.ground_m[shown.points]
+    residual = left.ground_m[visible.points]
     return BlockMap(
         footprints={image.id: area for image, area in zip(images, compute_footprints(images, height), strict=True)},
-        lonlat=place[shown.points, :2], roles=block.points.role[shown.points], residual_en_m=residual[:, :2],
-        ids=block.points.ids[shown.points], residual_h_m=residual[:, 2], ties=field if many else None,
+        lonlat=place[visible.points, :2], roles=block.points.role[visible.points], residual_en_m=residual[:, :2],
+        ids=block.points.ids[visible.points], residual_h_m=residual[:, 2], ties=field if frequent else None,
         pictures=_lay_out([image for image in images if image.id in pictures], pictures, height),
     )  # fmt: skip
 
@@ -193,56 +191,56 @@ def _make_map(
 # ---- images ----------------------------------------------------------------------------------------------------
 
 
-def _make_cards(result: Adjustment, shown: _PointSelection) -> list[ImageCard]:
+def _make_cards(result: Adjustment, visible: _PointSelection) -> list[ImageCard]:
     """Return cards of the images with the largest residuals; known points and outliers first, then some tie points.
 
     Held-out tie points are not drawn, because their wrong matches were not rejected.
     """
     rows = result.block.measurements
     held_out = (result.block.points.role == Role.HELD_OUT)[rows.point]
-    here = np.flatnonzero(finite_rows(shown.residual_px) & ~held_out)
-    if not len(here):
+    indices = np.flatnonzero(finite_rows(visible.residual_px) & ~held_out)
+    if not len(indices):
         return []
-    order, bounds = group_by_number(rows.image[here], len(result.block.images))
-    here = here[order]
-    parts = {index: here[bounds[index] : bounds[index + 1]] for index in range(len(result.block.images))}
+    order, bounds = group_by_number(rows.image[indices], len(result.block.images))
+    indices = indices[order]
+    parts = {index: indices[bounds[index] : bounds[index + 1]] for index in range(len(result.block.images))}
     size = {
-        index: float(np.mean(np.sum(shown.residual_px[part] ** 2, axis=1)))
+        index: float(np.mean(np.sum(visible.residual_px[part] ** 2, axis=1)))
         for index, part in parts.items()
         if len(part)
     }
-    chosen = sorted(sorted(size, key=lambda index: -size[index])[: REPORT_PAGE.most_images])
-    return [_make_card(result, index, parts[index], shown) for index in chosen]
+    selection = sorted(sorted(size, key=lambda index: -size[index])[: REPORT.images])
+    return [_make_card(result, index, parts[index], visible) for index in selection]
 
 
-def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSelection) -> ImageCard:
+def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _PointSelection) -> ImageCard:
     rows, image = result.block.measurements, result.block.images[index]
     role = result.block.points.role[rows.point[part]]
     groups = ROLE_LABELS[role].astype("U8")
-    groups[is_outlier(shown.statistic[part])] = "outlier"
-    ties, others = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[: REPORT_PAGE.most_vectors]
-    room = max(REPORT_PAGE.most_vectors - len(others), 0)
+    groups[is_outlier(visible.statistic[part])] = "outlier"
+    ties, remainder = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[: REPORT.rows]
+    room = max(REPORT.rows - len(remainder), 0)
     step = max(1, -(-len(ties) // room)) if room else len(ties) + 1
-    chosen = np.concatenate([ties[::step], others])
+    selection = np.concatenate([ties[::step], remainder])
     first_sample, last_sample, first_line, last_line = image.domain_px
     # Cells of the image, with the mean residual of all measurements in each
     share = (rows.xy[part] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
-    column, row = np.clip((share * REPORT_PAGE.card_cells).astype(np.int64), 0, REPORT_PAGE.card_cells - 1).T
-    cell, shape = row * REPORT_PAGE.card_cells + column, (REPORT_PAGE.card_cells, REPORT_PAGE.card_cells)
+    column, row = np.clip((share * GRIDS.cells).astype(np.int64), 0, GRIDS.cells - 1).T
+    cell, shape = row * GRIDS.cells + column, (GRIDS.cells, GRIDS.cells)
     with np.errstate(invalid="ignore", divide="ignore"):
         # The mean residual of each cell and its standard error, NaN with too few residuals
-        residual, count = shown.residual_px[part], _sum_cells(cell, None, shape)[:, :, None]
+        residual, count = visible.residual_px[part], _sum_cells(cell, None, shape)[:, :, None]
         total, square = (
             np.stack([_sum_cells(cell, values, shape) for values in columns.T], axis=2)
             for columns in (residual, residual**2)
         )
         means = np.where(count >= CARD.fewest_residuals, total / count, np.nan)
         errors = np.sqrt(np.maximum(square / count - means**2, 0.0) / (count - 1))
-    drawn = part[chosen]
+    plotted = part[selection]
     return ImageCard(
         image=image.id, extent=np.array([[first_sample, first_line], [last_sample, last_line]]),
-        xy=rows.xy[drawn], residual_px=shown.residual_px[drawn], groups=groups[chosen],
-        points=shown.number[rows.point[drawn]], total=len(part),
+        xy=rows.xy[plotted], residual_px=visible.residual_px[plotted], groups=groups[selection],
+        points=visible.number[rows.point[plotted]], total=len(part),
         means=means, mean_sigmas=errors,
     )  # fmt: skip
 
@@ -251,26 +249,26 @@ def _sum_cells(cell: np.ndarray, weights: np.ndarray | None, shape: tuple[int, i
     return np.bincount(cell, weights, shape[0] * shape[1]).reshape(shape)
 
 
-def _read_pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, Picture]:
+def _read_pictures(images: Sequence[Image], requested: Sequence[str]) -> dict[str, Picture]:
     """Return pictures of the wanted images with pixels in files, by image id, as long as reading them is fast."""
-    side = next((side for most, side in PICTURE_SIDES_PX.items() if len(wanted) <= most), 0)
-    found: dict[str, Picture] = {}
+    side = next((side for largest, side in PICTURE_SIDES_PX.items() if len(requested) <= largest), 0)
+    result: dict[str, Picture] = {}
     pixels = 0
     for image in images:
-        if image.id not in wanted or not isinstance(image.raster, GdalRaster):
+        if image.id not in requested or not isinstance(image.raster, GdalRaster):
             continue
         pixels += image.raster.size[0] * image.raster.size[1]
         if pixels > REPORT_PAGE.most_picture_pixels:
             break
-        picture = read_picture(image.raster, image.id, len(found), side)
+        picture = read_picture(image.raster, image.id, len(result), side)
         if picture is not None:
-            found[image.id] = picture
-    return found
+            result[image.id] = picture
+    return result
 
 
 def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m: float) -> list[GroundPicture]:
     """Return the pictures on the ground; those covered by others are hidden until their image is selected."""
-    found, covered = [], None
+    result, covered = [], None
     for image in images:
         first_sample, last_sample, first_line, last_line = image.domain_px
         left, right, top, bottom = first_sample - 0.5, last_sample + 0.5, first_line - 0.5, last_line + 0.5
@@ -280,34 +278,40 @@ def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m:
             continue
         area = compute_footprint(image, height_m)
         new = area if covered is None else area.difference(covered)
-        adds = new.area > REPORT_PAGE.covering_share * area.area
+        adds = new.area > EQUALITY.negligible * area.area
         covered = area if covered is None else covered.union(area)
         picture = pictures[image.id]
-        found.append(GroundPicture(picture.name, image.id, picture.covers, ground, hidden=not adds))
-    return found
+        result.append(GroundPicture(picture.name, image.id, picture.covers, ground, hidden=not adds))
+    return result
 
 
 # ---- chips -----------------------------------------------------------------------------------------------------
 
 
-def _make_chips(result: Adjustment, shown: _PointSelection, outline: Outline | None) -> list[PointChip]:
+def _make_chips(result: Adjustment, visible: _PointSelection, outline: Outline | None) -> list[PointChip]:
     """Return chips of GCPs, check points and the worst tie points, the worst first, each on all of its images."""
     block, rows = result.block, result.block.measurements
     pixels = np.array([image.raster is not None for image in block.images], dtype=bool)
-    there = finite_rows(shown.residual_px) & pixels[rows.image]
-    role, outlier = block.points.role[rows.point], is_outlier(shown.statistic)
+    target = finite_rows(visible.residual_px) & pixels[rows.image]
+    role, outlier = block.points.role[rows.point], is_outlier(visible.statistic)
     worst = np.zeros(len(block.points))
-    np.maximum.at(worst, rows.point[there], shown.statistic[there])
-    chosen: list[int] = []
-    for which, most in MOST_CHIPS.items():
-        here = np.flatnonzero(there & (role == which))
-        here = here[np.lexsort((rows.image[here], rows.point[here], -worst[rows.point[here]]))]
-        cut = here[most] if len(here) > most else -1  # a point that would not have chips on all of its images
-        chosen += here[:most][rows.point[here[:most]] != rows.point[cut]].tolist() if cut >= 0 else here.tolist()
+    np.maximum.at(worst, rows.point[target], visible.statistic[target])
+    selection: list[int] = []
+    for index, largest in MOST_CHIPS.items():
+        indices = np.flatnonzero(target & (role == index))
+        indices = indices[np.lexsort((rows.image[indices], rows.point[indices], -worst[rows.point[indices]]))]
+        cut = (
+            indices[largest] if len(indices) > largest else -1
+        )  # a point that would not have chips on all of its images
+        selection += (
+            indices[:largest][rows.point[indices[:largest]] != rows.point[cut]].tolist()
+            if cut >= 0
+            else indices.tolist()
+        )
     chips = []
-    for row in chosen:
+    for row in selection:
         image, point, xy = block.images[rows.image[row]], rows.point[row], result.measured_xy[row]
-        residual = shown.residual_px[row]
+        residual = visible.residual_px[row]
         curves = tuple(outline(image, xy)) if outline is not None and role[row] == Role.GCP else ()
         # The pixels around a measurement, with its outline and, if near, the computed position
         reach = [1.5 * float(np.abs(residual).max()), *(float(np.abs(curve - xy).max()) + 3.0 for curve in curves)]
@@ -319,7 +323,7 @@ def _make_chips(result: Adjustment, shown: _PointSelection, outline: Outline | N
         chips.append(
             PointChip(
                 id=str(block.points.ids[point]), image=image.id, role=Role(role[row]).label,
-                point=int(shown.number[point]), residual_px=residual, outlier=bool(outlier[row]),
+                point=int(visible.number[point]), residual_px=residual, outlier=bool(outlier[row]),
                 chip=chip,
             )
         )  # fmt: skip

@@ -14,9 +14,11 @@ from ..adjustment.statistics.precision import errors_90, predict_accuracy
 from ..block.block import Role
 from ..block.control_visibility import find_weak_control
 from ..block.pointing import estimate_pointing
+from ..foundation.robust_scale import ROBUST
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import REPORT
 from ..refinement.model import RefitRPC
-from .outliers import OUTLIER, name_measurement, outlier_entries
+from .outliers import name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
 from .surface_figures import describe_surface
 
@@ -74,8 +76,8 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
 
 def _list_exclusions(result: Adjustment) -> dict[str, Any]:
     """Return the numbers of measurements rejected as blunders or as doubtful, and a list of the worst."""
-    out = np.flatnonzero(result.decision != int(Decision.KEPT))
-    out = out[np.argsort(-np.nan_to_num(result.statistic[out]), kind="stable")]
+    excluded = np.flatnonzero(result.decision != int(Decision.KEPT))
+    excluded = excluded[np.argsort(-np.nan_to_num(result.statistic[excluded]), kind="stable")]
     return {
         "blunders": int((result.decision == int(Decision.BLUNDER)).sum()),
         "doubtful": int((result.decision == int(Decision.DOUBTFUL)).sum()),
@@ -85,7 +87,7 @@ def _list_exclusions(result: Adjustment) -> dict[str, Any]:
                 "verdict": Decision(result.decision[row]).name.lower(),
                 "statistic": float(result.statistic[row]) if np.isfinite(result.statistic[row]) else None,
             }
-            for row in out[: OUTLIER.most_listed].tolist()
+            for row in excluded[: REPORT.rows].tolist()
         ],
     }
 
@@ -93,10 +95,10 @@ def _list_exclusions(result: Adjustment) -> dict[str, Any]:
 def _part_entry(part: DatumPart) -> dict[str, Any]:
     """Return the entry of images connected by common points; ``by_priors`` counts parameters determined by priors."""
     entry = asdict(part)
-    entry["images"] = list(part.images[: OUTLIER.most_listed])
+    entry["images"] = list(part.images[: REPORT.rows])
     entry["image_count"] = len(part.images)
     sigma = entry.pop("sigma_m")
-    entry["parallel_points"], entry["parallel"] = len(part.parallel), list(part.parallel[: OUTLIER.most_listed])
+    entry["parallel_points"], entry["parallel"] = len(part.parallel), list(part.parallel[: REPORT.rows])
     return entry | {
         f"sigma_{axis}_m": value if np.isfinite(value) else None
         for axis, value in zip(("east", "north", "height"), sigma, strict=True)
@@ -104,15 +106,15 @@ def _part_entry(part: DatumPart) -> dict[str, Any]:
 
 
 def _cross_validation(result: Adjustment) -> dict[str, Any] | None:
-    found = result.cross_validation
-    if found is None:
+    outcome = result.cross_validation
+    if outcome is None:
         return None
-    east, north, height = (rmse(found.error_m[:, axis]) for axis in range(3))
+    east, north, height = (rmse(outcome.error_m[:, axis]) for axis in range(3))
     return {
-        "points": len(found.ids), "rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height,
+        "points": len(outcome.ids), "rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height,
         "errors_m": {
             name: [None if np.isnan(value) else float(value) for value in error]
-            for name, error in zip(found.ids, found.error_m, strict=True)
+            for name, error in zip(outcome.ids, outcome.error_m, strict=True)
         },
     }  # fmt: skip
 
@@ -177,19 +179,19 @@ def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     block, point = result.block, result.block.measurements.point
     exposure = block.exposure_of_image
     is_tie = (block.points.role == Role.TIE)[point]
-    kept = is_tie & (result.decision == int(Decision.KEPT))
-    kept &= (np.bincount(point[kept], minlength=len(block.points)) > 1)[point]
+    retained = is_tie & (result.decision == int(Decision.KEPT))
+    retained &= (np.bincount(point[retained], minlength=len(block.points)) > 1)[point]
     count, left_in = (
-        np.bincount(exposure[block.measurements.image[rows]], minlength=len(exposure)) for rows in (is_tie, kept)
+        np.bincount(exposure[block.measurements.image[rows]], minlength=len(exposure)) for rows in (is_tie, retained)
     )
-    used = np.flatnonzero(result.has_residual & (block.points.role == Role.TIE)[point])
-    rays = np.bincount(point[used], minlength=len(block.points))
-    rays_of_row = rays[point[used]]
+    is_used = np.flatnonzero(result.has_residual & (block.points.role == Role.TIE)[point])
+    rays = np.bincount(point[is_used], minlength=len(block.points))
+    rays_of_row = rays[point[is_used]]
     return {
-        **_tie_figures(result, left, used),
+        **_tie_figures(result, left, is_used),
         "images": int(np.count_nonzero(((left_in > 0) & (2 * left_in >= count))[exposure])),
         "by_rays": {
-            str(count): _tie_figures(result, left, used[rays_of_row == count]) for count in np.unique(rays[rays > 0])
+            str(count): _tie_figures(result, left, is_used[rays_of_row == count]) for count in np.unique(rays[rays > 0])
         },
     }
 
@@ -205,18 +207,18 @@ def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[
 
 def rejection_warnings(result: Adjustment) -> list[str]:
     """Return the warning of gross errors that data snooping rejected, the worst first."""
-    out = result.decision != int(Decision.KEPT)
-    gross = int((out & (np.nan_to_num(result.statistic) > WARNING.gross_sigmas)).sum())
+    excluded = result.decision != int(Decision.KEPT)
+    gross = int((excluded & (np.nan_to_num(result.statistic) > WARNING.gross_sigmas)).sum())
     if not gross:
         return []
     worst = [
         f"{entry['id']} on {entry['image']} ({entry['statistic']:.0f} sigma)"
         for entry in _list_exclusions(result)["measurements"][: min(gross, WARNING.most_named)]
     ]
-    more = " …" if gross > WARNING.most_named else ""
+    additional = " …" if gross > WARNING.most_named else ""
     return [
-        f"{out.sum()} image points ({100.0 * out.mean():.2g} %) are outliers and are not used, {gross} of them by more "
-        f"than {WARNING.gross_sigmas:g} sigma: {', '.join(worst)}{more}"
+        f"{excluded.sum()} image points ({100.0 * excluded.mean():.2g} %) are outliers and are not used, {gross} of "
+        f"them by more than {WARNING.gross_sigmas:g} sigma: {', '.join(worst)}{additional}"
     ]
 
 
@@ -230,16 +232,9 @@ def _find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | Non
         return None
     own_m = result.block.points.operation_shifts_m(check)
     shifts_m = result.shared_shifts_m[check][:, :, : own_m.shape[2]]
-    hidden = np.sum(shifts_m**2 - (shifts_m - own_m) ** 2, axis=2)
-    east, north, height = np.sqrt(np.maximum(np.nanmean(hidden, axis=0), 0.0)).tolist()
+    secrets = np.sum(shifts_m**2 - (shifts_m - own_m) ** 2, axis=2)
+    east, north, height = np.sqrt(np.maximum(np.nanmean(secrets, axis=0), 0.0)).tolist()
     return errors_90(east, north, height) if max(east, north, height) > 0.0 else None
-
-
-@thresholds
-class HELD_OUT:
-    """Limit for held-out tracks that are used in the evaluation."""
-
-    wrong_match: float = threshold(4.0, "robust sigma", "largest deviation across epipolar lines of a correct match")
 
 
 NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse_px": None, "wrong": 0}
@@ -248,7 +243,7 @@ NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse
 def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str, Any]:
     """Return the report's entry on held-out tie points, which were not used in the adjustment.
 
-    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches, which are
+    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``faulty`` matches, which are
     excluded, and under ``ties`` the same figures of an equal number of adjusted tie points.
 
     Both are intersected with the refined RPCs and evaluated in the same way: by the residuals at the intersected
@@ -257,22 +252,22 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
     affect (`evaluation.find_wrong_tracks`), and counted.
     """
     block = result.block
-    held = block.points.role == Role.HELD_OUT
-    if not held.any():
+    fixed = block.points.role == Role.HELD_OUT
+    if not fixed.any():
         return NONE_HELD_OUT | {"ties": NONE_HELD_OUT}
     adjusted = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
-    seen = block.with_cameras([new.rpc for new in refined])
-    seen = seen.with_measurements(adjusted | held[block.measurements.point])
-    several = seen.rays_per_point() >= 2
-    ties, held = several & ~held, several & held
-    chosen = np.zeros(len(held), dtype=bool)
-    chosen[sample_tracks(seen, ties, min(1.0, held.sum() / max(ties.sum(), 1)))] = True
-    observations, fit = fit_tracks(seen, held | chosen, predict=False, start=result.ground)
+    visible = block.with_cameras([new.rpc for new in refined])
+    visible = visible.with_measurements(adjusted | fixed[block.measurements.point])
+    several = visible.rays_per_point() >= 2
+    ties, fixed = several & ~fixed, several & fixed
+    selection = np.zeros(len(fixed), dtype=bool)
+    selection[sample_tracks(visible, ties, min(1.0, fixed.sum() / max(ties.sum(), 1)))] = True
+    observations, fit = fit_tracks(visible, fixed | selection, predict=False, start=result.ground)
     pairs = fit_pairs(observations, fit)
-    wrong = find_wrong_tracks(observations, [pairs], HELD_OUT.wrong_match)
+    faulty = find_wrong_tracks(observations, [pairs], ROBUST.rejected)
     figures = [
-        _describe_fit(observations, fit, pairs, tracks, wrong)
-        for tracks in (held[observations.points], chosen[observations.points])
+        _describe_fit(observations, fit, pairs, tracks, faulty)
+        for tracks in (fixed[observations.points], selection[observations.points])
     ]
     return figures[0] | {"ties": figures[1]}
 
@@ -281,8 +276,8 @@ def _describe_fit(
     observations: Observations, fit: TrackFit, pairs: Sequence[PairFit], tracks: np.ndarray, wrong: np.ndarray
 ) -> dict[str, Any]:
     """Return the figures of the ``tracks (m,)`` in a mask, without the ``wrong (m,)`` ones."""
-    known = tracks & np.isfinite(fit.ground).all(axis=1)
-    tracks = known & ~wrong
+    valid = tracks & np.isfinite(fit.ground).all(axis=1)
+    tracks = valid & ~wrong
     rows = tracks[observations.point]
     distances = [pair.epipolar_px[tracks[pair.points]].ravel() for pair in pairs]
     return {
@@ -290,5 +285,5 @@ def _describe_fit(
         "observations": int(rows.sum()),
         "rmse_px": radial_rmse(fit.fit_px[rows]),
         "epipolar_rmse_px": rmse(np.concatenate([np.zeros(0), *distances])),
-        "wrong": int((known & wrong).sum()),
+        "wrong": int((valid & wrong).sum()),
     }

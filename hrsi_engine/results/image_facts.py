@@ -19,6 +19,7 @@ from ..block.imaging_geometry import ViewDirection, compute_pair_geometries, des
 from ..block.pointing import find_image_sensor
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import GRIDS
 from ..ground.geodesy import ground_difference_m
 from ..ground.map_crs import middle_position
 from ..io.rasters.sun_angles import read_time
@@ -32,7 +33,6 @@ from .tables import choose_positions
 class IMAGE_FACTS:
     """Limits for facts on images and pairs in the report."""
 
-    grid: int = threshold(5, "positions", "along each side of an image, at which its correction is computed")
     most_pairs: int = threshold(1000, "pairs", "most that are listed, those with most tie points first")
 
 
@@ -41,24 +41,24 @@ def add_image_facts(
 ) -> dict[str, Any]:
     """Return a block's report with facts on its images, pairs and parameters, and the position of the block."""
     place = choose_positions(result)
-    known = finite_rows(place).any()
+    valid = finite_rows(place).any()
     images = result.block.images
-    middle = middle_position(place) if known else np.array([images[0].rpc.long_off, images[0].rpc.lat_off, np.nan])
-    heights = [float(middle[2]) if known else image.middle_height_m for image in images]
+    middle = middle_position(place) if valid else np.array([images[0].rpc.long_off, images[0].rpc.lat_off, np.nan])
+    heights = [float(middle[2]) if valid else image.middle_height_m for image in images]
     views = ViewDirection.at_heights(images, heights)
     sound = [index for index, view in enumerate(views) if view.is_sound]  # damaged RPCs are reported by the verdict
-    centres, footprints = ([getattr(views[k], what) for k in sound] for what in ("centre", "footprint"))
+    centres, footprints = ([getattr(views[k], kind) for k in sound] for kind in ("centre", "footprint"))
     described = describe_views([images[k] for k in sound], np.concatenate([np.zeros((0, 3)), *centres]), footprints)
     geometry = dict(zip(sound, described, strict=True))
     corrections = _describe_corrections(images, refined, np.array(heights))
     ties = dict(by_image(result.block, _tie_rows(result)))
     for index, image in enumerate(images):
-        here = ties.get(index, np.zeros(0, dtype=np.int64))
+        rows = ties.get(index, np.zeros(0, dtype=np.int64))
         names = ("gsd_sample_m", "gsd_line_m", "incidence_deg", "azimuth_deg")
         report["images"][image.id] |= {
             **describe_acquisition(image), **{name: getattr(geometry.get(index), name, None) for name in names},
-            "tie_points": len(here), "tie_before_rmse_px": radial_rmse(left.tie_before_px[here]),
-            "tie_rmse_px": radial_rmse(result.residual_px[here]),
+            "tie_points": len(rows), "tie_before_rmse_px": radial_rmse(left.tie_before_px[rows]),
+            "tie_rmse_px": radial_rmse(result.residual_px[rows]),
             "correction": corrections[index],
         }  # fmt: skip
         if result.jitter is not None and image.id in result.jitter.curves:
@@ -68,7 +68,7 @@ def add_image_facts(
             rms = np.sqrt(squares.mean(axis=0)).tolist()
             report["images"][image.id]["jitter"] = dict(zip(names, rms, strict=True))
     return report | {
-        "place": {"lon": float(middle[0]), "lat": float(middle[1]), "height_m": float(middle[2]) if known else None},
+        "place": {"lon": float(middle[0]), "lat": float(middle[1]), "height_m": float(middle[2]) if valid else None},
         "pairs": describe_pairs(result, views),
         "parameters": {
             name: describe_parameter(name) for entry in report["images"].values() for name in entry["parameters"]
@@ -80,16 +80,16 @@ def _describe_corrections(
     images: Sequence[Image], refined: Sequence[RefitRPC], heights_m: np.ndarray
 ) -> list[dict[str, float | None]]:
     """Return mean and root mean square of each image's correction, in px and on the ground in m; None if undefined."""
-    grids = np.stack([image.grid_px(IMAGE_FACTS.grid, IMAGE_FACTS.grid) for image in images])
-    grid, which = grids.reshape(-1, 2), np.repeat(np.arange(len(images)), grids.shape[1])
+    grids = np.stack([image.grid_px(GRIDS.coarse, GRIDS.coarse) for image in images])
+    grid, index = grids.reshape(-1, 2), np.repeat(np.arange(len(images)), grids.shape[1])
     original = stack_rpcs(images)
     final = stack_rpcs([replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)])
-    after, before = (stack.localize(which, grid, heights_m[which]) for stack in (final, original))
-    finite = finite_rows(after) & finite_rows(before)
+    refined_xy, given_xy = (stack.localize(index, grid, heights_m[index]) for stack in (final, original))
+    finite = finite_rows(refined_xy) & finite_rows(given_xy)
     pixels, metres = np.full((len(grid), 2), np.nan), np.full((len(grid), 2), np.nan)
-    pixels[finite] = grid[finite] - original.project(which[finite], after[finite])
-    metres[finite] = ground_difference_m(after[finite], before[finite])[:, :2]
-    found = []
+    pixels[finite] = grid[finite] - original.project(index[finite], refined_xy[finite])
+    metres[finite] = ground_difference_m(refined_xy[finite], given_xy[finite])[:, :2]
+    result = []
     for px, m in zip(pixels.reshape(grids.shape), metres.reshape(grids.shape), strict=True):
         means = (
             np.concatenate([one[finite_rows(one)].mean(axis=0) for one in (px, m)]).tolist()
@@ -97,8 +97,8 @@ def _describe_corrections(
             else [None] * 4
         )
         names = ("mean_sample_px", "mean_line_px", "mean_east_m", "mean_north_m")
-        found.append(dict(zip(names, means, strict=True)) | {"rms_px": radial_rmse(px), "rms_m": radial_rmse(m)})
-    return found
+        result.append(dict(zip(names, means, strict=True)) | {"rms_px": radial_rmse(px), "rms_m": radial_rmse(m)})
+    return result
 
 
 def describe_acquisition(image: Image) -> dict[str, Any]:
@@ -119,32 +119,32 @@ def _tie_rows(result: Adjustment) -> np.ndarray:
 
 def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[dict[str, Any]]:
     """Return overlap, geometry, common tie points and their RMSE of pairs that overlap or share tie points."""
-    rows, used = result.block.measurements, np.flatnonzero(_tie_rows(result))
-    at, shape = (rows.point[used], rows.image[used]), (len(result.block.points), len(views))
-    seen = sparse.csr_matrix((np.ones(len(used)), at), shape)
-    square = sparse.csr_matrix((np.sum(result.residual_px[used] ** 2, axis=1), at), shape)
-    shared = sparse.triu(seen.T @ seen, 1).tocoo()
-    squares = square.T @ seen
+    rows, is_used = result.block.measurements, np.flatnonzero(_tie_rows(result))
+    position, shape = (rows.point[is_used], rows.image[is_used]), (len(result.block.points), len(views))
+    visible = sparse.csr_matrix((np.ones(len(is_used)), position), shape)
+    square = sparse.csr_matrix((np.sum(result.residual_px[is_used] ** 2, axis=1), position), shape)
+    joint_part = sparse.triu(visible.T @ visible, 1).tocoo()
+    squares = square.T @ visible
     squares = sparse.triu(squares + squares.T, 1).tocoo()
     sound = [view.is_sound for view in views]
     touching = find_touching_pairs([view.footprint if ok else Polygon() for view, ok in zip(views, sound, strict=True)])
     common, square_px = (
         dict(zip(zip(one.row.tolist(), one.col.tolist(), strict=True), one.data.tolist(), strict=True))
-        for one in (shared, squares)
+        for one in (joint_part, squares)
     )
     order = sorted({*common, *touching}, key=lambda pair: (-common.get(pair, 0), pair))
-    chosen = sorted(order[: IMAGE_FACTS.most_pairs])
-    known = [pair for pair in chosen if all(sound[index] for index in pair)]
-    geometries = dict(zip(known, compute_pair_geometries(views, known), strict=True))
-    found = []
-    for first, second in chosen:
+    selection = sorted(order[: IMAGE_FACTS.most_pairs])
+    valid = [pair for pair in selection if all(sound[index] for index in pair)]
+    geometries = dict(zip(valid, compute_pair_geometries(views, valid), strict=True))
+    outcome = []
+    for first, second in selection:
         count, pair = int(common.get((first, second), 0)), geometries.get((first, second))
         overlap = (None, None) if pair is None else pair.overlap
-        found.append({
+        outcome.append({
             "first": views[first].image.id, "second": views[second].image.id, "tie_points": count,
             "tie_rmse_px": float(np.sqrt(square_px[first, second] / (2 * count))) if count else None,
             "overlap_first": overlap[0], "overlap_second": overlap[1],
             "convergence_deg": getattr(pair, "convergence_deg", None),
             "base_to_height": getattr(pair, "base_to_height", None),
         })  # fmt: skip
-    return found
+    return outcome

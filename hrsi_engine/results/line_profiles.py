@@ -9,6 +9,7 @@ from ..adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, estimate_
 from ..block.block import Image
 from ..block.imaging_geometry import measure_pixel_m
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import REPORT
 from ..io.rasters.sun_angles import read_line_rate
 
 
@@ -16,8 +17,6 @@ from ..io.rasters.sun_angles import read_line_rate
 class LINE_PROFILE:
     """Limits for the residuals along the lines in the report."""
 
-    most_images: int = threshold(12, "images", "most with profile and spectrum, those with waves first")
-    lines: int = threshold(100, "cells", "parts of the lines with a mean residual each")
     periods: int = threshold(160, "periods", "largest number in a spectrum; maxima of more frequencies")
 
 
@@ -26,17 +25,17 @@ def describe_line_profiles(
 ) -> dict[str, Any]:
     """Return the report's entries by image: waves, and for some images profile and spectrum of both axes."""
     order = sorted(range(len(images)), key=lambda index: -max((w.amplitude_px for w in waves[index]), default=0.0))
-    drawn, told = set(order[: LINE_PROFILE.most_images]), {}
+    plotted, texts = set(order[: REPORT.images]), {}
     for index, (image, profile) in enumerate(zip(images, profiles, strict=True)):
-        axes = {axis: entry for axis in WAVE_AXES if index in drawn and (entry := _describe_axis(profile, axis))}
+        axes = {axis: entry for axis in WAVE_AXES if index in plotted and (entry := _describe_axis(profile, axis))}
         if not axes and not waves[index]:
             continue
-        told[image.id] = {
+        texts[image.id] = {
             "observations": len(profile.line),
             "waves": describe_waves(image, waves[index]),
             **axes,
         }  # fmt: skip
-    return told
+    return texts
 
 
 def describe_waves(image: Image, waves: Sequence[Wave]) -> list[dict[str, Any]]:
@@ -63,9 +62,9 @@ def _describe_axis(profile: LineProfile, axis: str) -> dict[str, Any] | None:
     spectrum, column = estimate_spectrum(profile, axis), WAVE_AXES.index(axis)
     if spectrum is None:
         return None
-    used = profile.weight[:, column] > 0.0
-    line, shift, weight = profile.line[used], profile.shift_px[used, column], profile.weight[used, column]
-    part = np.minimum(((line - line.min()) / np.ptp(line) * LINE_PROFILE.lines).astype(int), LINE_PROFILE.lines - 1)
+    is_used = profile.weight[:, column] > 0.0
+    line, shift, weight = profile.line[is_used], profile.shift_px[is_used, column], profile.weight[is_used, column]
+    part = np.minimum(((line - line.min()) / np.ptp(line) * LINE_PROFILE.periods).astype(int), LINE_PROFILE.periods - 1)
     total, lines, shifts = (np.bincount(part, weight * x) for x in (1.0, line, shift))
     filled = total > 0.0
     step = -(-len(spectrum.power) // LINE_PROFILE.periods)

@@ -21,6 +21,7 @@ from ..adjustment.result import Adjustment
 from ..block.block import stack_rpcs
 from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import GRIDS
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
@@ -31,7 +32,6 @@ from .tables import choose_positions
 class ACCURACY_GRID:
     """Sampling of the accuracy of refined images, and ids in their metadata."""
 
-    nodes: int = threshold(5, "nodes", "nodes along each axis of an image")
     grids_at_once: int = threshold(1000, "images", "number of images whose grids are in memory together")
     most_ids: int = threshold(20, "points", "most ids of control points in a file")
 
@@ -63,37 +63,37 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     of_part = slice(part.start, part.stop)
     covariance, values = cameras.covariance[of_part], cameras.values[of_part]
     bias, rand = np.full((2, len(images)), np.nan)
-    known = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)) & covariance.any(axis=(1, 2)))
-    if not len(known):
+    is_known = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)) & covariance.any(axis=(1, 2)))
+    if not len(is_known):
         return bias, rand
-    chosen, covariance = [images[index] for index in known.tolist()], covariance[known]
-    xy = np.concatenate([image.grid_px(ACCURACY_GRID.nodes, ACCURACY_GRID.nodes) for image in chosen])
-    which = np.repeat(np.arange(len(chosen)), ACCURACY_GRID.nodes**2)
-    ground = stack_rpcs(chosen).localize(which, xy, height)
-    at = linearise_images(cameras.model, chosen, which, xy, values[known], ground)
-    delivered = project_to_images(result.model, chosen, which, result.values[of_part][known], ground)
-    to_ground = invert_2x2(at.by_ground[:, :, :2])
-    by_values = (to_ground @ at.by_values).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2, -1)
-    drift_m = (to_ground @ (at.computed - delivered)[:, :, None]).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2)
+    images_known, covariance = [images[index] for index in is_known.tolist()], covariance[is_known]
+    xy = np.concatenate([image.grid_px(GRIDS.coarse, GRIDS.coarse) for image in images_known])
+    image_index = np.repeat(np.arange(len(images_known)), GRIDS.coarse**2)
+    ground = stack_rpcs(images_known).localize(image_index, xy, height)
+    linearised = linearise_images(cameras.model, images_known, image_index, xy, values[is_known], ground)
+    delivered = project_to_images(result.model, images_known, image_index, result.values[of_part][is_known], ground)
+    to_ground = invert_2x2(linearised.by_ground[:, :, :2])
+    by_values = (to_ground @ linearised.by_values).reshape(len(images_known), GRIDS.coarse**2, 2, -1)
+    drift_m = (to_ground @ (linearised.computed - delivered)[:, :, None]).reshape(len(images_known), GRIDS.coarse**2, 2)
     mean, mean_drift = by_values.mean(axis=1), drift_m.mean(axis=1)
-    shared = 0.5 * (np.sum((mean @ covariance) * mean, axis=(1, 2)) + np.sum(mean_drift**2, axis=1))
-    flat = by_values.reshape(len(chosen), 2 * ACCURACY_GRID.nodes**2, -1)
+    systematic = 0.5 * (np.sum((mean @ covariance) * mean, axis=(1, 2)) + np.sum(mean_drift**2, axis=1))
+    flat = by_values.reshape(len(images_known), 2 * GRIDS.coarse**2, -1)
     squares = np.sum((flat @ covariance) * flat, axis=(1, 2)) + np.sum(drift_m**2, axis=(1, 2))
-    total = 0.5 * squares / ACCURACY_GRID.nodes**2
+    total = 0.5 * squares / GRIDS.coarse**2
     # Errors of coordinate operations and of the pointing of a pass shift an image as a whole, at a given height
     if result.shared_shifts_m is not None:
-        at_height = (to_ground @ at.by_ground).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2, 3).mean(axis=1)
-        rows, mean_m = result.block.measurements, np.zeros((len(known), *result.shared_shifts_m.shape[1:]))
-        for place, image in enumerate((part.start + known).tolist()):  # the mean shift of the points on an image
-            seen = result.shared_shifts_m[rows.point[rows.image == image]]
-            seen = seen[np.isfinite(seen).all(axis=(1, 2))]
-            mean_m[place] = seen.mean(axis=0) if len(seen) else 0.0
+        at_height = (to_ground @ linearised.by_ground).reshape(len(images_known), GRIDS.coarse**2, 2, 3).mean(axis=1)
+        rows, mean_m = result.block.measurements, np.zeros((len(is_known), *result.shared_shifts_m.shape[1:]))
+        for place, image in enumerate((part.start + is_known).tolist()):  # the mean shift of the points on an image
+            shifts = result.shared_shifts_m[rows.point[rows.image == image]]
+            shifts = shifts[np.isfinite(shifts).all(axis=(1, 2))]
+            mean_m[place] = shifts.mean(axis=0) if len(shifts) else 0.0
         shift_m = at_height @ mean_m
         of_shifts = 0.5 * np.sum(shift_m**2, axis=(1, 2))
-        shared, total = shared + of_shifts, total + of_shifts
+        systematic, total = systematic + of_shifts, total + of_shifts
     total[~np.isfinite(total)] = np.nan
-    bias[known] = np.sqrt(np.maximum(shared, 0.0))
-    rand[known] = np.sqrt(np.maximum(total - shared, 0.0))
+    bias[is_known] = np.sqrt(np.maximum(systematic, 0.0))
+    rand[is_known] = np.sqrt(np.maximum(total - systematic, 0.0))
     return bias, rand
 
 
@@ -101,13 +101,13 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
     """Return the metadata of refined images, by the names of the items (``HRSI_VERSION`` and similar ones)."""
     accuracy, source = block_accuracy(report)
     # The coordinate operations of a report in one line, each once, without the exact ones
-    named = [
+    names = [
         f"{entry['name']} ({entry['code'] or 'no code'}, "
         f"{'accuracy unknown' if entry['accuracy_m'] is None else format(entry['accuracy_m'], 'g') + ' m'})"
         for entry in (report.get("crs_operations") or ())
         if entry["accuracy_m"] != 0.0
     ]
-    operations = "; ".join(dict.fromkeys(named))
+    operations = "; ".join(dict.fromkeys(names))
     return {
         "HRSI_VERSION": report["version"],
         "HRSI_DATE": report["date"],
@@ -128,9 +128,9 @@ def block_accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], 
     if check["ce90_m"] is not None:
         keys = {"CE90": "ce90_m", "LE90": "le90_m"}
         return {name: add_untested_error(check[key], untested, key) for name, key in keys.items()}, FROM_CHECKS
-    found = {name: [part[f"{name.lower()}_m"] for part in report["parts"]] for name in ("CE90", "LE90")}
+    result = {name: [part[f"{name.lower()}_m"] for part in report["parts"]] for name in ("CE90", "LE90")}
     return {
-        name: max(values) if values and None not in values else None for name, values in found.items()
+        name: max(values) if values and None not in values else None for name, values in result.items()
     }, FROM_PREDICTION
 
 

@@ -1,7 +1,7 @@
 """Detection of outliers among residuals: one rule for the report, the layers, the drawings and the panel.
 
-The statistic of a residual is its length with every coordinate in units of its own sigma; beyond `OUTLIER.sigmas` it is
-an outlier. Residuals and sigmas are those of `results.residuals`; the layers have both, and their ratio is the
+The statistic of a residual is its length with every coordinate in units of its own sigma; beyond `ROBUST.rejected` it
+is an outlier. Residuals and sigmas are those of `results.residuals`; the layers have both, and their ratio is the
 statistic.
 """
 
@@ -12,16 +12,9 @@ import numpy as np
 from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
 from ..foundation.large_arrays import any_of_rows
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.robust_scale import ROBUST
+from ..foundation.working_sizes import REPORT
 from .residuals import Residuals
-
-
-@thresholds
-class OUTLIER:
-    """Limit for residuals of outliers, and length of their list."""
-
-    sigmas: float = threshold(4.0, "sigma", "smallest residual of an outlier", "theory: 1 of 3000 normal errors in 2D")
-    most_listed: int = threshold(200, "outliers", "largest number of outliers in the report")
 
 
 def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -42,7 +35,7 @@ def measurement_statistic(left: Residuals) -> np.ndarray:
 
 def is_outlier(statistics: np.ndarray) -> np.ndarray:
     """Return True for statistics of outliers; False for those that are not known (NaN)."""
-    return np.nan_to_num(statistics) > OUTLIER.sigmas
+    return np.nan_to_num(statistics) > ROBUST.rejected
 
 
 #: Flags of measurements; ``rejected`` is a tie measurement.
@@ -81,7 +74,7 @@ def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
     return {
         "outliers": [
             name_measurement(result, row) | {"statistic": float(statistic[row])}
-            for row in worst[: OUTLIER.most_listed].tolist()
+            for row in worst[: REPORT.rows].tolist()
         ],
         "outlier_count": len(worst),
     }

@@ -28,18 +28,11 @@ from ..adjustment.starting_values.intersection import (
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
 from ..foundation.large_arrays import finite_rows
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import MEMORY
 from ..ground.geodesy import ground_difference_m, move_ground
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
 from ..refinement.stacked_cameras import linearise_images, project_to_images
-
-
-@thresholds
-class RESIDUAL:
-    """Limit for the covariances of known points in memory."""
-
-    known_at_once: int = threshold(20_000, "measurements", "largest number with covariances in memory")
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,27 +80,27 @@ def compute_residuals(result: Adjustment) -> Residuals:
         Residuals of measurements in pixels, and of ground points in metres.
     """
     block, rows = result.block, result.block.measurements
-    used = (result.decision == int(Decision.KEPT)) | (block.points.role != Role.GCP)[rows.point]
-    kept = block.with_measurements(used)
+    is_used = (result.decision == int(Decision.KEPT)) | (block.points.role != Role.GCP)[rows.point]
+    kept_block = block.with_measurements(is_used)
     at_known = survey_residuals_px(block, result.model, result.values)
     # Points with completely surveyed positions are tested there, all others at their adjusted positions.
-    known = np.flatnonzero(block.known)
+    known_points = np.flatnonzero(block.known)
     surveyed = np.zeros(len(block.points), dtype=bool)
-    surveyed[known] = np.isfinite(block.points.survey_covariance_m2(known)).all(axis=(1, 2))
-    there = surveyed[rows.point] & finite_rows(at_known)
+    surveyed[known_points] = np.isfinite(block.points.survey_covariance_m2(known_points)).all(axis=(1, 2))
+    at_survey = surveyed[rows.point] & finite_rows(at_known)
     drift = result.residual_px - result.tested_residual_px
     sigma_px = np.hypot(result.unit_sigma * result.sigma_px[:, None], np.nan_to_num(drift))
-    sigma_m = _ground_sigmas(result, kept)
+    sigma_m = _ground_sigmas(result, kept_block)
     single = block.rays_per_point() == 1
-    for here, covariance, by_ground in _survey_covariances(result, at_known, there):
-        sigma_px[here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
-        alone = single[rows.point[here]]  # on one ray: the same error, converted to the ground
-        outwards = np.linalg.inv(by_ground[alone, :, :2])
-        on_ground = outwards @ covariance[alone] @ outwards.swapaxes(1, 2)
-        sigma_m[rows.point[here[alone]], :2] = np.sqrt(on_ground.diagonal(axis1=1, axis2=2))
+    for rows_here, covariance, by_ground in _survey_covariances(result, at_known, at_survey):
+        sigma_px[rows_here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+        is_single = single[rows.point[rows_here]]  # on one ray: the same error, converted to the ground
+        outwards = np.linalg.inv(by_ground[is_single, :, :2])
+        on_ground = outwards @ covariance[is_single] @ outwards.swapaxes(1, 2)
+        sigma_m[rows.point[rows_here[is_single]], :2] = np.sqrt(on_ground.diagonal(axis1=1, axis2=2))
     return Residuals(
-        ground_m=ground_residuals_m(kept, result.model, result.values, result.ground), ground_sigma_m=sigma_m,
-        measured_px=np.where(there[:, None], at_known, result.residual_px), measured_sigma_px=sigma_px,
+        ground_m=ground_residuals_m(kept_block, result.model, result.values, result.ground), ground_sigma_m=sigma_m,
+        measured_px=np.where(at_survey[:, None], at_known, result.residual_px), measured_sigma_px=sigma_px,
         at_known_px=at_known, before_px=survey_residuals_px(block, result.model, np.zeros_like(result.values)),
         tie_before_px=_tie_residuals_before(result),
     )  # fmt: skip
@@ -115,11 +108,11 @@ def compute_residuals(result: Adjustment) -> Residuals:
 
 def state_known_sigmas_px(result: Adjustment, left: Residuals) -> np.ndarray:
     """Return the sigmas ``(n, 2)`` of residuals at known positions from stated sigmas; all others as for the tests."""
-    given = replace(result, estimated_sigma_px=None, survey_factors=(1.0, 1.0, 1.0), sigma0=1.0)
+    as_stated = replace(result, estimated_sigma_px=None, survey_factors=(1.0, 1.0, 1.0), sigma0=1.0)
     sigma = left.measured_sigma_px / result.unit_sigma
     at_known = finite_rows(left.at_known_px) & (left.measured_px == left.at_known_px).all(axis=1)
-    for here, covariance, _ in _survey_covariances(given, left.at_known_px, at_known):
-        sigma[here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+    for rows_here, covariance, _ in _survey_covariances(as_stated, left.at_known_px, at_known):
+        sigma[rows_here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
     return sigma
 
 
@@ -138,6 +131,15 @@ def survey_residuals_px(block: Block, model: RefinementModel, values: np.ndarray
     return residuals_at_px(block, model, values, np.where(block.known[:, None], block.points.ground, np.nan))
 
 
+def compute_given_residuals(block: Block) -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals of known points by the cameras as given, ``(measurements, 2)`` px and ``(points, 3)`` m."""
+    as_given, no_values = MODELS["none"], np.zeros((len(block.images), 0))
+    role = np.where(block.known, Role.GCP, block.points.role)  # all of them are intersected
+    start = np.where((block.rays_per_point() > 0)[:, None], block.points.ground, np.nan)
+    control = replace(block, points=replace(block.points, role=role))
+    return survey_residuals_px(block, as_given, no_values), ground_residuals_m(control, as_given, no_values, start)
+
+
 def residuals_at_px(block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
     """Return observed - projected ``(measurements, 2)`` of points at given positions; NaN for points without position.
 
@@ -146,9 +148,9 @@ def residuals_at_px(block: Block, model: RefinementModel, values: np.ndarray, gr
     rows = block.measurements
     residual = np.full((len(rows), 2), np.nan)
     usable = finite_rows(ground)
-    for index, here in by_image(block, usable[rows.point]):
-        there = ground[rows.point[here]]
-        residual[here] = rows.xy[here] - model.project(block.images[index], values[index], there)
+    for index, rows_here in by_image(block, usable[rows.point]):
+        positions = ground[rows.point[rows_here]]
+        residual[rows_here] = rows.xy[rows_here] - model.project(block.images[index], values[index], positions)
     return residual
 
 
@@ -166,20 +168,20 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
     # Rays of points on one image are intersected with the known height by one Newton step from the survey: the
     # corrected camera is linear over the few pixels of a residual: the error is far below a millimetre
     rows = block.measurements
-    for index, here in by_image(block, single[rows.point]):
-        survey = block.points.ground[rows.point[here]]
-        at = model.equations(block.images[index], rows.xy[here])(values[index], survey)
+    for index, rows_here in by_image(block, single[rows.point]):
+        survey = block.points.ground[rows.point[rows_here]]
+        linearised = model.equations(block.images[index], rows.xy[rows_here])(values[index], survey)
         step = np.zeros_like(survey)
-        miss = rows.xy[here] - at.computed
-        step[:, :2] = np.linalg.solve(at.by_ground[:, :, :2], miss[:, :, None])[:, :, 0]
-        computed[rows.point[here]] = move_ground(survey, step)
+        miss = rows.xy[rows_here] - linearised.computed
+        step[:, :2] = np.linalg.solve(linearised.by_ground[:, :, :2], miss[:, :, None])[:, :, 0]
+        computed[rows.point[rows_here]] = move_ground(survey, step)
     residual = np.full_like(computed, np.nan)
     usable = finite_rows(computed)
     residual[usable] = ground_difference_m(block.points.ground[usable], computed[usable])
     residual[single, 2] = np.nan
-    known = np.flatnonzero(block.known)
-    surveyed = np.isfinite(block.points.survey_covariance_m2(known).diagonal(axis1=1, axis2=2))
-    residual[known] = np.where(surveyed, residual[known], np.nan)  # no survey to compare with
+    known_points = np.flatnonzero(block.known)
+    surveyed = np.isfinite(block.points.survey_covariance_m2(known_points).diagonal(axis1=1, axis2=2))
+    residual[known_points] = np.where(surveyed, residual[known_points], np.nan)  # no survey to compare with
     return residual
 
 
@@ -199,19 +201,26 @@ def _survey_covariances(
     sigma, check = result.unit_sigma * result.sigma_px, block.points.role == Role.CHECK
     by_images = np.flatnonzero(chosen)
     by_images = by_images[np.argsort(rows.image[by_images], kind="stable")]
-    for first in range(0, len(by_images), RESIDUAL.known_at_once):
-        here = by_images[first : first + RESIDUAL.known_at_once]
-        points, (seen, which) = rows.point[here], np.unique(rows.image[here], return_inverse=True)
-        images, ground = [block.images[index] for index in seen.tolist()], block.points.ground[points]
-        at = linearise_images(cameras.model, images, which, rows.xy[here], cameras.values[seen], ground)
-        projected = project_to_images(cameras.model, images, which, cameras.values[seen], ground)
-        drift = rows.xy[here] - projected - at_known[here]
-        covariance = sigma[here, None, None] ** 2 * np.eye(2) + drift[:, :, None] * drift[:, None, :]
+    for first in range(0, len(by_images), MEMORY.rows):
+        rows_here = by_images[first : first + MEMORY.rows]
+        points, (images_here, image_index) = (
+            rows.point[rows_here],
+            np.unique(rows.image[rows_here], return_inverse=True),
+        )
+        images, ground = [block.images[index] for index in images_here.tolist()], block.points.ground[points]
+        linearised = linearise_images(
+            cameras.model, images, image_index, rows.xy[rows_here], cameras.values[images_here], ground
+        )
+        projected = project_to_images(cameras.model, images, image_index, cameras.values[images_here], ground)
+        drift = rows.xy[rows_here] - projected - at_known[rows_here]
+        covariance = sigma[rows_here, None, None] ** 2 * np.eye(2) + drift[:, :, None] * drift[:, None, :]
         survey = result.survey_covariance_m2(points)
-        covariance += at.by_ground @ survey @ at.by_ground.swapaxes(1, 2)
-        predicted = at.by_values @ cameras.covariance[rows.image[here]] @ at.by_values.swapaxes(1, 2)
+        covariance += linearised.by_ground @ survey @ linearised.by_ground.swapaxes(1, 2)
+        predicted = (
+            linearised.by_values @ cameras.covariance[rows.image[rows_here]] @ linearised.by_values.swapaxes(1, 2)
+        )
         covariance += np.where(check[points, None, None], predicted, 0.0)
-        yield here, covariance, at.by_ground
+        yield rows_here, covariance, linearised.by_ground
 
 
 def _select_control(block: Block, ground: np.ndarray) -> Observations | None:
@@ -220,15 +229,15 @@ def _select_control(block: Block, ground: np.ndarray) -> Observations | None:
     return select_points(block, several) if several.any() else None
 
 
-def _ground_sigmas(result: Adjustment, kept: Block) -> np.ndarray:
+def _ground_sigmas(result: Adjustment, kept_block: Block) -> np.ndarray:
     """Return the sigmas of survey - computed ``(points, 3)`` of points measured on two images or more, else NaN."""
     block = result.block
-    known = np.flatnonzero(block.known & (kept.rays_per_point() >= 2))
+    known_points = np.flatnonzero(block.known & (kept_block.rays_per_point() >= 2))
     covariance = np.full((len(block.points), 3, 3), np.nan)
-    covariance[known] = result.survey_covariance_m2(known)
-    check = known[block.points.role[known] == Role.CHECK]
+    covariance[known_points] = result.survey_covariance_m2(known_points)
+    check = known_points[block.points.role[known_points] == Role.CHECK]
     covariance[check] += result.covariance_to_surveys_m2(check)
-    control = _select_control(kept, result.ground)
+    control = _select_control(kept_block, result.ground)
     if control is not None:
         cofactors = compute_intersection_cofactors(control, result.model, result.values, result.ground[control.points])
         covariance[control.points] += result.unit_sigma**2 * cofactors
@@ -241,15 +250,15 @@ def _tie_residuals_before(result: Adjustment) -> np.ndarray:
     """Return the residuals of the used tie points, intersected with the vendor's cameras."""
     block = result.block
     residual = np.full((len(block.measurements), 2), np.nan)
-    used = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
-    if not used.any():
+    is_used = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
+    if not is_used.any():
         return residual
-    ties = block.with_measurements(used)
+    ties = block.with_measurements(is_used)
     observations = select_points(ties, ties.rays_per_point() >= 2)
     vendor, no_values = MODELS["none"], np.zeros((len(block.images), 0))
     ground = intersect_points(observations, vendor, no_values, result.ground[observations.points])
-    before = compute_image_residuals(observations, vendor, no_values, ground)
-    residual[np.flatnonzero(used)[observations.rows]] = before
+    residual_before = compute_image_residuals(observations, vendor, no_values, ground)
+    residual[np.flatnonzero(is_used)[observations.rows]] = residual_before
     return residual
 
 

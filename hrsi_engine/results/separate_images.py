@@ -43,18 +43,18 @@ class PerImage:
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return those of the image's model, 0 for parameters that it does not have."""
-        own = self.models[image.id].prior_sigmas(image, priors)
-        return np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
+        part = self.models[image.id].prior_sigmas(image, priors)
+        return np.concatenate([part, np.zeros(len(self.parameters) - len(part))])
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the equations of the image's model."""
         model = self.models[image.id]
-        own = model.equations(image, observed_px)
+        part = model.equations(image, observed_px)
         count, total = len(model.parameters), len(self.parameters)
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            at = own(values[:count], ground)
-            return at._replace(by_values=np.pad(at.by_values, ((0, 0), (0, 0), (0, total - count))))
+            position = part(values[:count], ground)
+            return position._replace(by_values=np.pad(position.by_values, ((0, 0), (0, 0), (0, total - count))))
 
         return linearise
 
@@ -74,27 +74,27 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
 
     Known points on several images are intersected with the refined cameras; no other positions are computed.
     """
-    names = {found.model.name for found in refinements}
+    names = {result.model.name for result in refinements}
     model = (
-        refinements[0].model if len(names) == 1 else PerImage({found.image.id: found.model for found in refinements})
+        refinements[0].model if len(names) == 1 else PerImage({result.image.id: result.model for result in refinements})
     )
-    values = _pad_rows([found.estimate.values for found in refinements], len(model.parameters))
-    sigmas = _pad_rows([found.estimate.sigmas for found in refinements], len(model.parameters))
+    values = _pad_rows([result.estimate.values for result in refinements], len(model.parameters))
+    sigmas = _pad_rows([result.estimate.sigmas for result in refinements], len(model.parameters))
     covariance = np.zeros((len(refinements), values.shape[1], values.shape[1]))  # 0: not in an image's model
-    for place, found in zip(covariance, refinements, strict=True):
-        own = len(found.estimate.values)
-        place[:own, :own] = found.estimate.covariance
+    for place, result in zip(covariance, refinements, strict=True):
+        part = len(result.estimate.values)
+        place[:part, :part] = result.estimate.covariance
     # Residuals of the measurements that were used, and weights 1 or 0
     points, rows, measured = len(block.points), len(block.measurements), block.measurements
     residual, weight = np.full((rows, 2), np.nan), np.zeros(rows)
-    for index, found in enumerate(refinements):
-        here = np.flatnonzero(measured.image == index)
-        row, same = match_names(block.points.ids[measured.point[here]], found.control.ids)
-        residual[here[same]] = found.estimate.residual_px[row[same]]
-        weight[here[same]] = 1.0
-    redundancy = sum(found.estimate.redundancy for found in refinements)
-    squares = sum(found.estimate.sigma0**2 * found.estimate.redundancy for found in refinements)
-    converged = all(found.estimate.converged for found in refinements)
+    for index, result in enumerate(refinements):
+        indices = np.flatnonzero(measured.image == index)
+        row, identical = match_names(block.points.ids[measured.point[indices]], result.control.ids)
+        residual[indices[identical]] = result.estimate.residual_px[row[identical]]
+        weight[indices[identical]] = 1.0
+    redundancy = sum(result.estimate.redundancy for result in refinements)
+    squares = sum(result.estimate.sigma0**2 * result.estimate.redundancy for result in refinements)
+    converged = all(result.estimate.converged for result in refinements)
     # Positions of the known points measured on several images, NaN for others
     ground = np.full((len(block.points), 3), np.nan)
     several = block.known & (block.rays_per_point() >= 2)
@@ -120,12 +120,12 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
         decision=np.full(rows, int(Decision.KEPT), dtype=np.int8),
         prior_share=np.zeros_like(values),
         sigma0=float(np.sqrt(squares / redundancy)) if redundancy > 0.5 else 1.0,
-        observations=2 * sum(len(found.control) for found in refinements),
-        unknowns=sum(len(found.model.parameters) for found in refinements),
+        observations=2 * sum(len(result.control) for result in refinements),
+        unknowns=sum(len(result.model.parameters) for result in refinements),
         redundancy=redundancy, converged=converged,
         status="converged" if converged else "stopped at the iteration limit",
         history=(), solves=0, findings=(), variance_components=(), parts=(), cross_validation=None,
-        warnings=tuple(warning for found in refinements for warning in found.warnings),
+        warnings=tuple(warning for result in refinements for warning in result.warnings),
         shared_shifts_m=shifts_m,
     )  # fmt: skip
 

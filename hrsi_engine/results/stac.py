@@ -54,7 +54,9 @@ def describe_item(image: Image, refined: RefitRPC, report: Mapping[str, Any], fo
     rpc = refined.rpc
     outline = _orient_outline(compute_footprint(replace(image, rpc=rpc), image.middle_height_m))
     entry, source = report["images"][image.id], item_of(image.path)
-    kept = {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
+    retained = (
+        {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
+    )
     links = [] if source is None else [
         {"rel": "derived_from", "href": href_of(source.source, folder), "type": "application/geo+json"}
     ]  # fmt: skip
@@ -73,22 +75,22 @@ def describe_item(image: Image, refined: RefitRPC, report: Mapping[str, Any], fo
         view |= {"view:sun_azimuth": sun.angles.azimuth_deg % 360.0, "view:sun_elevation": sun.angles.elevation_deg}
     angles = {key: round(value, 4) for key, value in view.items()}
     # Accuracy predicted by the adjustment for the image, and that of the block by check points (or predicted)
-    told: dict[str, Any] = {}
+    texts: dict[str, Any] = {}
     if rpc.err_bias is not None and rpc.err_rand is not None:
-        each = float(np.hypot(rpc.err_bias, rpc.err_rand))
-        told = {"accuracy:geometric_x_stddev": each, "accuracy:geometric_y_stddev": each,
-                "accuracy:geometric_rmse": float(np.sqrt(2.0)) * each}  # fmt: skip
-    told = {key: round(value, 4) for key, value in told.items() if np.isfinite(value)}
+        item = float(np.hypot(rpc.err_bias, rpc.err_rand))
+        texts = {"accuracy:geometric_x_stddev": item, "accuracy:geometric_y_stddev": item,
+                "accuracy:geometric_rmse": float(np.sqrt(2.0)) * item}  # fmt: skip
+    texts = {key: round(value, 4) for key, value in texts.items() if np.isfinite(value)}
     block, accuracy_from = block_accuracy(report)
-    known = {f"hrsi:{name.lower()}_m": round(value, 4) for name, value in block.items() if value is not None}
-    accuracy = told | known | ({"hrsi:accuracy_from": accuracy_from} if known else {})
+    valid = {f"hrsi:{name.lower()}_m": round(value, 4) for name, value in block.items() if value is not None}
+    accuracy = texts | valid | ({"hrsi:accuracy_from": accuracy_from} if valid else {})
     return {
         "type": "Feature", "stac_version": STAC_VERSION, "stac_extensions": list(STAC_EXTENSIONS.values()),
         "id": image.id,
         "geometry": mapping(outline), "bbox": list(_bounding_box(outline)),
         "properties": {
             **times, "created": report["date"],
-            **({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **kept,
+            **({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **retained,
             **angles,
             **_processing_properties(image, report), **accuracy,
             **json_members(rpc, STAC_NAMES),
@@ -111,10 +113,11 @@ def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str,
     }
 
 
-def describe_assets(image: Image, written: str, staged: str, folder: str) -> dict[str, Any]:
+def describe_assets(image: Image, bytes_written: str, staged: str, folder: str) -> dict[str, Any]:
     """Return the files of a refined image as the assets of its STAC item.
 
-    written : later path of its refined RPC; staged : present path of that file, whose size and checksum are stated
+    bytes_written : later path of its refined RPC; staged : present path of that file,
+    whose size and checksum are stated
     folder : folder of the item: addresses below it or near it are relative to it
     """
 
@@ -123,20 +126,20 @@ def describe_assets(image: Image, written: str, staged: str, folder: str) -> dic
         ending = path[path.rfind(".") :].lower()
         if ending in MEDIA_TYPES:
             asset["type"] = MEDIA_TYPES[ending]
-        if path == written and os.path.isfile(staged):
+        if path == bytes_written and os.path.isfile(staged):
             entry = file_entry(staged)
             asset["file:size"] = entry["size"]
             if entry["sha256"] is not None:
                 asset["file:checksum"] = SHA256 + entry["sha256"]
         return asset
 
-    is_sidecar, assets = written.upper().endswith(".TXT"), {}  # then the pixels are not copied
+    is_sidecar, assets = bytes_written.upper().endswith(".TXT"), {}  # then the pixels are not copied
     if image.raster is not None:
-        assets["image"] = make_asset(image.path if is_sidecar else written, "data")
+        assets["image"] = make_asset(image.path if is_sidecar else bytes_written, "data")
         if image.size is not None:
             assets["image"]["proj:shape"] = [image.size[1], image.size[0]]
     if is_sidecar:
-        assets["rpc"] = make_asset(written, "metadata", "rpc")
+        assets["rpc"] = make_asset(bytes_written, "metadata", "rpc")
     return assets | {"report": {"href": "./report.json", "type": MEDIA_TYPES[".json"], "roles": ["metadata"]}}
 
 

@@ -12,6 +12,7 @@ from ..adjustment.result import Adjustment
 from ..block.block import Role
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import GRIDS, REPORT
 from .residuals import Residuals, by_image
 
 
@@ -20,8 +21,6 @@ class STATISTIC:
     """Limits for residuals that are normalised, and for the lists in the report."""
 
     least_redundancy: float = threshold(0.02, "", "smallest redundancy number of a normalised residual")
-    coverage_cells: int = threshold(5, "cells", "cells for the coverage by tie points, along each side of an image")
-    most_points: int = threshold(200, "points", "largest number of known points in the report")
 
 
 IMAGE_AXES = ("sample", "line")
@@ -57,12 +56,12 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     """Return the number of used tie points in each cell of each image, ``(cells, cells)``, lines first."""
     block = result.block
     rows = block.measurements
-    used = result.has_residual & (block.points.role[rows.point] == Role.TIE)
-    side, counts = STATISTIC.coverage_cells, dict[str, np.ndarray]()
-    parts = dict(by_image(block, used))
+    is_used = result.has_residual & (block.points.role[rows.point] == Role.TIE)
+    side, counts = GRIDS.coarse, dict[str, np.ndarray]()
+    parts = dict(by_image(block, is_used))
     for index, image in enumerate(block.images):
-        here = parts.get(index, np.zeros(0, dtype=np.int64))
-        share = (rows.xy[here] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
+        rows_here = parts.get(index, np.zeros(0, dtype=np.int64))
+        share = (rows.xy[rows_here] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
         column, line = np.clip((share * side).astype(np.int64), 0, side - 1).T
         counts[image.id] = np.bincount(line * side + column, minlength=side**2).reshape(side, side)
     return counts
@@ -70,8 +69,8 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
 
 def rank_survey_points(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
     """Return the indices of a role's points with the largest ground residuals, the worst first; at most 200."""
-    here = np.flatnonzero((result.block.points.role == role) & finite_rows(left.ground_m[:, :2]))
-    return here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][: STATISTIC.most_points]
+    points_here = np.flatnonzero((result.block.points.role == role) & finite_rows(left.ground_m[:, :2]))
+    return points_here[np.argsort(-np.nansum(left.ground_m[points_here] ** 2, axis=1), kind="stable")][: REPORT.rows]
 
 
 def survey_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[dict[str, Any]]:

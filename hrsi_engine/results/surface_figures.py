@@ -8,6 +8,7 @@ import numpy as np
 from ..adjustment.result import Adjustment, SurfaceOutcome
 from ..drawing.block_figures import SurfacePicture
 from ..drawing.target_chips import encode_png
+from ..foundation.statistical_limits import SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from ..io.geopackage.declared_layers import SurfaceResidualRows
@@ -21,7 +22,6 @@ class SURFACE_PICTURE:
 
     cells: int = threshold(48, "cells", "cells along the longer side of the ground")
     pixel: int = threshold(5, "px", "side of a cell or displacement in the picture")
-    limit: float = threshold(3.0, "", "range of the grey values in scatters about the surface")
 
 
 def describe_surface(one: SurfaceOutcome) -> dict[str, Any]:
@@ -45,53 +45,55 @@ def describe_surface(one: SurfaceOutcome) -> dict[str, Any]:
 
 def compute_surface_residuals(result: Adjustment, one: SurfaceOutcome) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return adjusted positions ``(k, 3)`` of tie points, and their heights above the surface before and after, m."""
-    after = choose_positions(result)[one.points]
-    before_m, after_m = (at[:, 2] - surface_heights(one.surface, at[:, :2]) for at in (one.before, after))
-    return after, before_m, after_m
+    following = choose_positions(result)[one.points]
+    before_m, after_m = (
+        position[:, 2] - surface_heights(one.surface, position[:, :2]) for position in (one.before, following)
+    )
+    return following, before_m, after_m
 
 
 def surface_residuals_table(result: Adjustment) -> Table:
     """Return the tie points that were matched with surfaces, and their heights above these."""
     parts = [compute_surface_residuals(result, one) for one in result.surfaces]
-    after, before_m, after_m = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    following, before_m, after_m = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     points = np.concatenate([one.points for one in result.surfaces])
-    known = np.flatnonzero(np.isfinite(after).all(axis=1) & np.isfinite(after_m))
+    valid = np.flatnonzero(np.isfinite(following).all(axis=1) & np.isfinite(after_m))
     rows = SurfaceResidualRows(
-        id=result.block.points.ids[points[known]], residual_before_m=before_m[known], residual_height_m=after_m[known],
-        holds=np.repeat([not one.open for one in result.surfaces], [len(one.points) for one in result.surfaces])[known],
+        id=result.block.points.ids[points[valid]], residual_before_m=before_m[valid], residual_height_m=after_m[valid],
+        holds=np.repeat([not one.open for one in result.surfaces], [len(one.points) for one in result.surfaces])[valid],
     )  # fmt: skip
-    return Table(after[known], rows)
+    return Table(following[valid], rows)
 
 
 def draw_surfaces(result: Adjustment) -> list[SurfacePicture]:
     """Return pictures of the score over all displacements searched, and of the residuals before and after."""
-    found = []
+    outcome = []
     for one in result.surfaces:
-        scores, after, before_m, after_m = one.match.scores_m, *compute_surface_residuals(result, one)
+        scores, following, before_m, after_m = one.match.scores_m, *compute_surface_residuals(result, one)
         if scores is None or one.match.offsets_m is None:
             continue
         side = int(np.sqrt(len(scores)))
         square = scores.reshape(side, side)[::-1]  # north up
-        limit_m = SURFACE_PICTURE.limit * one.match.scatter_m
-        at = ground_difference_m(after, np.broadcast_to(after[0], after.shape))[:, :2]
-        maps = [_average_residuals(at, np.clip(values, -limit_m, limit_m)) for values in (before_m, after_m)]
-        found.append(SurfacePicture(
+        limit_m = SIGNIFICANCE.sigmas * one.match.scatter_m
+        position = ground_difference_m(following, np.broadcast_to(following[0], following.shape))[:, :2]
+        maps = [_average_residuals(position, np.clip(values, -limit_m, limit_m)) for values in (before_m, after_m)]
+        outcome.append(SurfacePicture(
             one.images, _picture(square, np.nanmin(square), np.nanmax(square)),
             [_picture(values, -limit_m, limit_m) for values in maps], float(np.abs(one.match.offsets_m).max()), limit_m,
         ))  # fmt: skip
-    return found
+    return outcome
 
 
-def _average_residuals(at: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _average_residuals(position: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return mean values of cells of the ground ``(rows, columns)``, north up; NaN for cells without points."""
-    known = np.isfinite(at).all(axis=1) & np.isfinite(values)
-    low, size = np.nanmin(at, axis=0), np.ptp(at[np.isfinite(at).all(axis=1)], axis=0)
+    valid = np.isfinite(position).all(axis=1) & np.isfinite(values)
+    low, size = np.nanmin(position, axis=0), np.ptp(position[np.isfinite(position).all(axis=1)], axis=0)
     cell = max(float(size.max()) / SURFACE_PICTURE.cells, 1e-3)
     columns, rows = (np.floor(size / cell).astype(int) + 1).tolist()
-    column, row = np.floor((at[known] - low) / cell).astype(np.int64).T
+    column, row = np.floor((position[valid] - low) / cell).astype(np.int64).T
     place, shape = (rows - 1 - row) * columns + column, rows * columns
     with np.errstate(invalid="ignore"):
-        means = np.bincount(place, values[known], shape) / np.bincount(place, minlength=shape)
+        means = np.bincount(place, values[valid], shape) / np.bincount(place, minlength=shape)
     return np.asarray(means.reshape(rows, columns))
 
 

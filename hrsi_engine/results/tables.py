@@ -17,6 +17,7 @@ from ..block.imaging_geometry import compute_footprints
 from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import MEMORY
 from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
 from ..io.geopackage.typed_rows import LayerRows
 from ..io.point_files.kept_columns import COMPLETE_FILES
@@ -32,7 +33,6 @@ class TABLE:
 
     most_image_residuals: int = threshold(200_000, "rows", "largest number of image points that layers have completely")
     image_sample: int = threshold(50_000, "rows", "image points in the layers of a larger block, half the worst")
-    rows_at_once: int = threshold(50_000, "rows", "rows of the complete table in memory")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,8 @@ class Table:
 
 def images_table(result: Adjustment, images: Sequence[Image], height_m: float) -> Table:
     """Return footprints of images at a height, with id, path, size and the image's number of measurements."""
-    used = result.has_residual
-    count = np.bincount(result.block.measurements.image[used], minlength=len(images))
+    is_used = result.has_residual
+    count = np.bincount(result.block.measurements.image[is_used], minlength=len(images))
     columns = ImageRows(
         id=np.array([image.id for image in images]),
         path=np.array([image.path for image in images]),
@@ -58,17 +58,17 @@ def images_table(result: Adjustment, images: Sequence[Image], height_m: float) -
     return Table(compute_footprints(images, height_m), columns)
 
 
-def laser_points_table(found: LaserOutcome) -> Table:
+def laser_points_table(result: LaserOutcome) -> Table:
     """Return all laser points with the values of their file, whether they constrain the block, and why not."""
-    points = found.points
+    points = result.points
     columns = LaserPointRows(
         id=points.ids,
         track=points.track,
-        used=found.reason == "",
-        reason=found.reason,
-        residual_height_m=found.residual_m,
-        ties=found.ties,
-        sigma_m=found.sigma_m,
+        used=result.reason == "",
+        reason=result.reason,
+        residual_height_m=result.residual_m,
+        ties=result.ties,
+        sigma_m=result.sigma_m,
         stated_sigma_m=points.sigma_m,
         misfit_m=points.misfit_m,
         photons=points.photons,
@@ -86,9 +86,9 @@ def choose_positions(result: Adjustment) -> np.ndarray:
 def ground_points_table(result: Adjustment, rows: np.ndarray) -> Table:
     """Return some points ``(n,)`` at their adjusted positions, with sigmas; known ones also with their surveys."""
     points, place = result.block.points, choose_positions(result)[rows]
-    known = result.block.known[rows, None]
-    surveyed = np.where(known, points.ground[rows], np.nan)
-    sigma_survey = np.where(known, points.sigma_m[rows], np.nan)
+    valid = result.block.known[rows, None]
+    surveyed = np.where(valid, points.ground[rows], np.nan)
+    sigma_survey = np.where(valid, points.sigma_m[rows], np.nan)
     sigma = result.ground_sigma_m[rows]
     columns = GroundPointRows(
         id=points.ids[rows],
@@ -127,30 +127,30 @@ class LayerSelection:
 
 
 def select_rows(
-    result: Adjustment, left: Residuals, most: int = TABLE.most_image_residuals, sample: int = TABLE.image_sample
+    result: Adjustment, left: Residuals, largest: int = TABLE.most_image_residuals, sample: int = TABLE.image_sample
 ) -> LayerSelection:
-    """Return the rows of the layers: of more than ``most`` measurements the worst, an even sample, and known points."""
+    """Return the rows of the layers; of more than ``largest``: the worst, an even sample, and known points."""
     measured, located = result.block.measurements, finite_rows(choose_positions(result))
     points, rows = np.flatnonzero(located), np.flatnonzero(located[measured.point])
     flags, count = classify_measurements(result, left), len(rows)
-    if count > most:
+    if count > largest:
         statistic = np.nan_to_num(measurement_statistic(left)[rows])
-        shown = result.block.known[measured.point[rows]]
-        shown[np.argpartition(-statistic, sample // 2)[: sample // 2]] = True
-        shown[:: -(-count // (sample // 2))] = True
-        rows = rows[shown]
-        seen = result.block.known.copy()
-        seen[measured.point[rows]] = True
-        points = np.flatnonzero(located & seen)
+        displayed = result.block.known[measured.point[rows]]
+        displayed[np.argpartition(-statistic, sample // 2)[: sample // 2]] = True
+        displayed[:: -(-count // (sample // 2))] = True
+        rows = rows[displayed]
+        visible = result.block.known.copy()
+        visible[measured.point[rows]] = True
+        points = np.flatnonzero(located & visible)
     return LayerSelection(points, rows, flags, count)
 
 
-def selection_warnings(shown: LayerSelection) -> list[str]:
+def selection_warnings(visible: LayerSelection) -> list[str]:
     """Return the warning that the layers do not contain every image point."""
-    if shown.is_complete:
+    if visible.is_complete:
         return []
     return [
-        f"the layers contain {len(shown.measurements)} of the {shown.count} image points: GCPs, check points, the "
+        f"the layers contain {len(visible.measurements)} of the {visible.count} image points: GCPs, check points, the "
         f"worst, and an even sample; {' and '.join(COMPLETE_FILES.values())} contain all"
     ]
 
@@ -175,19 +175,19 @@ def image_points_table(result: Adjustment, left: Residuals, rows: np.ndarray, fl
     return Table(choose_positions(result)[measured.point[rows]], columns)
 
 
-def iterate_tables(result: Adjustment, left: Residuals, shown: LayerSelection) -> dict[str, Iterable[TablePart]]:
+def iterate_tables(result: Adjustment, left: Residuals, visible: LayerSelection) -> dict[str, Iterable[TablePart]]:
     """Return the complete tables of image points and ground points by layer, each in parts with their positions."""
-    full = select_rows(result, left, most=shown.count)
+    full = select_rows(result, left, largest=visible.count)
     makers = {
-        "image_points": (full.measurements, lambda rows: image_points_table(result, left, rows, shown.flags)),
+        "image_points": (full.measurements, lambda rows: image_points_table(result, left, rows, visible.flags)),
         "ground_points": (full.points, lambda rows: ground_points_table(result, rows)),
     }
     return {name: _iterate_parts(rows, make) for name, (rows, make) in makers.items()}
 
 
 def _iterate_parts(rows: np.ndarray, make: Callable[[np.ndarray], Table]) -> Iterator[TablePart]:
-    for begin in range(0, len(rows), TABLE.rows_at_once):
-        table = make(rows[begin : begin + TABLE.rows_at_once])
+    for begin in range(0, len(rows), MEMORY.rows):
+        table = make(rows[begin : begin + MEMORY.rows])
         yield {**table.columns, **dict(zip(("lon", "lat", "height"), table.positions.T, strict=True))}
 
 
@@ -195,20 +195,20 @@ def residuals_table(result: Adjustment, left: Residuals, rows: np.ndarray, flags
     """Return ground residuals (one row per known point) and image residuals of some measurements ``(n,)``."""
     # The ground residuals of known points, with their surveyed positions
     points = result.block.points
-    known = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
+    valid = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
     on_ground = ResidualRows.of_level(
         "ground",
-        len(known),
-        id=points.ids[known],
-        role=ROLE_LABELS[points.role[known]],
-        image=np.full(len(known), ""),
-        residual_east_m=left.ground_m[known, 0],
-        residual_north_m=left.ground_m[known, 1],
-        residual_height_m=left.ground_m[known, 2],
-        sigma_east_m=left.ground_sigma_m[known, 0],
-        sigma_north_m=left.ground_sigma_m[known, 1],
-        sigma_height_m=left.ground_sigma_m[known, 2],
-        flag=ground_flags(left)[known],
+        len(valid),
+        id=points.ids[valid],
+        role=ROLE_LABELS[points.role[valid]],
+        image=np.full(len(valid), ""),
+        residual_east_m=left.ground_m[valid, 0],
+        residual_north_m=left.ground_m[valid, 1],
+        residual_height_m=left.ground_m[valid, 2],
+        sigma_east_m=left.ground_sigma_m[valid, 0],
+        sigma_north_m=left.ground_sigma_m[valid, 1],
+        sigma_height_m=left.ground_sigma_m[valid, 2],
+        flag=ground_flags(left)[valid],
     )
     residual, sigma = left.measured_px, left.measured_sigma_px
     rows = rows[finite_rows(residual[rows])]
@@ -223,7 +223,7 @@ def residuals_table(result: Adjustment, left: Residuals, rows: np.ndarray, flags
         flag=FLAGS[flags[rows]],
     )
     positions = choose_positions(result)[result.block.measurements.point[rows]]
-    return Table(np.concatenate([points.ground[known], positions]), on_ground.concatenate(in_images))
+    return Table(np.concatenate([points.ground[valid], positions]), on_ground.concatenate(in_images))
 
 
 def _identity_columns(block: Block, rows: np.ndarray) -> dict[str, np.ndarray]:

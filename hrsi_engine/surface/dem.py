@@ -12,7 +12,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..camera.rpc import RPC
+from ..foundation.statistical_limits import ITERATIONS
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import MEMORY
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 
@@ -78,12 +80,9 @@ def cell_size_m(surface: HeightSurface, ground: np.ndarray) -> float:
 class RAY_TRACING:
     """Steps and accuracy of the intersection of rays with a surface."""
 
-    batch: int = threshold(16384, "rays", "number of rays computed together (memory)")
     step: float = threshold(0.5, "cells", "step of a ray in plan between two heights of the surface")
     accuracy_m: float = threshold(1e-3, "m", "height error of the intersection at convergence")
     margin_m: float = threshold(1.0, "m", "margin of a ray above the highest and below the lowest cell")
-    most_iterations: int = threshold(60, "iterations", "largest number of the regula falsi")
-    bound_rounds: int = threshold(4, "rounds", "computations of the range of heights along the rays")
 
 
 class Status(IntEnum):
@@ -123,8 +122,8 @@ def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Su
     image = np.asarray(image, dtype=np.float64)
     ground = np.full((len(image), 3), np.nan)
     status = np.empty(len(image), dtype=np.int64)
-    for start in range(0, len(image), RAY_TRACING.batch):
-        part = slice(start, start + RAY_TRACING.batch)
+    for start in range(0, len(image), MEMORY.rows):
+        part = slice(start, start + MEMORY.rows)
         ground[part], status[part] = _intersect_part(rpc, image[part], surface)
     return SurfaceIntersection(ground, status)
 
@@ -166,7 +165,7 @@ def _find_ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayE
     The terrain along the rays depends on these heights: iterated, starting from the RPC's height range.
     """
     low, high = rpc.height_range
-    for _ in range(RAY_TRACING.bound_rounds):
+    for _ in range(ITERATIONS.most):
         ends = _localize_between(rpc, image, surface, low, high)
         if not ends.exists.any():
             return ends
@@ -234,16 +233,16 @@ def _close_in_on_surface(
         point = rpc.localize(image[rows], height).ground
         return point, height - surface_heights(surface, point[:, :2])
 
-    every = np.arange(len(image))
+    rays = np.arange(len(image))
     upper, lower = bracket.T.copy()
-    (_, f_upper), (ground, f_lower) = find_height_above(every, upper), find_height_above(every, lower)
+    (_, f_upper), (ground, f_lower) = find_height_above(rays, upper), find_height_above(rays, lower)
     valid = np.isfinite(f_upper) & np.isfinite(f_lower)
     # The real ray differs by millimetres from the straight one: where this changes a sign, the end is the intersection.
-    going = every[valid & (f_upper > 0.0) & (f_lower < 0.0)]
-    at_top = every[valid & (f_upper <= 0.0)]
+    going = rays[valid & (f_upper > 0.0) & (f_lower < 0.0)]
+    at_top = rays[valid & (f_upper <= 0.0)]
     ground[at_top] = find_height_above(at_top, upper[at_top])[0]
     below_before = np.full(len(image), -1)  # end that was moved last: 1 the lower, 0 the upper
-    for iteration in range(RAY_TRACING.most_iterations):
+    for iteration in range(ITERATIONS.most):
         if not going.size:
             break
         a, b, fa, fb = upper[going], lower[going], f_upper[going], f_lower[going]

@@ -23,7 +23,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from ..foundation.robust_scale import MAD_TO_SIGMA
+from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST
+from ..foundation.statistical_limits import ITERATIONS, SAMPLES, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m, move_ground
 from .dem import HeightSurface, cell_size_m
@@ -36,31 +37,21 @@ _STEP_M = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
 class SURFACE_MATCHING:
     """Search, refinement and covariance of the match of points with a surface."""
 
-    fewest_points: int = threshold(30, "points", "fewest points with a height of the surface for a match")
     coarse_points: int = threshold(700, "points", "largest number of points in the search")
     most_points: int = threshold(8000, "points", "largest number of points in the refinement")
     coarse_steps: int = threshold(20, "steps", "steps from the middle to the end of the search, at least 1/4 cell")
-    minima: int = threshold(8, "minima", "lowest minima of the score that are refined")
     most_pairs: int = threshold(4_000_000, "pairs", "largest number of pairs of neighbouring points (memory)")
     in_cell: float = threshold(1.0, "points", "mean number per cell above which their heights are averaged like cells")
     lopsided: float = threshold(
         0.15, "cells", "largest distance of the mean position of these points from the point (else at an edge)"
     )
-    fewest_near: int = threshold(9, "points", "fewest points for such a mean height")
-    most_iterations: int = threshold(50, "iterations", "largest number in the refinement, of two cells each at most")
-    settled_cells: float = threshold(0.01, "cells", "step in plan at which the match has converged")
-    redescending: float = threshold(4.0, "sigma", "misclosure of weight zero", "biweight (Beaton, Tukey 1974)")
     one_sided: float = threshold(2.0, "", "factor of misclosures by objects above a terrain model")
     steepest: float = threshold(1.5, "m/m", "slope above which cells are not used: walls, distorted by interpolation")
     uneven: float = threshold(0.7, "", "curvature of the surface over its slope, from which the weight is zero …")
-    even_sigmas: float = threshold(3.0, "sigma", "… added to the slope, in standard deviations")
     part_cells: float = threshold(12.0, "cells", "smallest side of the parts of the ground with independent errors …")
-    part_points: float = threshold(8.0, "points", "… and smallest mean number of points in them")
     noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less that at 3", "GLO-30: exp(-d / 300 m)")
     least_relief: float = threshold(0.03, "", "smallest share of the slopes' squares that is not noise")
     known_share: float = threshold(0.6, "", "smallest share of points with heights at a displacement")
-    fewest_cells: int = threshold(12, "cells", "fewest groups of points for a covariance")
-    decided_sigmas: float = threshold(3.0, "sigma", "smallest difference of two minima of the score, if unambiguous")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +80,13 @@ class SurfaceMatch:
     @property
     def is_decided(self) -> bool:
         """Whether the scatter of the next best minimum is significantly larger."""
-        return bool(np.log(self.second_ratio) > SURFACE_MATCHING.decided_sigmas / np.sqrt(max(self.cells, 1.0)))
+        return bool(np.log(self.second_ratio) > SIGNIFICANCE.sigmas / np.sqrt(max(self.cells, 1.0)))
 
-    def is_apart_from(self, other: SurfaceMatch, cell_m: float) -> bool:
+    def is_apart_from(self, second: SurfaceMatch, cell_m: float) -> bool:
         """Return whether this is another minimum: farther away than a cell, and significant by the covariances."""
-        difference_m = self.displacement_m - other.displacement_m
-        chi2 = difference_m @ np.linalg.solve(self.covariance_m2 + other.covariance_m2, difference_m)
-        return bool(np.hypot(*difference_m[:2]) > cell_m and chi2 > SURFACE_MATCHING.decided_sigmas**2)
+        difference_m = self.displacement_m - second.displacement_m
+        chi2 = difference_m @ np.linalg.solve(self.covariance_m2 + second.covariance_m2, difference_m)
+        return bool(np.hypot(*difference_m[:2]) > cell_m and chi2 > SIGNIFICANCE.sigmas**2)
 
 
 def match_surface(
@@ -147,12 +138,12 @@ class SurfaceMatcher:
             N, h = np.moveaxis(np.array(sums)[:, :3], 2, 0), np.array(sums)[:, 3].T
             fit = np.linalg.solve(N + 1e-6 * np.eye(3), h[..., None])[:, 0, 0]
             lopsided = np.abs(N[:, 0, 1:]).max(axis=1) > SURFACE_MATCHING.lopsided * N[:, 0, 0]
-            self.height = np.where(usable & (count >= SURFACE_MATCHING.fewest_near) & ~lopsided, fit, np.nan)
+            self.height = np.where(usable & (count >= SAMPLES.tested) & ~lopsided, fit, np.nan)
         grid_xy, east, north = (surface.grid_coordinates(move_ground(points, step)[:, :2]) for step in _STEP_M)
         self._at, self._per_m = grid_xy, np.stack([east - grid_xy, north - grid_xy], axis=2) / _STEP_M.max()
         # The part of the ground that contains each point
         offset = np.nan_to_num(self.place_m - np.nanmin(self.place_m, axis=0))
-        of_points = float(np.sqrt(SURFACE_MATCHING.part_points * np.prod(offset.max(axis=0)) / len(offset)))
+        of_points = float(np.sqrt(SAMPLES.tested * np.prod(offset.max(axis=0)) / len(offset)))
         side = max(SURFACE_MATCHING.part_cells * self.cell_m, of_points)
         self._part = np.unique(np.floor(offset / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)[1]
 
@@ -180,9 +171,9 @@ class SurfaceMatcher:
 
         ``reach_m`` is an a priori standard deviation in plan; it makes the normal equations of flat ground regular.
         """
-        d, ridge, cut = start_m.copy(), np.diag([reach_m**-2, reach_m**-2, 0.0]), SURFACE_MATCHING.redescending
+        d, ridge, cut = start_m.copy(), np.diag([reach_m**-2, reach_m**-2, 0.0]), ROBUST.rejected
         is_near = False  # relative to the robust centre first, then to the estimate, whose variance is smaller
-        for _ in range(SURFACE_MATCHING.most_iterations):
+        for _ in range(ITERATIONS.most):
             # Heights (9, n) at the displaced points, one cell to the east, west, north and south, and two cells
             sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
             facets = self._heights(d[:2] + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
@@ -190,7 +181,7 @@ class SurfaceMatcher:
             slope, wide = (np.column_stack([h[1] - h[2], h[3] - h[4]]) / (2.0 * k * self.cell_m)
                            for k, h in ((1, facets[:5]), (2, facets[[0, 5, 6, 7, 8]])))  # fmt: skip
             is_valid = np.isfinite(miss) & (np.hypot(*slope.T) < SURFACE_MATCHING.steepest)
-            if is_valid.sum() < SURFACE_MATCHING.fewest_points:
+            if is_valid.sum() < SAMPLES.trend:
                 return None
             q, A = miss[is_valid], np.column_stack([-slope[is_valid], np.ones(is_valid.sum())])
             middle, scale = (float(one[0]) for one in shortest_half(q[None]))
@@ -218,7 +209,7 @@ class SurfaceMatcher:
             # N contains the noise, so that steps are too short, but never too long, as they would be if M is too small
             step = np.linalg.solve(N + ridge, B.T @ (weight * r))
             size = float(np.hypot(*step[:2]))
-            if size < SURFACE_MATCHING.settled_cells * self.cell_m and abs(step[2]) < 0.01 * scale:
+            if size < ITERATIONS.settled * self.cell_m and abs(step[2]) < 0.01 * scale:
                 if is_near:
                     break
                 is_near = True
@@ -242,7 +233,7 @@ class SurfaceMatcher:
         offsets = np.stack(np.meshgrid(axis, axis), axis=2).reshape(-1, 2)
         valid = np.flatnonzero(np.isfinite(self._heights(np.zeros((1, 2)))[0]))
         rows = valid[:: 1 + len(valid) // SURFACE_MATCHING.coarse_points]
-        if len(rows) < SURFACE_MATCHING.fewest_points:
+        if len(rows) < SAMPLES.trend:
             return offsets, np.full(len(offsets), np.nan), np.zeros(len(offsets))
         parts = np.array_split(offsets, 16)
         miss = np.concatenate([self._heights(part, rows) - self.height[rows] for part in parts])
@@ -277,7 +268,7 @@ def _weigh_facets(facets: np.ndarray, scale: float) -> np.ndarray:
     weight = np.ones(facets.shape[1])
     for high, low in ((1, 2), (3, 4)):
         bend = np.abs(facets[high] + facets[low] - 2.0 * facets[0])
-        ratio = bend / (np.abs(facets[high] - facets[low]) + SURFACE_MATCHING.even_sigmas * scale)
+        ratio = bend / (np.abs(facets[high] - facets[low]) + SIGNIFICANCE.sigmas * scale)
         weight *= np.clip(1.0 - (ratio / SURFACE_MATCHING.uneven) ** 2, 0.0, 1.0) ** 2
     return weight
 
@@ -306,7 +297,7 @@ def _find_minima(scores: np.ndarray) -> np.ndarray:
     grid = np.pad(np.where(np.isfinite(scores), scores, np.inf).reshape(side, side), 1, constant_values=np.inf)
     neighbour_minimum = np.lib.stride_tricks.sliding_window_view(grid, (3, 3)).min(axis=(2, 3)).ravel()
     minima = np.flatnonzero((scores <= neighbour_minimum) & np.isfinite(scores))
-    return minima[np.argsort(scores[minima])][: SURFACE_MATCHING.minima]
+    return minima[np.argsort(scores[minima])][: SAMPLES.tested]
 
 
 def _sum_over_cells(
@@ -321,7 +312,7 @@ def _sum_over_cells(
     while True:
         _, cell_index = np.unique(np.floor(offset_m / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)
         cells = int(cell_index.max()) + 1
-        if cells < SURFACE_MATCHING.fewest_cells:
+        if cells < SAMPLES.fewest:
             break
         sums = np.stack([np.bincount(cell_index, column, cells) for column in score.T], axis=1)
         cell_meat = sums.T @ sums * cells / (cells - 3.0)

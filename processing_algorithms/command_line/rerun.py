@@ -119,7 +119,7 @@ class _MovedPaths:
             if not os.path.isfile(path):
                 yield entry["path"], "is gone"
                 continue
-            now = file_entry(path, whole=entry.get("sampled_sha256") is None)
+            now = file_entry(path, complete=entry.get("sampled_sha256") is None)
             if entry.get("size") != now["size"]:
                 yield path, f"has changed since: {entry.get('size')} bytes then, {now['size']} now"
             elif any(entry[kind] != now[kind] for kind in ("sha256", "sampled_sha256") if entry.get(kind)):

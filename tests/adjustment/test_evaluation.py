@@ -10,14 +10,13 @@ import simulated_blocks as blocks
 from scipy.optimize import least_squares
 
 from hrsi.hrsi_engine.adjustment.evaluation import (
-    compute_survey_differences_m,
-    compute_survey_residuals_px,
     find_wrong_tracks,
     fit_pairs,
     fit_tracks,
 )
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
+from hrsi.hrsi_engine.results.residuals import compute_given_residuals
 
 EXACT_PX = 1e-3  # of a prediction over errors of ten pixels: what the linearisation may do
 EXACT_M = 1e-3
@@ -127,10 +126,9 @@ def test_known_points_in_pixels_and_metres():
     keep = (block.points.ids[rows.point] != single) | (rows.image == 0)
     survey[0] = move_ground(truth[:1], np.array([[1.5, -0.5, 0.0]]))[0]  # in plan: one ray tells no height
     block = replace(block, points=replace(block.points, ground=survey)).with_measurements(keep)
-    difference = compute_survey_differences_m(block)
+    residual, difference = compute_given_residuals(block)
     np.testing.assert_allclose(difference[1:], np.tile(moved_m, (len(truth) - 1, 1)), atol=EXACT_M)
     np.testing.assert_allclose(difference[0], [1.5, -0.5, np.nan], atol=EXACT_M)
-    residual = compute_survey_residuals_px(block)
     image = block.images[0]
     row = int(np.flatnonzero(block.measurements.image == 0)[3])
     ground = block.points.ground[block.measurements.point[row]]

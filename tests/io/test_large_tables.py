@@ -61,7 +61,7 @@ def test_of_many_image_points_the_layers_show_a_selection_and_readers_get_all(tm
     block, _, _ = blocks.block(gcps=6, checks=5, ties=300)
     result = adjust(block, AdjustOptions(model="shift"))
     left, ids = compute_residuals(result), [image.id for image in block.images]
-    shown = select_rows(result, left, most=500, sample=100)
+    shown = select_rows(result, left, largest=500, sample=100)
     assert not shown.is_complete and 100 <= len(shown.measurements) < 180 and shown.count == len(block.measurements)
     statistic = np.nan_to_num(measurement_statistic(left))
     known = np.flatnonzero(block.known[block.measurements.point])

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
+from hrsi.hrsi_engine.foundation.pixel_filters import BLUR
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster
 from hrsi.hrsi_engine.laboratory.interest_points import (
     DETECTORS,
@@ -32,11 +33,9 @@ from hrsi.hrsi_engine.measurement.interest_points.level_regions import (
     BRIGHT,
     DARK,
     HOMOGENEOUS,
-    REGION,
     LevelRegions,
 )
 from hrsi.hrsi_engine.measurement.interest_points.outlines import (
-    OUTLINE_SAMPLING,
     GradientImage,
     Outlines,
     measure_outlines,
@@ -355,12 +354,12 @@ def test_edge_points_of_a_disc_lie_on_its_circle(sign: int, scale: int):
     side = 64 // scale
     row, column = np.nonzero(grey.reshape(side, scale, side, scale).mean(axis=(1, 3)) > 70.0)
     if sign == HOMOGENEOUS:  # what is even ends some pixels before the edge
-        row, column = np.nonzero(np.hypot(x - centre[0], y - centre[1])[4::8, 4::8] < radius - REGION.even_inset_px)
+        row, column = np.nonzero(np.hypot(x - centre[0], y - centre[1])[4::8, 4::8] < radius - BLUR.edge_px)
     pixels = np.column_stack([column, row]).astype(np.int32)
     regions = LevelRegions(pixels, np.array([0, len(pixels)]), np.array([scale]), np.array([sign]))
     found = measure_outlines(slopes, regions)
     count = int(found.count[0])
-    inner = radius - (REGION.even_inset_px if sign == HOMOGENEOUS else 0.0)
+    inner = radius - (BLUR.edge_px if sign == HOMOGENEOUS else 0.0)
     assert count == pytest.approx(2.0 * np.pi * inner / scale, rel=0.15)  # about a pixel of the region apart
     assert found.found[0, :count].all() and not found.found[0, count:].any()
     xy, normal = found.xy[0, :count], found.normal[0, :count]
@@ -372,7 +371,7 @@ def test_edge_points_of_a_disc_lie_on_its_circle(sign: int, scale: int):
     turned = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
     assert abs(turned[-1] - turned[0]) == pytest.approx(2.0 * np.pi, rel=0.06)  # once around, in order
     # the normal density of all that blurs: the optics, a pixel's area, the Gaussian of the slope
-    width = np.sqrt(blur**2 + 1.0 / 12.0 + OUTLINE_SAMPLING.slope_px**2)
+    width = np.sqrt(blur**2 + 1.0 / 12.0 + BLUR.sigma_px**2)
     assert np.median(found.slope[0, :count]) == pytest.approx(100.0 / np.sqrt(2.0 * np.pi) / width, rel=0.1)
 
 

@@ -33,7 +33,7 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
-from ...foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE
+from ...foundation.statistical_limits import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 
@@ -42,9 +42,6 @@ from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 class GCP_TESTS:
     """Limits for the detection of wrong GCPs, of their wrong parts, and of ambiguity."""
 
-    like: float = threshold(
-        0.02, "", "largest relative chi² difference of equally good explanations: the equations are not linear"
-    )
     all_subsets: int = threshold(1000, "subsets", "number of subsets up to which all of them are tested")
     starts: int = threshold(12, "starts", "random starts of the search for groups", "Rousseeuw and Van Driessen 1999")
 
@@ -103,8 +100,8 @@ class VarianceFactor:
         pooled = max((max(squares, 0.0) + stated) / (freedom + stated), 1.0)
         worse = []
         for kind in (PLAN, HEIGHT, IMAGE):
-            own = rest.kind == kind
-            shares, total = rest.s.diagonal()[own].sum(), float(np.sum(rest.u[own] ** 2))
+            of_kind = rest.kind == kind
+            shares, total = rest.s.diagonal()[of_kind].sum(), float(np.sum(rest.u[of_kind] ** 2))
             if shares < 0.5:
                 continue
             ratio = (total + stated) / (shares + stated)
@@ -140,40 +137,42 @@ def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
     related = np.add.reduceat(np.add.reduceat(control.s**2, first, axis=0), first, axis=1)
     related /= np.sqrt(related.diagonal()[:, None] * related.diagonal())
     waiting, present = np.ones(gcps, dtype=bool), np.ones(gcps, dtype=bool)
-    out, inverse = np.zeros(0, dtype=np.int64), np.zeros((0, 0))  # measurements of GCPs that are clearly wrong
-    suspicion = _compute_suspicion(control, out, inverse)
+    excluded, inverse = np.zeros(0, dtype=np.int64), np.zeros((0, 0))  # measurements of GCPs that are clearly wrong
+    suspicion = _compute_suspicion(control, excluded, inverse)
     while waiting.any():
         centre = int(np.argmax(np.where(waiting, suspicion, -1.0)))
         order = np.argsort(-np.where(present, related[centre], -1.0), kind="stable")
-        near = order[: min(SAMPLES.dense, int(present.sum()))]
-        judged, near = near[: SAMPLES.dense // 2], np.sort(near)
+        neighbourhood = order[: min(SAMPLES.dense, int(present.sum()))]
+        judged, neighbourhood = neighbourhood[: SAMPLES.dense // 2], np.sort(neighbourhood)
         waiting[judged] = False
-        wrong = []
-        for one in _SuspectSearch(control.select_gcps(near, out, inverse), sigmas, gcps).find_suspect_gcps():
-            group, rivals = (tuple(near[list(some)].tolist()) for some in (one.group, one.rivals))
-            said = replace(one, gcp=int(near[one.gcp]), group=group, rivals=rivals)
+        clear_suspects = []
+        for one in _SuspectSearch(
+            control.select_gcps(neighbourhood, excluded, inverse), sigmas, gcps
+        ).find_suspect_gcps():
+            group, rivals = (tuple(neighbourhood[list(members)].tolist()) for members in (one.group, one.rivals))
+            said = replace(one, gcp=int(neighbourhood[one.gcp]), group=group, rivals=rivals)
             if not np.isin(said.concerned, judged).any():  # it is decided in its own neighbourhood
                 continue
             suspects.append(said)
             waiting[list(said.concerned)] = False
-            wrong += [said.gcp] if said.is_clear else []
-        if wrong:
-            present[wrong] = False
-            out = control.find_measurements(np.flatnonzero(~present).tolist())
-            inverse = control.invert_subset(out)
-            suspicion = _compute_suspicion(control, out, inverse)
+            clear_suspects += [said.gcp] if said.is_clear else []
+        if clear_suspects:
+            present[clear_suspects] = False
+            excluded = control.find_measurements(np.flatnonzero(~present).tolist())
+            inverse = control.invert_subset(excluded)
+            suspicion = _compute_suspicion(control, excluded, inverse)
     return suspects
 
 
-def _compute_suspicion(control: Discrepancies, out: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Return the largest -log probability of each GCP's explanations, ``(g,)``, without observations ``out``.
+def _compute_suspicion(control: Discrepancies, excluded: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Return the largest -log probability of each GCP's explanations, ``(g,)``, without observations ``excluded``.
 
     Only the GCP's own part of S is used, so that no further matrix of the size of S is needed.
     """
     factor, surprise = VarianceFactor(1.0, 1e9, ()), np.zeros(len(control.points))
     for gcp in range(len(control.points)):
-        own = control.select_gcps(np.array([gcp]), out, inverse)
-        tests = (factor.compute_surprise(*own.test_subset(one.out)) for one in _list_explanations(own, 0))
+        of_gcp = control.select_gcps(np.array([gcp]), excluded, inverse)
+        tests = (factor.compute_surprise(*of_gcp.test_subset(one.out)) for one in _list_explanations(of_gcp, 0))
         surprise[gcp] = max(tests, default=0.0)
     return surprise
 
@@ -189,9 +188,9 @@ class _SuspectSearch:
 
     def find_suspect_gcps(self) -> list[Suspect]:
         """Return the wrong or undecided GCPs; empty if the GCPs as a whole and each of their observations agree."""
-        whole = special.chdtrc(max(self.freedom, 1), self.squares) > SIGNIFICANCE.level
+        consistent = special.chdtrc(max(self.freedom, 1), self.squares) > SIGNIFICANCE.level
         factor = VarianceFactor(1.0, 1e9, ())
-        if whole and all(
+        if consistent and all(
             factor.compute_surprise(*self.control.test_subset(one.out)) < self.limit
             for gcp in range(self.gcps)
             for one in _list_explanations(self.control, gcp)
@@ -204,10 +203,10 @@ class _SuspectSearch:
         """Return the decrease of the sum of squares without a group of GCPs, and its dimensions."""
         return self.control.test_subset(self.control.find_measurements(group))
 
-    def estimate_variance_factor(self, group: tuple[int, ...], rest: Discrepancies) -> VarianceFactor:
-        """Return the variance factor of the GCPs that remain without a group, ``rest``."""
+    def estimate_variance_factor(self, group: tuple[int, ...], remaining: Discrepancies) -> VarianceFactor:
+        """Return the variance factor of the GCPs that remain without a group, ``remaining``."""
         squares, dimensions = self.test_group(group)
-        return VarianceFactor.estimate(rest, self.squares - squares, self.freedom - dimensions)
+        return VarianceFactor.estimate(remaining, self.squares - squares, self.freedom - dimensions)
 
     # ---- which GCPs ------------------------------------------------------------------------------------------------
 
@@ -216,35 +215,37 @@ class _SuspectSearch:
         if special.binom(self.gcps, size) <= GCP_TESTS.all_subsets:
             return max(combinations(range(self.gcps), size), key=lambda group: self.test_group(group)[0])
         rng = np.random.default_rng(1)  # reproducible starts
-        alone = np.array([self.test_group((gcp,))[0] for gcp in range(self.gcps)])
-        starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(GCP_TESTS.starts))]
-        after: dict[tuple[int, ...], tuple[int, ...]] = {}  # steps that several starts share
-        ended = {self._concentrate(tuple(sorted(start.tolist())), after): None for start in starts}
+        single = np.array([self.test_group((gcp,))[0] for gcp in range(self.gcps)])
+        starts = [np.argsort(-single)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(GCP_TESTS.starts))]
+        successor: dict[tuple[int, ...], tuple[int, ...]] = {}  # steps that several starts share
+        ended = {self._concentrate(tuple(sorted(start.tolist())), successor): None for start in starts}
         return max(ended, key=lambda group: self.test_group(group)[0])
 
-    def _concentrate(self, group: tuple[int, ...], after: dict[tuple[int, ...], tuple[int, ...]]) -> tuple[int, ...]:
+    def _concentrate(
+        self, group: tuple[int, ...], successor: dict[tuple[int, ...], tuple[int, ...]]
+    ) -> tuple[int, ...]:
         """Return a group whose GCPs are those that disagree most with the others, iterated from ``group``.
 
-        ``after`` stores the successor of each group.
+        ``successor`` stores the successor of each group.
         """
         for _ in range(ITERATIONS.most):
-            if group not in after:
-                after[group] = self._take_worst(group)
-            if after[group] == group:
+            if group not in successor:
+                successor[group] = self._take_worst(group)
+            if successor[group] == group:
                 break
-            group = after[group]
+            group = successor[group]
         return group
 
     def _take_worst(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return the GCPs that disagree most with those outside ``group``, as many as the group has."""
-        out = self.control.find_measurements(group)
-        inverse, own = self.control.invert_subset(out), np.zeros(self.gcps)
-        rest = self.control.exclude(out, inverse)
-        parts = [np.flatnonzero(self.control.point[out] == gcp) for gcp in group]
-        own[list(group)] = self.control.test_parts(out, parts, inverse)
+        excluded = self.control.find_measurements(group)
+        inverse, test_value = self.control.invert_subset(excluded), np.zeros(self.gcps)
+        remaining = self.control.exclude(excluded, inverse)
+        parts = [np.flatnonzero(self.control.point[excluded] == gcp) for gcp in group]
+        test_value[list(group)] = self.control.test_parts(excluded, parts, inverse)
         for gcp in set(range(self.gcps)) - set(group):
-            own[gcp], _ = rest.test_subset(rest.find_measurements((gcp,)))
-        return tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
+            test_value[gcp], _ = remaining.test_subset(remaining.find_measurements((gcp,)))
+        return tuple(sorted(np.argsort(test_value)[-len(group) :].tolist()))
 
     def readmit_consistent_gcps(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return a group without its GCPs that are not significantly wrong; these are accepted again one by one."""
@@ -252,26 +253,28 @@ class _SuspectSearch:
         while group:
             everything = self.control.exclude(self.control.find_measurements(group))
             factor = self.estimate_variance_factor(group, everything)
-            lowest, least = np.inf, -1
+            lowest, candidate = np.inf, -1
             for gcp in sorted(group, key=lambda gcp: surprise[gcp]):  # in the last order: few are tested completely
                 # The largest -log probability of the GCP's explanations, with the others of the group left out
-                rest, most = self._leave_out_others(group, gcp), 0.0
-                for one in _list_explanations(rest, gcp):
-                    most = max(most, factor.compute_surprise(*rest.test_subset(one.out)))
-                    if most > lowest:
+                remaining, largest = self._leave_out_others(group, gcp), 0.0
+                for one in _list_explanations(remaining, gcp):
+                    largest = max(largest, factor.compute_surprise(*remaining.test_subset(one.out)))
+                    if largest > lowest:
                         break
-                surprise[gcp] = most
-                if (surprise[gcp], gcp) < (lowest, least) or least < 0:
-                    lowest, least = surprise[gcp], gcp
+                surprise[gcp] = largest
+                if (surprise[gcp], gcp) < (lowest, candidate) or candidate < 0:
+                    lowest, candidate = surprise[gcp], gcp
             if lowest > self.limit:
                 break
-            group = tuple(gcp for gcp in group if gcp != least)
+            group = tuple(gcp for gcp in group if gcp != candidate)
         return group
 
     def _leave_out_others(self, group: tuple[int, ...], gcp: int) -> Discrepancies:
         """Return the discrepancies of a GCP with the other GCPs of its group left out."""
-        others = tuple(one for one in group if one != gcp)
-        return self.control.reduce_to(self.control.find_observations((gcp,)), self.control.find_measurements(others))
+        excluded_gcps = tuple(one for one in group if one != gcp)
+        return self.control.reduce_to(
+            self.control.find_observations((gcp,)), self.control.find_measurements(excluded_gcps)
+        )
 
     # ---- which part, and whether it is clear -----------------------------------------------------------------------
 
@@ -282,56 +285,56 @@ class _SuspectSearch:
         if 2 * len(group) == self.gcps:  # two halves: neither of them is a majority
             alternatives = [tuple(sorted(set(range(self.gcps)) - set(group)))]
         certain = set(group).intersection(*alternatives) if alternatives else set(group)
-        found = [self._explain_gcp(group, gcp, factor) for gcp in sorted(certain)]
+        suspects = [self._explain_gcp(group, gcp, factor) for gcp in sorted(certain)]
         undecided = tuple(sorted(set(group) - certain))
         if undecided:
             rivals = tuple(sorted(set().union(*alternatives) - set(group)))
             worst = max((self._explain_gcp(group, gcp, factor) for gcp in undecided), key=lambda one: one.statistic)
-            found.append(Suspect(worst.gcp, worst.what, worst.row, worst.statistic, worst.error, undecided, rivals))
-        return found
+            suspects.append(Suspect(worst.gcp, worst.what, worst.row, worst.statistic, worst.error, undecided, rivals))
+        return suspects
 
     def _list_alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:
         """Yield other groups of the same size that explain nearly as much."""
         best, _ = self.test_group(group)
-        needed = best - max(SIGNIFICANCE.decisive * factor.largest, GCP_TESTS.like * best)
-        others: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
+        limit = best - max(SIGNIFICANCE.decisive * factor.largest, EQUALITY.alike * best)
+        candidates: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
         if special.binom(self.gcps, len(group)) > GCP_TESTS.all_subsets:  # only one GCP exchanged
             outside = sorted(set(range(self.gcps)) - set(group))
-            others = (tuple(sorted((set(group) - {one}) | {other})) for one in group for other in outside)
-        for other in others:
-            if other != group and self.test_group(other)[0] >= needed:
-                yield other
+            candidates = (tuple(sorted((set(group) - {one}) | {candidate})) for one in group for candidate in outside)
+        for candidate in candidates:
+            if candidate != group and self.test_group(candidate)[0] >= limit:
+                yield candidate
 
     def _explain_gcp(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor) -> Suspect:
         """Return the wrong part of a GCP, with the others of its group left out: all of it if the part is ambiguous."""
-        rest = self._leave_out_others(group, gcp)
-        most, _ = rest.test_subset(rest.find_measurements((gcp,)))
-        tests = {one: rest.test_subset(one.out) for one in _list_explanations(rest, gcp)}
+        remaining = self._leave_out_others(group, gcp)
+        total, _ = remaining.test_subset(remaining.find_measurements((gcp,)))
+        tests = {one: remaining.test_subset(one.out) for one in _list_explanations(remaining, gcp)}
         score = {one: test / factor.largest - SIGNIFICANCE.decisive * rank for one, (test, rank) in tests.items()}
         best = max(score, key=lambda one: score[one])
-        alike = score[best] - max(SIGNIFICANCE.decisive, GCP_TESTS.like * score[best])
+        limit = score[best] - max(SIGNIFICANCE.decisive, EQUALITY.alike * score[best])
         # height and ground position differ in size only; a measurement is a different explanation
-        others = [one for one in score if score[one] >= alike and "image" in (one.what, best.what) and one is not best]
-        unexplained = most - tests[best][0] > max(SIGNIFICANCE.decisive * factor.largest, GCP_TESTS.like * most)
-        shown = best.out
-        if others or unexplained:
-            best = Explanation("all", rest.find_observations((gcp,)))
-            shown = np.flatnonzero((rest.point == gcp) & (rest.kind != IMAGE))
-        row = int(rest.row[shown[0]]) if best.what == "image" else -1
+        rivals = [one for one in score if score[one] >= limit and "image" in (one.what, best.what) and one is not best]
+        unexplained = total - tests[best][0] > max(SIGNIFICANCE.decisive * factor.largest, EQUALITY.alike * total)
+        observations = best.out
+        if rivals or unexplained:
+            best = Explanation("all", remaining.find_observations((gcp,)))
+            observations = np.flatnonzero((remaining.point == gcp) & (remaining.kind != IMAGE))
+        row = int(remaining.row[observations[0]]) if best.what == "image" else -1
         error = np.zeros(2 if row >= 0 else 3)
-        error[rest.axis[shown]] = rest.estimate_errors(shown)
-        test = most if best.what == "all" else tests[best][0]
+        error[remaining.axis[observations]] = remaining.estimate_errors(observations)
+        test = total if best.what == "all" else tests[best][0]
         return Suspect(gcp, best.what, row, float(np.sqrt(test / factor.pooled)), error)
 
 
 def _list_explanations(control: Discrepancies, gcp: int) -> list[Explanation]:
     """Return the possible errors of a GCP; its height alone only if it has a surveyed plan position as well."""
-    own = control.point == gcp
-    survey = np.flatnonzero(own & (control.kind != IMAGE))
-    height = np.flatnonzero(own & (control.kind == HEIGHT))
-    found = [Explanation("ground", survey)] if len(survey) else []
+    of_gcp = control.point == gcp
+    survey = np.flatnonzero(of_gcp & (control.kind != IMAGE))
+    height = np.flatnonzero(of_gcp & (control.kind == HEIGHT))
+    explanations = [Explanation("ground", survey)] if len(survey) else []
     if len(height) and len(survey) > len(height):
-        found.append(Explanation("height", height))
-    rows = control.row[own & (control.kind == IMAGE)]
-    found += [Explanation("image", np.flatnonzero(own & (control.row == row))) for row in np.unique(rows)]
-    return found
+        explanations.append(Explanation("height", height))
+    rows = control.row[of_gcp & (control.kind == IMAGE)]
+    explanations += [Explanation("image", np.flatnonzero(of_gcp & (control.row == row))) for row in np.unique(rows)]
+    return explanations

@@ -25,18 +25,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import sparse
 
-from ...foundation.statistical_limits import REDUNDANCY
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.statistical_limits import EQUALITY, REDUNDANCY
 from ..gauss_newton import GaussNewton, Solution
 from ..preparation.problem import Problem
-
-
-@thresholds
-class DISCREPANCY:
-    """Limits below which errors of GCPs do not appear in the residuals and cannot be tested."""
-
-    least_inverse_share: float = threshold(1e-9, "", "smallest eigenvalue over the largest one", "rounding of float64")
-
 
 PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, each with its own variance factor
 
@@ -64,29 +55,29 @@ class Discrepancies:
     sigma: np.ndarray
     by_unknown: sparse.csr_matrix = field(default_factory=lambda: sparse.csr_matrix((0, 0)))
 
-    def test_subset(self, chosen: np.ndarray) -> tuple[float, int]:
+    def test_subset(self, subset: np.ndarray) -> tuple[float, int]:
         """Return the decrease of the sum of squares without some observations (indices), and its dimensions."""
-        values, vectors = np.linalg.eigh(self.s[chosen[:, None], chosen])
-        seen = values > REDUNDANCY.tested
-        along = vectors[:, seen].T @ self.u[chosen]
-        return float(np.sum(along**2 / values[seen])), int(seen.sum())
+        values, vectors = np.linalg.eigh(self.s[subset[:, None], subset])
+        is_tested = values > REDUNDANCY.tested
+        along = vectors[:, is_tested].T @ self.u[subset]
+        return float(np.sum(along**2 / values[is_tested])), int(is_tested.sum())
 
-    def test_parts(self, out: np.ndarray, parts: Sequence[np.ndarray], inverse: np.ndarray) -> list[float]:
-        """Return the decrease of the squares by each of the ``parts`` of ``out`` (indices), beyond the other parts.
+    def test_parts(self, excluded: np.ndarray, parts: Sequence[np.ndarray], inverse: np.ndarray) -> list[float]:
+        """Return the decrease of the squares by each of the ``parts`` of ``excluded`` (indices), beyond the others.
 
         One ``inverse`` of ``S_EE`` is enough: its block of a part is the inverse of that part's S without the rest.
         """
-        errors = inverse @ self.u[out]
+        errors = inverse @ self.u[excluded]
         tests = []
         for part in parts:
             values, vectors = np.linalg.eigh(inverse[part[:, None], part])
-            seen = np.abs(values) > DISCREPANCY.least_inverse_share * np.abs(values).max(initial=0.0)
-            tests.append(float(np.sum((vectors[:, seen].T @ errors[part]) ** 2 / values[seen])))
+            is_tested = np.abs(values) > EQUALITY.rounding * np.abs(values).max(initial=0.0)
+            tests.append(float(np.sum((vectors[:, is_tested].T @ errors[part]) ** 2 / values[is_tested])))
         return tests
 
-    def invert_subset(self, chosen: np.ndarray) -> np.ndarray:
+    def invert_subset(self, subset: np.ndarray) -> np.ndarray:
         """Return S_EE^-1 of some observations, without directions that do not appear in the residuals."""
-        block = self.s[chosen[:, None], chosen]
+        block = self.s[subset[:, None], subset]
         try:  # if norms prove a regular matrix: eight times as fast as eigenvalues
             inverse = np.linalg.inv(block)
             if np.linalg.norm(block) * np.linalg.norm(inverse) * REDUNDANCY.tested < 1.0:
@@ -95,34 +86,35 @@ class Discrepancies:
             pass
         return np.asarray(np.linalg.pinv(block, rcond=REDUNDANCY.tested, hermitian=True))
 
-    def estimate_errors(self, chosen: np.ndarray) -> np.ndarray:
+    def estimate_errors(self, subset: np.ndarray) -> np.ndarray:
         """Return the errors (m, px) of some observations, observed - true, as predicted by all other observations."""
-        return np.asarray(self.sigma[chosen] * (self.invert_subset(chosen) @ self.u[chosen]))
+        return np.asarray(self.sigma[subset] * (self.invert_subset(subset) @ self.u[subset]))
 
-    def exclude(self, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
+    def exclude(self, excluded: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
         """Return the discrepancies of all others when some observations (indices) are left out."""
-        return self.reduce_to(np.delete(np.arange(len(self.u)), out), out, inverse)
+        return self.reduce_to(np.delete(np.arange(len(self.u)), excluded), excluded, inverse)
 
-    def reduce_to(self, chosen: np.ndarray, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
-        """Return the discrepancies of ``chosen`` observations if those of ``out`` are left out; all others are kept.
+    def reduce_to(self, subset: np.ndarray, excluded: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
+        """Return the discrepancies of ``subset`` observations without those of ``excluded``; all others are kept.
 
-        ``inverse`` is `invert_subset` of ``out``, if it was computed before.
+        ``inverse`` is `invert_subset` of ``excluded``, if it was computed before.
         """
-        gain = self.s[np.ix_(chosen, out)] @ (self.invert_subset(out) if inverse is None else inverse)
+        gain = self.s[np.ix_(subset, excluded)] @ (self.invert_subset(excluded) if inverse is None else inverse)
         return Discrepancies(
-            self.points, self.point[chosen], self.kind[chosen], self.row[chosen], self.axis[chosen],
-            self.u[chosen] - gain @ self.u[out], self.s[np.ix_(chosen, chosen)] - gain @ self.s[np.ix_(out, chosen)],
-            self.sigma[chosen],
+            self.points, self.point[subset], self.kind[subset], self.row[subset], self.axis[subset],
+            self.u[subset] - gain @ self.u[excluded],
+            self.s[np.ix_(subset, subset)] - gain @ self.s[np.ix_(excluded, subset)],
+            self.sigma[subset],
         )  # fmt: skip
 
-    def select_gcps(self, gcps: np.ndarray, out: np.ndarray, inverse: np.ndarray) -> Discrepancies:
+    def select_gcps(self, gcps: np.ndarray, excluded: np.ndarray, inverse: np.ndarray) -> Discrepancies:
         """Return the discrepancies of some GCPs (indices into ``points``, ascending), which are renumbered from 0.
 
-        Observations ``out`` (with their ``inverse``) are left out and not contained; all others are kept.
+        Observations ``excluded`` (with their ``inverse``) are left out and not contained; all others are kept.
         """
-        chosen = np.setdiff1d(self.find_observations(gcps.tolist()), out)
-        some = self.reduce_to(chosen, out, inverse)
-        return replace(some, points=self.points[gcps], point=np.searchsorted(gcps, some.point))
+        subset = np.setdiff1d(self.find_observations(gcps.tolist()), excluded)
+        reduced = self.reduce_to(subset, excluded, inverse)
+        return replace(reduced, points=self.points[gcps], point=np.searchsorted(gcps, reduced.point))
 
     def find_observations(self, gcps: Sequence[int]) -> np.ndarray:
         """Return the indices of all observations of some GCPs (indices into ``points``)."""
@@ -133,9 +125,9 @@ class Discrepancies:
         return np.flatnonzero(self._belongs_to(gcps) & (self.kind == IMAGE))
 
     def _belongs_to(self, gcps: Sequence[int]) -> np.ndarray:
-        wanted = np.zeros(len(self.points), dtype=bool)
-        wanted[list(gcps)] = True
-        return wanted[self.point]
+        is_member = np.zeros(len(self.points), dtype=bool)
+        is_member[list(gcps)] = True
+        return is_member[self.point]
 
 
 def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, points: np.ndarray) -> Discrepancies:
@@ -143,22 +135,22 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
     observations, priors = problem.observations, solution.weighting.points
     system, parameters = loop.system, loop.prior_weight.shape[1]
     system.factorise(solution.normals.blocks, loop.prior_weight)
-    given = solution.weight  # a property, computed at each access
+    image_weight = solution.weight  # a property, computed at each access
     derivatives = compute_derivatives(problem, solution, points)
     surveys, miss = (
         priors.build_weight_matrices(points, observed=True),
         priors.compute_misclosures_m(solution.state.ground[points], points),
     )
     columns: list[list[np.ndarray]] = [[] for _ in range(6)]
-    own, by_cameras, unknowns = [], [], []
+    diagonal_blocks, by_cameras, unknowns = [], [], []
     for number, point in enumerate(points.tolist()):
         rows = np.arange(observations.first[point], observations.first[point + 1])
-        rows = rows[given[rows] > 0.0]
+        rows = rows[image_weight[rows] > 0.0]
         by_values, by_ground = derivatives[point]
         k = len(rows)
         weight = np.zeros((3 + 2 * k, 3 + 2 * k))
         weight[:3, :3] = surveys[number]
-        weight[range(3, 3 + 2 * k), range(3, 3 + 2 * k)] = np.repeat(given[rows], 2)
+        weight[range(3, 3 + 2 * k), range(3, 3 + 2 * k)] = np.repeat(image_weight[rows], 2)
         position = np.concatenate([np.eye(3), by_ground.reshape(-1, 3)])  # B
         inverse = solution.normals.inverse[point]
         # A, and the derivatives of the position by the cameras that observe it: -V^-1 W'
@@ -167,23 +159,24 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
         answer = np.zeros((3, len(seeing), parameters))
         for measured, (row, camera) in enumerate(zip(rows.tolist(), place.tolist(), strict=True)):
             cameras[3 + 2 * measured : 5 + 2 * measured, camera] = by_values[measured]
-            answer[:, camera] -= given[row] * (inverse @ by_ground[measured].T @ by_values[measured])
+            answer[:, camera] -= image_weight[row] * (inverse @ by_ground[measured].T @ by_values[measured])
         depending = cameras + np.tensordot(position, answer, axes=1)  # R
-        used = np.flatnonzero(weight.diagonal() > 0.0)
-        unit = 1.0 / np.sqrt(weight.diagonal()[used])
-        weight = weight[np.ix_(used, used)]
+        weighted_rows = np.flatnonzero(weight.diagonal() > 0.0)
+        unit = 1.0 / np.sqrt(weight.diagonal()[weighted_rows])
+        weight = weight[np.ix_(weighted_rows, weighted_rows)]
         weighted = unit[:, None] * weight
-        residual = np.concatenate([miss[number], solution.normals.residual[rows].ravel()])[used]
-        position = position[used]
-        alone = (weight - weight @ position @ inverse @ position.T @ weight) * unit * unit[:, None]
-        own.append(0.5 * (alone + alone.T))
-        by_cameras.append(weighted @ depending[used].reshape(len(used), -1))
+        residual = np.concatenate([miss[number], solution.normals.residual[rows].ravel()])[weighted_rows]
+        position = position[weighted_rows]
+        cofactor = (weight - weight @ position @ inverse @ position.T @ weight) * unit * unit[:, None]
+        diagonal_blocks.append(0.5 * (cofactor + cofactor.T))
+        by_cameras.append(weighted @ depending[weighted_rows].reshape(len(weighted_rows), -1))
         unknowns.append((seeing[:, None] * parameters + np.arange(parameters)).ravel())
         for column, values in zip(
             columns,
             (
-                np.full(len(used), number), np.r_[[PLAN, PLAN, HEIGHT], np.full(2 * k, IMAGE)][used],
-                np.r_[[-1, -1, -1], np.repeat(rows, 2)][used], np.r_[[0, 1, 2], np.tile([0, 1], k)][used],
+                np.full(len(weighted_rows), number), np.r_[[PLAN, PLAN, HEIGHT], np.full(2 * k, IMAGE)][weighted_rows],
+                np.r_[[-1, -1, -1], np.repeat(rows, 2)][weighted_rows],
+                np.r_[[0, 1, 2], np.tile([0, 1], k)][weighted_rows],
                 weighted @ residual, unit,
             ),
             strict=True,
@@ -194,7 +187,7 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
     s = system.project_cofactors(by_unknown)
     np.negative(s, out=s)
     begin = 0
-    for block in own:
+    for block in diagonal_blocks:
         s[begin : begin + len(block), begin : begin + len(block)] += block
         begin += len(block)
     return Discrepancies(points, point, kind, row, axis, u, s, sigma, by_unknown)
@@ -203,7 +196,7 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
 def _stack_by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:
     """Return the sparse matrix of ``blocks`` of rows below each other, each with the ``unknowns`` of its columns."""
     starts = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
-    columns = np.concatenate([np.tile(own, len(block)) for block, own in zip(blocks, unknowns, strict=True)])
+    columns = np.concatenate([np.tile(indices, len(block)) for block, indices in zip(blocks, unknowns, strict=True)])
     values = np.concatenate([block.ravel() for block in blocks])
     return sparse.csr_matrix((values, columns, np.r_[0, np.cumsum(starts)]), shape=(len(starts), count))
 
@@ -218,11 +211,11 @@ def compute_derivatives(
     by_values = np.empty((len(rows), 2, problem.prior_weight.shape[1]))
     by_ground = np.empty((len(rows), 2, 3))
     for index in np.unique(observations.image[rows]).tolist():
-        here = np.flatnonzero(observations.image[rows] == index)
-        linearise = problem.camera.equations(observations.images[index], observations.xy[rows[here]])
+        places = np.flatnonzero(observations.image[rows] == index)
+        linearise = problem.camera.equations(observations.images[index], observations.xy[rows[places]])
         values = solution.state.values[observations.camera_of_image[index]]
-        at = linearise(values, solution.state.ground[observations.point[rows[here]]])
-        by_values[here], by_ground[here] = at.by_values, at.by_ground
+        linearised = linearise(values, solution.state.ground[observations.point[rows[places]]])
+        by_values[places], by_ground[places] = linearised.by_values, linearised.by_ground
     last = np.searchsorted(observations.point[rows], points, side="right")
     groups = zip(np.split(by_values, last[:-1]), np.split(by_ground, last[:-1]), strict=True)
     return dict(zip(points.tolist(), groups, strict=True))

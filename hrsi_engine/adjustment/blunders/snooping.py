@@ -61,10 +61,10 @@ class Snooping:
 
         Weights of external heights and positions are those of the ``last`` solution.
         """
-        before = None if last is None else last.weighting.points
+        previous_priors = None if last is None else last.weighting.points
         image = np.where(self.found.decision == int(Decision.KEPT), self.image_weight, 0.0)
         survey = self.survey_weight if survey_weight is None else survey_weight
-        return self.problem.survey_weighting(image, survey, before)
+        return self.problem.survey_weighting(image, survey, previous_priors)
 
     def solve(self, last: Solution | None, progress: Progress) -> Solution:
         """Run the iterations from the last solution, or from the start."""
@@ -105,8 +105,8 @@ class Snooping:
             return solution
         state, priors = solution.state, solution.weighting.points
         ground = problem.equations.intersect(state, self.image_weight, priors, unused)
-        lost = ~finite_rows(ground)
-        ground[lost] = state.ground[lost]
+        is_missing = ~finite_rows(ground)
+        ground[is_missing] = state.ground[is_missing]
         state = State(state.values, ground)
         normals = problem.equations.form_normals(state, solution.weight, priors, solution.weighting.contributes)
         return replace(solution, state=state, normals=normals)
@@ -130,10 +130,10 @@ class Snooping:
             self.found.tie_variance, freedom, squares, solution.weight > 0.0,
         )  # fmt: skip
         judged = points[observations.point]
-        before = self.found.failed if self.found.failed is not None else np.full_like(failed, np.nan)
+        previous = self.found.failed if self.found.failed is not None else np.full_like(failed, np.nan)
         decision = np.where(judged, decision, self.found.decision)
         changed = int((decision != self.found.decision).sum())
-        self.found.decision, self.found.failed = decision, np.where(judged, failed, before)
+        self.found.decision, self.found.failed = decision, np.where(judged, failed, previous)
         return changed > SNOOPING.rare * len(decision)
 
     def estimate_tie_variance_by_rays(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
@@ -165,10 +165,10 @@ class Snooping:
             if len(gcps) < 2:
                 break
             control = self.compute_control(solution, gcps)
-            found = find_suspect_gcps(control, problem.options.reject_sigma)
+            suspects = find_suspect_gcps(control, problem.options.reject_sigma)
             # whether the cameras have a drift whose standard deviation is only assumed so far
             guessed = problem.options.sigma_drift is None and bool(problem.guessed.any())
-            if found and guessed and np.array_equal(self.loop.prior_weight, problem.prior_weight):
+            if suspects and guessed and np.array_equal(self.loop.prior_weight, problem.prior_weight):
                 # test with a looser drift prior: no GCP is rejected for what a drift can explain
                 loop = copy(self.loop)  # shared equations and system, own history
                 loop.history, loop.max_iterations = [], 1  # near the minimum the equations are linear
@@ -179,14 +179,14 @@ class Snooping:
                 loose = compute_discrepancies(problem, loop, free, gcps)
                 drifting = find_suspect_gcps(loose, problem.options.reject_sigma)
                 suspected = {gcp for one in drifting for gcp in one.concerned}
-                found = [one for one in found if suspected.intersection(one.concerned)]
-            said = [describe_suspect(problem, control, one) for one in found]
+                suspects = [one for one in suspects if suspected.intersection(one.concerned)]
+            said = [describe_suspect(problem, control, one) for one in suspects]
             self._undecided = [one for one in said if not one.left_out]
             self.found.findings += [one for one in said if one.left_out]
-            for one in found:
+            for one in suspects:
                 if one.is_clear:
                     leave_out(problem, control, one, self.survey_weight, self.found)
-            if not any(one.is_clear for one in found):
+            if not any(one.is_clear for one in suspects):
                 break
             part = stage(progress, number / ITERATIONS.most, (number + 1) / ITERATIONS.most)
             solution = self.judge_ties_again(self.solve(solution, part), part)
@@ -202,7 +202,7 @@ class Snooping:
             return 0.0, 0.0
         control = self.compute_control(solution, gcps)
         surveys = [np.flatnonzero((control.point == gcp) & (control.kind != IMAGE)) for gcp in range(len(gcps))]
-        tests = [control.test_subset(chosen) for chosen in surveys]
+        tests = [control.test_subset(subset) for subset in surveys]
         return sum(test for test, _ in tests), float(sum(dimensions for _, dimensions in tests))
 
     def compute_control(self, solution: Solution, points: np.ndarray) -> Discrepancies:
@@ -220,12 +220,12 @@ class Snooping:
         """Return the GCPs that have a survey and a measurement with weight."""
         weighting, observations = solution.weighting, self.problem.observations
         measured = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) > 0
-        held = weighting.contributes & weighting.points.held & observations.surveyed
-        return np.flatnonzero(held & measured & any_of_rows(self.survey_weight > 0.0))
+        is_surveyed = weighting.contributes & weighting.points.held & observations.surveyed
+        return np.flatnonzero(is_surveyed & measured & any_of_rows(self.survey_weight > 0.0))
 
 
 def leave_out(
-    problem: Problem, control: Discrepancies, suspect: Suspect, survey_weight: np.ndarray, found: RoundFindings
+    problem: Problem, control: Discrepancies, suspect: Suspect, survey_weight: np.ndarray, round_findings: RoundFindings
 ) -> None:
     """Set the weights of a GCP's wrong part to zero: of the survey ``(m, 3)``, or of measurements; in place."""
     point = int(control.points[suspect.gcp])
@@ -238,10 +238,10 @@ def leave_out(
         survey_weight[point] = 0.0
     if suspect.what == "all":
         rows = np.arange(problem.observations.first[point], problem.observations.first[point + 1])
-    found.decision[rows] = int(kind)
-    if found.failed is None:
-        found.failed = np.full(len(found.decision), np.nan, dtype=np.float32)
-    found.failed[rows] = suspect.statistic
+    round_findings.decision[rows] = int(kind)
+    if round_findings.failed is None:
+        round_findings.failed = np.full(len(round_findings.decision), np.nan, dtype=np.float32)
+    round_findings.failed[rows] = suspect.statistic
 
 
 def describe_suspect(problem: Problem, control: Discrepancies, suspect: Suspect) -> Finding:
@@ -254,18 +254,19 @@ def describe_suspect(problem: Problem, control: Discrepancies, suspect: Suspect)
     sigmas = f"({suspect.statistic:.0f} sigma)"
     if suspect.is_clear:
         east, north, up = suspect.error if image is None else (0.0, 0.0, 0.0)
-        wrong = {
+        descriptions = {
             "height": f"its height is {size:.1f} m too {'high' if up > 0.0 else 'low'} {sigmas}",
             "image": f"its measurement on image {image} has an error of {size:.1f} px {sigmas}",
             "ground": f"its position has an error of {east:+.1f} {north:+.1f} {up:+.1f} m east, north, up {sigmas}",
             "all": f"its ground position (error {size:.1f} m) or its measurements are wrong {sigmas}",
         }[suspect.what]
-        message = f"GCP {name}: according to the other observations {wrong}; it is not used"
+        message = f"GCP {name}: according to the other observations {descriptions}; it is not used"
     else:
-        apart = f"{size:.1f} {unit} {sigmas}"
-        here, there = list_ids(ids[list(suspect.group)]), list_ids(ids[list(suspect.rivals)])
+        difference = f"{size:.1f} {unit} {sigmas}"
+        group_ids, rival_ids = list_ids(ids[list(suspect.group)]), list_ids(ids[list(suspect.rivals)])
         message = (
-            f"GCP {here} and {there} contradict each other, {name} by {apart}; the wrong ones cannot be identified, so "
+            f"GCP {group_ids} and {rival_ids} contradict each other, {name} by {difference}; the wrong ones cannot "
+            "be identified, so "
             "all are used: check them, or measure more GCPs"
         )
     return Finding(

@@ -26,7 +26,7 @@ probability equally (Bonferroni).
 import numpy as np
 from scipy import special
 
-from ...foundation.statistical_limits import REDUNDANCY
+from ...foundation.statistical_limits import EQUALITY, REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
@@ -52,9 +52,6 @@ class RAYS:
         0.002, "", "probability of a rejection in an error-free block, and false discovery rate of the rejected tie "
         "points"
     )  # fmt: skip
-    least_variance: float = threshold(
-        1e-12, "", "smallest variance factor of tie points (smaller residuals are rounding errors)"
-    )
 
 
 @thresholds
@@ -73,14 +70,14 @@ def estimate_tie_variance(
 
     It is the median of their sums of squares ``(m,)`` over the expected ones, of points on two ``rays (m,)`` or more;
     not of points reduced to two rays, which were selected because they agree. Sums of squares that are differences of
-    nearly equal numbers may be negative by rounding: the factor is at least `RAYS.least_variance`.
+    nearly equal numbers may be negative by rounding: the factor is at least `EQUALITY.rounding`.
     """
-    chosen = ties & (rays >= np.minimum(np.diff(observations.first), 3)) & (rays >= 2)
-    if not chosen.any():
+    selection = ties & (rays >= np.minimum(np.diff(observations.first), 3)) & (rays >= 2)
+    if not selection.any():
         return 1.0, 0.0
-    freedom = 2 * rays[chosen] - 3
+    freedom = 2 * rays[selection] - 3
     expected = special.chdtri(np.arange(1, freedom.max() + 1), 0.5)[freedom - 1]
-    variance = max(float(np.median(squares[chosen] / expected)), RAYS.least_variance)
+    variance = max(float(np.median(squares[selection] / expected)), EQUALITY.rounding)
     return variance, float(MEDIAN_EFFICIENCY * freedom.sum())
 
 
@@ -104,7 +101,7 @@ def compute_point_squares(
 
 def check_ties(
     equations: NormalEquations, observations: Observations, solution: Solution, all_in: Weighting, ties: np.ndarray,
-    sigmas: float, variance: float, freedom: float, squares: np.ndarray, used: np.ndarray,
+    sigmas: float, variance: float, freedom: float, squares: np.ndarray, in_solution: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return a `Decision` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
 
@@ -116,8 +113,8 @@ def check_ties(
     decision = np.full(observations.count, int(Decision.KEPT), dtype=np.int8)
     failed = np.full(observations.count, np.nan, dtype=np.float32)
     lengths = np.diff(observations.first)
-    least = np.array([tie_test_limit(sigmas, rays) for rays in range(int(lengths.max(initial=0)) + 1)])
-    suspicious = np.flatnonzero(ties & (squares > least[lengths] * variance))
+    limit_by_rays = np.array([tie_test_limit(sigmas, rays) for rays in range(int(lengths.max(initial=0)) + 1)])
+    suspicious = np.flatnonzero(ties & (squares > limit_by_rays[lengths] * variance))
     rays = lengths[suspicious]
     groups: list[tuple[np.ndarray, PointRays]] = []
     if not len(suspicious):
@@ -125,7 +122,7 @@ def check_ties(
     # Common part of the residuals of each image: coefficients (images, 6, 2) of `_list_terms`
     trends = np.zeros((len(observations.images), 6, 2))
     for index, rows in enumerate(observations.by_image):
-        rows = rows[used[rows]]
+        rows = rows[in_solution[rows]]
         rows = rows[:: 1 + len(rows) // TREND.sample]
         if len(rows) < TREND.least:
             continue
@@ -134,17 +131,17 @@ def check_ties(
             weighted = terms * weight[:, None]
             normal = terms.T @ weighted + REDUNDANCY.regularised * len(rows) * np.eye(6)
             trends[index] = np.linalg.solve(normal, weighted.T @ solution.normals.residual[rows])
-            apart = np.linalg.norm(solution.normals.residual[rows] - terms @ trends[index], axis=1)
-            weight = huber(apart / max(float(np.median(apart)), 1e-9))
+            distance = np.linalg.norm(solution.normals.residual[rows] - terms @ trends[index], axis=1)
+            weight = huber(distance / max(float(np.median(distance)), 1e-9))
     for length in np.unique(rays):
         points = suspicious[rays == length]
         rows, linear = equations.linearise_points(solution.state, points)
-        own = linear.residual - np.einsum(
+        detrended = linear.residual - np.einsum(
             "nt,ntc->nc", _list_terms(observations, rows), trends[observations.image[rows]]
         )
         rows = rows.reshape(-1, length)
         groups.append((rows, PointRays(
-            own.reshape(-1, length, 2), linear.by_ground.reshape(-1, length, 2, 3),
+            detrended.reshape(-1, length, 2), linear.by_ground.reshape(-1, length, 2, 3),
             np.minimum(all_in.image[rows] / variance, RAYS.least_sigma_px**-2), all_in.points, points,
         )))  # fmt: skip
     probability = np.concatenate([group.test_worst_rays(freedom) for _, group in groups])
@@ -152,14 +149,14 @@ def check_ties(
     ordered, tests = np.sort(probability), max(int(ties.sum()), 1)
     allowed = RAYS.false_share * np.arange(1, len(ordered) + 1) / tests
     passed = np.flatnonzero(ordered <= allowed)
-    shared = allowed[passed[-1]] if len(passed) else RAYS.false_share / tests
-    limit = max(sigmas, float(np.sqrt(-2.0 * np.log(shared))))
+    fdr_limit = allowed[passed[-1]] if len(passed) else RAYS.false_share / tests
+    limit = max(sigmas, float(np.sqrt(-2.0 * np.log(fdr_limit))))
     touched = probability < error_probability(limit)
-    wrong = 1.0 - (1.0 - touched.sum() / ties.sum()) ** (1.0 / lengths[ties].mean())
+    outlier_rate = 1.0 - (1.0 - touched.sum() / ties.sum()) ** (1.0 / lengths[ties].mean())
     worst = np.concatenate([group.worst for _, group in groups])
     size = float(np.sqrt(np.median(worst[touched]))) if touched.any() else 1.0
     for rows, group in groups:
-        decision[rows], failed[rows] = group.judge(sigmas, limit, wrong, size)
+        decision[rows], failed[rows] = group.judge(sigmas, limit, outlier_rate, size)
     return decision, failed
 
 
@@ -214,33 +211,38 @@ class PointRays:
         touched = pending[self.worst[pending] > critical_value(sigmas, 2)]
         if self.weight.shape[1] >= 4:
             tests, squares = self._compute_tests(pending)
-            rest = 2 * (self.weight[pending] > 0.0).sum(axis=1) - 5
-            several = squares - tests.max(axis=1) > special.chdtri(np.maximum(rest, 1), error_probability(sigmas))
+            freedom = 2 * (self.weight[pending] > 0.0).sum(axis=1) - 5
+            several = squares - tests.max(axis=1) > special.chdtri(np.maximum(freedom, 1), error_probability(sigmas))
             self._begin_with_consensus(pending[several], sigmas)
         while len(pending):
             tests, squares = self._compute_tests(pending)
             rays = (self.weight[pending] > 0.0).sum(axis=1)
-            bad = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
-            pending, tests, squares, rays = pending[bad], tests[bad], squares[bad], rays[bad]
+            failed_points = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
+            pending, tests, squares, rays = (
+                pending[failed_points],
+                tests[failed_points],
+                squares[failed_points],
+                rays[failed_points],
+            )
             self._leave_out(pending, tests, squares, rays, sigmas)
         # Two remaining rays that agree too probably by chance
-        alone = touched[(self.weight[touched] > 0.0).sum(axis=1) == 2]
-        if not len(alone):
+        two_ray_points = touched[(self.weight[touched] > 0.0).sum(axis=1) == 2]
+        if not len(two_ray_points):
             return self.decision, self.failed
-        _, squares = self._compute_tests(alone)
+        _, squares = self._compute_tests(two_ray_points)
         agreeing = np.exp(-0.5 * squares) / np.sqrt(2.0 * np.pi)
         rays = self.weight.shape[1]
         odds = (rays * wrong * (1.0 - wrong) + wrong**2) / (1.0 - wrong) ** 2 * (0.5 / size) / agreeing
-        alone = alone[odds > RAYS.credit]
-        self._mark_doubtful(alone, self.weight[alone] > 0.0, np.full(len(alone), np.nan))
+        two_ray_points = two_ray_points[odds > RAYS.credit]
+        self._mark_doubtful(two_ray_points, self.weight[two_ray_points] > 0.0, np.full(len(two_ray_points), np.nan))
         return self.decision, self.failed
 
-    def _mark_doubtful(self, points: np.ndarray, out: np.ndarray, failed: np.ndarray) -> None:
-        """Leave out measurements ``out (l, k)`` as doubtful; blunders found with their help become doubtful, too."""
-        guessed = out | (self.decision[points] == int(Decision.BLUNDER))
+    def _mark_doubtful(self, points: np.ndarray, excluded: np.ndarray, failed: np.ndarray) -> None:
+        """Leave out measurements ``excluded (l, k)`` as doubtful, and blunders found with their help."""
+        guessed = excluded | (self.decision[points] == int(Decision.BLUNDER))
         self.decision[points] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[points])
-        self.failed[points] = np.where(out, failed[:, None], self.failed[points])
-        self.weight[points] = np.where(out, 0.0, self.weight[points])
+        self.failed[points] = np.where(excluded, failed[:, None], self.failed[points])
+        self.weight[points] = np.where(excluded, 0.0, self.weight[points])
 
     def _begin_with_consensus(self, points: np.ndarray, sigmas: float) -> None:
         """Leave out the rays outside the largest set of rays that agree with the intersection of two of them.
@@ -253,43 +255,43 @@ class PointRays:
             prior = np.where(self.weight[points] > 0.0, 1.0 / self.weight[points], np.inf)
         pair_limit, ray_limit = critical_value(sigmas, 1), critical_value(sigmas, 2)
         best = np.zeros(count, dtype=np.int64)
-        every, common = np.zeros((count, length), dtype=bool), np.ones((count, length), dtype=bool)
+        in_any_set, common = np.zeros((count, length), dtype=bool), np.ones((count, length), dtype=bool)
         worst = np.zeros((count, length))
         for pair in list_ray_pairs(length):
-            chosen = list(pair)
-            at = by_ground[:, chosen].reshape(count, 4, 3)
-            weight = np.repeat(1.0 / prior[:, chosen], 2, axis=1)
-            normal = (at * weight[..., None]).swapaxes(1, 2) @ at
+            both_rows = list(pair)
+            design = by_ground[:, both_rows].reshape(count, 4, 3)
+            weight = np.repeat(1.0 / prior[:, both_rows], 2, axis=1)
+            normal = (design * weight[..., None]).swapaxes(1, 2) @ design
             normal[:, range(3), range(3)] += self.own[points]
             inverse = np.linalg.inv(normal)
-            right = (at * weight[..., None]).swapaxes(1, 2) @ residual[:, chosen].reshape(count, 4, 1)
+            right = (design * weight[..., None]).swapaxes(1, 2) @ residual[:, both_rows].reshape(count, 4, 1)
             left = residual - (by_ground @ (inverse @ right)[:, None])[..., 0]
-            own = (left[:, chosen] ** 2).sum(axis=2)
-            squares = (own / prior[:, chosen]).sum(axis=1)
+            pair_squares = (left[:, both_rows] ** 2).sum(axis=2)
+            squares = (pair_squares / prior[:, both_rows]).sum(axis=1)
             cofactor = by_ground @ inverse[:, None] @ by_ground.swapaxes(-1, -2)
             cofactor[..., [0, 1], [0, 1]] += np.minimum(prior, 1e12)[..., None]
             tests = (left * np.linalg.solve(cofactor, left[..., None])[..., 0]).sum(axis=2)
             agree = tests <= ray_limit
-            agree[:, chosen] = True
+            agree[:, both_rows] = True
             support = np.where(squares <= pair_limit, agree.sum(axis=1), 0)
             better, equal = support > best, (support == best) & (support > 0)
-            every = np.where(better[:, None], agree, every | (agree & equal[:, None]))
+            in_any_set = np.where(better[:, None], agree, in_any_set | (agree & equal[:, None]))
             common = np.where(better[:, None], agree, common & (agree | ~equal[:, None]))
             worst = np.where(better[:, None], tests, worst)
             best = np.maximum(best, support)
-        found = best >= 2
-        unclear = every & ~common & found[:, None]
+        has_consensus = best >= 2
+        unclear = in_any_set & ~common & has_consensus[:, None]
         lonely = common.sum(axis=1) < 2
         statistic = np.sqrt(np.maximum(worst, 0.0))
-        wrong = found[:, None] & ~every
-        self.decision[points] = np.where(wrong, int(Decision.BLUNDER), self.decision[points])
-        self.failed[points] = np.where(wrong, statistic, self.failed[points])
-        self.weight[points] = np.where(wrong, 0.0, self.weight[points])
+        outside = has_consensus[:, None] & ~in_any_set
+        self.decision[points] = np.where(outside, int(Decision.BLUNDER), self.decision[points])
+        self.failed[points] = np.where(outside, statistic, self.failed[points])
+        self.weight[points] = np.where(outside, 0.0, self.weight[points])
         doubtful = unclear.any(axis=1)
-        out = np.where((lonely & doubtful)[:, None], every, unclear)[doubtful]
+        excluded = np.where((lonely & doubtful)[:, None], in_any_set, unclear)[doubtful]
         largest = statistic[doubtful].max(axis=1, initial=0.0)
         blunders = self.decision[points[doubtful]].copy()
-        self._mark_doubtful(points[doubtful], out, largest)
+        self._mark_doubtful(points[doubtful], excluded, largest)
         # rays outside all sets remain blunders if the common rays suffice to show it
         sure = (common[doubtful].sum(axis=1) >= 3)[:, None] & (blunders == int(Decision.BLUNDER))
         self.decision[points[doubtful]] = np.where(sure, int(Decision.BLUNDER), self.decision[points[doubtful]])
@@ -298,22 +300,24 @@ class PointRays:
         self, points: np.ndarray, tests: np.ndarray, squares: np.ndarray, rays: np.ndarray, sigmas: float
     ) -> None:
         """Leave out the worst measurement, or all those that could be the wrong one."""
-        rest = np.maximum(2 * rays - 5, 1)
-        acceptable = np.array([critical_value(sigmas, d) for d in range(1, int(rest.max(initial=1)) + 1)])[rest - 1]
+        freedom = np.maximum(2 * rays - 5, 1)
+        acceptable = np.array([critical_value(sigmas, d) for d in range(1, int(freedom.max(initial=1)) + 1)])[
+            freedom - 1
+        ]
         alive = self.weight[points] > 0.0
         could_be = alive & (squares[:, None] - tests <= acceptable[:, None])
         unclear = (could_be.sum(axis=1) > 1) | (rays == 2)
         could_be[rays == 2] = alive[rays == 2]
         worst = np.zeros_like(could_be)
         worst[np.arange(len(points)), tests.argmax(axis=1)] = True
-        out = np.where(unclear[:, None], could_be, worst)
+        excluded = np.where(unclear[:, None], could_be, worst)
         # Fewer than two rays left: these cannot be checked.
-        lonely = unclear & ((alive & ~out).sum(axis=1) < 2)
-        out[lonely] = alive[lonely]
+        lonely = unclear & ((alive & ~excluded).sum(axis=1) < 2)
+        excluded[lonely] = alive[lonely]
         kind = np.where(unclear, int(Decision.DOUBTFUL), int(Decision.BLUNDER)).astype(np.int8)
-        self.decision[points] = np.where(out, kind[:, None], self.decision[points])
-        self.failed[points] = np.where(out, np.sqrt(tests.max(axis=1))[:, None], self.failed[points])
-        self.weight[points] = np.where(out, 0.0, self.weight[points])
+        self.decision[points] = np.where(excluded, kind[:, None], self.decision[points])
+        self.failed[points] = np.where(excluded, np.sqrt(tests.max(axis=1))[:, None], self.failed[points])
+        self.weight[points] = np.where(excluded, 0.0, self.weight[points])
         # Earlier blunders of these points were found with measurements that agree with none.
         collapsed = points[lonely]
         guessed = self.decision[collapsed] == int(Decision.BLUNDER)
@@ -330,10 +334,10 @@ class PointRays:
         inverse = np.linalg.inv(normal)
         step = inverse @ (flat_weighted.swapaxes(1, 2) @ residual.reshape(count, -1, 1))
         left = residual - (flat @ step).reshape(count, length, 2)
-        seen = jacobian @ inverse[:, None] @ jacobian.swapaxes(-1, -2)
+        projected = jacobian @ inverse[:, None] @ jacobian.swapaxes(-1, -2)
         with np.errstate(divide="ignore"):
             prior = np.where(weight > 0.0, 1.0 / weight, 0.0)
-        cofactor = prior[:, :, None, None] * np.eye(2) - seen
+        cofactor = prior[:, :, None, None] * np.eye(2) - projected
         tests = compute_deletion_tests(left.reshape(-1, 2), cofactor.reshape(-1, 2, 2), weight.ravel())
         return tests.reshape(count, length), np.einsum("akc,akc,ak->a", left, left, weight)
 

@@ -40,14 +40,14 @@ class CameraSystem:
         return self.damping * float(np.sum(in_units**2))
 
     def scale_blocks(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
-        pattern, own, fixed = self.pattern, np.arange(self.pattern.parameters), np.isinf(prior_weight)
+        pattern, diagonal, fixed = self.pattern, np.arange(self.pattern.parameters), np.isinf(prior_weight)
         total = np.einsum("cpp->cp", blocks[pattern.diagonal]) + np.where(fixed, 0.0, prior_weight)
         if not np.all(fixed | (total > 0.0)):
             raise SolveError("the normal equations are not positive definite: check the RPCs of the images")
         self.scale, self.damping = np.where(fixed, 0.0, 1.0 / np.sqrt(np.where(fixed, 1.0, total))), damping
         result = blocks * self.scale[pattern.rows][:, :, None]
         result *= self.scale[pattern.columns][:, None, :]
-        result[pattern.diagonal[:, None], own, own] = 1.0 + damping
+        result[pattern.diagonal[:, None], diagonal, diagonal] = 1.0 + damping
         return np.asarray(result)
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
@@ -85,17 +85,17 @@ class CameraSystem:
         pattern, size = self.pattern, right.size
         upper = sparse.bsr_matrix((blocks, pattern.columns, pattern.start), shape=(size, size))
         lower = upper.T
-        twice = blocks[pattern.diagonal]
-        own = np.where(np.isinf(prior_weight), 0.0, prior_weight)
+        doubled = blocks[pattern.diagonal]
+        diagonal = np.where(np.isinf(prior_weight), 0.0, prior_weight)
 
         def times(x: np.ndarray) -> np.ndarray:
             flat = x.ravel()
-            both = (upper @ flat + lower @ flat).reshape(x.shape)
-            return np.asarray(both - np.einsum("cij,cj->ci", twice, x) + own * x)
+            matrix = (upper @ flat + lower @ flat).reshape(x.shape)
+            return np.asarray(matrix - np.einsum("cij,cj->ci", doubled, x) + diagonal * x)
 
-        solution, rest = np.zeros_like(right), right.copy()
-        ahead = self.solve(rest)
-        direction, square = ahead, float(np.sum(rest * ahead))
+        solution, residual = np.zeros_like(right), right.copy()
+        ahead = self.solve(residual)
+        direction, square = ahead, float(np.sum(residual * ahead))
         first, pace = square, SYSTEM.nearby ** (2.0 / SYSTEM.nearby_iterations)
         for passed in range(SYSTEM.nearby_iterations + 1):
             if square <= SYSTEM.nearby**2 * first:
@@ -107,10 +107,10 @@ class CameraSystem:
             if not curvature > 0.0:
                 return None
             solution += square / curvature * direction
-            rest -= square / curvature * along
-            ahead = self.solve(rest)
-            before, square = square, float(np.sum(rest * ahead))
-            direction = ahead + square / before * direction
+            residual -= square / curvature * along
+            ahead = self.solve(residual)
+            previous, square = square, float(np.sum(residual * ahead))
+            direction = ahead + square / previous * direction
         return None
 
     def solve(self, right: np.ndarray) -> np.ndarray:

@@ -29,20 +29,20 @@ def _routine(library: Any, name: str) -> Callable[..., None]:
     function = ctypes.CFUNCTYPE(None)(_get_address(capsule, _get_name(capsule)))
 
     def call(*arguments: bytes | int | float | np.ndarray | ctypes.c_int) -> None:
-        given: list[Any] = []
+        stated: list[Any] = []
         for argument in arguments:
             if isinstance(argument, np.ndarray):
                 if argument.dtype != np.float64 or argument.strides[-1] != argument.itemsize:
                     raise ValueError(f"{name} takes rows of float64 that lie in order")
                 row = ctypes.c_int(max(argument.strides[0] // argument.itemsize, 1))
-                given += [ctypes.c_void_p(argument.ctypes.data), ctypes.byref(row)]
+                stated += [ctypes.c_void_p(argument.ctypes.data), ctypes.byref(row)]
             elif isinstance(argument, bytes):
-                given.append(ctypes.byref(ctypes.c_char(argument)))
+                stated.append(ctypes.byref(ctypes.c_char(argument)))
             elif isinstance(argument, float):
-                given.append(ctypes.byref(ctypes.c_double(argument)))
+                stated.append(ctypes.byref(ctypes.c_double(argument)))
             else:
-                given.append(ctypes.byref(argument if isinstance(argument, ctypes.c_int) else ctypes.c_int(argument)))
-        function(*given)
+                stated.append(ctypes.byref(argument if isinstance(argument, ctypes.c_int) else ctypes.c_int(argument)))
+        function(*stated)
 
     return call
 

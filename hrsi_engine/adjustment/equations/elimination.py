@@ -49,11 +49,11 @@ class NumpyElimination:
             order = np.lexsort(camera.T[::-1])
             step = max(1, ROWS_PER_CHUNK // length)
             for begin in range(0, len(points), step):
-                some = order[begin : begin + step]
-                cameras = camera[some]
+                subset = order[begin : begin + step]
+                cameras = camera[subset]
                 new = np.r_[True, np.any(cameras[1:] != cameras[:-1], axis=1)]
-                rows = observations.first[points[some]][:, None] + np.arange(length)
-                chunks.append(Chunk(points[some], rows, cameras, np.flatnonzero(new)))
+                rows = observations.first[points[subset]][:, None] + np.arange(length)
+                chunks.append(Chunk(points[subset], rows, cameras, np.flatnonzero(new)))
         return chunks
 
     def list_parts(self) -> list[Portion]:
@@ -70,16 +70,16 @@ class NumpyElimination:
         matrix, point_right = _point_normals(part, linear, weight, ground, priors)
         lower = np.linalg.inv(np.linalg.cholesky(matrix))  # V^-1 = L^-T L^-1
         sums.inverse[:], sums.point_right[:] = lower.swapaxes(1, 2) @ lower, point_right
-        used = weight * contributes[observations.point]
+        contributing = weight * contributes[observations.point]
         by_values, blocks = _compose_derivatives(linear), sums.blocks.reshape(pattern.blocks, p, p)
         for index, rows in enumerate(observations.by_image):
             camera = observations.camera_of_image[index]
             a = by_values[rows].reshape(2 * len(rows), p)
-            weighted = a * np.repeat(used[rows], 2)[:, None]
+            weighted = a * np.repeat(contributing[rows], 2)[:, None]
             blocks[pattern.diagonal[camera]] += weighted.T @ a
             sums.right[camera] += weighted.T @ linear.residual[rows].ravel()
         for chunk in self._chunks if p else ():
-            self._subtract(chunk, linear, used, lower[chunk.points], sums, blocks)
+            self._subtract(chunk, linear, contributing, lower[chunk.points], sums, blocks)
 
     def _subtract(
         self, chunk: Chunk, linear: Linearisation, weight: np.ndarray, lower: np.ndarray, sums: Normals,
@@ -100,9 +100,11 @@ class NumpyElimination:
         ):
             product = cross[first:last].reshape(-1, length * p).T @ cross[first:last].reshape(-1, length * p)
             self._scatter(product[None], chunk.camera[first : first + 1], blocks)
-        alone = np.repeat(small, np.diff(bounds))
-        if alone.any():
-            self._scatter(cross[alone].transpose(0, 2, 1) @ cross[alone], chunk.camera[alone], blocks)
+        in_small_group = np.repeat(small, np.diff(bounds))
+        if in_small_group.any():
+            self._scatter(
+                cross[in_small_group].transpose(0, 2, 1) @ cross[in_small_group], chunk.camera[in_small_group], blocks
+            )
 
     def _scatter(self, products: np.ndarray, camera: np.ndarray, blocks: np.ndarray) -> None:
         """Subtract ``products (m, k p, k p)`` from the upper blocks of their cameras ``(m, k)``."""
@@ -112,12 +114,13 @@ class NumpyElimination:
         upper = camera[:, :, None] <= camera[:, None, :]
         row = np.broadcast_to(camera[:, :, None], upper.shape)[upper]
         column = np.broadcast_to(camera[:, None, :], upper.shape)[upper]
-        where, parts = self.pattern.find_blocks(row, column), parts[upper].reshape(-1, p * p)
-        if count == 1 and len(np.unique(where)) == len(where):
-            blocks.reshape(-1, p * p)[where] -= parts
+        block_index, parts = self.pattern.find_blocks(row, column), parts[upper].reshape(-1, p * p)
+        if count == 1 and len(np.unique(block_index)) == len(block_index):
+            blocks.reshape(-1, p * p)[block_index] -= parts
             return
         summing = sparse.csr_matrix(
-            (np.ones(len(where)), (where, np.arange(len(where)))), (self.pattern.blocks, len(where))
+            (np.ones(len(block_index)), (block_index, np.arange(len(block_index)))),
+            (self.pattern.blocks, len(block_index)),
         )
         blocks -= (summing @ parts).reshape(blocks.shape)
 
@@ -134,8 +137,10 @@ class NumpyElimination:
         out: np.ndarray,
     ) -> None:  # fmt: skip
         """Write the part's steps in metres to ``out (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
-        moved = np.einsum("ncp,np->nc", _compose_derivatives(linear), step[self.observations.camera]) * weight[:, None]
-        pulled = (linear.by_ground * moved[:, :, None]).sum(axis=1)
+        weighted_change = (
+            np.einsum("ncp,np->nc", _compose_derivatives(linear), step[self.observations.camera]) * weight[:, None]
+        )
+        pulled = (linear.by_ground * weighted_change[:, :, None]).sum(axis=1)
         right = normals.point_right - np.add.reduceat(pulled, self.observations.first[:-1], axis=0)
         out[:] = np.einsum("mij,mj->mi", normals.inverse, right)
 
@@ -157,14 +162,14 @@ class NumpyElimination:
             a, b = by_values[chunk.rows], linear.by_ground[chunk.rows]
             pull = b @ normals.inverse[chunk.points][:, None]  # B V^-1 (m, k, 2, 3)
             left = a[:, :, None] @ between  # A Q (m, k, k, 2, p)
-            seen = (left @ a[:, None].swapaxes(-1, -2)).swapaxes(2, 3)  # A Q A' (m, k, 2, k, 2)
+            between_images = (left @ a[:, None].swapaxes(-1, -2)).swapaxes(2, 3)  # A Q A' (m, k, 2, k, 2)
             weighted = pull * weight[chunk.rows][..., None, None]
-            half = np.einsum("makbl,mblx->makx", seen, weighted, optimize=True)
+            half = np.einsum("makbl,mblx->makx", between_images, weighted, optimize=True)
             out.points[chunk.points] += np.einsum("makx,maky->mxy", weighted, half, optimize=True)
             mixed = half @ b.transpose(0, 1, 3, 2)
-            own = np.einsum("makal->makl", seen) - mixed - mixed.transpose(0, 1, 3, 2)
-            own += b @ out.points[chunk.points][:, None] @ b.transpose(0, 1, 3, 2)
-            out.computed[chunk.rows] = own
+            computed = np.einsum("makal->makl", between_images) - mixed - mixed.transpose(0, 1, 3, 2)
+            computed += b @ out.points[chunk.points][:, None] @ b.transpose(0, 1, 3, 2)
+            out.computed[chunk.rows] = computed
 
 
 def _compose_derivatives(linear: Linearisation) -> np.ndarray:
@@ -186,10 +191,10 @@ def _point_normals(
         for j in range(i, 3):
             sums = np.add.reduceat((weighted[:, :, i] * linear.by_ground[:, :, j]).sum(axis=1), first)
             matrix[:, i, j] = matrix[:, j, i] = sums
-    own, miss = (
+    prior_weight, miss = (
         priors.build_weight_matrices(part.points),
         priors.compute_misclosures_m(ground[part.points], part.points),
     )
-    matrix += own
-    right += np.einsum("mij,mj->mi", own, miss)
+    matrix += prior_weight
+    right += np.einsum("mij,mj->mi", prior_weight, miss)
     return matrix, right

@@ -57,8 +57,8 @@ def _find_block(start: np.ndarray, columns: np.ndarray, row: int, column: int) -
 
 
 @njit(**OPTIONS)
-def _invert(n: Six, out: np.ndarray, k: int) -> Six:
-    """Write V^-1 of the symmetric matrix n = (00, 01, 02, 11, 12, 22) to ``out[k]``; return L^-1 with V = L L'.
+def _invert(n: Six, inverse: np.ndarray, k: int) -> Six:
+    """Write V^-1 of the symmetric matrix n = (00, 01, 02, 11, 12, 22) to ``inverse[k]``; return L^-1 with V = L L'.
 
     That is the lower triangle (00, 10, 11, 20, 21, 22).
     """
@@ -69,12 +69,12 @@ def _invert(n: Six, out: np.ndarray, k: int) -> Six:
     f = 1.0 / np.sqrt(n[5] - l20 * l20 - l21 * l21)
     b = -l10 * a * c
     d, e = -(l20 * a + l21 * b) * f, -l21 * c * f
-    out[k, 0, 0] = a * a + b * b + d * d
-    out[k, 0, 1] = out[k, 1, 0] = b * c + d * e
-    out[k, 0, 2] = out[k, 2, 0] = d * f
-    out[k, 1, 1] = c * c + e * e
-    out[k, 1, 2] = out[k, 2, 1] = e * f
-    out[k, 2, 2] = f * f
+    inverse[k, 0, 0] = a * a + b * b + d * d
+    inverse[k, 0, 1] = inverse[k, 1, 0] = b * c + d * e
+    inverse[k, 0, 2] = inverse[k, 2, 0] = d * f
+    inverse[k, 1, 1] = c * c + e * e
+    inverse[k, 1, 2] = inverse[k, 2, 1] = e * f
+    inverse[k, 2, 2] = f * f
     return a, b, c, d, e, f
 
 
@@ -137,7 +137,7 @@ def _add_pairs_of_point(
     """Add all pairs of a point's image points to the blocks; ``s (q q,)`` is overwritten."""
     q = u.shape[1]
     for a in range(count):
-        weight_a, at = weight[row0 + a], begin + a
+        weight_a, row = weight[row0 + a], begin + a
         if weight_a == 0.0:
             continue
         ca = camera[row0 + a]
@@ -146,9 +146,9 @@ def _add_pairs_of_point(
             s[1] = s[2] = 0.0
         else:
             for c in range(q):
-                g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
+                g0, g1 = weight_a * by_quantity[row, 0, c], weight_a * by_quantity[row, 1, c]
                 for d in range(q):
-                    s[c * q + d] = g0 * by_quantity[at, 0, d] + g1 * by_quantity[at, 1, d]
+                    s[c * q + d] = g0 * by_quantity[row, 0, d] + g1 * by_quantity[row, 1, d]
         _add_pair(blocks, start[ca], s, u, terms, begin, a, a, q)
         for b in range(a + 1, count):
             if weight[row0 + b] == 0.0:
@@ -192,21 +192,21 @@ def eliminate_points(
         if not contributes[point]:
             continue
         for a in range(count):
-            weight_a, at, ca = weight[row0 + a], begin + a, camera[row0 + a]
+            weight_a, row, ca = weight[row0 + a], begin + a, camera[row0 + a]
             if weight_a == 0.0:
                 continue
             for c in range(q):
                 by_sample, by_line = weight_a * (c == 0), weight_a * (c == 1)
                 if by_quantity is not None:
-                    by_sample, by_line = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
-                w0 = by_sample * by_ground[at, 0, 0] + by_line * by_ground[at, 1, 0]
-                w1 = by_sample * by_ground[at, 0, 1] + by_line * by_ground[at, 1, 1]
-                w2 = by_sample * by_ground[at, 0, 2] + by_line * by_ground[at, 1, 2]
+                    by_sample, by_line = weight_a * by_quantity[row, 0, c], weight_a * by_quantity[row, 1, c]
+                w0 = by_sample * by_ground[row, 0, 0] + by_line * by_ground[row, 1, 0]
+                w1 = by_sample * by_ground[row, 0, 1] + by_line * by_ground[row, 1, 1]
+                w2 = by_sample * by_ground[row, 0, 2] + by_line * by_ground[row, 1, 2]
                 u0, u1, u2 = l00 * w0, l10 * w0 + l11 * w1, l20 * w0 + l21 * w1 + l22 * w2
                 u[a, c, 0], u[a, c, 1], u[a, c, 2] = u0, u1, u2
-                rest = by_sample * residual[at, 0] + by_line * residual[at, 1] - u0 * g0 - u1 * g1 - u2 * g2
+                reduced = by_sample * residual[row, 0] + by_line * residual[row, 1] - u0 * g0 - u1 * g1 - u2 * g2
                 for i in range(m):
-                    right[ca, c * m + i] += terms[at, i] * rest
+                    right[ca, c * m + i] += terms[row, i] * reduced
         _add_pairs_of_point(begin, row0, count, weight, camera, terms, by_quantity, u, s, start, columns, blocks)
 
 
@@ -240,17 +240,17 @@ def substitute_back(
         for a in range(place[number], place[number + 1]):
             k, sample, line = camera[row], 0.0, 0.0
             for c in range(q):
-                moved = 0.0
+                change = 0.0
                 for i in range(m):
-                    moved += terms[a, i] * step[k, c * m + i]
+                    change += terms[a, i] * step[k, c * m + i]
                 if by_quantity is None:
                     if c == 0:
-                        sample = moved
+                        sample = change
                     else:
-                        line = moved
+                        line = change
                 else:
-                    sample += by_quantity[a, 0, c] * moved
-                    line += by_quantity[a, 1, c] * moved
+                    sample += by_quantity[a, 0, c] * change
+                    line += by_quantity[a, 1, c] * change
             sample, line = weight[row] * sample, weight[row] * line
             g0 -= by_ground[a, 0, 0] * sample + by_ground[a, 1, 0] * line
             g1 -= by_ground[a, 0, 1] * sample + by_ground[a, 1, 1] * line
@@ -276,7 +276,7 @@ def compute_cofactors(
     _, by_ground, terms = linear
     n = 2 if by_quantity is None else by_quantity.shape[2]
     m = terms.shape[1]
-    s, seen = np.empty(n * n), np.empty(n)
+    s, column = np.empty(n * n), np.empty(n)
     q, pull, half = np.empty((2 * most, 2 * most)), np.empty((2 * most, 3)), np.empty((2 * most, 3))
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
@@ -306,14 +306,14 @@ def compute_cofactors(
                         else:
                             for f in range(n):
                                 part += s[e * n + f] * by_quantity[begin + b, d, f]
-                        seen[e] = part
+                        column[e] = part
                     for c in range(2):
                         total = 0.0
                         if by_quantity is None:
-                            total = seen[c]
+                            total = column[c]
                         else:
                             for e in range(n):
-                                total += by_quantity[begin + a, c, e] * seen[e]
+                                total += by_quantity[begin + a, c, e] * column[e]
                         q[2 * a + c, 2 * b + d] = total
                         q[2 * b + d, 2 * a + c] = total
         _compute_point_cofactors(point, begin, row0, count, weight, inverse, by_ground, q, pull, half, out)
@@ -322,10 +322,10 @@ def compute_cofactors(
 @njit(**OPTIONS)
 def _compute_point_cofactors(
     point: int, begin: int, row0: int, count: int, weight: np.ndarray, inverse: np.ndarray, by_ground: np.ndarray,
-    q: np.ndarray, pull: np.ndarray, half: np.ndarray, out: Arrays,
+    q: np.ndarray, pull: np.ndarray, half: np.ndarray, results: Arrays,
 ) -> None:  # fmt: skip
     """Write the cofactors of one point and its image points; see `compute_cofactors`."""
-    out_points, out_computed = out
+    out_points, out_computed = results
     for a in range(2 * count):
         for j in range(3):
             total = 0.0
@@ -339,16 +339,16 @@ def _compute_point_cofactors(
                 total += weight[row0 + a // 2] * pull[a, i] * half[a, j]
             out_points[point, i, j] = total
     for a in range(count):
-        at = begin + a
+        row = begin + a
         for c in range(2):
             for d in range(2):
                 total = q[2 * a + c, 2 * a + d]
                 for j in range(3):
-                    total -= half[2 * a + c, j] * by_ground[at, d, j] + half[2 * a + d, j] * by_ground[at, c, j]
+                    total -= half[2 * a + c, j] * by_ground[row, d, j] + half[2 * a + d, j] * by_ground[row, c, j]
                     part = 0.0
                     for i in range(3):
-                        part += out_points[point, j, i] * by_ground[at, d, i]
-                    total += by_ground[at, c, j] * part
+                        part += out_points[point, j, i] * by_ground[row, d, i]
+                    total += by_ground[row, c, j] * part
                 out_computed[row0 + a, c, d] = total
 
 
@@ -382,9 +382,9 @@ class NumbaElimination(NumpyElimination):
     def solve_points(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
     ) -> np.ndarray:
-        out = np.empty((len(part.points), 3))
-        solve_points(self._rows(part, weight), _arrays(linear), ground, _arrays_of(priors), out)
-        return out
+        steps = np.empty((len(part.points), 3))
+        solve_points(self._rows(part, weight), _arrays(linear), ground, _arrays_of(priors), steps)
+        return steps
 
     def substitute_back(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,

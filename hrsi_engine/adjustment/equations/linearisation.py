@@ -83,26 +83,26 @@ class NumbaCameras:
         ``keep`` announces that the equations of this state are needed again, and permits to cache them.
         """
         if self._kept is not None and self._kept[0].values is state.values and self._kept[0].ground is state.ground:
-            kept = self._kept[1]
+            cached = self._kept[1]
         else:
-            kept = {}
+            cached = {}
             if keep and self._is_costly:
-                self._kept = state, kept
+                self._kept = state, cached
         coefficients = np.asarray(self._model.coefficients(state.values))[self._camera_of_image]
         q, t = self.structure.quantities, self.structure.terms
 
         def linearise(part: Portion) -> Linearisation:
-            if part.number in kept:
-                return kept[part.number]
+            if part.number in cached:
+                return cached[part.number]
             rows = int(part.place[-1])
             by_quantity = np.empty((0, 2, 0)) if q is None else np.empty((rows, 2, q))
-            out = np.empty((rows, 2)), np.empty((rows, 2, 3)), by_quantity, np.empty((rows, t))
+            arrays = np.empty((rows, 2)), np.empty((rows, 2, 3)), by_quantity, np.empty((rows, t))
             formula = self._constants, coefficients, self._table
-            self._loop(part.points, part.place, self._observed, state.ground, self._rpcs, formula, out)
-            found = Linearisation(out[0], out[1], None if q is None else by_quantity, out[3])
+            self._loop(part.points, part.place, self._observed, state.ground, self._rpcs, formula, arrays)
+            linearised = Linearisation(arrays[0], arrays[1], None if q is None else by_quantity, arrays[3])
             if keep and self._is_costly and part.number is not None:
-                kept[part.number] = found
-            return found
+                cached[part.number] = linearised
+            return linearised
 
         return linearise
 
@@ -130,14 +130,16 @@ class CamerasByImage:
         if self._last is None or self._last[0].values is not state.values or self._last[0].ground is not state.ground:
             self._last = None  # frees memory before the next is computed
             self._last = state, self._linearise_all(state)
-        whole = self._last[1]
+        linearised = self._last[1]
 
         def linearise(part: Portion) -> Linearisation:
             if len(part.points) == len(self._observations.points):
-                return whole
+                return linearised
             rows, _ = self._observations.find_rows(part.points)
-            by_quantity = None if whole.by_quantity is None else whole.by_quantity[rows]
-            return Linearisation(whole.residual[rows], whole.by_ground[rows], by_quantity, whole.terms[rows])
+            by_quantity = None if linearised.by_quantity is None else linearised.by_quantity[rows]
+            return Linearisation(
+                linearised.residual[rows], linearised.by_ground[rows], by_quantity, linearised.terms[rows]
+            )
 
         return linearise
 
@@ -148,9 +150,9 @@ class CamerasByImage:
         for index, (rows, equations) in enumerate(zip(observations.by_image, self._linearisers, strict=True)):
             if len(rows):
                 values = state.values[observations.camera_of_image[index]]
-                at = equations(values, state.ground[observations.point[rows]])
-                new.residual[rows] = observations.xy[rows] - at.computed
-                by_values[rows], new.by_ground[rows] = at.by_values, at.by_ground
+                equations_here = equations(values, state.ground[observations.point[rows]])
+                new.residual[rows] = observations.xy[rows] - equations_here.computed
+                by_values[rows], new.by_ground[rows] = equations_here.by_values, equations_here.by_ground
         return new
 
 

@@ -107,14 +107,14 @@ def _cut_part(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) 
         return part[:0], [part[heap[label] == side] for side in (0, 1)]
     cuts = []
     for coordinate in position[part].T:  # cuts through the median; the separator is on the lower side
-        far = np.zeros(len(part), dtype=bool)
-        far[np.argsort(coordinate, kind="stable")[len(part) // 2 :]] = True
-        cuts.append((~far & (inside @ far.astype(np.int32) > 0), far))
-    near, far = min(cuts, key=lambda cut: cut[0].sum())
-    if near.sum() > 0.5 * len(part):
+        upper = np.zeros(len(part), dtype=bool)
+        upper[np.argsort(coordinate, kind="stable")[len(part) // 2 :]] = True
+        cuts.append((~upper & (inside @ upper.astype(np.int32) > 0), upper))
+    lower, upper = min(cuts, key=lambda cut: cut[0].sum())
+    if lower.sum() > 0.5 * len(part):
         return part, []
-    rest = ~near & ~far
-    return part[near], [piece for piece in (part[rest], part[far]) if len(piece)]
+    remaining = ~lower & ~upper
+    return part[lower], [piece for piece in (part[remaining], part[upper]) if len(piece)]
 
 
 class SingularSystemError(SolveError):
@@ -138,14 +138,14 @@ def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], 
             work(front)
         return
     number_of = {id(front): number for number, front in enumerate(order)}
-    after: list[list[int]] = [[] for _ in order]
+    following: list[list[int]] = [[] for _ in order]
     waiting_for = [0] * len(order)
     for front in order:
         for child in front.children:
-            parent, own = number_of[id(front)], number_of[id(child)]
-            before, then = (parent, own) if from_root else (own, parent)
-            after[before].append(then)
-            waiting_for[then] += 1
+            parent, part = number_of[id(front)], number_of[id(child)]
+            previous, later = (parent, part) if from_root else (part, parent)
+            following[previous].append(later)
+            waiting_for[later] += 1
     ready = [number for number, count in enumerate(waiting_for) if not count]
     running: dict[Future[None], int] = {}
     with ThreadPoolExecutor(threads) as pool:
@@ -153,12 +153,12 @@ def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], 
             while ready and len(running) < threads:
                 number = heapq.heappop(ready)
                 running[pool.submit(work, order[number])] = number
-            for done in wait(running, return_when=FIRST_COMPLETED).done:
-                done.result()
-                for then in after[running.pop(done)]:
-                    waiting_for[then] -= 1
-                    if not waiting_for[then]:
-                        heapq.heappush(ready, then)
+            for completed in wait(running, return_when=FIRST_COMPLETED).done:
+                completed.result()
+                for later in following[running.pop(completed)]:
+                    waiting_for[later] -= 1
+                    if not waiting_for[later]:
+                        heapq.heappush(ready, later)
 
 
 def find_runs(place: np.ndarray) -> Runs:
@@ -176,8 +176,8 @@ def list_lower_parts(runs: Runs) -> Iterator[tuple[tuple[slice, slice], tuple[sl
     Runs are ascending. A few slices are copied four times as fast as single rows and columns.
     """
     for number, (rows, places) in enumerate(runs):
-        for columns, others in runs[: number + 1]:
-            yield (rows, columns), (places, others)
+        for columns, remainder in runs[: number + 1]:
+            yield (rows, columns), (places, remainder)
 
 
 class SparseFactor:
@@ -213,10 +213,10 @@ class SparseFactor:
             rows = index[front.own]
             column = order[np.minimum(np.searchsorted(cameras[order], rows.indices), len(cameras) - 1)]
             row = np.repeat(np.arange(len(front.own)), np.diff(rows.indptr))
-            here = (cameras[column] == rows.indices) & (column >= row)  # each once, in the lower triangle
-            entry = rows.data[here]
+            indices = (cameras[column] == rows.indices) & (column >= row)  # each once, in the lower triangle
+            entry = rows.data[indices]
             front.entries = FrontEntries(
-                column[here], row[here], np.abs(entry) - 1, (entry > 0) & (column[here] > row[here])
+                column[indices], row[indices], np.abs(entry) - 1, (entry > 0) & (column[indices] > row[indices])
             )
             for child in front.children:
                 child.place = self._number_unknowns(order[np.searchsorted(cameras[order], child.border)])
@@ -229,17 +229,17 @@ class SparseFactor:
         updates: dict[int, np.ndarray] = {}
 
         def eliminate(front: Front) -> None:
-            matrix, own = self._assemble(front, blocks, updates), len(front.own) * self.size
+            matrix, part = self._assemble(front, blocks, updates), len(front.own) * self.size
             try:
-                front.factor = dense.inverse_cholesky(matrix[:own, :own])
+                front.factor = dense.inverse_cholesky(matrix[:part, :part])
             except np.linalg.LinAlgError as error:
                 text = (
                     "the normal equations are singular: add GCPs or tie points, or choose a model with fewer parameters"
                 )
                 raise SingularSystemError(text, front.own) from error
-            front.coupling = dense.multiply_by_triangle(matrix[own:, :own], front.factor, transposed=True)
-            dense.subtract_square(matrix[own:, own:], front.coupling)
-            updates[id(front)] = matrix[own:, own:]
+            front.coupling = dense.multiply_by_triangle(matrix[part:, :part], front.factor, transposed=True)
+            dense.subtract_square(matrix[part:, part:], front.coupling)
+            updates[id(front)] = matrix[part:, part:]
 
         work_through_fronts(self.fronts, eliminate)
 
@@ -265,12 +265,12 @@ class SparseFactor:
         """Return the solution for right-hand sides ``(u,)`` or ``(u, k)``."""
         x = np.array(right, dtype=np.float64)
         for front in self.fronts:  # forward substitution
-            own, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
-            x[own] = front.factor @ x[own]
-            x[border] -= front.coupling @ x[own]
+            part, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
+            x[part] = front.factor @ x[part]
+            x[border] -= front.coupling @ x[part]
         for front in reversed(self.fronts):  # back substitution
-            own, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
-            x[own] = front.factor.T @ (x[own] - front.coupling.T @ x[border])
+            part, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
+            x[part] = front.factor.T @ (x[part] - front.coupling.T @ x[border])
         return x
 
     def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
@@ -284,16 +284,16 @@ class SparseFactor:
         borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # rows, and their contributions to a front's border
 
         def add(front: Front) -> None:
-            own = len(front.own) * self.size
-            here = by_unknown[:, self._number_unknowns(front.own)].tocoo()
+            individual = len(front.own) * self.size
+            indices = by_unknown[:, self._number_unknowns(front.own)].tocoo()
             brought = [borders.pop(id(child)) for child in front.children]
-            taking_part = np.unique(np.concatenate([here.row, *(numbers for numbers, _ in brought)]))
-            x = allocate_zeros((own + len(front.border) * self.size, len(taking_part)))
-            x[here.col, np.searchsorted(taking_part, here.row)] = here.data
+            taking_part = np.unique(np.concatenate([indices.row, *(numbers for numbers, _ in brought)]))
+            x = allocate_zeros((individual + len(front.border) * self.size, len(taking_part)))
+            x[indices.col, np.searchsorted(taking_part, indices.row)] = indices.data
             for child, (numbers, values) in zip(front.children, brought, strict=True):
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
-            y = dense.multiply_dense(front.factor, x[:own])
-            borders[id(front)] = taking_part, x[own:] - dense.multiply_dense(front.coupling, y)
+            y = dense.multiply_dense(front.factor, x[:individual])
+            borders[id(front)] = taking_part, x[individual:] - dense.multiply_dense(front.coupling, y)
             square, runs = dense.multiply_by_own_transpose(y), find_runs(taking_part)
             with adding:
                 for part, place in list_lower_parts(runs):
@@ -302,8 +302,8 @@ class SparseFactor:
         work_through_fronts(self.fronts, add)
         for begin in range(0, len(result), MIRRORED_AT_ONCE):  # parts that fit in the processor's cache
             end = min(begin + MIRRORED_AT_ONCE, len(result))
-            own = np.tril(result[begin:end, begin:end])
-            result[begin:end, begin:end] = own + np.tril(own, -1).T
+            individual = np.tril(result[begin:end, begin:end])
+            result[begin:end, begin:end] = individual + np.tril(individual, -1).T
             result[begin:end, end:] = result[end:, begin:end].T
         return result
 
@@ -313,16 +313,16 @@ class SparseFactor:
         above: dict[int, np.ndarray] = {}  # by child: the inverse for its parent's cameras, lower triangle
 
         def invert(front: Front) -> None:
-            cameras, own = len(front.own) + len(front.border), len(front.own) * self.size
+            cameras, individual = len(front.own) + len(front.border), len(front.own) * self.size
             inverse = allocate_zeros((cameras * self.size,) * 2)
-            parent, outer = above.pop(id(front), inverse), inverse[own:, own:]
+            parent, outer = above.pop(id(front), inverse), inverse[individual:, individual:]
             for part, place in list_lower_parts(front.runs):
                 outer[part] = parent[place]
             gain = dense.multiply_by_triangle(front.coupling, front.factor)
             pulled = dense.multiply_symmetric(outer, gain)
-            inverse[own:, :own] = -pulled
-            inverse[:own, :own] = dense.square_lower(front.factor)
-            dense.add_product(inverse[:own, :own], gain, pulled)
+            inverse[individual:, :individual] = -pulled
+            inverse[:individual, :individual] = dense.square_lower(front.factor)
+            dense.add_product(inverse[:individual, :individual], gain, pulled)
             entries = front.entries
             values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
             values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)

@@ -81,14 +81,14 @@ class NormalEquations:
 
     def compute_residuals(self, state: State) -> np.ndarray:
         """Return observed - computed of all image points, ``(n, 2)`` px."""
-        linearise, out = self.cameras.linearise_at(state), np.empty((self.observations.count, 2))
+        linearise, residual = self.cameras.linearise_at(state), np.empty((self.observations.count, 2))
         first = self.observations.first
 
         def write(part: Portion, _: int) -> None:
-            out[first[part.points[0]] : first[part.points[-1] + 1]] = linearise(part).residual
+            residual[first[part.points[0]] : first[part.points[-1] + 1]] = linearise(part).residual
 
         self._for_parts(write)
-        return out
+        return residual
 
     def form_normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
         """Return the reduced equations; only points where ``contributes (m,)`` is true enter the cameras' part."""
@@ -112,22 +112,22 @@ class NormalEquations:
 
         self._for_parts(add, threads)
         total = sums[0]
-        for more in sums[1:]:
-            total.blocks += more.blocks
-            total.right += more.right
+        for partial in sums[1:]:
+            total.blocks += partial.blocks
+            total.right += partial.right
         total.blocks, total.right = structure.fold(total.blocks), total.right @ structure.mixing
         return total
 
     def compute_point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
         """Return the points' steps ``(m, 3)`` in metres that follow from the cameras' ``step (cameras, p)``."""
-        linearise, out = self.cameras.linearise_at(state), np.empty_like(state.ground)
+        linearise, steps = self.cameras.linearise_at(state), np.empty_like(state.ground)
         by_coefficient = np.ascontiguousarray(step @ self.cameras.structure.mixing.T)
 
         def write(part: Portion, _: int) -> None:
-            self._elimination.substitute_back(part, linearise(part), weight, normals, by_coefficient, out)
+            self._elimination.substitute_back(part, linearise(part), weight, normals, by_coefficient, steps)
 
         self._for_parts(write)
-        return out
+        return steps
 
     def linearise_points(self, state: State, points: np.ndarray) -> tuple[np.ndarray, Linearisation]:
         """Return the image points of some points in order (indices), and their linearised equations."""
@@ -137,14 +137,14 @@ class NormalEquations:
     def compute_cofactors(self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray) -> Cofactors:
         """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
         linearise = self.cameras.linearise_at(state)
-        out = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
+        cofactors = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
         by_coefficient = self.cameras.structure.unfold(cameras)
 
         def write(part: Portion, _: int) -> None:
-            self._elimination.compute_cofactors(part, linearise(part), weight, normals, by_coefficient, out)
+            self._elimination.compute_cofactors(part, linearise(part), weight, normals, by_coefficient, cofactors)
 
         self._for_parts(write)
-        return out
+        return cofactors
 
     def intersect(
         self, state: State, weight: np.ndarray, priors: PointPriors, points: np.ndarray | None = None
@@ -194,5 +194,5 @@ class NormalEquations:
             work_off(0)
             return
         with ThreadPoolExecutor(threads) as pool:
-            for done in [pool.submit(work_off, thread) for thread in range(threads)]:
-                done.result()
+            for future in [pool.submit(work_off, thread) for thread in range(threads)]:
+                future.result()

@@ -60,8 +60,8 @@ class Pattern:
 
     def extend_by(self, observations: Observations) -> Pattern:
         """Return the pattern extended by the pairs of cameras that measured a common point of other observations."""
-        shared = _count_common_points(observations)
-        wide = sparse.csr_matrix(sparse.triu(self.graph.astype(np.float32) + shared))
+        common_points = _count_common_points(observations)
+        wide = sparse.csr_matrix(sparse.triu(self.graph.astype(np.float32) + common_points))
         if wide.nnz == self.blocks:
             return self
         wide.sort_indices()
@@ -72,18 +72,18 @@ def find_pattern(
     observations: Observations, parameters: int, more: Sequence[tuple[np.ndarray, np.ndarray]] = ()
 ) -> Pattern:
     """Return the pattern of the cameras of all measurements, and of ``more`` pairs (rows <= columns)."""
-    together = _count_common_points(observations)
+    adjacency = _count_common_points(observations)
     for pairs in more:
-        together += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=together.shape)
-    shared = sparse.triu(together, format="csr")
-    shared.sort_indices()
+        adjacency += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=adjacency.shape)
+    upper = sparse.triu(adjacency, format="csr")
+    upper.sort_indices()
     # East and north of each camera's scene from the first one's, in degrees of latitude
     middle = np.array([[image.rpc.long_off, image.rpc.lat_off] for image in observations.images])
     place = np.zeros((observations.cameras, 2))
     place[observations.camera_of_image[::-1], 0] = wrap_degrees(middle[::-1, 0] - middle[0, 0])
     place[observations.camera_of_image[::-1], 1] = middle[::-1, 1]
     place[:, 0] *= np.cos(np.radians(place[:, 1]))
-    start, columns = shared.indptr.astype(np.int64), shared.indices.astype(np.int32)
+    start, columns = upper.indptr.astype(np.int64), upper.indices.astype(np.int32)
     return Pattern(observations.cameras, parameters, start, columns, place)
 
 

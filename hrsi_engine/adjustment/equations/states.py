@@ -43,22 +43,22 @@ class PointPriors:
     ) -> PointPriors:
         """Return the surveys where ``weight (m, 3)`` is above zero, and weak priors at the start elsewhere."""
         weight = observations.survey_weight if weight is None else weight
-        given = weight > 0.0
+        is_given = weight > 0.0
         free = 1.0 / FREE_POINT_SIGMA_M**2
-        priors = cls(np.where(given, observations.survey, start), np.where(given, weight, free), given)
+        priors = cls(np.where(is_given, observations.survey, start), np.where(is_given, weight, free), is_given)
         correlation = observations.survey_correlation
         if correlation is None:
             return priors
         # The covariance without unobserved coordinates is inverted, so that the others keep their sigmas
         row, column = COORDINATE_PAIRS
-        both = given[:, row] & given[:, column]
-        points = np.flatnonzero((both & (correlation != 0.0)).any(axis=1))
+        are_given = is_given[:, row] & is_given[:, column]
+        points = np.flatnonzero((are_given & (correlation != 0.0)).any(axis=1))
         matrix = np.tile(np.eye(3), (len(points), 1, 1))
-        matrix[:, row, column] = matrix[:, column, row] = np.where(both[points], correlation[points], 0.0)
+        matrix[:, row, column] = matrix[:, column, row] = np.where(are_given[points], correlation[points], 0.0)
         scale, mixed = np.sqrt(priors.weight[points]), np.zeros_like(priors.weight)
         inverse = scale[:, :, None] * np.linalg.inv(matrix) * scale[:, None, :]
         priors.weight[points], mixed[points] = inverse[:, range(3), range(3)], inverse[:, row, column]
-        return cls(priors.target, priors.weight, given, mixed)
+        return cls(priors.target, priors.weight, is_given, mixed)
 
     @property
     def correlated(self) -> bool:

@@ -22,7 +22,7 @@ from scipy import special
 from ...block.block import Image
 from ...block.pointing import compute_gsds_m, estimate_pointing
 from ...foundation.large_arrays import finite_rows
-from ...foundation.statistical_limits import SIGNIFICANCE
+from ...foundation.statistical_limits import SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..equations.states import FREE_POINT_SIGMA_M
 from ..gauss_newton import Solution
@@ -46,13 +46,6 @@ class AREA_ACCURACY:
     )  # fmt: skip
 
 
-@thresholds
-class FEW_GCPS:
-    """Limits for the test of two or three GCPs against each other."""
-
-    most: int = threshold(3, "GCPs", "largest number of GCPs of a part that are tested in pairs")
-
-
 def describe_parts(
     problem: Problem, solution: Solution, covariance: np.ndarray, prior_share: np.ndarray, leave_one_out: float
 ) -> tuple[DatumPart, ...]:
@@ -61,7 +54,7 @@ def describe_parts(
     ``covariance (m, 3, 3)`` are those of all points without their own surveys (`predict_without_surveys`),
     ``leave_one_out`` the factor by which the GCPs' leave-one-out errors exceed them.
     """
-    known = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
+    surveyed = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
     # Points with error ellipsoids as long as those of nearly parallel rays. For two rays with convergence angle g the
     # longest semi-axis is 2 / tan g times the shortest; other observations of a point shorten it.
     observations = problem.observations
@@ -76,32 +69,32 @@ def describe_parts(
     parallel = ~single & (np.trace(by_rays, axis1=1, axis2=2) ** 3 > longest**2 * volume)
     squares = np.linalg.eigvalsh(by_rays[parallel])
     parallel[parallel] = squares[:, 2] > longest**2 * squares[:, 0]
-    parallel &= known
+    parallel &= surveyed
     finest = np.array([image.camera_pixel == 1.0 for image in observations.images])
     on_finest = observations.count_rays((solution.weight > 0.0) & finest[observations.image]) > 1
     first_image, located = observations.image[observations.first[:-1]], observations.located
     ties = observations.contributing_points & ~located
     ids, parts = problem.block.points.ids[observations.points], []
     for part in problem.parts:
-        here = known & np.isin(first_image, part.images)
-        candidates = here & ties if (here & ties).any() else here
+        of_part = surveyed & np.isin(first_image, part.images)
+        candidates = of_part & ties if (of_part & ties).any() else of_part
         if not finest.all() and (candidates & on_finest).any():
             candidates &= on_finest
         left_out = candidates & parallel if (candidates & ~parallel).any() else np.zeros_like(candidates)
-        chosen = np.flatnonzero(candidates & ~left_out)
-        used = chosen[:: -(-len(chosen) // MOST_POINTS)] if len(chosen) else chosen
-        apart = compare_few_gcps(problem, solution, part)
+        selection = np.flatnonzero(candidates & ~left_out)
+        is_used = selection[:: -(-len(selection) // MOST_POINTS)] if len(selection) else selection
+        contradiction = compare_few_gcps(problem, solution, part)
         widened = leave_one_out if part.gcps else 1.0
         # weight by area: the points of one cell share its weight
-        plan = solution.state.ground[used, :2]
+        plan = solution.state.ground[is_used, :2]
         low, high = plan.min(axis=0, initial=np.inf), plan.max(axis=0, initial=-np.inf)
         cell = np.minimum((plan - low) / np.maximum(high - low, 1e-12) * AREA_CELLS, AREA_CELLS - 1).astype(np.int64)
         cell = cell @ [1, AREA_CELLS]
         weight = 1.0 / np.bincount(cell)[cell]
-        area = predict_accuracy(widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weight)
-        if apart is not None and area["ce90_m"]:  # if one is wrong, the error beyond both is twice as large
-            widened *= max(min(apart.factor / widened, 1.0 + 2.0 * apart.metres / area["ce90_m"]), 1.0)
-            area = predict_accuracy(widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weight)
+        area = predict_accuracy(widened**2 * covariance[is_used], np.zeros((len(is_used), 3, 3)), weight)
+        if contradiction is not None and area["ce90_m"]:  # if one is wrong, the error beyond both is twice as large
+            widened *= max(min(contradiction.factor / widened, 1.0 + 2.0 * contradiction.metres / area["ce90_m"]), 1.0)
+            area = predict_accuracy(widened**2 * covariance[is_used], np.zeros((len(is_used), 3, 3)), weight)
         sigma = [area[name] for name in ("rmse_east_m", "rmse_north_m", "rmse_height_m")]
         east, north, height = (np.nan if value is None else value for value in sigma)
         images = [observations.images[k] for k in part.images]
@@ -113,8 +106,8 @@ def describe_parts(
             DatumPart(
                 tuple(image.id for image in images), part.gcps, part.ties,
                 float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
-                (east, north, height), area["ce90_m"], area["le90_m"], len(chosen),
-                tuple(ids[left_out].tolist()), widened, apart, gsd_m, base_to_height,
+                (east, north, height), area["ce90_m"], area["le90_m"], len(selection),
+                tuple(ids[left_out].tolist()), widened, contradiction, gsd_m, base_to_height,
                 tuple(name for name, limit_m in limits_m.items() if (area[name] or 0.0) > limit_m),
             )
         )  # fmt: skip
@@ -140,10 +133,10 @@ def _remove_surveys(solution: Solution, cofactors: np.ndarray, gcps: np.ndarray,
     """Return the cofactors ``(g, 3, 3)`` of GCPs without their own surveys (except heights if ``keep_height (g,)``)."""
     survey = solution.weighting.points.build_weight_matrices(gcps, observed=True)
     survey[keep_height, 2] = survey[keep_height, :, 2] = 0.0
-    known = finite_rows(cofactors.reshape(-1, 9))
-    normal = np.linalg.inv(np.where(known[:, None, None], cofactors, np.eye(3))) - survey
+    valid = finite_rows(cofactors.reshape(-1, 9))
+    normal = np.linalg.inv(np.where(valid[:, None, None], cofactors, np.eye(3))) - survey
     normal[:, range(3), range(3)] += FREE_POINT_SIGMA_M**-2
-    return np.asarray(np.where(known[:, None, None], np.linalg.inv(normal), np.nan))
+    return np.asarray(np.where(valid[:, None, None], np.linalg.inv(normal), np.nan))
 
 
 def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> ContradictingGcps | None:
@@ -162,16 +155,16 @@ def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> Contra
     """
     observations = problem.observations
     located = (observations.survey_weight > 0.0).all(axis=1) & solution.weighting.contributes
-    used = located[observations.point] & (solution.weight > 0.0) & np.isin(observations.image, part.images)
-    points = np.unique(observations.point[used])
-    if not 2 <= len(points) <= FEW_GCPS.most:
+    is_used = located[observations.point] & (solution.weight > 0.0) & np.isin(observations.image, part.images)
+    points = np.unique(observations.point[is_used])
+    if not 2 <= len(points) <= SAMPLES.plane:
         return None
-    found = [_compare_pair(problem, used, list(pair)) for pair in combinations(points.tolist(), 2)]
-    excess, worst = max(found, key=lambda one: one[0])
+    contradictions = [_compare_pair(problem, is_used, list(pair)) for pair in combinations(points.tolist(), 2)]
+    excess, worst = max(contradictions, key=lambda one: one[0])
     return worst if excess > 1.0 else None
 
 
-def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[float, ContradictingGcps | None]:
+def _compare_pair(problem: Problem, is_used: np.ndarray, pair: list[int]) -> tuple[float, ContradictingGcps | None]:
     """Return chi² of the difference of two GCPs on their common images, divided by its limit, and that difference."""
     observations = problem.observations
     images: list[Image] = []
@@ -179,8 +172,10 @@ def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[
     slopes: list[np.ndarray] = []
     noise: list[float] = []  # variances of the two coordinates of each image
     drifts: list[float] = []
-    for index in np.unique(observations.image[used]).tolist():
-        both = [np.flatnonzero(used & (observations.image == index) & (observations.point == point)) for point in pair]
+    for index in np.unique(observations.image[is_used]).tolist():
+        both = [
+            np.flatnonzero(is_used & (observations.image == index) & (observations.point == point)) for point in pair
+        ]
         if not all(map(len, both)):
             continue
         image, rows = observations.images[index], [of_point[0] for of_point in both]
@@ -196,16 +191,18 @@ def _compare_pair(problem: Problem, used: np.ndarray, pair: list[int]) -> tuple[
     stated = np.diag(noise) + np.sum((slope / observations.survey_weight[pair][:, None]) @ slope.swapaxes(1, 2), axis=0)
     difference = np.concatenate(apart)
     covariance = stated + np.diag(drifts)
-    moved = np.linalg.solve(covariance, slope[0]).T  # a point moved on the ground: equal for all images
-    by_ground = float(moved @ difference @ np.linalg.pinv(moved @ slope[0]) @ moved @ difference)
+    displaced = np.linalg.solve(covariance, slope[0]).T  # a point moved on the ground: equal for all images
+    by_ground = float(displaced @ difference @ np.linalg.pinv(displaced @ slope[0]) @ displaced @ difference)
     blocks = [slice(2 * k, 2 * k + 2) for k in range(len(images))]  # or a wrong measurement on one of them
-    alone = max(float(difference[k] @ np.linalg.solve(covariance[k, k], difference[k])) for k in blocks)
+    single = max(float(difference[k] @ np.linalg.solve(covariance[k, k], difference[k])) for k in blocks)
     excess = max(
-        one / special.chdtri(freedom, SIGNIFICANCE.false_alarm) for one, freedom in ((by_ground, 3.0), (alone, 2.0))
+        one / special.chdtri(freedom, SIGNIFICANCE.false_alarm) for one, freedom in ((by_ground, 3.0), (single, 2.0))
     )
     factor = float(np.sqrt(difference @ np.linalg.solve(stated, difference) / len(difference)))
     worst = int(np.argmax(np.linalg.norm(apart, axis=1)))
     metres = float(np.hypot(*np.linalg.solve(slopes[worst][0][:, :2], apart[worst])))
     name_a, name_b = (str(problem.block.points.ids[observations.points[point]]) for point in pair)
-    told = ContradictingGcps((name_a, name_b), images[worst].id, metres, float(np.sqrt(max(by_ground, alone))), factor)
-    return float(excess), told
+    description = ContradictingGcps(
+        (name_a, name_b), images[worst].id, metres, float(np.sqrt(max(by_ground, single))), factor
+    )
+    return float(excess), description

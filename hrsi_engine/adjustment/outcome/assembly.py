@@ -43,9 +43,8 @@ ROWS_AT_ONCE = 200_000  # image points whose tests are computed together
 class RESULT_WARNINGS:
     """Limits for the warnings of an adjustment."""
 
-    many_heights_left_out: float = threshold(0.02, "", "largest share of left out heights without a warning")
+    unused: float = threshold(0.02, "", "largest share of unused heights or points on parallel rays without a warning")
     many_places_left_out: float = threshold(0.1, "", "largest share of left out places without a warning")
-    parallel: float = threshold(0.01, "", "share of points on nearly parallel rays with a warning")
     from_prior: float = threshold(0.5, "", "smallest share of the prior in a parameter that is not determined")
 
 
@@ -76,56 +75,59 @@ class RoundFindings:
 
 
 def assemble_adjustment(
-    problem: Problem, loop: GaussNewton, found: RoundFindings, solution: Solution, precise: Precision
+    problem: Problem, loop: GaussNewton, round_findings: RoundFindings, solution: Solution, precise: Precision
 ) -> Adjustment:
     """Return the result of an adjustment from its last solution, findings and precision."""
     observations, block, sums = problem.observations, problem.block, _count_sums(problem, loop, solution, precise)
     solution, precise = keep_rpc_position(problem, loop, solution, precise)
-    own = slice(len(problem.model.parameters))  # followed by the drift that the model does not contain
-    prior_share = _compute_prior_share(loop, precise.parameters)[:, own]
+    own_covariance = slice(len(problem.model.parameters))  # followed by the drift that the model does not contain
+    prior_share = _compute_prior_share(loop, precise.parameters)[:, own_covariance]
     cameras = compute_final_cameras(problem, loop, solution)
     points, camera = observations.points, observations.camera_of_image
     # check points have positions, too; a point whose measurements were all rejected has none
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
     points_per_error = count_points_per_error(observations.cameras, loop.common)[observations.camera_of_image]
-    shared = _propagate_shared_errors(problem, loop, solution)
+    shared_shifts = _propagate_shared_errors(problem, loop, solution)
     covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
-        problem, found, solution, precise, cameras, sums["sigma0"], points_per_error, placed, shared
+        problem, round_findings, solution, precise, cameras, sums["sigma0"], points_per_error, placed, shared_shifts
     )
     parts = describe_parts(problem, solution, without_surveys, prior_share, widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
     by_rpcs = problem.height_observations.by_rpcs if problem.height_observations else None
-    horizontal, height, correlated = (max(sums["sigma0"], 1.0) * one for one in found.survey_factors)
+    horizontal, height, correlated = (max(sums["sigma0"], 1.0) * one for one in round_findings.survey_factors)
     warnings = (
-        *problem.warnings, *found.warnings, *_warn_of_weak_parameters(problem, loop, prior_share),
+        *problem.warnings, *round_findings.warnings, *_warn_of_weak_parameters(problem, loop, prior_share),
         *_warn_of_heights(heights), *_warn_of_plan(plan), *_warn_of_parallel_rays(parts),
     )  # fmt: skip
     return Adjustment(
         block=block, model=problem.model, values=cameras.values[camera],
-        values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own]),
+        values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own_covariance]),
         cameras=CameraEstimates(
             problem.camera, solution.state.values[camera], factor[:, None, None] * precise.own_cameras(loop)[camera]
         ),
         ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
         ground_sigma_m=sigma_m, ground_covariance_m2=covariance,
-        **_describe_measurements(problem, found, solution, precise, cameras.residual, placed[observations.point]),
+        **_describe_measurements(
+            problem, round_findings, solution, precise, cameras.residual, placed[observations.point]
+        ),
         prior_share=prior_share[camera], **sums, converged=solution.converged, status=solution.status,
-        history=tuple(loop.history), solves=loop.solves, findings=tuple(found.findings),
-        variance_components=found.components, parts=parts, cross_validation=found.cross_validation,
+        history=tuple(loop.history), solves=loop.solves, findings=tuple(round_findings.findings),
+        variance_components=round_findings.components, parts=parts, cross_validation=round_findings.cross_validation,
         warnings=warnings, heights=heights, plan=plan,
         surfaces=tuple(one.summarise(observations.points) for one in problem.surface_plans),
         rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
-        rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None, laser=laser, tests=found.tests,
+        rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None, laser=laser, tests=round_findings.tests,
         survey_factors=(horizontal, height, correlated), choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares, points_per_error),
-        shared_shifts_m=None if shared is None else _expand_rows(len(block.points), points, shared[0]),
+        shared_shifts_m=None if shared_shifts is None else _expand_rows(len(block.points), points, shared_shifts[0]),
         jitter=problem.options.jitter_estimate,
     )  # fmt: skip
 
 
 def _scale_covariances(
-    problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, cameras: FinalCameras,
-    sigma0: float, points_per_error: np.ndarray, placed: np.ndarray, shared: tuple[np.ndarray, np.ndarray] | None,
+    problem: Problem, round_findings: RoundFindings, solution: Solution, precise: Precision, cameras: FinalCameras,
+    sigma0: float, points_per_error: np.ndarray, placed: np.ndarray,
+    shared_shifts: tuple[np.ndarray, np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
     """Return the covariances in m² from which sigmas, ellipses and predicted accuracies are derived.
 
@@ -141,33 +143,33 @@ def _scale_covariances(
     # sigma0 below 1 is also that of the image points: it makes no survey better than stated.
     of_part = np.array([max(sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])
     factor = of_part[_number_parts(problem)]
-    of_point, beside = factor[image, None, None], np.zeros_like(precise.points)
+    of_point, systematic = factor[image, None, None], np.zeros_like(precise.points)
     by_cameras = np.flatnonzero(points_per_error[image] > 1.0)
     of_cameras = precise.points[by_cameras] - solution.normals.inverse[by_cameras]
-    beside[by_cameras] = ((points_per_error - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
+    systematic[by_cameras] = ((points_per_error - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
     without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # a known error that remains
-    beside += without_drift[:, :, None] * without_drift[:, None, :]
+    systematic += without_drift[:, :, None] * without_drift[:, None, :]
     if problem.height_observations is not None:
-        beside[:, 2, 2] += problem.height_observations.find_unweighted_variance(
+        systematic[:, 2, 2] += problem.height_observations.find_unweighted_variance(
             solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
         )
     left_out = observations.surveyed & ~solution.weighting.points.held  # wrong surveys: their covariances are not valid
-    known = (placed & ~left_out)[:, None, None]
-    covariance = np.where(known, of_point * precise.points + beside, np.nan)
-    others = of_point * predict_without_surveys(problem, solution, precise) + beside
-    others[np.isnan(covariance)] = np.nan
-    squares, freedom = found.left_out_surveys
+    is_surveyed = (placed & ~left_out)[:, None, None]
+    covariance = np.where(is_surveyed, of_point * precise.points + systematic, np.nan)
+    without_survey = of_point * predict_without_surveys(problem, solution, precise) + systematic
+    without_survey[np.isnan(covariance)] = np.nan
+    squares, freedom = round_findings.left_out_surveys
     stated = REDUNDANCY.stated
     widened = np.sqrt(max((stated + squares / max(sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
     of_shifts: np.ndarray | float = 0.0
-    if shared is not None:
-        shifts, excess = shared
-        covariance, others = covariance - excess, others - excess + shifts @ shifts.swapaxes(1, 2)
+    if shared_shifts is not None:
+        shifts, excess = shared_shifts
+        covariance, without_survey = covariance - excess, without_survey - excess + shifts @ shifts.swapaxes(1, 2)
         of_shifts = np.sum(shifts**2, axis=2)
     with np.errstate(invalid="ignore"):
         sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2) + of_shifts)
     expanded, sigma = (_expand_rows(len(problem.block.points), observations.points, one) for one in (covariance, sigma))
-    return expanded, sigma, others, factor * points_per_error, float(widened)
+    return expanded, sigma, without_survey, factor * points_per_error, float(widened)
 
 
 def _propagate_shared_errors(
@@ -195,19 +197,19 @@ def _propagate_shared_errors(
     jitter = problem.options.jitter_estimate
     if not operations and not passes and jitter is None:
         return None
-    moved, excess = [np.zeros_like(of_surveys)], np.zeros((len(of_surveys), 3, 3))
+    shifted, excess = [np.zeros_like(of_surveys)], np.zeros((len(of_surveys), 3, 3))
     if operations:
-        moved = [propagate_shifts(loop, solution, observations.surveyed, of_surveys)]
+        shifted = [propagate_shifts(loop, solution, observations.surveyed, of_surveys)]
     with np.errstate(divide="ignore"):
         sigma = 1.0 / np.sqrt(problem.prior_weight)
     for cameras in passes:
         pointing = np.flatnonzero(~problem.camera.drifts)
         shifts, too_much = propagate_pointing(loop, solution, sigma, cameras, pointing)
-        moved.append(shifts)
+        shifted.append(shifts)
         excess += too_much
     if jitter is not None:
-        moved.append(propagate_jitter(loop, solution, problem.camera, jitter))
-    return np.concatenate(moved, axis=2), excess
+        shifted.append(propagate_jitter(loop, solution, problem.camera, jitter))
+    return np.concatenate(shifted, axis=2), excess
 
 
 def _join_cameras(
@@ -216,8 +218,8 @@ def _join_cameras(
     """Return the cameras' joint normal equations for later adjustments, divided by ``points_per_error``."""
     pattern, observations, fixed = loop.pattern, problem.observations, np.isinf(loop.prior_weight)
     blocks = solution.normals.blocks.copy()
-    own = np.arange(pattern.parameters)
-    blocks[pattern.diagonal[:, None], own, own] += np.where(fixed, 0.0, loop.prior_weight)
+    individual = np.arange(pattern.parameters)
+    blocks[pattern.diagonal[:, None], individual, individual] += np.where(fixed, 0.0, loop.prior_weight)
     scale = np.ones(pattern.cameras)
     scale[observations.camera_of_image] = points_per_error
     blocks /= scale[pattern.rows][:, None, None]
@@ -230,7 +232,7 @@ def _join_cameras(
 
 
 def _describe_measurements(
-    problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, residual: np.ndarray,
+    problem: Problem, round_findings: RoundFindings, solution: Solution, precise: Precision, residual: np.ndarray,
     placed: np.ndarray,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the fields of an `Adjustment` that have a row for each measurement of the block.
@@ -238,7 +240,7 @@ def _describe_measurements(
     ``residual (n, 2)`` are those by the final cameras; ``placed (n,)`` is True if a measurement's point has a position.
     """
     block, rows, count = problem.block, problem.observations.rows, len(problem.block.measurements)
-    kept = (solution.weight > 0.0) & placed
+    is_kept = (solution.weight > 0.0) & placed
     # Redundancy numbers, and test values in standard deviations by the tie points' own variance factor; NaN for
     # measurements that are not used
     judged = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[problem.observations.point])
@@ -248,22 +250,24 @@ def _describe_measurements(
         weight, cofactors = solution.weight[part], precise.residuals[part]
         redundancy_numbers[part] = np.clip(weight[:, None] * cofactors[:, [0, 1], [0, 1]], 0.0, 1.0)
         tests = compute_deletion_tests(solution.normals.residual[part], cofactors, weight)
-        statistic[part] = np.sqrt(tests / found.tie_variance)
-    if found.failed is not None:
-        statistic = np.where(np.isnan(statistic), found.failed, statistic)
+        statistic[part] = np.sqrt(tests / round_findings.tie_variance)
+    if round_findings.failed is not None:
+        statistic = np.where(np.isnan(statistic), round_findings.failed, statistic)
     estimate = None
     if problem.camera is not problem.model:  # the drift that the model does not contain was estimated, too
-        estimate = _expand_rows(count, rows, np.where(kept[:, None], solution.normals.residual, np.nan))
+        estimate = _expand_rows(count, rows, np.where(is_kept[:, None], solution.normals.residual, np.nan))
     sigma = None
-    if found.sigma_px is not None and not np.array_equal(found.sigma_px, block.measurements.sigma_px[rows]):
+    if round_findings.sigma_px is not None and not np.array_equal(
+        round_findings.sigma_px, block.measurements.sigma_px[rows]
+    ):
         sigma = block.measurements.sigma_px.copy()
-        sigma[rows] = found.sigma_px
+        sigma[rows] = round_findings.sigma_px
     return {
-        "residual_px": _expand_rows(count, rows, np.where(kept[:, None], residual, np.nan)),
-        "weight": _expand_rows(count, rows, np.where(kept, solution.factor, 0.0), 0.0),
+        "residual_px": _expand_rows(count, rows, np.where(is_kept[:, None], residual, np.nan)),
+        "weight": _expand_rows(count, rows, np.where(is_kept, solution.factor, 0.0), 0.0),
         "redundancy_numbers": _expand_rows(count, rows, redundancy_numbers),
         "statistic": _expand_rows(count, rows, statistic),
-        "decision": _expand_rows(count, rows, found.decision, int(Decision.KEPT)),
+        "decision": _expand_rows(count, rows, round_findings.decision, int(Decision.KEPT)),
         "estimate_residual_px": estimate,
         "estimated_sigma_px": sigma,
     }
@@ -330,14 +334,14 @@ def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: n
     """
     names, observations = problem.model.parameters, problem.observations
     prior = problem.prior_weight[:, : prior_share.shape[1]]
-    given = prior == loop.prior_weight[:, : prior_share.shape[1]]
-    poor = (prior_share > RESULT_WARNINGS.from_prior) & given & ~np.isinf(prior)
+    has_prior = prior == loop.prior_weight[:, : prior_share.shape[1]]
+    poor = (prior_share > RESULT_WARNINGS.from_prior) & has_prior & ~np.isinf(prior)
     by_set: dict[tuple[str, ...], list[str]] = {}
     for part in problem.parts:
         for index in part.images if part.gcps else ():
-            which = poor[observations.camera_of_image[index]]
-            if which.any():
-                key = tuple(name for name, bad in zip(names, which, strict=True) if bad)
+            parameter = poor[observations.camera_of_image[index]]
+            if parameter.any():
+                key = tuple(name for name, images_of in zip(names, parameter, strict=True) if images_of)
                 by_set.setdefault(key, []).append(observations.images[index].id)
     return [
         f"{', '.join(key)} of image {list_ids(ids)} are not determined by the GCPs and tie points, and follow from "
@@ -370,8 +374,8 @@ def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> Pla
         return None
     # Standard deviation of the block in plan by its RPCs, with independent errors of the images
     pointing = [estimate_pointing(image).sigma_m for image in problem.observations.images]
-    over = reference.places.ignores_rpc_priors or problem.observations.surveyed.any()
-    rpcs_m = np.inf if over else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))
+    excess = reference.places.ignores_rpc_priors or problem.observations.surveyed.any()
+    rpcs_m = np.inf if excess else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))
     return reference.summarise_places(
         solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points, rpcs_m
     )
@@ -385,8 +389,8 @@ def _measure_rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, 
     ties = solution.weighting.contributes & ~observations.located & (np.diff(observations.first) > 1)
     if not ties.any():
         return None
-    away = ground_difference_m(problem.start.ground[ties], solution.state.ground[ties])
-    east, north, up = np.median(away, axis=0)
+    displacement = ground_difference_m(problem.start.ground[ties], solution.state.ground[ties])
+    east, north, up = np.median(displacement, axis=0)
     return float(east), float(north), float(up)
 
 
@@ -397,10 +401,11 @@ def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
     warnings = []
     for group in plan.groups:
         if group.wrong:
-            done = "not used" if group.left_out else "used, because the wrong ones cannot be identified"
+            consequence = "not used" if group.left_out else "used, because the wrong ones cannot be identified"
             warnings.append(
                 f"{plan.source}, {group.name}: its {group.observations} points deviate from the others by "
-                f"{group.east_m:+.1f} m east and {group.north_m:+.1f} m north (sigma {group.sigma_m:.1f} m): {done}"
+                f"{group.east_m:+.1f} m east and {group.north_m:+.1f} m north (sigma {group.sigma_m:.1f} m): "
+                f"{consequence}"
             )
     lone = plan.left_out - sum(group.observations for group in plan.groups if group.left_out)
     if lone > RESULT_WARNINGS.many_places_left_out * plan.observations:
@@ -418,7 +423,7 @@ def _warn_of_parallel_rays(parts: Sequence[DatumPart]) -> list[str]:
         f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: their heights are uncertain and not included in the predicted "
         f"accuracy: {list_ids(part.parallel)}"
         for part in parts
-        if part.points and len(part.parallel) > RESULT_WARNINGS.parallel * (part.points + len(part.parallel))
+        if part.points and len(part.parallel) > RESULT_WARNINGS.unused * (part.points + len(part.parallel))
     ]
 
 
@@ -426,28 +431,28 @@ def _warn_of_heights(heights: Sequence[HeightAgreement]) -> list[str]:
     """Return warnings of sources many of whose heights do not fit, and of groups that contradict the others."""
     warnings = []
     for one in heights:
-        whole = len(one.groups) > 1 and one.contradicts
-        if whole:
+        all_wrong = len(one.groups) > 1 and one.contradicts
+        if all_wrong:
             middle = float(np.median([group.offset_m for group in one.groups]))
-            done = "not used" if one.groups[0].left_out else "used, because the wrong one cannot be identified"
+            consequence = "not used" if one.groups[0].left_out else "used, because the wrong one cannot be identified"
             warnings.append(
                 f"{one.source}: all {len(one.groups)} groups of its heights contradict the other constraints of the "
-                f"block, by {middle:+.1f} m (median): {done}; check the height datum of both (`laser_datum`, "
+                f"block, by {middle:+.1f} m (median): {consequence}; check the height datum of both (`laser_datum`, "
                 "`dem_datum`: heights above a geoid and above the ellipsoid differ by tens of metres)"
             )
-        for group in () if whole else one.groups:
+        for group in () if all_wrong else one.groups:
             if group.wrong:
-                done = "not used" if group.left_out else "used, because the wrong ones cannot be identified"
+                consequence = "not used" if group.left_out else "used, because the wrong ones cannot be identified"
                 warnings.append(
                     f"{one.source}, {group.name}: its {group.observations} heights deviate from the others by "
-                    f"{group.offset_m:+.1f} m ({abs(group.offset_m) / group.sigma_m:.0f} sigma): {done}; check their "
-                    "height datum"
+                    f"{group.offset_m:+.1f} m ({abs(group.offset_m) / group.sigma_m:.0f} sigma): {consequence}; "
+                    "check their height datum"
                 )
         wrong_groups = sum(group.observations for group in one.groups if group.left_out)
-        if one.left_out - wrong_groups > RESULT_WARNINGS.many_heights_left_out * one.observations:
-            what = WHAT_STANDS_OUT[one.source]
+        if one.left_out - wrong_groups > RESULT_WARNINGS.unused * one.observations:
+            source = WHAT_STANDS_OUT[one.source]
             warnings.append(
                 f"{one.left_out} of {one.observations} heights of the {one.source} are outliers and are not used (the "
-                f"points are {one.left_out_median_m:+.1f} m above it in the median): likely causes are {what}"
+                f"points are {one.left_out_median_m:+.1f} m above it in the median): likely causes are {source}"
             )
     return warnings

@@ -48,12 +48,16 @@ def compute_drift_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray)
     return None if p == q else compute_gain(squares, loop.prior_weight, np.arange(p), np.arange(p, q))
 
 
-def compute_gain(squares: np.ndarray, prior_weight: np.ndarray, own: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Return the factors by which a model's ``own`` parameters absorb the ``rest`` of a camera's (both indices)."""
-    prior = prior_weight[:, own]
-    held = np.isinf(prior)
-    normal = squares[:, own[:, None], own] + np.where(held, 1.0, prior)[:, :, None] * np.eye(len(own))
-    return np.where(held[:, :, None], 0.0, np.linalg.solve(normal, squares[:, own[:, None], rest]))
+def compute_gain(
+    squares: np.ndarray, prior_weight: np.ndarray, contained: np.ndarray, omitted: np.ndarray
+) -> np.ndarray:
+    """Return the factors by which a model's ``contained`` parameters (indices) absorb the ``omitted`` of a camera's."""
+    prior = prior_weight[:, contained]
+    fixed = np.isinf(prior)
+    normal = squares[:, contained[:, None], contained] + np.where(fixed, 1.0, prior)[:, :, None] * np.eye(
+        len(contained)
+    )
+    return np.where(fixed[:, :, None], 0.0, np.linalg.solve(normal, squares[:, contained[:, None], omitted]))
 
 
 def compute_drift_squares(problem: Problem, solution: Solution) -> np.ndarray:

@@ -10,7 +10,7 @@ corrections h of the images at their middles, their a priori covariances C, and 
 
 is the translation that corresponds to the corrections x, and 0 where their weighted sum of squares is smallest. A
 priori its covariance is M^-1, by the adjustment A Q A' (A = dt / dx, Q the cofactors of x). In directions where the
-latter is smaller by less than `GIVEN_POSITION.most_share` (L the shares, V the directions, in units of M^-1/2), "t = 0"
+latter is smaller by less than `EQUALITY.negligible` (L the shares, V the directions, in units of M^-1/2), "t = 0"
 replaces the estimate from tie points, and all other unknowns follow by their correlations::
 
     F = V' M^1/2 A        D = Q F' (I - L)^-1        x - D F x        Q + D L D'
@@ -24,7 +24,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.statistical_limits import EQUALITY
 from ...ground.geodesy import move_ground
 from ..equations import State
 from ..gauss_newton import GaussNewton, Solution
@@ -33,35 +33,25 @@ from ..preparation.problem import Problem
 from ..statistics.precision import Precision
 
 
-@thresholds
-class GIVEN_POSITION:
-    """Limit for the parts of a block that keep the position of their RPCs."""
-
-    most_share: float = threshold(
-        0.05, "", "share of tie points in the variance of a direction, below which they do not determine it", "2.5 % "
-        "of the standard deviation"
-    )  # fmt: skip
-
-
 def keep_rpc_position(
     problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision
 ) -> tuple[Solution, Precision]:
     """Return solution and precision with the parts that only RPCs determine moved to the RPCs' mean position."""
-    shape, found = (*solution.state.values.shape, 3), []
+    shape, position = (*solution.state.values.shape, 3), []
     right = np.zeros(shape)  # for all parts at once: they have no common unknowns
     for part in problem.parts:
         translation = _describe_translation(problem, loop, part)
         if translation is not None:
-            found.append(translation)
+            position.append(translation)
             right[translation[0]] = translation[1]
-    if not found:
+    if not position:
         return solution, precise
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
     spread = loop.system.solve(right)
     by_values, uncertain = np.zeros(shape[:2]), np.zeros(shape)  # - D F x, and D L^1/2
-    for cameras, rows in found:
+    for cameras, rows in position:
         share, vectors = np.linalg.eigh(np.eye(3) - np.einsum("cpi,cpj->ij", rows, spread[cameras]))
-        share, vectors = np.maximum(share, 0.0), vectors * (share < GIVEN_POSITION.most_share)
+        share, vectors = np.maximum(share, 0.0), vectors * (share < EQUALITY.negligible)
         direction = spread[cameras] @ vectors / (1.0 - share)
         by_values[cameras] = -direction @ np.einsum("cpi,cp->i", rows @ vectors, solution.state.values[cameras])
         uncertain[cameras] = direction * np.sqrt(share)
@@ -71,10 +61,10 @@ def keep_rpc_position(
         return loop.equations.compute_point_steps(solution.state, solution.weight, still, values)
 
     ahead = State(solution.state.values + by_values, move_ground(solution.state.ground, move(by_values)))
-    moved = loop.form_solution(ahead, solution.weighting, solution.factor)
+    shift = loop.form_solution(ahead, solution.weighting, solution.factor)
     steps = np.stack([move(uncertain[:, :, k]) for k in range(3)], axis=2)
     pairs = uncertain[loop.pattern.rows], uncertain[loop.pattern.columns]
-    return replace(moved, converged=solution.converged, status=solution.status), replace(
+    return replace(shift, converged=solution.converged, status=solution.status), replace(
         precise, cameras=precise.cameras + pairs[0] @ pairs[1].swapaxes(1, 2),
         points=precise.points + steps @ steps.swapaxes(1, 2),
         parameters=precise.parameters + np.sum(uncertain**2, axis=2),
@@ -87,8 +77,8 @@ def _describe_translation(problem: Problem, loop: GaussNewton, part: Part) -> tu
     None if other observations than the RPCs determine the part's position, or parameters are fixed.
     """
     observations, options = problem.observations, problem.options
-    others = options.laser is not None or options.sigma_dem_m is not None or problem.earlier is not None
-    if not part.ties or part.gcps or part.places or others:
+    remainder = options.laser is not None or options.sigma_dem_m is not None or problem.earlier is not None
+    if not part.ties or part.gcps or part.places or remainder:
         return None
     cameras, first = np.unique(observations.camera_of_image[part.images], return_index=True)
     pointing, weight = ~problem.camera.drifts, loop.prior_weight[cameras]
@@ -100,8 +90,8 @@ def _describe_translation(problem: Problem, loop: GaussNewton, part: Part) -> tu
         image = observations.images[index]
         middle = image.centre_px[None]
         ground = image.rpc.localize(middle, image.rpc.height_off).ground
-        at = problem.camera.equations(image, middle)(np.zeros(weight.shape[1]), ground)
-        by_values, by_ground = at.by_values[0][:, pointing], at.by_ground[0]
+        height = problem.camera.equations(image, middle)(np.zeros(weight.shape[1]), ground)
+        by_values, by_ground = height.by_values[0][:, pointing], height.by_ground[0]
         gain = np.linalg.solve(by_values / weight[place, pointing] @ by_values.T, by_ground)  # C^-1 B
         rows[place, pointing] = by_values.T @ gain
         normal += by_ground.T @ gain

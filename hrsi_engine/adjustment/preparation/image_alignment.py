@@ -38,7 +38,6 @@ from ..weights import cauchy
 class IMAGE_ALIGNMENT:
     """Limits for the approximate alignment of images before tie measurements are tested."""
 
-    points_per_pair: int = threshold(64, "points", "largest number of points used to align two images")
     points_per_image: int = threshold(96, "points", "number of points of an image, divided among its pairs")
     apart_px: float = threshold(100.0, "px", "sigma of image points in the first intersection")
     least_height_m: float = threshold(200.0, "m", "smallest a priori sigma of a height in the alignment")
@@ -60,47 +59,49 @@ def align_images(
         infinite for fixed parameters
     threads : number for compiled loops; 0 for all processors
     """
-    chosen = _choose_points(observations)
-    if not chosen.any():
+    is_chosen = _choose_points(observations)
+    if not is_chosen.any():
         return np.zeros((observations.cameras, len(model.parameters)))
-    few = observations.drop_points(~chosen)
-    equations = NormalEquations(few, MODELS["shift"], find_pattern(few, 2), threads, drawn_from=observations.count)
-    begin = estimate_start_positions(few)
-    priors, weight = bound_heights(few, begin), 1.0 / few.sigma_px**2
-    shifts = np.zeros((few.cameras, 2))
-    apart = np.full(few.count, IMAGE_ALIGNMENT.apart_px**-2)
-    ground = equations.intersect(State(shifts, begin), apart, priors)
+    sample = observations.drop_points(~is_chosen)
+    equations = NormalEquations(
+        sample, MODELS["shift"], find_pattern(sample, 2), threads, drawn_from=observations.count
+    )
+    begin = estimate_start_positions(sample)
+    priors, weight = bound_heights(sample, begin), 1.0 / sample.sigma_px**2
+    shifts = np.zeros((sample.cameras, 2))
+    weight_of_start = np.full(sample.count, IMAGE_ALIGNMENT.apart_px**-2)
+    ground = equations.intersect(State(shifts, begin), weight_of_start, priors)
     usable = finite_rows(ground)
     ground[~usable] = begin[~usable]
-    agreeing = find_agreeing_measurements(equations, few, State(shifts, ground), usable) & usable[few.point]
-    loop = GaussNewton(equations, equations.pattern, shift_weight, np.diff(few.first), ITERATIONS.most)
+    agreeing = find_agreeing_measurements(equations, sample, State(shifts, ground), usable) & usable[sample.point]
+    loop = GaussNewton(equations, equations.pattern, shift_weight, np.diff(sample.first), ITERATIONS.most)
     factor, scale, state = agreeing.astype(np.float64), np.inf, State(shifts, ground)
     while True:
         weighting = Weighting(weight * factor, priors, usable)
-        found = loop.iterate(state, weighting, "none", ITERATIONS.fine, silent)
+        solution = loop.iterate(state, weighting, "none", ITERATIONS.fine, silent)
         if scale == ROBUST.rejected:
             # Values of the model with the same effect on the image points as the shifts, except for their priors
-            p, shifts = len(model.parameters), centre_shifts(few, found.state, shift_weight)
-            normal, right = np.zeros((few.cameras, p, p)), np.zeros((few.cameras, p))
-            for index, rows in enumerate(few.by_image):
-                camera, of_prior = few.camera_of_image[index], 1.0 / few.sigma_px[rows, None] ** 2
-                linearise = model.equations(few.images[index], few.xy[rows])
-                by_values = linearise(np.zeros(p), found.state.ground[few.point[rows]]).by_values
+            p, shifts = len(model.parameters), centre_shifts(sample, solution.state, shift_weight)
+            normal, right = np.zeros((sample.cameras, p, p)), np.zeros((sample.cameras, p))
+            for index, rows in enumerate(sample.by_image):
+                camera, of_prior = sample.camera_of_image[index], 1.0 / sample.sigma_px[rows, None] ** 2
+                linearise = model.equations(sample.images[index], sample.xy[rows])
+                by_values = linearise(np.zeros(p), solution.state.ground[sample.point[rows]]).by_values
                 normal[camera] += np.einsum("ncp,ncq->pq", by_values, of_prior[:, :, None] * by_values)
-                shift_px = shifts[camera] / few.images[index].camera_pixel
+                shift_px = shifts[camera] / sample.images[index].camera_pixel
                 right[camera] += np.einsum("ncp,nc->p", by_values, of_prior * shift_px)
-            held = np.isinf(prior_weight)
-            normal += np.where(held, 0.0, prior_weight)[:, :, None] * np.eye(p)
-            normal[held] = 0.0
-            normal.swapaxes(1, 2)[held] = 0.0
-            normal[:, range(p), range(p)] += held | (normal.diagonal(axis1=1, axis2=2) == 0.0)
-            return np.asarray(np.linalg.solve(normal, np.where(held, 0.0, right)[:, :, None])[:, :, 0])
-        sigmas = np.linalg.norm(found.normals.residual, axis=1) * np.sqrt(weight)
+            is_fixed = np.isinf(prior_weight)
+            normal += np.where(is_fixed, 0.0, prior_weight)[:, :, None] * np.eye(p)
+            normal[is_fixed] = 0.0
+            normal.swapaxes(1, 2)[is_fixed] = 0.0
+            normal[:, range(p), range(p)] += is_fixed | (normal.diagonal(axis1=1, axis2=2) == 0.0)
+            return np.asarray(np.linalg.solve(normal, np.where(is_fixed, 0.0, right)[:, :, None])[:, :, 0])
+        sigmas = np.linalg.norm(solution.normals.residual, axis=1) * np.sqrt(weight)
         coarse = float(np.quantile(sigmas[agreeing], IMAGE_ALIGNMENT.coarse_share)) if np.isinf(scale) else scale
         scale = max(IMAGE_ALIGNMENT.finer * coarse, ROBUST.rejected)
-        factor, state = agreeing * cauchy(sigmas, scale), found.state
+        factor, state = agreeing * cauchy(sigmas, scale), solution.state
         if scale == ROBUST.rejected:  # their sum would constrain the block's mean height
-            priors = set_point_priors(few, state.ground, None, None)[0]
+            priors = set_point_priors(sample, state.ground, None, None)[0]
 
 
 def centre_shifts(observations: Observations, aligned: State, weight: np.ndarray) -> np.ndarray:
@@ -144,18 +145,20 @@ def _choose_points(observations: Observations) -> np.ndarray:
     cameras, tie = observations.cameras, observations.contributing_points & ~observations.located
     first = np.flatnonzero(observations.point[1:] == observations.point[:-1])  # rows whose next row has the same point
     first = first[tie[observations.point[first]]]
-    one, other = observations.camera[first].astype(np.int64), observations.camera[first + 1].astype(np.int64)
-    key = np.minimum(one, other) * cameras + np.maximum(one, other)
-    first, key = first[one != other], key[one != other].astype(np.min_scalar_type(cameras**2))  # short keys sort fast
+    one, second = observations.camera[first].astype(np.int64), observations.camera[first + 1].astype(np.int64)
+    key = np.minimum(one, second) * cameras + np.maximum(one, second)
+    first, key = first[one != second], key[one != second].astype(np.min_scalar_type(cameras**2))  # short keys sort fast
     order = np.argsort(key, kind="stable")
     begin = np.flatnonzero(np.diff(key[order].astype(np.int64), prepend=-1))
     count = np.diff(begin, append=len(order))
-    joined = np.stack(np.divmod(key[order[begin]].astype(np.int64), cameras))
-    links = np.bincount(joined.ravel(), minlength=cameras)
-    fewest, most = SAMPLES.fewest, IMAGE_ALIGNMENT.points_per_pair
-    wanted = np.clip(IMAGE_ALIGNMENT.points_per_image // links[joined].min(axis=0, initial=cameras), fewest, most)
-    step, last = np.repeat(np.maximum(count // wanted, 1), count), np.repeat(wanted, count)
+    pair_count = np.stack(np.divmod(key[order[begin]].astype(np.int64), cameras))
+    links = np.bincount(pair_count.ravel(), minlength=cameras)
+    fewest, largest = SAMPLES.fewest, SAMPLES.local
+    target_count = np.clip(
+        IMAGE_ALIGNMENT.points_per_image // links[pair_count].min(axis=0, initial=cameras), fewest, largest
+    )
+    step, last = np.repeat(np.maximum(count // target_count, 1), count), np.repeat(target_count, count)
     rank = np.arange(len(order)) - np.repeat(begin, count)
-    chosen = np.zeros(len(observations.points), dtype=bool)
-    chosen[observations.point[first[order[(rank % step == 0) & (rank < step * last)]]]] = True
-    return chosen
+    is_chosen = np.zeros(len(observations.points), dtype=bool)
+    is_chosen[observations.point[first[order[(rank % step == 0) & (rank < step * last)]]]] = True
+    return is_chosen

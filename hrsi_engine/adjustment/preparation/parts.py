@@ -37,11 +37,11 @@ def find_parts(observations: Observations, earlier: JointPrior | None) -> tuple[
     incidence = sparse.csr_matrix(
         (np.ones(len(rows), dtype=np.float32), (observations.point[rows], observations.camera[rows])), shape=shape
     )
-    together = incidence.T @ incidence
+    component = incidence.T @ incidence
     if earlier is not None:
         pairs = earlier.pairs
-        together += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=together.shape)
-    count, label = csgraph.connected_components(together, directed=False)
+        component += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=component.shape)
+    count, label = csgraph.connected_components(component, directed=False)
     heads = np.flatnonzero(observations.contributing_points)
     of_point = label[observations.camera[observations.first[heads]]]
     surveyed, located = observations.surveyed[heads], observations.located[heads]
@@ -70,9 +70,9 @@ def warn_of_parts(
     RPCs only.
     """
     names = [image.id for image in observations.images]
-    used = [part for part in parts if part.gcps or part.ties or part.places]
+    is_used = [part for part in parts if part.gcps or part.ties or part.places]
     matched = {name for surface in surfaces if not surface.why_open for name in surface.images}
-    free = [part for part in used if not part.gcps and not part.places and names[part.images[0]] not in matched]
+    free = [part for part in is_used if not part.gcps and not part.places and names[part.images[0]] not in matched]
     warnings = [
         *weak,
         *(
@@ -82,19 +82,21 @@ def warn_of_parts(
             if surface.why_open
         ),
     ]
-    alone = [names[part.images[0]] for part in parts if part not in used and len(part.images) == 1]
-    if alone:
-        warnings.append(f"no GCP and no tie point on {list_ids(alone)}: the RPC is not changed")
-    if len(used) > 1:
-        listed = "; ".join(f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in used[:IDS_NAMED])
-        warnings.append(f"the block falls into {len(used)} parts without common points: {listed}")
+    single = [names[part.images[0]] for part in parts if part not in is_used and len(part.images) == 1]
+    if single:
+        warnings.append(f"no GCP and no tie point on {list_ids(single)}: the RPC is not changed")
+    if len(is_used) > 1:
+        listed = "; ".join(
+            f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in is_used[:IDS_NAMED]
+        )
+        warnings.append(f"the block falls into {len(is_used)} parts without common points: {listed}")
     if free:
         listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
         reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)
         has_heights = options.laser is not None or (options.dem is not None and options.sigma_dem_m is not None)
-        what = "position in plan" if has_heights else "position"
+        subject = "position in plan" if has_heights else "position"
         warnings.append(
-            f"no GCP on {listed}: the {what} follows from the RPCs and their a priori accuracy "
+            f"no GCP on {listed}: the {subject} follows from the RPCs and their a priori accuracy "
             f"({' | '.join([*reasons][:3])})"
         )
     return warnings

@@ -97,24 +97,24 @@ class Preparation:
             "robust weight function": (WEIGHTS, options.robust),
             "grouping of image points": (GROUPINGS, options.variance_groups),
         }
-        for what, (table, name) in tables.items():
+        for kind, (table, name) in tables.items():
             if name not in table:
-                raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
+                raise InputError(f"unknown {kind} {name!r}: choose one of {', '.join(table)}")
         for group in options.sensor_images:
             self._find_images(group, "a group of images of one sensor")
 
-    def _find_images(self, ids: Sequence[str], what: str) -> list[int]:
-        """Return the indices of images; raise `InputError`, which names ``what``, if the block does not have them."""
+    def _find_images(self, ids: Sequence[str], kind: str) -> list[int]:
+        """Return the indices of images; raise `InputError`, which names ``kind``, if the block does not have them."""
         index = {image.id: number for number, image in enumerate(self.block.images)}
         unknown = [name for name in ids if name not in index]
         if unknown:
-            raise InputError(f"{what} names image {list_ids(unknown)}, not in the block (images: {list_ids(index)})")
+            raise InputError(f"{kind} names image {list_ids(unknown)}, not in the block (images: {list_ids(index)})")
         return [index[name] for name in ids]
 
     def _number_cameras(self) -> np.ndarray:
         """Return the index of each image's set of parameters; images of a group, or tiles of a scene, share one."""
-        shared, representative = self.options.shared_images, np.arange(len(self.block.images))
-        for group in (*shared, *group_tiles(self.block.images, shared)):
+        common, representative = self.options.shared_images, np.arange(len(self.block.images))
+        for group in (*common, *group_tiles(self.block.images, common)):
             members = self._find_images(group, "a group of images with shared parameters")
             representative[members] = min(members)
         return np.unique(representative, return_inverse=True)[1].astype(np.int32)
@@ -203,16 +203,16 @@ class Preparation:
         return align_images(self.observations, self.model, shift_weight, weight, self.options.threads)
 
     def intersect_points(self) -> None:
-        """Intersect all points with the initial cameras; points that cannot be intersected are dropped as ``lost``."""
+        """Intersect all points with the initial cameras; points that cannot be intersected are dropped."""
         observations, reference = self.observations, self.options.reference
         self._start_equations = form_point_equations(observations, self.model, self.options.threads)
         state = State(self.start, estimate_start_positions(observations))
         weight, priors = 1.0 / observations.sigma_px**2, bound_heights(observations, state.ground)
         self.ground = self._start_equations.intersect(state, weight, priors)
-        lost = ~finite_rows(self.ground)
-        self.lost = self.block.points.ids[observations.points[lost]]
+        missing = ~finite_rows(self.ground)
+        self.lost = self.block.points.ids[observations.points[missing]]
         if len(self.lost):
-            self.observations, self.ground = observations.drop_points(lost), self.ground[~lost]
+            self.observations, self.ground = observations.drop_points(missing), self.ground[~missing]
         if reference is not None and self.observations.referenced is not None:
             places = np.flatnonzero(self.observations.referenced)
             self.ground[places] = reference.select(self.block.points.ids[self.observations.points[places]]).ground
@@ -259,8 +259,8 @@ class Preparation:
         """Return the points ``(m, 3)`` by the original RPCs; those that cannot be computed stay at ``ground``."""
         observations, state = self.observations, State(self._align_images(), self.ground)
         equations = form_point_equations(observations, self.model, self.options.threads)
-        seen = equations.intersect(state, 1.0 / observations.sigma_px**2, bound_heights(observations, self.ground))
-        return np.where(np.isfinite(seen), seen, self.ground)
+        visible = equations.intersect(state, 1.0 / observations.sigma_px**2, bound_heights(observations, self.ground))
+        return np.where(np.isfinite(visible), visible, self.ground)
 
     def _displace_points(self) -> None:
         """Move points in plan by the surfaces, and widen the priors ``(cameras, p)`` that contradict this."""

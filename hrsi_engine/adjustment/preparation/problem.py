@@ -134,13 +134,13 @@ class Problem:
         usable = np.flatnonzero(options.laser.doubt == "")
         return LaserHeights(options.laser, usable, np.flatnonzero(ties), options.laser_reach_m, options.sigma_laser_m)
 
-    def survey_weighting(self, image: np.ndarray, survey: np.ndarray, before: PointPriors | None = None) -> Weighting:
+    def survey_weighting(self, image: np.ndarray, survey: np.ndarray, previous: PointPriors | None = None) -> Weighting:
         """Return a weighting with other weights of image points ``(n,)`` and of surveys ``(m, 3)``.
 
         Points with fewer than two measurements and no survey do not contribute. External heights have the weights of
-        ``before``.
+        ``previous``.
         """
-        points = self.weighting.points if before is None else before
+        points = self.weighting.points if previous is None else previous
         surveyed = self.observations.survey_weight > 0.0
         fresh = PointPriors.from_surveys(self.observations, self.start.ground, survey)
         priors = PointPriors(

@@ -40,7 +40,6 @@ class PARALLAX:
         0.3, "", "share of correct parallaxes that is assumed for each image pair: (1 - 0.4)² = 0.36 with 40 % wrong "
         "measurements", "least quantile of squares (Rousseeuw and Leroy 1987)"
     )  # fmt: skip
-    sample: int = threshold(64, "parallaxes", "number of parallaxes from which an image pair's plane is estimated")
     planes_tried: int = threshold(
         80, "planes", "planes tried for each image pair: one of them has three correct parallaxes with 98 % "
         "probability if 36 % are correct", "probability: 1 - (1 - 0.36³)^80"
@@ -74,22 +73,22 @@ def find_agreeing_measurements(
     agreeing = np.ones(observations.count, dtype=bool)
     parts: list[np.ndarray] = []  # points with equal numbers of measurements, two or more
     for length, points in observations.by_length.items():
-        chosen = points[used[points]]
-        if length >= 2 and len(chosen):
-            parts += np.array_split(chosen, 1 + len(chosen) * length // (2 * POINTS_AT_ONCE))
+        compared_points = points[used[points]]
+        if length >= 2 and len(compared_points):
+            parts += np.array_split(compared_points, 1 + len(compared_points) * length // (2 * POINTS_AT_ONCE))
     with ThreadPoolExecutor(thread_count(0)) as pool:
-        found = list(pool.map(partial(_compute_parallaxes, equations, observations, state), parts))
-    if not found:
+        parallaxes = list(pool.map(partial(_compute_parallaxes, equations, observations, state), parts))
+    if not parallaxes:
         return agreeing
-    pairs = Parallaxes(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
+    pairs = Parallaxes(*(np.concatenate(columns) for columns in zip(*parallaxes, strict=True)))
     departure, judged = _measure_departures(observations, pairs)
     if judged.sum() < SAMPLES.fewest:
         return agreeing
-    near = ~judged | (np.abs(departure) <= ROBUST.outlier * _estimate_scale(departure[judged]))
+    is_near = ~judged | (np.abs(departure) <= ROBUST.outlier * _estimate_scale(departure[judged]))
     compared, agreed = np.zeros(observations.count), np.zeros(observations.count)
     for rows in (pairs.first, pairs.second):
         compared += np.bincount(rows, minlength=len(compared))
-        agreed += np.bincount(rows, weights=near, minlength=len(compared))
+        agreed += np.bincount(rows, weights=is_near, minlength=len(compared))
     return np.asarray(2.0 * agreed >= compared)
 
 
@@ -116,8 +115,8 @@ def _compute_parallaxes(
         crossing = length_of_n > PARALLEL * scale_of_one[:, one] * scale_of_other[:, other]
         y = np.einsum("mc,mc->m", on_one, residual[:, one]) + np.einsum("mc,mc->m", on_other, residual[:, other])
         spread = np.sqrt(squares_one * sigma[:, one] ** 2 + squares_other * sigma[:, other] ** 2)
-        every = rows[:, one], rows[:, other], y, spread, length_of_n
-        first, second, y, spread, length_of_n = (column[crossing] for column in every)
+        columns_of_pair = rows[:, one], rows[:, other], y, spread, length_of_n
+        first, second, y, spread, length_of_n = (column[crossing] for column in columns_of_pair)
         columns.append((first, second, y / length_of_n, spread / length_of_n))
     return Parallaxes(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
@@ -125,8 +124,8 @@ def _compute_parallaxes(
 def list_ray_pairs(length: int) -> list[tuple[int, int]]:
     """Return the pairs of the rays of a point that are compared: all, or neighbours of a long track."""
     reach = length - 1 if length <= 2 * PARALLAX.neighbours else PARALLAX.neighbours
-    every = {tuple(sorted((i, (i + step) % length))) for i in range(length) for step in range(1, reach + 1)}
-    return sorted((i, j) for i, j in every if i != j)
+    pairs = {tuple(sorted((i, (i + step) % length))) for i in range(length) for step in range(1, reach + 1)}
+    return sorted((i, j) for i, j in pairs if i != j)
 
 
 # ---- planes --------------------------------------------------------------------------------------------------------
@@ -137,14 +136,14 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
 
     An image pair with few parallaxes has a constant instead of a plane; one with fewer than three is not tested.
     """
-    one, other = observations.image[pairs.first], observations.image[pairs.second]
+    one, second = observations.image[pairs.first], observations.image[pairs.second]
     number = np.min_scalar_type(len(observations.images))  # smaller types are sorted faster
-    smaller, larger = np.minimum(one, other).astype(number), np.maximum(one, other).astype(number)
+    smaller, larger = np.minimum(one, second).astype(number), np.maximum(one, second).astype(number)
     order = np.lexsort((larger, smaller))
     begins = np.ones(len(order), dtype=bool)
     begins[1:] = (np.diff(smaller[order]) != 0) | (np.diff(larger[order]) != 0)
     bounds = np.r_[np.flatnonzero(begins), len(order)]  # where pairs of images begin, and the last one ends
-    rows = np.where(one > other, pairs.second, pairs.first)[order]  # on the first image
+    rows = np.where(one > second, pairs.second, pairs.first)[order]  # on the first image
     departure, judged = np.zeros(len(order)), np.zeros(len(order), dtype=bool)
     count = np.diff(bounds)
     large = np.flatnonzero(count >= 3)
@@ -156,23 +155,25 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
         terms = np.column_stack([np.ones(len(place)), place])
         y, sigma = pairs.y[order[span]], pairs.sigma[order[span]]
         # evenly over the parallaxes of each image pair; those of a small pair repeatedly
-        step = np.maximum(size / PARALLAX.sample, 1.0)[:, None] * np.arange(PARALLAX.sample)
+        step = np.maximum(size / SAMPLES.local, 1.0)[:, None] * np.arange(SAMPLES.local)
         picked = begin[:, None] + step.astype(np.int64) % size[:, None]
         planes, tilted = np.zeros((len(part), 3)), size >= SAMPLES.fewest
-        kept = (PARALLAX.sample * np.clip(3.0 / size, PARALLAX.quantile, 1.0)).astype(np.int64) - 1
-        samples = terms[picked], y[picked], sigma[picked], kept
+        rank = (SAMPLES.local * np.clip(3.0 / size, PARALLAX.quantile, 1.0)).astype(np.int64) - 1
+        samples = terms[picked], y[picked], sigma[picked], rank
         planes[tilted] = _fit_planes(three, *(sample[tilted] for sample in samples))
         samples = samples[0][:, :, :1], *samples[1:]
         planes[~tilted, :1] = _fit_planes(None, *(sample[~tilted] for sample in samples))
-        here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # skips pairs with fewer
-        computed = np.einsum("nc,nc->n", terms[here], np.repeat(planes, size, axis=0))
-        departure[order[span][here]] = (y[here] - computed) / sigma[here]
-        judged[order[span][here]] = np.repeat(size >= SAMPLES.fewest, size)
+        selected_rows = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(
+            size.sum()
+        )  # skips pairs with fewer
+        computed = np.einsum("nc,nc->n", terms[selected_rows], np.repeat(planes, size, axis=0))
+        departure[order[span][selected_rows]] = (y[selected_rows] - computed) / sigma[selected_rows]
+        judged[order[span][selected_rows]] = np.repeat(size >= SAMPLES.fewest, size)
 
     rng = np.random.default_rng(1)  # reproducible planes
     parts = [part for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE) if len(part)]
     three = [
-        rng.integers(0, PARALLAX.sample, (int((count[p] >= SAMPLES.fewest).sum()), PARALLAX.planes_tried, 3))
+        rng.integers(0, SAMPLES.local, (int((count[p] >= SAMPLES.fewest).sum()), PARALLAX.planes_tried, 3))
         for p in parts
     ]
     with ThreadPoolExecutor(thread_count(0)) as pool:
@@ -189,8 +190,8 @@ def _fit_planes(
     position in the image; ``kept (p,)`` is the number of certainly correct ones, minus one. Without ``three`` there
     are too few parallaxes for a plane: then ``terms (p, s, 1)`` and the result have only the constant.
     """
-    tried = np.zeros((*y.shape, terms.shape[2]))
-    tried[:, :, 0] = y
+    candidates = np.zeros((*y.shape, terms.shape[2]))
+    candidates[:, :, 0] = y
     if three is not None:
         # Planes (p, t, 3) through three parallaxes each, by Cramer's rule; constants if the three are on a line
         pair = np.arange(len(y))[:, None, None]
@@ -202,14 +203,14 @@ def _fit_planes(
         through = (minors * y_of_three[..., None]).sum(axis=-2) / np.where(spread, area, 1.0)[..., None]
         through[~spread] = 0.0
         through[~spread, 0] = y_of_three[~spread, 0]
-        tried = np.concatenate([tried, through], axis=1)
-    plane = tried[np.arange(len(y)), _find_nearest_planes(terms, y, sigma, tried, kept)]
+        candidates = np.concatenate([candidates, through], axis=1)
+    plane = candidates[np.arange(len(y)), _find_nearest_planes(terms, y, sigma, candidates, kept)]
     flat = REDUNDANCY.regularised * np.array([0.0, 1.0, 1.0])[: terms.shape[2]]
     for _ in range(PLANE_STEPS):
         # Parallaxes farther away than the one with rank ``kept`` have no weight
-        apart = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
-        limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
-        weight = np.where(apart <= limit, 1.0 / sigma**2, 0.0)
+        distance = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
+        limit = np.take_along_axis(np.sort(distance, axis=1), kept[:, None], axis=1)
+        weight = np.where(distance <= limit, 1.0 / sigma**2, 0.0)
         normal = (terms * weight[..., None]).swapaxes(1, 2) @ terms
         normal[:, range(len(flat)), range(len(flat))] += flat * weight.sum(axis=1)[:, None]
         plane = np.linalg.solve(normal, ((terms * weight[..., None]).swapaxes(1, 2) @ y[..., None]))[..., 0]
@@ -223,17 +224,17 @@ def _multiply_as_vectors(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _find_nearest_planes(
-    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray
+    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, candidates: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
     """Return the index ``(p,)`` of the plane whose distance of rank ``kept`` (0: the smallest) is the least.
 
     terms, y, sigma : (p, s, c), (p, s) and (p, s) of the parallaxes
-    tried : (p, t, c) planes, c of 3 or 1 for level ones
+    candidates : (p, t, c) planes, c of 3 or 1 for level ones
     kept : (p,) ranks
     """
-    apart = np.abs(y[:, None] - tried @ terms.swapaxes(1, 2)) / sigma[:, None]
-    apart.partition(np.unique(kept), axis=2)
-    reach = np.take_along_axis(apart, kept[:, None, None], axis=2)[:, :, 0]
+    distance = np.abs(y[:, None] - candidates @ terms.swapaxes(1, 2)) / sigma[:, None]
+    distance.partition(np.unique(kept), axis=2)
+    reach = np.take_along_axis(distance, kept[:, None, None], axis=2)[:, :, 0]
     return np.asarray(reach.argmin(axis=1))
 
 

@@ -22,8 +22,8 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
     first = observations.first[:-1]
     if not len(first):
         return np.empty((0, 3))
-    seen, image = np.unique(observations.image[first], return_inverse=True)
-    images = [observations.images[index] for index in seen.tolist()]
+    image_index, image = np.unique(observations.image[first], return_inverse=True)
+    images = [observations.images[index] for index in image_index.tolist()]
     rpcs, stack, centre_px = (
         [one.rpc for one in images],
         stack_rpcs(images),
@@ -31,17 +31,17 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
     )
     # The ground positions (k, 3) of the images' centres, and the metres east, north per pixel there
     centre = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in rpcs])
-    known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
-    if len(known):
-        centre[:, 2] = np.median(known)
+    heights = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
+    if len(heights):
+        centre[:, 2] = np.median(heights)
     outwards, moving = np.zeros((len(images), 2, 2)), np.arange(len(images))
     for _ in range(CENTRE_STEPS):
         if not len(moving):
             break
-        at, by_ground = stack.project_with_metric_jacobian(moving, centre[moving])
+        computed, by_ground = stack.project_with_metric_jacobian(moving, centre[moving])
         outwards[moving] = np.linalg.pinv(by_ground[:, :, :2])
         step = np.zeros((len(moving), 3))
-        step[:, :2] = (outwards[moving] @ (centre_px[moving] - at)[:, :, None])[:, :, 0]
+        step[:, :2] = (outwards[moving] @ (centre_px[moving] - computed)[:, :, None])[:, :, 0]
         centre[moving] = move_ground(centre[moving], step)
         moving = moving[~(np.abs(step).max(axis=1) < POINT_STEPS.start_closure_m)]
     for number in moving.tolist():  # slower, but robust with unusual RPCs

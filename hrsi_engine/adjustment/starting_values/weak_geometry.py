@@ -32,8 +32,8 @@ def compute_ray_directions(images: Sequence[Image]) -> np.ndarray:
     Across a scene the direction changes by at most a degree.
     """
     stack = stack_rpcs(images)
-    _, at = stack.project_with_metric_jacobian(np.arange(len(images)), stack.middles())
-    ray = np.cross(at[:, 0], at[:, 1])
+    _, by_ground = stack.project_with_metric_jacobian(np.arange(len(images)), stack.middles())
+    ray = np.cross(by_ground[:, 0], by_ground[:, 1])
     return np.asarray(ray * np.sign(ray[:, 2:]) / np.linalg.norm(ray, axis=1, keepdims=True))
 
 
@@ -55,16 +55,16 @@ def set_point_priors(
     if dem is not None and sigma_dem_m is not None:
         heights = np.full(len(ground), np.nan)
         heights[unknown] = surface_heights(dem, ground[unknown, :2])
-        found = np.isfinite(heights)
-        priors.target[found, 2], priors.weight[found, 2] = heights[found], 1.0 / sigma_dem_m**2
-        priors.observed[found, 2] = True
-        unknown &= ~found
+        has_height = np.isfinite(heights)
+        priors.target[has_height, 2], priors.weight[has_height, 2] = heights[has_height], 1.0 / sigma_dem_m**2
+        priors.observed[has_height, 2] = True
+        unknown &= ~has_height
     # The largest angle between rays of each point, twice the largest from their mean, (m,)
     first = observations.first[:-1]
-    seen = compute_ray_directions(observations.images)[observations.image]
-    mean = np.add.reduceat(seen, first, axis=0)
+    ray_direction = compute_ray_directions(observations.images)[observations.image]
+    mean = np.add.reduceat(ray_direction, first, axis=0)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    cosine = np.einsum("ni,ni->n", seen, mean[observations.point])
+    cosine = np.einsum("ni,ni->n", ray_direction, mean[observations.point])
     converging = 2.0 * np.degrees(np.arccos(np.clip(np.minimum.reduceat(cosine, first), -1.0, 1.0)))
     weak = unknown & (converging < RAY_GEOMETRY.weak_angle_deg) & (np.diff(observations.first) > 1)
     if not weak.any():
@@ -73,8 +73,8 @@ def set_point_priors(
     pixels = pixels_per_m[image] * np.radians(converging) * reach
     open_height = weak & (pixels < 1.0)
     middle = np.array([one.middle_height_m for one in observations.images])[image]
-    known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
-    priors.target[open_height, 2] = np.median(known) if len(known) else middle[open_height]
+    surveyed_heights = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
+    priors.target[open_height, 2] = np.median(surveyed_heights) if len(surveyed_heights) else middle[open_height]
     priors.weight[open_height, 2] = 1.0 / reach[open_height] ** 2
     # Warn of images most of whose points have uncertain or no heights
     warnings, count = [], len(observations.images)

@@ -26,7 +26,7 @@ from ...block.block import Block, Image, Role
 from ...block.laser import LASER_KIND
 from ...block.orthoimage import REFERENCE_KIND
 from ...block.pointing import compute_gsds_m
-from ...foundation.statistical_limits import REDUNDANCY
+from ...foundation.statistical_limits import EQUALITY, REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import Solution
 from ..observations import Observations
@@ -39,7 +39,6 @@ class VARIANCE:
     """Limits for the estimation of a priori sigmas from residuals (variance components)."""
 
     least_matched_px: float = threshold(0.02, "px", "smallest sigma of image matching", "Förstner 1982, Grün 1985")
-    same_gsd: float = threshold(1.25, "", "largest ratio of successive pixel sizes of one sensor, sorted")
 
 
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
@@ -51,7 +50,7 @@ def group_by_sensor(images: Sequence[Image], groups: Sequence[Sequence[str]] = (
     """Return the sensor of each image ``(images,)`` and the sensors' names; a single one has no name.
 
     ``groups`` of ids from the user come first; the other images are joined if, sorted by pixel size, each is within
-    `VARIANCE.same_gsd` of the one before.
+    `EQUALITY.size` of the one before.
     """
     number = np.full(len(images), -1)
     place = {image.id: index for index, image in enumerate(images)}
@@ -61,7 +60,7 @@ def group_by_sensor(images: Sequence[Image], groups: Sequence[Sequence[str]] = (
     rest = np.flatnonzero(number < 0)
     size = compute_gsds_m([images[index] for index in rest.tolist()])
     order = np.argsort(size)
-    another = np.r_[True, size[order][1:] > VARIANCE.same_gsd * size[order][:-1]][: len(rest)]
+    another = np.r_[True, size[order][1:] > EQUALITY.size * size[order][:-1]][: len(rest)]
     number[rest[order]] = len(groups) - 1 + np.cumsum(another)
     names += [f"{np.median(size[order][p]):.2g} m" for p in np.split(np.arange(len(rest)), np.flatnonzero(another))[1:]]
     return number, names if len(names) > 1 else [""]

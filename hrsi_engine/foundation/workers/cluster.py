@@ -60,9 +60,9 @@ class OnWorker:
 
     call: Callable[..., Any]
 
-    def __call__(self, *given: Any) -> Any:
+    def __call__(self, *arguments: Any) -> Any:
         try:
-            return self.call(*given)
+            return self.call(*arguments)
         except InputError as error:
             from distributed import get_worker
 
@@ -90,13 +90,13 @@ def _connect(address: str, certificates: Certificates) -> Any:
                 "check `scheduler_ca`, `scheduler_certificate` and `scheduler_key`, or distributed.comm.tls in Dask's "
                 "configuration"
             )
-            given = {
+            address_text = {
                 "tls_ca_file": certificates.authority,
                 "tls_client_cert": certificates.own,
                 "tls_client_key": certificates.key or certificates.own,
             }
-            known = {name: file for name, file in given.items() if file is not None}
-            security = Security(require_encryption=True, **known)
+            valid = {name: file for name, file in address_text.items() if file is not None}
+            security = Security(require_encryption=True, **valid)
         # If a scheduler closes the connection during the handshake (it does not trust the certificate), the client of
         # Dask waits for ever and ignores its own timeout; therefore it is created in a thread that can be abandoned
         answer: Future[Any] = Future()

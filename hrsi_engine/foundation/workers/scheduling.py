@@ -64,26 +64,26 @@ Scheduler = Callable[[Graph, Sequence[str], Done], None]
 
 
 def run_parts(
-    parts: Sequence[WorkPart], wanted: Sequence[str], scheduler: Scheduler, keeper: ResultStore | None = None,
+    parts: Sequence[WorkPart], missing_keys: Sequence[str], scheduler: Scheduler, keeper: ResultStore | None = None,
     progress: Progress = silent,
 ) -> dict[str, PartResult]:  # fmt: skip
     """Return the results of the wanted parts; stored ones are loaded, the others are run with the parts that they need.
 
     Parts that were finished before a cancellation remain stored.
 
-    wanted : keys of the results to return; scheduler : the function that runs the parts, see `open_scheduler`
+    missing_keys : keys of the results to return; scheduler : the function that runs the parts, see `open_scheduler`
     keeper : storage of finished results
 
     Raises `Cancelled` if ``progress`` returns False.
     """
     by_key = {part.key: part for part in parts}
     results: dict[str, PartResult] = {}
-    for key in dict.fromkeys(wanted):
-        kept = keeper.load(key) if keeper is not None and by_key[key].keep else None
-        if kept is not None:
-            results[key] = kept
-    missing = [key for key in dict.fromkeys(wanted) if key not in results]
-    every, left_cost = len(results) + len(missing), sum(by_key[key].cost for key in missing)
+    for key in dict.fromkeys(missing_keys):
+        stored = keeper.load(key) if keeper is not None and by_key[key].keep else None
+        if stored is not None:
+            results[key] = stored
+    missing = [key for key in dict.fromkeys(missing_keys) if key not in results]
+    total, left_cost = len(results) + len(missing), sum(by_key[key].cost for key in missing)
     all_costs = left_cost + sum(by_key[key].cost for key in results)
 
     def finish(key: str, result: PartResult) -> None:
@@ -96,7 +96,7 @@ def run_parts(
 
     def tell(key: str) -> None:
         label, fraction = by_key[key].label, 1.0 - left_cost / all_costs
-        advance(progress, fraction, f"{label} ({len(results)} of {every} parts done)" if label else "")
+        advance(progress, fraction, f"{label} ({len(results)} of {total} parts done)" if label else "")
 
     if missing:
         tell(missing[0])
@@ -109,7 +109,7 @@ def run_parts(
                 graph[key] = (partial(part.function, part.job), *part.needs)  # partial: Dask does not search the job
                 waiting += part.needs
         scheduler(graph, missing, finish)
-    return {key: results[key] for key in wanted}
+    return {key: results[key] for key in missing_keys}
 
 
 # ---- schedulers ------------------------------------------------------------------------------------------------------
@@ -145,7 +145,7 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
                 users[need].append(key)
         missing = {key: len(set(graph[key][1:])) for key in order}
         ready = [place[key] for key in order if not missing[key]]  # sorted, and therefore a heap
-        asked, results = set(wanted), dict[str, PartResult]()
+        requested, results = set(wanted), dict[str, PartResult]()
         working: dict[Future[PartResult], str] = {}
         with ExitStack() as ending:
             ending.enter_context(one_thread_calls())
@@ -160,7 +160,7 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
                 for future in wait(working, return_when=FIRST_COMPLETED).done:
                     key = working.pop(future)
                     result = future.result()
-                    if key in asked:
+                    if key in requested:
                         done(key, result)
                     if users[key]:
                         results[key] = result
@@ -176,9 +176,9 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
     return run_by_threads
 
 
-def _number_tasks(graph: Graph, wanted: Sequence[str]) -> dict[str, int]:
+def _number_tasks(graph: Graph, requested: Sequence[str]) -> dict[str, int]:
     """Return the position of each task in a topological order: all wanted tasks, each after the tasks that it needs."""
-    place, waiting = dict[str, int](), list(reversed(wanted))
+    place, waiting = dict[str, int](), list(reversed(requested))
     while waiting:
         key = waiting.pop()
         behind = [need for need in graph[key][1:] if need not in place]

@@ -14,22 +14,22 @@ from typing import Any
 _of_run = ContextVar("_of_run", default=0)
 
 
-def thread_count(asked: int = 0) -> int:
-    """Return the number of threads: ``asked`` or, if it is 0, the limit of the run (`limit_threads`) or all cores."""
-    return asked or _of_run.get() or os.cpu_count() or 1
+def thread_count(requested: int = 0) -> int:
+    """Return the number of threads: ``requested``; if it is 0 the limit of the run (`limit_threads`), or all cores."""
+    return requested or _of_run.get() or os.cpu_count() or 1
 
 
 @contextmanager
 def limit_threads(count: int) -> Iterator[None]:
     """Limit the threads in this context, including those of BLAS if threadpoolctl is installed; 0: all cores."""
-    before = _of_run.set(count)
+    previous = _of_run.set(count)
     try:
         with ExitStack() as limits:
             if count:
                 _limit_blas(limits, count)
             yield
     finally:
-        _of_run.reset(before)
+        _of_run.reset(previous)
 
 
 class _OneThreadLimit:

@@ -21,7 +21,7 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
 
     Raises `InputError` for a name without any image with an RPC.
     """
-    found: list[str] = []
+    result: list[str] = []
     for name in names:
         # A folder, or an archive as a folder of GDAL's virtual file system, by its ending
         ways = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
@@ -29,22 +29,22 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
         is_archive = way is not None and os.path.isfile(name)
         folder = name if os.path.isdir(name) else f"{way}{os.path.abspath(name)}" if is_archive else None
         if name.startswith(LIST) and not os.path.exists(name):
-            found += resolve_images(_read_list(name.removeprefix(LIST)), log)
+            result += resolve_images(_read_list(name.removeprefix(LIST)), log)
         elif folder is not None:
             images = _images_of_delivery(name, folder)
             log(f"{name}: {', '.join(os.path.relpath(image, folder) for image in images)}")
-            found += images
+            result += images
         elif glob.has_magic(name) and not name.startswith("/vsi") and not os.path.exists(name):
             # A pattern (``*.tif``) that the shell has not replaced by the matching files
             files = sorted(file for file in glob.glob(name, recursive=True) if os.path.isfile(file))
             if not files:
                 raise InputError(f"{name}: no file fits this pattern: check the folder and the ending")
-            found += files
+            result += files
         elif (of_items := images_of_items(name, log)) is not None:
-            found += of_items
+            result += of_items
         else:
-            found.append(name)
-    return tuple(found)
+            result.append(name)
+    return tuple(result)
 
 
 def resolve_points(name: str, layer: str = "") -> str:
@@ -91,9 +91,11 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
     images = [*_with_rpc(name, [file for file in products if rpc_reader_of(file) is None] + rasters, faults)]
     if not images:
         names = [os.path.basename(file).lower() for file in products]
-        named = {name.replace("dim_", "rpc_", 1) for name in names if name.startswith("dim_")}
-        alone = [one for one in files if os.path.basename(one).lower() not in named and not one.endswith(".aux.xml")]
-        texts = [file for file in alone if _is_rpc_file(file)]
+        names_of = {name.replace("dim_", "rpc_", 1) for name in names if name.startswith("dim_")}
+        single = [
+            one for one in files if os.path.basename(one).lower() not in names_of and not one.endswith(".aux.xml")
+        ]
+        texts = [file for file in single if _is_rpc_file(file)]
         images = [*_with_rpc(name, texts, faults)]
     if not images:
         reason = f" ({faults[0]})" if faults else ""
@@ -107,30 +109,30 @@ def _list_files(name: str, folder: str) -> list[str]:
     Names that are not valid text are omitted, because GDAL cannot open them.
     """
     if folder.startswith("/vsi"):
-        held = list_archive(name)
-        packed, unfolded = os.path.getsize(name), sum(size for _name, size in held)
+        fixed = list_archive(name)
+        packed, unfolded = os.path.getsize(name), sum(size for _name, size in fixed)
         if unfolded > max(FILE_BUDGETS.points_bytes, FILE_BUDGETS.packed_factor * packed):
             raise InputError(f"{name}: {packed} bytes that unfold to {unfolded} are no images: obtain it again")
-        require_delivery(name, len(held))
-        may_be = sum(one.lower().endswith((*IMAGE_ENDINGS, ".xml", ".dim")) for one, _size in held)
+        require_delivery(name, len(fixed))
+        may_be = sum(one.lower().endswith((*IMAGE_ENDINGS, ".xml", ".dim")) for one, _size in fixed)
         require_delivery(name, may_be, FILE_BUDGETS.archive_images, "files that may be images")
-        if any(one.count("/") > FILE_BUDGETS.delivery_depth for one, _size in held):
+        if any(one.count("/") > FILE_BUDGETS.delivery_depth for one, _size in fixed):
             raise InputError(
                 f"{name}: contains folders deeper than {FILE_BUDGETS.delivery_depth}: unpack what you need"
             )
-        listed = [file for file in gdal.ReadDirRecursive(folder) or [] if isinstance(file, str)]
-        return sorted(file for file in listed if file[-1] != "/")
-    found: list[str] = []
-    seen = set[tuple[int, int]]()
+        names = [file for file in gdal.ReadDirRecursive(folder) or [] if isinstance(file, str)]
+        return sorted(file for file in names if file[-1] != "/")
+    result: list[str] = []
+    visible = set[tuple[int, int]]()
     for place, folders, files in os.walk(folder, followlinks=True):
-        status, within = os.stat(place), os.path.relpath(place, folder)
-        if (status.st_dev, status.st_ino) in seen or within.count(os.sep) >= FILE_BUDGETS.delivery_depth:
+        status, inside = os.stat(place), os.path.relpath(place, folder)
+        if (status.st_dev, status.st_ino) in visible or inside.count(os.sep) >= FILE_BUDGETS.delivery_depth:
             folders.clear()  # circular links, and folders deeper than any delivery has
             continue
-        seen.add((status.st_dev, status.st_ino))
-        found += [os.path.normpath(os.path.join(within, file)) for file in files]
-        require_delivery(name, len(found))
-    return sorted(file for file in found if file.encode(errors="ignore").decode() == file)
+        visible.add((status.st_dev, status.st_ino))
+        result += [os.path.normpath(os.path.join(inside, file)) for file in files]
+        require_delivery(name, len(result))
+    return sorted(file for file in result if file.encode(errors="ignore").decode() == file)
 
 
 def _is_rpc_file(file: str) -> bool:
@@ -151,5 +153,5 @@ def _with_rpc(name: str, files: Sequence[str], faults: list[str]) -> Iterator[st
         except InputError as error:
             faults.append(str(error))
         in_vain += 1
-        most = FILE_BUDGETS.delivery_in_vain + number + 1 - in_vain
-        require_delivery(name, in_vain, most, "files that are no images with RPCs")
+        largest = FILE_BUDGETS.delivery_in_vain + number + 1 - in_vain
+        require_delivery(name, in_vain, largest, "files that are no images with RPCs")

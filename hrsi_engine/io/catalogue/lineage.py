@@ -43,18 +43,18 @@ _TEXTS = ("_rpc.txt", ".csv")
 HIDDEN = "***"  #: replaces a password
 
 
-def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[str, Any]:
+def run_record(command: str, names: Mapping[str, Iterable[str]] | None) -> dict[str, Any]:
     """Return the report's entries on the run.
 
     ``version``, ``date``, ``command``, ``directory`` (of relative paths), ``inputs``, ``versions``, ``platform``.
-    ``named`` has the files and folders that each option names for reading; with None, ``inputs`` is None.
+    ``names`` has the files and folders that each option names for reading; with None, ``inputs`` is None.
     """
     return {
         "version": VERSION,
         "date": run_date(),
         "command": command,
         "directory": os.getcwd(),
-        "inputs": None if named is None else input_entries(named),
+        "inputs": None if names is None else input_entries(names),
         "versions": versions(),
         "platform": platform.platform(),
     }
@@ -63,10 +63,10 @@ def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[
 def rpc_history(path: str) -> str:
     """Return the origin of an image's RPC from its metadata: the run that refined it, or ``as delivered``."""
     dataset, _ = open_dataset(path)
-    told = {} if dataset is None else metadata_of(dataset)
-    if "HRSI_MODEL" not in told:
+    entry = {} if dataset is None else metadata_of(dataset)
+    if "HRSI_MODEL" not in entry:
         return "as delivered"
-    return f"refined by HRSI {told.get('HRSI_VERSION')} on {told.get('HRSI_DATE')}, model {told['HRSI_MODEL']}"
+    return f"refined by HRSI {entry.get('HRSI_VERSION')} on {entry.get('HRSI_DATE')}, model {entry['HRSI_MODEL']}"
 
 
 def find_refining_report(path: str) -> str | None:
@@ -74,8 +74,8 @@ def find_refining_report(path: str) -> str | None:
     if path.lower().endswith(_TEXTS):
         return None
     dataset, _ = open_dataset(path)
-    told = {} if dataset is None else metadata_of(dataset)
-    return str(told.get("HRSI_REPORT", "")) if "HRSI_MODEL" in told else None
+    entry = {} if dataset is None else metadata_of(dataset)
+    return str(entry.get("HRSI_REPORT", "")) if "HRSI_MODEL" in entry else None
 
 
 def without_secrets_in(value: Any) -> Any:
@@ -86,46 +86,46 @@ def without_secrets_in(value: Any) -> Any:
         return [without_secrets_in(item) for item in value]
     if not isinstance(value, str):
         return value
-    hidden = r"((?:password|passwd|pwd)=)[^\s'&]+|(://[^/\s:@]*:)[^/\s@]+(?=@)"
-    return re.sub(hidden, lambda found: f"{found[1] or found[2]}{HIDDEN}", value, flags=re.IGNORECASE)
+    secrets = r"((?:password|passwd|pwd)=)[^\s'&]+|(://[^/\s:@]*:)[^/\s@]+(?=@)"
+    return re.sub(secrets, lambda found: f"{found[1] or found[2]}{HIDDEN}", value, flags=re.IGNORECASE)
 
 
-def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
+def input_entries(names: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
     """Return the report's entry for each input file, including the files that GDAL lists with it.
 
     ``option``, ``path``, ``size``, ``modified``, ``sha256`` or ``sampled_sha256`` (the other is None), ``crs``.
-    ``named`` has paths by the key of the option that names them; names that are no files (``auto``) are omitted.
+    ``names`` has paths by the key of the option that names them; names that are no files (``auto``) are omitted.
     """
     entries: list[dict[str, Any]] = []
-    seen: set[str] = set()
+    visible: set[str] = set()
     read = 0
-    for option, paths in named.items():
+    for option, paths in names.items():
         for path, crs in _list_files(paths):
-            if (real := os.path.realpath(path)) in seen:
+            if (real := os.path.realpath(path)) in visible:
                 continue
-            seen.add(real)
-            entry = {"option": option, **file_entry(path, whole=read < LINEAGE.all_bytes), "crs": crs}
+            visible.add(real)
+            entry = {"option": option, **file_entry(path, complete=read < LINEAGE.all_bytes), "crs": crs}
             read += entry["size"] or 0
             entries.append(entry)
     return entries
 
 
-def file_entry(path: str, whole: bool = True) -> dict[str, Any]:
-    """Return path, size, modification time and SHA-256 of a file (of samples, where it is large or not ``whole``)."""
+def file_entry(path: str, complete: bool = True) -> dict[str, Any]:
+    """Return path, size, modification time and SHA-256 of a file (of samples, if it is large or not ``complete``)."""
     if path.startswith("/vsi"):
         status = virtual_status(path)
         size, time = (None, None) if status is None else (status.size, status.mtime)
         return {"path": path, "size": size, "modified": _iso_time(time), "sha256": None, "sampled_sha256": None}
     status = os.stat(path)
-    whole = whole and status.st_size <= CONTENT_SAMPLING.whole_bytes
+    complete = complete and status.st_size <= CONTENT_SAMPLING.whole_bytes
     with open(path, "rb", buffering=0) as file:
         state = hashlib.sha256()
-        for block in read_places(file, [(0, status.st_size)] if whole else places_of(status.st_size)):
+        for block in read_places(file, [(0, status.st_size)] if complete else places_of(status.st_size)):
             state.update(block)
     digest = state.hexdigest()
     return {
         "path": path, "size": status.st_size, "modified": _iso_time(status.st_mtime),
-        "sha256": digest if whole else None, "sampled_sha256": None if whole else digest,
+        "sha256": digest if complete else None, "sampled_sha256": None if complete else digest,
     }  # fmt: skip
 
 
@@ -192,7 +192,7 @@ _DISTRIBUTIONS = {
 @cache
 def versions() -> dict[str, str]:
     """Return name and version of HRSI and of the installed libraries that influence its results."""
-    found = {
+    result = {
         "hrsi": VERSION,
         "python": platform.python_version(),
         "gdal": gdal.__version__,
@@ -205,5 +205,5 @@ def versions() -> dict[str, str]:
     for name, distributions in _DISTRIBUTIONS.items():
         for distribution in distributions:
             with suppress(PackageNotFoundError):
-                found.setdefault(name, version(distribution))
-    return found
+                result.setdefault(name, version(distribution))
+    return result

@@ -42,11 +42,11 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
     Raises `InputError` if an item has no image, or several and none is named, and for a catalogue of items elsewhere.
     """
     # The syntax of GDAL's driver STACIT
-    given = re.fullmatch(r'STACIT:("?)(?P<file>.+?)\1:asset=(?P<asset>.+)', name)
-    file, wanted = (given["file"], given["asset"]) if given else (name, None)
+    stated = re.fullmatch(r'STACIT:("?)(?P<file>.+?)\1:asset=(?P<asset>.+)', name)
+    file, requested = (stated["file"], stated["asset"]) if stated else (name, None)
     is_json = urlsplit(file).path.lower().endswith((".json", ".geojson"))
     if not is_json or not (file.startswith("/vsi") or os.path.isfile(file)):
-        if given:
+        if stated:
             raise InputError(f"{name}: there is no file {file} with items: name one (.json)")
         return None
     try:
@@ -61,14 +61,16 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
         )
     features = document.get("features") if kind == COLLECTION_OF_ITEMS else [document] if kind == ITEM else None
     if not isinstance(features, list):
-        if given:
+        if stated:
             raise InputError(f"{file}: contains no STAC items: name an item or an item collection")
         return None
     if not features:
         raise InputError(f"{file}: is an item collection without items: search again")
     if any(link.get("rel") == "next" for link in _pick_dicts(document.get("links"))):
         log(f"{file}: is one page of several: only its {len(features)} items are taken; save the others too")
-    return [_image_of(file, number, feature, kind == ITEM, wanted) for number, feature in enumerate(features, start=1)]
+    return [
+        _image_of(file, number, feature, kind == ITEM, requested) for number, feature in enumerate(features, start=1)
+    ]
 
 
 def restore_image_paths(entries: Iterable[tuple[str, str, str | None]]) -> list[str]:
@@ -80,28 +82,28 @@ def restore_image_paths(entries: Iterable[tuple[str, str, str | None]]) -> list[
     """
     items: dict[str, dict[str, ItemImage]] = {}
     images: list[str] = []
-    for name, path, named in entries:
-        if named is not None and named not in items:
-            items[named] = {image.item.id: image for image in images_of_items(named, lambda _text: None) or ()}
-        found = path if named is None else items[named].get(name)
-        if found is None:
-            raise InputError(f"{named}: has no item {name!r} any more, which an earlier run used: put it back")
-        images.append(found)
+    for name, path, names in entries:
+        if names is not None and names not in items:
+            items[names] = {image.item.id: image for image in images_of_items(names, lambda _text: None) or ()}
+        result = path if names is None else items[names].get(name)
+        if result is None:
+            raise InputError(f"{names}: has no item {name!r} any more, which an earlier run used: put it back")
+        images.append(result)
     return images
 
 
-def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | None) -> ItemImage:
-    """Return the image of an item; if it is ``alone`` in its file, its relative addresses refer to that file."""
+def _image_of(file: str, number: int, feature: Any, single: bool, requested: str | None) -> ItemImage:
+    """Return the image of an item; if it is ``single`` in its file, its relative addresses refer to that file."""
     if not isinstance(feature, dict) or not isinstance(feature.get("assets"), dict):
         raise InputError(f"{file}: feature {number} has no assets, it is no STAC item: name an item collection")
     name = feature.get("id")
     if not isinstance(name, str) or not name:
         raise InputError(f"{file}: item {number} has no id: correct the file")
-    where = f"{file}, item {name!r}"
+    location = f"{file}, item {name!r}"
     if {"/", "\\", "\0"} & set(name) or name in (".", ".."):
-        raise InputError(f"{where}: the id cannot be used as a file name of the results: correct the id")
+        raise InputError(f"{location}: the id cannot be used as a file name of the results: correct the id")
     assets = {key: asset for key, asset in feature["assets"].items() if isinstance(asset, dict)}
-    base = file if alone else next(
+    base = file if single else next(
         (link["href"] for link in _pick_dicts(feature.get("links"))
          if link.get("rel") == "self" and "://" in str(link.get("href"))), file,
     )  # fmt: skip
@@ -111,32 +113,34 @@ def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | N
     def path_of(key: str) -> str:
         href = assets[key].get("href")
         if not isinstance(href, str) or not href:
-            raise InputError(f"{where}, asset {key!r}: has no href: correct the file")
+            raise InputError(f"{location}, asset {key!r}: has no href: correct the file")
         return href_path(href, base)
 
     place = file if file.startswith("/vsi") else os.path.abspath(file)
-    image = wanted  # the name of the asset that is the image; None where there is no image
-    if wanted is not None:
-        if wanted not in assets:
-            raise InputError(f"{where}: has no asset {wanted!r} (assets: {list_ids(assets)}): name one of these")
+    image = requested  # the name of the asset that is the image; None where there is no image
+    if requested is not None:
+        if requested not in assets:
+            raise InputError(f"{location}: has no asset {requested!r} (assets: {list_ids(assets)}): name one of these")
     else:
         images = [key for key, asset in assets.items() if _is_image(asset)]
         data = [key for key in images if "data" in _roles_of(assets[key])]
-        found = data or images
-        if len(found) > 1:
+        result = data or images
+        if len(result) > 1:
             raise InputError(
-                f'{where}: has several images ({list_ids(found)}): name one, as STACIT:"FILE":asset={found[0]}'
+                f'{location}: has several images ({list_ids(result)}): name one, as STACIT:"FILE":asset={result[0]}'
             )
-        image = found[0] if found else None
+        image = result[0] if result else None
     rpc_files = tuple(path_of(key) for key in _rpc_assets(assets, image))
     if image is None:
         if not rpc_files:
-            raise InputError(f"{where}: has no asset that is an image (assets: {list_ids(assets)}): name another item")
+            raise InputError(
+                f"{location}: has no asset that is an image (assets: {list_ids(assets)}): name another item"
+            )
         return ItemImage(rpc_files[0], StacItem(name, file, place, properties))
     fields = {key: properties[key] for key in STAC_NAMES.values() if key in properties}
     fields |= {key: assets[image][key] for key in STAC_NAMES.values() if key in assets[image]}
-    named = f'STACIT:"{place}":asset={image}'
-    return ItemImage(path_of(image), StacItem(name, file, named, properties, fields, rpc_files))
+    names = f'STACIT:"{place}":asset={image}'
+    return ItemImage(path_of(image), StacItem(name, file, names, properties, fields, rpc_files))
 
 
 def _is_image(asset: Mapping[str, Any]) -> bool:
@@ -192,8 +196,8 @@ def href_path(href: str, base: str) -> str:
         if "://" not in base:
             return os.path.normpath(os.path.join(os.path.dirname(base), href))
         relative = urlsplit(base)  # urljoin does not support s3
-        joined = urlsplit(urljoin(f"https://{relative.netloc}{relative.path}", href))
-        return href_path(f"{relative.scheme}://{joined.netloc}{joined.path}", "")
+        combined = urlsplit(urljoin(f"https://{relative.netloc}{relative.path}", href))
+        return href_path(f"{relative.scheme}://{combined.netloc}{combined.path}", "")
     if scheme in ("http", "https"):
         return f"/vsicurl/{href}"
     if scheme == "file":

@@ -73,19 +73,19 @@ def shares(count: int, width_m: float) -> list[Share]:
     ``width_m`` is the width of the points' area on the ground: a map of all of it, 0.25 m wide, and any map at a larger
     scale, shows between 150 and `MOST_ON_MAP` points, or all if there are fewer.
     """
-    found, nearest, every = [], 0, 1
-    while count > MOST_ON_MAP * every:
-        farthest = max(round(width_m / 0.25 * math.sqrt(MOST_ON_MAP * every / count)), nearest + 1)
-        found.append(Share(every, nearest, farthest))
-        nearest, every = farthest, 10 * every
-    return [*found, Share(every, nearest, 0)]  # 0: no limit
+    result, nearest, step = [], 0, 1
+    while count > MOST_ON_MAP * step:
+        farthest = max(round(width_m / 0.25 * math.sqrt(MOST_ON_MAP * step / count)), nearest + 1)
+        result.append(Share(step, nearest, farthest))
+        nearest, step = farthest, 10 * step
+    return [*result, Share(step, nearest, 0)]  # 0: no limit
 
 
 def _residuals(fields: LayerColumns, width_m: float) -> Style:
     ground, image = np.isin(fields["level"], ("ground",)), np.isin(fields["level"], ("image",))
-    good = ~np.isin(fields["flag"], ("outlier",))
-    on_ground = _typical(fields["residual_east_m"], fields["residual_north_m"], ground & good)
-    in_image = _typical(fields["residual_sample_px"], fields["residual_line_px"], image & good)
+    accepted = ~np.isin(fields["flag"], ("outlier",))
+    on_ground = _typical(fields["residual_east_m"], fields["residual_north_m"], ground & accepted)
+    in_image = _typical(fields["residual_sample_px"], fields["residual_line_px"], image & accepted)
     return _render_style(
         "residuals.qml.j2", "Residual arrows (observed - computed)",
         **_arrows("ground", on_ground, GROUND_ARROW_MM, "m"), **_arrows("image", in_image, IMAGE_ARROW_MM, "px"),
@@ -95,21 +95,21 @@ def _residuals(fields: LayerColumns, width_m: float) -> Style:
 
 
 def _image_points(fields: LayerColumns, width_m: float) -> Style:
-    good = ~np.isin(fields["flag"], ("outlier", "rejected"))
-    typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
+    accepted = ~np.isin(fields["flag"], ("outlier", "rejected"))
+    typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], accepted)
     return _render_style(
-        "image_points.qml.j2", "Image residuals", image_shares=shares(len(good), width_m),
+        "image_points.qml.j2", "Image residuals", image_shares=shares(len(accepted), width_m),
         **_arrows("image", typical, IMAGE_ARROW_MM, "px"),
     )  # fmt: skip
 
 
 def _misregistration(fields: LayerColumns, width_m: float) -> Style:
-    before = fields["state"] == "before"
-    typical = _typical(fields["east_m"], fields["north_m"], before if before.any() else ~before)
+    is_before = fields["state"] == "before"
+    typical = _typical(fields["east_m"], fields["north_m"], is_before if is_before.any() else ~is_before)
     return _render_style(
         "misregistration.qml.j2", "Shifts between orthoimages (second - first)",
         **_arrows("ground", typical, GROUND_ARROW_MM, "m"),
-        has_before=bool(before.any()),
+        has_before=bool(is_before.any()),
     )  # fmt: skip
 
 
@@ -146,11 +146,11 @@ def _thin_points(color: str, size_mm: float) -> Callable[[LayerColumns, float], 
 
 def _laser_points(fields: LayerColumns, width_m: float) -> Style:
     reason = fields.get("reason", np.empty(0, dtype=str))
-    used, reasons = reason == "", sorted(set(reason[reason != ""].tolist()))
+    is_used, reasons = reason == "", sorted(set(reason[reason != ""].tolist()))
     return _render_style(
         "laser_points.qml.j2", "Laser points: used, and left out with the reason",
-        used_shares=shares(int(used.sum()), width_m), out_shares=shares(int((~used).sum()), width_m),
-        reasons=[(why, REASON_COLORS[number % len(REASON_COLORS)]) for number, why in enumerate(reasons)],
+        used_shares=shares(int(is_used.sum()), width_m), out_shares=shares(int((~is_used).sum()), width_m),
+        reasons=[(cause, REASON_COLORS[number % len(REASON_COLORS)]) for number, cause in enumerate(reasons)],
     )  # fmt: skip
 
 

@@ -44,15 +44,15 @@ def read_layer_table(path: str, layer: str) -> dict[str, np.ndarray]:
     if os.path.basename(path) == LAYERS_FILE and os.path.isfile(complete):
         return read_large_table(complete)
     with _open(path) as database:
-        found = database.execute(
+        result = database.execute(
             "SELECT column_name, srs_id FROM gpkg_geometry_columns WHERE table_name = ?", (layer,)
         ).fetchone()
-        place, crs = found if found is not None else ("", 0)
+        place, crs = result if result is not None else ("", 0)
         try:
             cursor = database.execute(sql_text("SELECT * FROM {table}", table=layer))
         except sqlite3.Error:
-            listed = ", ".join(geopackage_layers(path)) or "none"
-            raise InputError(f"{path}: has no layer {layer!r} (layers: {listed}): name one of these") from None
+            entries = ", ".join(geopackage_layers(path)) or "none"
+            raise InputError(f"{path}: has no layer {layer!r} (layers: {entries}): name one of these") from None
         names = [str(column[0]) for column in cursor.description]
         rows = cursor.fetchall()
     columns = dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
@@ -88,9 +88,9 @@ def _geometry(blobs: tuple[bytes | None, ...], geographic: bool, fields: dict[st
     bodies = [None if blob is None else blob[begin:] for blob, begin in zip(blobs, begins, strict=True)]
     shapes = [None if body is None else _point(body) for body in bodies]
     if any(shape is None and body is not None for shape, body in zip(shapes, bodies, strict=True)):
-        whole = np.empty(len(bodies), dtype=object)
-        whole[:] = [None if body is None else wkb.loads(body) for body in bodies]
-        return {"geometry": whole}
+        complete = np.empty(len(bodies), dtype=object)
+        complete[:] = [None if body is None else wkb.loads(body) for body in bodies]
+        return {"geometry": complete}
     nothing = (np.nan, np.nan, np.nan)
     xyz = np.array([nothing if shape is None else shape for shape in shapes], dtype=np.float64).reshape(-1, 3)
     names = ("lon", "lat", "height") if geographic else ("x", "y", "height")

@@ -136,11 +136,11 @@ def write_geopackage(
                 for pragma in _WITHOUT_SAFETY:
                     database.execute(pragma)
                 database.execute("BEGIN")
-                done = 0
+                completed = 0
                 for layer in layers:
                     for _ in insert_rows(database, layer):
-                        done += _CHUNK_ROWS
-                        advance(progress, min(1.0, done / total), f"writing layer {layer.name}")
+                        completed += _CHUNK_ROWS
+                        advance(progress, min(1.0, completed / total), f"writing layer {layer.name}")
                 insert_styles(database, layers, styles)
                 describe_fields(database, layers)
                 database.execute("COMMIT")
@@ -162,18 +162,18 @@ def join_longitudes(layers: Sequence[Layer]) -> list[Layer]:
         return list(layers)
     west = np.concatenate(list(places.values()))
     turns = np.round((continuous_longitudes(west) - west) / 360.0)
-    moved, parts = list(layers), np.split(turns, np.cumsum([len(part) for part in places.values()])[:-1])
+    shifted, parts = list(layers), np.split(turns, np.cumsum([len(part) for part in places.values()])[:-1])
     for number, part in zip(places, parts, strict=True):
         if np.any(np.abs(part) > 0.0):
-            given: Any = layers[number].coordinates
-            if isinstance(given, Sequence):
-                turned = zip(given, np.nan_to_num(part).tolist(), strict=True)
-                given = [translate(polygon, 360.0 * count) if count else polygon for polygon, count in turned]
+            coordinates: Any = layers[number].coordinates
+            if isinstance(coordinates, Sequence):
+                turned = zip(coordinates, np.nan_to_num(part).tolist(), strict=True)
+                coordinates = [translate(polygon, 360.0 * count) if count else polygon for polygon, count in turned]
             else:
-                place = np.asarray(given)
-                given = np.column_stack([place[:, 0] + 360.0 * part, place[:, 1:]])
-            moved[number] = replace(layers[number], coordinates=given)
-    return moved
+                place = np.asarray(coordinates)
+                coordinates = np.column_stack([place[:, 0] + 360.0 * part, place[:, 1:]])
+            shifted[number] = replace(layers[number], coordinates=coordinates)
+    return shifted
 
 
 def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str] | None = None) -> None:
@@ -251,7 +251,7 @@ def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
 def _extent(low: np.ndarray, high: np.ndarray) -> tuple[float, ...]:
     """Return west, south, east, north of boxes with corners ``(n, 2)``; NaN without any."""
     columns = ((np.fmin, low.T), (np.fmax, high.T))
-    return tuple(float(extreme.reduce(column, initial=np.nan)) for extreme, both in columns for column in both)
+    return tuple(float(extreme.reduce(column, initial=np.nan)) for extreme, pair in columns for column in pair)
 
 
 def _geometries(layer: Layer, rows: slice) -> list[bytes | None]:
@@ -324,8 +324,8 @@ def create_style_table(dataset: gdal.Dataset) -> None:
 
 
 def insert_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles: Mapping[str, Style]) -> None:
-    written = [layer.name for layer in layers if layer.name in styles]
-    for name in written:
+    bytes_written = [layer.name for layer in layers if layer.name in styles]
+    for name in bytes_written:
         database.execute(
             "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName,"
             " styleQML, styleSLD, useAsDefault, description, owner, ui, update_time)"

@@ -50,8 +50,8 @@ def fill_rtree(database: sqlite3.Connection, rtree: str, low: np.ndarray, high: 
         _insert(database, f"{rtree}_{table}", (key, "parentnode" if depth else "nodeno"), parents)
         if count == 1:
             return
-        least, largest = (extreme.reduceat(boxes, bounds[:-1]) for extreme in (np.minimum, np.maximum))
-        boxes = np.column_stack([least[:, 0], largest[:, 1], least[:, 2], largest[:, 3]])
+        smallest, largest = (extreme.reduceat(boxes, bounds[:-1]) for extreme in (np.minimum, np.maximum))
+        boxes = np.column_stack([smallest[:, 0], largest[:, 1], smallest[:, 2], largest[:, 3]])
         ids, depth, first = numbers, depth + 1, first + count
 
 
@@ -62,10 +62,10 @@ def _insert(database: sqlite3.Connection, table: str, columns: tuple[str, str], 
 def _round_outwards(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return min x, max x, min y, max y as float32 ``(n, 4)``, rounded so that they contain the float64 boxes."""
     boxes = np.empty((len(low), 4), dtype=np.float32)
-    for column, exact, wrong, limit in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):
+    for column, exact, faulty, limit in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):
         for axis in (0, 1):
             single = exact[:, axis].astype(np.float32)
-            inside = wrong(single, exact[:, axis])
+            inside = faulty(single, exact[:, axis])
             boxes[:, 2 * axis + column] = np.where(inside, np.nextafter(single, np.float32(limit)), single)
     return boxes
 

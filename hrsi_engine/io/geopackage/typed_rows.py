@@ -80,46 +80,46 @@ class LayerRows(Mapping[str, np.ndarray]):
 
     def __init_subclass__(cls, layer: str = "") -> None:
         cls.layer = layer or cls.layer
-        own = {name: value for name, value in vars(cls).items() if isinstance(value, DeclaredColumn)}
+        individual = {name: value for name, value in vars(cls).items() if isinstance(value, DeclaredColumn)}
         hints = get_type_hints(cls, include_extras=True)
         bases = (base for base in reversed(cls.__mro__[1:]) if issubclass(base, LayerRows))
         inherited = {name: part for base in bases for name, part in base.declared.items()}
         cls.declared = inherited | {
             name: replace(_complete_description(cls, name, part), name=name, kind=get_args(hints[name])[1])
-            for name, part in own.items()
+            for name, part in individual.items()
         }
 
     def __init__(self, **columns: np.ndarray) -> None:
-        where = f"layer {self.layer}: `{type(self).__name__}` of {type(self).__module__.rpartition('.')[2]}.py"
+        location = f"layer {self.layer}: `{type(self).__name__}` of {type(self).__module__.rpartition('.')[2]}.py"
         unknown = [name for name in columns if name not in self.declared]
         missing = [name for name in self.declared if name not in columns]
         if unknown:
-            raise TypeError(f"{where} does not declare the column {unknown[0]!r}: declare it there, or leave it out")
+            raise TypeError(f"{location} does not declare the column {unknown[0]!r}: declare it there, or leave it out")
         if missing:
             raise TypeError(
-                f"{where} declares the column {missing[0]!r}, which is not given: give it where the rows are made, "
+                f"{location} declares the column {missing[0]!r}, which is not given: give it where the rows are made, "
                 "or take it out of the class"
             )
         lengths = {name: len(values) for name, values in columns.items()}
         if len(set(lengths.values())) > 1:
-            raise TypeError(f"{where}: the columns differ in length: {lengths}")
+            raise TypeError(f"{location}: the columns differ in length: {lengths}")
         for name, said in self.declared.items():
             values = columns[name]
             if len(values) and values.dtype.kind not in DTYPES[said.kind]:
                 raise TypeError(
-                    f"{where} declares {name!r} as {said.kind.__name__}, and {values.dtype} is given: convert it, or "
-                    "declare the other kind"
+                    f"{location} declares {name!r} as {said.kind.__name__}, and {values.dtype} is given: convert it, "
+                    "or declare the other kind"
                 )
             self.__dict__[name] = values
 
     @classmethod
     def of_level(cls, level: str, count: int, **columns: np.ndarray) -> Self:
         """Return ``count`` rows of one level: the columns of other levels are NaN."""
-        others = [name for name, said in cls.declared.items() if said.level not in ("", level)]
-        wrong = [name for name in others if name in columns]
-        if wrong:
-            raise TypeError(f"`{cls.__name__}` declares {wrong[0]!r} for another level than {level!r}: do not give it")
-        return cls(**columns, **dict.fromkeys(others, np.full(count, np.nan)), level=np.full(count, level))
+        remainder = [name for name, said in cls.declared.items() if said.level not in ("", level)]
+        faulty = [name for name in remainder if name in columns]
+        if faulty:
+            raise TypeError(f"`{cls.__name__}` declares {faulty[0]!r} for another level than {level!r}: do not give it")
+        return cls(**columns, **dict.fromkeys(remainder, np.full(count, np.nan)), level=np.full(count, level))
 
     @classmethod
     def of_entries(cls, entries: Sequence[Mapping[str, Any]]) -> Self:
@@ -143,9 +143,9 @@ class LayerRows(Mapping[str, np.ndarray]):
         """Return an object with some of the rows (slice, mask or indices)."""
         return type(self)(**{name: values[rows] for name, values in self.items()})
 
-    def concatenate(self, other: Self) -> Self:
+    def concatenate(self, second: Self) -> Self:
         """Return these rows followed by others."""
-        return type(self)(**{name: np.concatenate([values, other[name]]) for name, values in self.items()})
+        return type(self)(**{name: np.concatenate([values, second[name]]) for name, values in self.items()})
 
 
 def _complete_description(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:
@@ -169,8 +169,8 @@ def describe_columns(fields: Mapping[str, np.ndarray]) -> dict[str, DeclaredColu
 
 def write_titles(fields: Mapping[str, np.ndarray]) -> dict[str, str]:
     """Return the titles of a layer's fields, ``fid`` the first, by name."""
-    known = describe_columns(fields)
-    return {name: known[name].title if name in known else write_title(name) for name in ("fid", *fields)}
+    valid = describe_columns(fields)
+    return {name: valid[name].title if name in valid else write_title(name) for name in ("fid", *fields)}
 
 
 #: Descriptions and units of columns that mean the same in every layer that has them, by name.

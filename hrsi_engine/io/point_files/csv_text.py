@@ -52,44 +52,44 @@ def read(path: str, layer: str = "", chosen: Mapping[str, str] | None = None) ->
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
 
 
-def _read_table(path: str, encoding: str, chosen: Mapping[str, str]) -> table.PointTable:
+def _read_table(path: str, encoding: str, selection: Mapping[str, str]) -> table.PointTable:
     rows = _read_rows(path, encoding)
     names = [name.strip() for name in next(rows, [])]
-    found = table.match_fields(names, chosen, path)
-    if not found:
+    result = table.match_fields(names, selection, path)
+    if not result:
         with _open_text(path, encoding) as file:
             return read_plain_text(path, file)
     row_name = partial(_row_name, path, encoding)
     separator = _find_separator(path, encoding)
-    plain = _columns_by_numpy(path, encoding, separator, len(names), found)
+    plain = _columns_by_numpy(path, encoding, separator, len(names), result)
     if plain is not None:
         return table.PointTable(path, plain, tuple(names), row_name)
     decimal_comma = separator != ","
-    parts: dict[str, list[np.ndarray]] = {field: [] for field in found}
-    done = 0
+    parts: dict[str, list[np.ndarray]] = {field: [] for field in result}
+    completed = 0
     while chunk := list(islice(rows, _CHUNK_ROWS)):
-        texts = _transpose(path, chunk, len(names), row_name, done)
-        for field, column in found.items():
+        texts = _transpose(path, chunk, len(names), row_name, completed)
+        for field, column in result.items():
             if field in table.NUMBER_FIELDS:
-                where = partial(_name_field, path, field, row_name, done)
-                values = table.parse_numbers(texts[column], where, decimal_comma, field in table.MAY_BE_INFINITE)
+                location = partial(_name_field, path, field, row_name, completed)
+                values = table.parse_numbers(texts[column], location, decimal_comma, field in table.MAY_BE_INFINITE)
             else:
                 values = table.strip_texts(texts[column], path, field)
             parts[field].append(values)
-        done += len(chunk)
-    columns = {field: _join_parts(path, field, parts.pop(field)) if done else np.empty(0) for field in found}
+        completed += len(chunk)
+    columns = {field: _join_parts(path, field, parts.pop(field)) if completed else np.empty(0) for field in result}
     return table.PointTable(path, columns, tuple(names), row_name)
 
 
 def _columns_by_numpy(
-    path: str, encoding: str, separator: str, width: int, found: Mapping[str, int]
+    path: str, encoding: str, separator: str, width: int, result: Mapping[str, int]
 ) -> dict[str, np.ndarray] | None:
     """Return the columns by NumPy's reader; None if the file has quotes, or numbers that are missing or invalid."""
-    kinds = {column: "f8" if field in table.NUMBER_FIELDS else "O" for field, column in found.items()}
+    kinds = {column: "f8" if field in table.NUMBER_FIELDS else "O" for field, column in result.items()}
     if "f8" not in kinds.values():  # empty rows would not be noticed
         return None
     layout = [(str(column), kinds.get(column, "U1")) for column in range(width)]
-    parts: dict[str, list[np.ndarray]] = {field: [] for field in found}
+    parts: dict[str, list[np.ndarray]] = {field: [] for field in result}
     with _open_text(path, encoding) as file:
         if '"' in next(line for line in file if _is_header(line)):
             return None
@@ -104,18 +104,20 @@ def _columns_by_numpy(
                 rows = np.loadtxt(filled, layout, comments=None, delimiter=separator, ndmin=1, encoding=encoding)
             except ValueError:
                 return None
-            for field, column in found.items():
+            for field, column in result.items():
                 values = rows[str(column)]
                 if field not in table.NUMBER_FIELDS:
                     values = table.strip_texts(values.tolist(), path, field)
                 elif not np.isfinite(values).all():
                     return None
                 parts[field].append(np.ascontiguousarray(values))
-    return {field: _join_parts(path, field, parts.pop(field)) for field in found} if parts[next(iter(found))] else None
+    return (
+        {field: _join_parts(path, field, parts.pop(field)) for field in result} if parts[next(iter(result))] else None
+    )
 
 
-def _name_field(path: str, field: str, row_name: Callable[[int], str], done: int, index: int) -> str:
-    return f"{path}, field {field!r}, {row_name(done + index)}"
+def _name_field(path: str, field: str, row_name: Callable[[int], str], completed: int, index: int) -> str:
+    return f"{path}, field {field!r}, {row_name(completed + index)}"
 
 
 def _join_parts(path: str, field: str, parts: list[np.ndarray]) -> np.ndarray:
@@ -136,11 +138,11 @@ def _open_text(path: str, encoding: str) -> TextIO:
     return io.TextIOWrapper(_open_bytes(path), encoding=encoding, newline="")
 
 
-def read_lines(path: str, most: int) -> list[str]:
+def read_lines(path: str, largest: int) -> list[str]:
     """Return the first lines of a text that are neither empty nor comments; raise `InputError` if it is no text."""
     try:
         with _open_text(path, _find_encoding(path)) as file:
-            return [line.strip() for line in islice(filter(_is_header, file), most)]
+            return [line.strip() for line in islice(filter(_is_header, file), largest)]
     except (OSError, UnicodeError) as error:
         raise InputError(f"{path}: cannot be read as text ({error}): check the file") from None
 
@@ -161,26 +163,26 @@ def _read_rows(path: str, encoding: str, line_numbers: list[int] | None = None) 
     """Yield the header and every row that is not empty; append the last line of each to ``line_numbers`` if given."""
     separator = _find_separator(path, encoding)
     with _open_text(path, encoding) as file:
-        before = next((number for number, line in enumerate(file) if _is_header(line)), 0)
+        previous = next((number for number, line in enumerate(file) if _is_header(line)), 0)
         file.seek(0)
-        reader = csv.reader(islice(file, before, None), delimiter=separator, skipinitialspace=True)
+        reader = csv.reader(islice(file, previous, None), delimiter=separator, skipinitialspace=True)
         for row in reader:
             if row and (row[0] or any(row)):
                 if line_numbers is not None:
-                    line_numbers.append(reader.line_num + before)
+                    line_numbers.append(reader.line_num + previous)
                 yield row
 
 
 def _transpose(
-    path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str], done: int
+    path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str], completed: int
 ) -> list[tuple[str, ...]]:
-    """Return the columns of rows that follow ``done`` others; short rows are completed with empty fields."""
+    """Return the columns of rows that follow ``completed`` others; short rows are completed with empty fields."""
     if set(map(len, rows)) != {width}:
         index = next((index for index, row in enumerate(rows) if any(row[width:])), None)
         if index is not None:
             raise InputError(
-                f"{path}, {row_name(done + index)}: has {len(rows[index])} fields, the header {width}: quote texts "
-                "with separators, and separate by semicolons where numbers have decimal commas"
+                f"{path}, {row_name(completed + index)}: has {len(rows[index])} fields, the header {width}: quote "
+                "texts with separators, and separate by semicolons where numbers have decimal commas"
             )
         rows = [row[:width] + [""] * (width - len(row)) for row in rows]
     return list(zip(*rows, strict=True))
@@ -264,10 +266,12 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
     Raises `InputError` with the line that is damaged, or with the columns if they are ambiguous.
     """
     require_size(path, "points")
-    most = FILE_BUDGETS.gcp_rows
-    numbered = [(number, line) for number, line in enumerate(islice(lines, most), 1) if line.strip() and line[0] != "#"]
-    if len(numbered) == most:
-        raise InputError(f"{path}: has {most} lines or more, and no names of columns: add a header line")
+    limit = FILE_BUDGETS.gcp_rows
+    numbered = [
+        (number, line) for number, line in enumerate(islice(lines, limit), 1) if line.strip() and line[0] != "#"
+    ]
+    if len(numbered) == limit:
+        raise InputError(f"{path}: has {limit} lines or more, and no names of columns: add a header line")
     if len(numbered) > 1 and numbered[0][1].strip() == str(len(numbered) - 1):  # the number of points that follow
         numbered = numbered[1:]
     separator, rows = split_rows([line for _, line in numbered])
@@ -285,15 +289,15 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
             expected = "columns are named" if names else "are in the first row"
             raise InputError(f"{path}, line {number}: has {len(row)} columns, but {width} {expected}: correct it")
     names = [name.strip() for name in names] or _tell_columns(path, rows)
-    found = table.match_fields(names)
-    if not found:
+    result = table.match_fields(names)
+    if not result:
         raise InputError(f"{path}: {', '.join(names)} are no fields of points ({', '.join(list(table.FIELDS)[:12])} …)")
     columns: dict[str, np.ndarray] = {}
-    for field, column in found.items():
+    for field, column in result.items():
         texts = [row[column] for row in rows]
-        where = partial(lambda field, index: f"{path}, field {field!r}, line {numbered[index][0]}", field)
+        location = partial(lambda field, index: f"{path}, field {field!r}, line {numbered[index][0]}", field)
         columns[field] = (
-            table.parse_numbers(texts, where, separator != ",", field in table.MAY_BE_INFINITE)
+            table.parse_numbers(texts, location, separator != ",", field in table.MAY_BE_INFINITE)
             if field in table.NUMBER_FIELDS
             else table.strip_texts(texts, path, field)
         )

@@ -91,8 +91,8 @@ def read_points(
         if "image" in {*match_fields(table.field_names), *choose_fields(spec)} or table.pairwise:
             raise InputError(f"{table.source}: has the image of each point in a field: remove |image=")
         if image not in image_ids:
-            listed = ", ".join(image_ids) or "none"
-            raise InputError(f"{table.source}: |image={image} is not in the block (images: {listed}): correct it")
+            names = ", ".join(image_ids) or "none"
+            raise InputError(f"{table.source}: |image={image} is not in the block (images: {names}): correct it")
         table = replace(table, columns=table.columns | {"image": np.full(len(table), image)})
         measured = [np.isfinite(table.columns[name]) for name in ("sample", "line") if name in table.columns]
         if len(measured) == 2 and not (rows := measured[0] | measured[1]).all():  # points that others of the files have
@@ -109,9 +109,9 @@ def read_image_points(
     Ground points are returned only if they were read with them.
     """
     if not isinstance(spec, PointsInMemory) and not {"image", "chosen"} & _parse_options(spec).keys():
-        kept = read_columns(*split_spec(spec), image_ids)
-        if kept is not None:
-            return kept
+        retained = read_columns(*split_spec(spec), image_ids)
+        if retained is not None:
+            return retained
     return read_points(
         spec, ground_crs=ground_crs, height_datum=height_datum, image_ids=image_ids, surface=surface, epoch=epoch
     )
@@ -125,16 +125,16 @@ def several_specs(text: str) -> list[str]:
     if isinstance(text, InMemory):
         return [text]
     text = str(text)
-    path, _, rest = text.partition("|")
-    if os.path.exists(path) and ";" not in rest:  # a file name may contain the separator
+    path, _, remaining = text.partition("|")
+    if os.path.exists(path) and ";" not in remaining:  # a file name may contain the separator
         return [text]
     specs = []
     for part in filter(None, map(str.strip, text.split(";"))):
-        path, bar, rest = part.partition("|")
-        found = [path] if os.path.exists(path) or not glob.has_magic(path) else sorted(glob.glob(path))
-        if not found:
+        path, bar, remaining = part.partition("|")
+        result = [path] if os.path.exists(path) or not glob.has_magic(path) else sorted(glob.glob(path))
+        if not result:
             raise InputError(f"{path}: no file has such a name: check the path")
-        specs += [f"{name}{bar}{rest}" for name in found]
+        specs += [f"{name}{bar}{remaining}" for name in result]
     return specs
 
 
@@ -155,8 +155,8 @@ def _parse_options(spec: str) -> dict[str, str]:
     options = dict[str, str]()
     for part in str(spec).split("|")[1:]:
         key, _, value = part.partition("=")
-        known = ("layername", "layerid", "geometrytype", "image", "features", "columns")
-        if key.lower() not in known or not value:
+        valid = ("layername", "layerid", "geometrytype", "image", "features", "columns")
+        if key.lower() not in valid or not value:
             raise InputError(
                 f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER, FILE|image=ID, "
                 "FILE|columns=NAME,NAME,…, FILE|columns=id=NAME,sigma_h=NAME,… or MATCHES.h5|features=FILE"
@@ -172,17 +172,17 @@ def choose_fields(spec: str) -> dict[str, str]:
 
     Raises `InputError` for a field that HRSI does not have.
     """
-    chosen = {}
+    selection = {}
     for part in filter(None, re.split(r",(?=\s*\w+\s*=)", _parse_options(spec).get("chosen", ""))):
         field, _, name = map(str.strip, part.partition("="))
-        known = next(iter(match_fields([field])), None)
-        if known is None or not name:
+        valid = next(iter(match_fields([field])), None)
+        if valid is None or not name:
             raise InputError(
                 f"{spec}: {part!r} behind |columns= chooses no field of points: write FIELD=NAME, with a field of "
                 f"{', '.join(list(FIELDS)[:17])} … and its name in the file"
             )
-        chosen[known] = name
-    return chosen
+        selection[valid] = name
+    return selection
 
 
 def read_table(spec: str) -> PointTable:
@@ -203,17 +203,17 @@ def read_table(spec: str) -> PointTable:
             raise InputError(f"{path}: cannot be read ({error.strerror}): check its permissions") from None
     name = os.path.basename(path).lower()
     columns, readers = layer.removeprefix(csv_text.NAMED_COLUMNS).split(","), POINT_READERS.values()
-    named = (reader for reader in readers if reader.is_named_by(columns))
-    reader = next(named, None) or next((reader for reader in readers if reader.recognises(path, name, head)), None)
+    names = (reader for reader in readers if reader.is_named_by(columns))
+    reader = next(names, None) or next((reader for reader in readers if reader.recognises(path, name, head)), None)
     if reader is None:
         titles = ", ".join(reader.title for reader in readers)
         advice = check_advice(path, "convert it to GeoPackage or CSV")
         raise InputError(f"{path}: is no point file that is known ({titles}): {advice}")
-    if not (chosen := choose_fields(spec)):
+    if not (selection := choose_fields(spec)):
         return reader.read(path, layer)
     if not reader.chooses_fields:
         raise InputError(f"{path}: the fields of the format {reader.title} have fixed names: remove |columns=")
-    return reader.read(path, layer, chosen)
+    return reader.read(path, layer, selection)
 
 
 class ImagePositions(NamedTuple):

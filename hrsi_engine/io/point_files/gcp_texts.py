@@ -33,21 +33,23 @@ _ROLES = {"G": "gcp", "C": "check", "I": "off"}
 def read_metashape(path: str, _layer: str = "") -> PointTable:
     """Return the surveyed positions of a reference file; raise `InputError` with the line if it is damaged."""
     lines = read_text(path).splitlines()
-    start, header = next((at, found) for at, line in enumerate(lines, 1) if (found := _HEADER.match(line.encode())))
+    start, header = next(
+        (current, result) for current, line in enumerate(lines, 1) if (result := _HEADER.match(line.encode()))
+    )
     mark = header[1].decode()
     names = lines[start - 1].lstrip("# ").rstrip(f"{mark} ").split(mark.strip(" ") or None)
-    told = next(
+    texts = next(
         (line.partition(":")[2].strip() for line in lines if line.lower().startswith("# coordinatesystem:")), ""
     )
     rows = [line.rstrip(f"{mark} ") for line in lines[start:]]
     body = [row and row + f"{mark}nan" * (len(names) - len(row.split(mark.strip(" ") or None))) for row in rows]
-    known = [_METASHAPE.get(name.strip().lower(), name) for name in names]
-    table = read_plain_text(path, [""] * start + body, known)  # so that lines keep their numbers
-    if not told or told.startswith("LOCAL_CS"):
+    valid = [_METASHAPE.get(name.strip().lower(), name) for name in names]
+    table = read_plain_text(path, [""] * start + body, valid)  # so that lines keep their numbers
+    if not texts or texts.startswith("LOCAL_CS"):
         return table
     columns, empty = dict(table.columns), np.full(len(table), np.nan)
     position = [columns.pop(a, columns.pop(b, empty)) for a, b in (("x", "lon"), ("y", "lat"), ("height", ""))]
-    return replace(table, columns=columns, geometry=np.column_stack(position), crs=told)
+    return replace(table, columns=columns, geometry=np.column_stack(position), crs=texts)
 
 
 METASHAPE_REFERENCE = PointReader(
@@ -65,8 +67,8 @@ def read_orthoengine(path: str, columns_option: str) -> PointTable:
     """Return the points of a text whose columns ``columns_option`` names; raise `InputError` if it is damaged."""
     names = columns_option.removeprefix(NAMED_COLUMNS).split(",")
     fields = [re.findall(r'"[^"]*"|[^\s,]+', line) for line in read_text(path).splitlines()]
-    known = [_ORTHOENGINE.get(name.strip().lower(), name) for name in names]
-    table = read_plain_text(path, ["\t".join(row) for row in fields], known)
+    valid = [_ORTHOENGINE.get(name.strip().lower(), name) for name in names]
+    table = read_plain_text(path, ["\t".join(row) for row in fields], valid)
     columns = table.columns | {axis: table.columns[axis] - 0.5 for axis in ("sample", "line")}
     if "role" in columns:
         columns["role"] = np.array([_ROLES.get(status.upper(), status) for status in columns["role"].tolist()])

@@ -35,9 +35,9 @@ class PointsInMemory(InMemory):
 
     def __new__(cls, points: Any) -> PointsInMemory:
         """Create the points with a name of type and number: ``DataFrame of 12 points``."""
-        made = super().__new__(cls, f"{type(points).__name__} of {_count_points(points)} points")
-        made.points = points
-        return made
+        created = super().__new__(cls, f"{type(points).__name__} of {_count_points(points)} points")
+        created.points = points
+        return created
 
     def tables(self, reference: Reference, image_ids: Sequence[str]) -> PointTables:
         """Return the ground points and the image points, with the same checks as those of a file.
@@ -62,8 +62,8 @@ class PointsInMemory(InMemory):
         columns = _columns_of(self.points)
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
-            told = ", ".join(f"{name} {count}" for name, count in lengths.items())
-            raise InputError(f"{self}: its columns differ in length ({told}): give one value a point")
+            reason = ", ".join(f"{name} {count}" for name, count in lengths.items())
+            raise InputError(f"{self}: its columns differ in length ({reason}): give one value a point")
 
         index = getattr(self.points, "index", None)
         labels = list(index) if index is not None and not callable(index) else range(1, _count_points(self.points) + 1)
@@ -72,8 +72,8 @@ class PointsInMemory(InMemory):
             return f"row {labels[row]}"
 
         position = match_fields(list(columns))
-        listed = list(columns)
-        fields = {name: self._field(name, columns[listed[at]], row_name) for name, at in position.items()}
+        names = list(columns)
+        fields = {name: self._field(name, columns[names[current]], row_name) for name, current in position.items()}
         xyz, crs = None, ""  # of a table with geometries
         if _has_places(self.points):
             xyz = np.full((len(self.points), 3), np.nan)
@@ -84,19 +84,19 @@ class PointsInMemory(InMemory):
                     raise InputError(f"{self}, row {row + 1}: its geometry is a {place.geom_type}: give points")
                 xyz[row] = place.x, place.y, place.z if place.has_z else np.nan
             crs = "" if self.points.crs is None else self.points.crs.to_wkt()
-        return PointTable(str(self), fields, tuple(listed), row_name, xyz, crs)
+        return PointTable(str(self), fields, tuple(names), row_name, xyz, crs)
 
-    def _field(self, field: str, values: Any, at: Callable[[int], str]) -> np.ndarray:
+    def _field(self, field: str, values: Any, position: Callable[[int], str]) -> np.ndarray:
         """Return a column as texts or numbers; missing values are empty or NaN."""
         column = np.asarray(values)
         if field not in TEXT_FIELDS and column.dtype.kind in "iufb":
             return column.astype(np.float64)
         # Integers that a table stores as floats, because other values are missing, are written as integers
-        whole = [int(v) if isinstance(v, float) and v.is_integer() else v for v in column.tolist()]
-        texts = ["" if _is_missing(value) else str(value) for value in whole]
+        complete = [int(v) if isinstance(v, float) and v.is_integer() else v for v in column.tolist()]
+        texts = ["" if _is_missing(value) else str(value) for value in complete]
         if field in TEXT_FIELDS:
             return strip_texts(texts, str(self), field)
-        return parse_numbers(texts, lambda row: f"{self}, {at(row)}, column {field!r}", infinite=True)
+        return parse_numbers(texts, lambda row: f"{self}, {position(row)}, column {field!r}", infinite=True)
 
 
 def _count_points(points: Any) -> int:

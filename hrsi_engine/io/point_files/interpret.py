@@ -57,16 +57,16 @@ def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str])
     """Return a table's ground points and image points; raise `InputError` with the row and the remedy."""
     if not len(table):
         raise InputError(f"{table.source}: contains no points: add some, or name another layer")
-    measures, known = bool(table.columns.keys() & {"sample", "line"}), has_positions(table)
-    if not (measures or known):
+    measures, valid = bool(table.columns.keys() & {"sample", "line"}), has_positions(table)
+    if not (measures or valid):
         raise InputError(
             f"{table.source}: has neither positions (point geometry, lon and lat, x and y) nor image coordinates "
             f"(sample and line); its fields are {', '.join(table.field_names) or 'none'}: rename or add them"
         )
     require_field(table, "id")
     _require_text(table, "id")
-    image = _image_points(table, known, image_ids) if measures else None
-    ground, warnings = _ground_points(table, measures, reference) if known else (None, [])
+    image = _image_points(table, valid, image_ids) if measures else None
+    ground, warnings = _ground_points(table, measures, reference) if valid else (None, [])
     return PointTables(ground, image, (*table.notes, *warnings), table.pairwise)
 
 
@@ -92,19 +92,19 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     """Return the rows that have sample and line; rows without are allowed only in a table with ground points."""
     xy = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
     empty = np.isnan(xy)
-    some = any_of_rows(empty)
-    wrong = some & ~empty.all(axis=1) if known else some
-    if wrong.any():
-        row = np.flatnonzero(wrong)[0]
+    subset = any_of_rows(empty)
+    faulty = subset & ~empty.all(axis=1) if known else subset
+    if faulty.any():
+        row = np.flatnonzero(faulty)[0]
         field = "sample" if empty[row, 0] else "line"
         raise InputError(f"{table.name_row(row)}: field {field!r} is empty: fill it in, or remove the row")
-    far = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > RPC_BUDGETS.image_px
-    if far.any():
-        row = np.flatnonzero(far)[0]
+    distant = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > RPC_BUDGETS.image_px
+    if distant.any():
+        row = np.flatnonzero(distant)[0]
         raise InputError(
             f"{table.name_row(row)}: sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it"
         )
-    rows = np.flatnonzero(~some)
+    rows = np.flatnonzero(~subset)
     if not len(rows):
         return None
     everything = len(rows) == len(table)  # millions of rows are copied only if necessary
@@ -125,40 +125,42 @@ def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -
             return NameColumn(np.array(image_ids, dtype=str), np.zeros(len(rows), dtype=np.int32))
         require_field(table, "image")
     _require_text(table, "image", rows)
-    given = table.columns["image"] if len(rows) == len(table) else table.columns["image"][rows]
-    place, number = dict[str, int](), np.empty(len(given), dtype=np.int32)
-    for start in range(0, len(given), 100_000):  # sorting millions of names would take more memory than the table
-        names = given[start : start + 100_000].tolist()
+    column = table.columns["image"] if len(rows) == len(table) else table.columns["image"][rows]
+    place, number = dict[str, int](), np.empty(len(column), dtype=np.int32)
+    for start in range(0, len(column), 100_000):  # sorting millions of names would take more memory than the table
+        names = column[start : start + 100_000].tolist()
         for name in sorted(set(names) - place.keys()):
             place[name] = len(place)
         number[start : start + len(names)] = [place[name] for name in names]
     return matching_names(NameColumn(np.array(list(place), dtype=str), number), image_ids, table.pairwise)
 
 
-def matching_names(given: NameColumn, image_ids: Sequence[str], prefixed: bool = False) -> NameColumn:
+def matching_names(written_names: NameColumn, image_ids: Sequence[str], prefixed: bool = False) -> NameColumn:
     """Return the ids of block images for names that are ids, file names or paths; unknown names are unchanged."""
     # Windows ignores the case of names; the files of a product begin with the names of their kinds
     keys = [(key, image) for image in image_ids for key in {image.casefold(), _product_name(image)}]
     count = Counter(key for key, _ in keys)
-    alike = {key: image for key, image in keys if count[key] == 1}
-    wanted = set(image_ids)
-    ids = np.array([_matching_id(name, wanted, alike, prefixed) for name in given.names.tolist()], dtype=str)
+    similar = {key: image for key, image in keys if count[key] == 1}
+    requested = set(image_ids)
+    ids = np.array(
+        [_matching_id(name, requested, similar, prefixed) for name in written_names.names.tolist()], dtype=str
+    )
     names, place = np.unique(ids, return_inverse=True)  # two names may be one image
-    return NameColumn(names, place.astype(np.int32)[given.number])
+    return NameColumn(names, place.astype(np.int32)[written_names.number])
 
 
-def _matching_id(name: str, image_ids: set[str], alike: Mapping[str, str], prefixed: bool) -> str:
+def _matching_id(name: str, image_ids: set[str], similar: Mapping[str, str], prefixed: bool) -> str:
     """Return the id of the image for a name that is an id, file name or path; the name itself if no id matches.
 
-    ``alike`` has the image ids that are unique in lower case or as names of products, by these names.
+    ``similar`` has the image ids that are unique in lower case or as names of products, by these names.
     """
     stem = image_id(name.replace("\\", "/"))
     for called in (name, stem):
         if called in image_ids:
             return called
     for called in (name.casefold(), stem.casefold(), _product_name(stem)):
-        if called in alike:
-            return alike[called]
+        if called in similar:
+            return similar[called]
     # ``PREFIX-IMAGE``, as matchers name their files: the longest id that matches
     behind = [image for image in image_ids if name.endswith(f"-{image}")] if prefixed else []
     return max(behind, key=len, default=name)
@@ -181,29 +183,30 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
             parsed = Role.parse(str(name))
         except KeyError:
             row = np.flatnonzero(index == number)[0]
-            told = f"{table.name_row(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off"
-            raise InputError(told) from None
+            texts = f"{table.name_row(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off"
+            raise InputError(texts) from None
         role[index == number] = UNSET if parsed is None else parsed
     sigma, covariance = survey_accuracy(table)
     if reference.adjusted and ADJUSTED_SIGMA in table.columns:
         sigma, covariance = np.column_stack([sigma[:, 0], table.columns[ADJUSTED_SIGMA]]), None
     rows = np.flatnonzero(~np.isnan(ground[:, 0]))
     ids, first, inverse = np.unique(table.columns["id"][rows], return_index=True, return_inverse=True)
-    chosen = rows[first]
+    selection = rows[first]
     if len(ids) < len(rows):
         # An id may occur more than once only in a table of measurements, with one position
-        before = chosen[inverse]
-        wrong = are_apart(ground[rows], ground[before]) if measures else rows != before
-        if wrong.any():
-            at = np.flatnonzero(wrong)[0]
-            what = "with another position" if measures else "a second time"
+        previous = selection[inverse]
+        faulty = are_apart(ground[rows], ground[previous]) if measures else rows != previous
+        if faulty.any():
+            position = np.flatnonzero(faulty)[0]
+            kind = "with another position" if measures else "a second time"
             raise InputError(
-                f"{table.name_row(rows[at])}: occurs in {table.row_name(int(before[at]))} already, here {what}: keep "
+                f"{table.name_row(rows[position])}: occurs in {table.row_name(int(previous[position]))} already, "
+                f"here {kind}: keep "
                 "one, or rename it"
             )
     if not len(ids):
         return None, warnings
-    order = np.sort(chosen)
+    order = np.sort(selection)
     points = GroundPoints(
         table.columns["id"], ground, role, sigma, table.source, covariance, placed.operation, placed.operations
     )
@@ -230,16 +233,16 @@ def survey_accuracy(table: PointTable) -> tuple[np.ndarray, np.ndarray | None]:
     for axis, (variance, name) in enumerate(_AXES):
         sigma = positive(table, name)
         sigma = np.where(np.isnan(sigma) & (axis < 2), horizontal, sigma)
-        own = np.sqrt(positive(table, variance))
-        columns.append(np.where(np.isnan(own), sigma, own))
+        part = np.sqrt(positive(table, variance))
+        columns.append(np.where(np.isnan(part), sigma, part))
     sigma = np.column_stack(columns)
     covariance = np.full((len(table), 3, 3), np.nan)
     covariance[:, range(3), range(3)] = sigma**2
     for row, column, element, correlation in _PAIRS:
         value = _covariance(table, sigma[:, row], sigma[:, column], element, correlation)
         covariance[:, row, column] = covariance[:, column, row] = value
-    both = np.sqrt((sigma[:, 0] ** 2 + sigma[:, 1] ** 2) / 2.0)
-    return np.column_stack([np.where(np.isnan(both), horizontal, both), sigma[:, 2]]), covariance
+    pair = np.sqrt((sigma[:, 0] ** 2 + sigma[:, 1] ** 2) / 2.0)
+    return np.column_stack([np.where(np.isnan(pair), horizontal, pair), sigma[:, 2]]), covariance
 
 
 def positive(table: PointTable, field: str) -> np.ndarray:
@@ -247,9 +250,9 @@ def positive(table: PointTable, field: str) -> np.ndarray:
     values = table.columns.get(field)
     if values is None:
         return np.full(len(table), np.nan)
-    wrong = values <= 0.0  # NaN: not given
-    if wrong.any():
-        row = np.flatnonzero(wrong)[0]
+    faulty = values <= 0.0  # NaN: not given
+    if faulty.any():
+        row = np.flatnonzero(faulty)[0]
         raise InputError(
             f"{table.name_row(row)}: field {field!r} is {values[row]:g}: give a number above 0 or leave it empty"
         )
@@ -260,15 +263,18 @@ def _covariance(table: PointTable, first: np.ndarray, second: np.ndarray, elemen
     """Return the covariances of two coordinates with these sigmas ``(n,)``, NaN if none is given."""
     nothing = np.full(len(table), np.nan)
     value, share = table.columns.get(element, nothing), table.columns.get(correlation, nothing)
-    given = ~(np.isnan(value) & np.isnan(share))
+    is_given = ~(np.isnan(value) & np.isnan(share))
     with np.errstate(invalid="ignore"):
         share = np.where(np.isnan(value), share, value / (first * second))
     field = element if element in table.columns else correlation
-    for wrong, why in (
-        (given & np.isnan(first * second), "needs the standard deviations of both coordinates: add them"),
-        (given & ~(np.abs(share) < 1.0), "is no correlation between -1 and 1: correct it or its standard deviations"),
+    for faulty, reason in (
+        (is_given & np.isnan(first * second), "needs the standard deviations of both coordinates: add them"),
+        (
+            is_given & ~(np.abs(share) < 1.0),
+            "is no correlation between -1 and 1: correct it or its standard deviations",
+        ),
     ):
-        if wrong.any():
-            raise InputError(f"{table.name_row(np.flatnonzero(wrong)[0])}: field {field!r} {why}")
+        if faulty.any():
+            raise InputError(f"{table.name_row(np.flatnonzero(faulty)[0])}: field {field!r} {reason}")
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(first * second), 0.0, share * first * second)

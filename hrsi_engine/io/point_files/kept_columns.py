@@ -64,12 +64,12 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
     if name != LAYERS_FILE or layer != LAYER or not os.path.isfile(columns):
         return None
     try:
-        found = read_arrays(columns)
-        if found["schema"] != _SCHEMA or str(found["mark"]) != _database_mark(folder):
+        result = read_arrays(columns)
+        if result["schema"] != _SCHEMA or str(result["mark"]) != _database_mark(folder):
             return None
-        rows = len(found["id"])
-        numbered = [_decode_names(found[f"{name}_decode_names"], found[name], rows) for name in _NUMBERED]
-        floats = {name: found[name] for name in ("sample", "line", "sigma", "quality")}
+        rows = len(result["id"])
+        numbered = [_decode_names(result[f"{name}_decode_names"], result[name], rows) for name in _NUMBERED]
+        floats = {name: result[name] for name in ("sample", "line", "sigma", "quality")}
         for column in floats.values():
             if column.dtype != np.float64 or column.shape != (rows,) or np.isinf(column).any():
                 raise ValueError("floats")

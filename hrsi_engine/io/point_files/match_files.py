@@ -50,7 +50,7 @@ def tabulate_matches(path: str, pairs: Sequence[_Matches], field_names: tuple[st
     ids = [np.char.add(f"{first}__{second}:", n) for (first, second, _), n in zip(pairs, numbers, strict=True)]
     xy = np.concatenate([xy for _, _, xy in pairs])
     columns = {
-        "id": np.concatenate([np.tile(each, 2) for each in ids]),
+        "id": np.concatenate([np.tile(entry, 2) for entry in ids]),
         "image": np.concatenate([np.repeat(pair[:2], count) for pair, count in zip(pairs, counts, strict=True)]),
         "sample": xy[:, 0],
         "line": xy[:, 1],
@@ -64,11 +64,11 @@ def _match_keypoints(
 ) -> _Matches:
     """Return the matches of two images by keypoint numbers ``(k, 2)``; raise `InputError` for an invalid number."""
     (first, second), (first_xy, second_xy) = names, keypoints
-    there = len(first_xy), len(second_xy)
-    if len(rows) and ((rows < 0) | (rows >= there)).any():
+    target = len(first_xy), len(second_xy)
+    if len(rows) and ((rows < 0) | (rows >= target)).any():
         raise InputError(
             f"{path}: matches of {first} and {second} point at keypoints that are not there "
-            f"({there[0]} and {there[1]} are): name the keypoints that these matches were made of"
+            f"({target[0]} and {target[1]} are): name the keypoints that these matches were made of"
         )
     xy = np.concatenate([first_xy[rows[:, 0]], second_xy[rows[:, 1]]])
     if not np.isfinite(xy).all():
@@ -85,8 +85,8 @@ _NUMBERS = 6  # numbers in a line of a text file
 
 def read_asp_matches(path: str, _layer: str = "") -> PointTable:
     """Return two rows for each match; raise `InputError` if the file is damaged or its name has no images."""
-    named = _PAIR_NAME.match(os.path.basename(path))
-    if named is None:
+    names = _PAIR_NAME.match(os.path.basename(path))
+    if names is None:
         raise InputError(f"{path}: its name does not contain the images: rename it to PREFIX-IMAGE1__IMAGE2.match")
     is_binary = path.lower().endswith(".match")
     require_size(path, "matches" if is_binary else "points")
@@ -96,7 +96,7 @@ def read_asp_matches(path: str, _layer: str = "") -> PointTable:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}): check the file") from None
     xy = _parse_records(path, content) if is_binary else _parse_text(path, content)
-    return tabulate_matches(path, [(named[1], named[2], xy)], ("x", "y"))
+    return tabulate_matches(path, [(names[1], names[2], xy)], ("x", "y"))
 
 
 def _parse_text(path: str, content: bytes) -> np.ndarray:
@@ -157,8 +157,8 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
     require_size(path, "matches")
     require_sound(path)
     with sound_database(path) as database:
-        listed = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
-        tables = {str(name) for (name,) in listed}
+        entries = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+        tables = {str(name) for (name,) in entries}
         missing = {"images", "keypoints", "matches"} - tables
         if missing:
             raise InputError(f"{path}: is no database of COLMAP, it has no table {min(missing)!r}: name another file")
@@ -172,7 +172,7 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
         int(number): _parse_blob(path, "keypoints", data, rows, cols, "<f4")[:, :2].astype(np.float64) - 0.5
         for number, rows, cols, data in stored
     }
-    found: list[_Matches] = []
+    result: list[_Matches] = []
     for pair_id, rows, cols, data in pairs:
         first, second = divmod(int(pair_id), 2147483647)
         for number in (first, second):
@@ -180,15 +180,15 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
                 raise InputError(f"{path}: has matches of image {number} and no keypoints of it: obtain the file again")
         index = _parse_blob(path, "matches", data, rows, cols, "<u4")[:, :2].astype(np.int64)
         between = (names[first], names[second]), (keypoints[first], keypoints[second])
-        found.append(_match_keypoints(path, *between, index))
-    return tabulate_matches(path, found, ("keypoints", "matches"))
+        result.append(_match_keypoints(path, *between, index))
+    return tabulate_matches(path, result, ("keypoints", "matches"))
 
 
 def _parse_blob(path: str, table: str, data: object, rows: object, cols: object, dtype: str) -> np.ndarray:
     """Return a blob as an array ``(rows, cols)``; raise `InputError` if its size differs."""
     content = data if isinstance(data, bytes) else b""
-    whole = isinstance(rows, int) and isinstance(cols, int) and rows >= 0 and cols >= 2
-    if not whole or len(content) != rows * cols * np.dtype(dtype).itemsize:  # type: ignore[operator]
+    complete = isinstance(rows, int) and isinstance(cols, int) and rows >= 0 and cols >= 2
+    if not complete or len(content) != rows * cols * np.dtype(dtype).itemsize:  # type: ignore[operator]
         raise InputError(f"{path}: a row of {table!r} has {len(content)} bytes for {rows} x {cols}: obtain it again")
     return np.frombuffer(content, dtype).reshape(rows, cols)  # type: ignore[call-overload]
 
@@ -213,25 +213,25 @@ def read_hloc(path: str, features: str = "") -> PointTable:
             f"{path}: contains no matches of hloc (groups NAME1/NAME2 with {_MATCHES!r}): name the file of matches, "
             "and that of the features as FILE|features=FILE"
         )
-    known = {} if all(_has_item(group, "keypoints0") for group in pairs.values()) else _find_features(path, features)
-    found = [_read_pair(path, name, group, known) for name, group in pairs.items()]
-    return tabulate_matches(path, found, ("keypoints", "matches"))
+    valid = {} if all(_has_item(group, "keypoints0") for group in pairs.values()) else _find_features(path, features)
+    result = [_read_pair(path, name, group, valid) for name, group in pairs.items()]
+    return tabulate_matches(path, result, ("keypoints", "matches"))
 
 
-def _read_pair(path: str, name: str, group: gdal.Group, known: dict[str, tuple[str, gdal.Group]]) -> _Matches:
+def _read_pair(path: str, name: str, group: gdal.Group, valid: dict[str, tuple[str, gdal.Group]]) -> _Matches:
     """Return the matches of a group ``NAME1/NAME2``."""
     first, _, second = name.partition("/")
-    other = _read_array(path, group, _MATCHES).ravel().astype(np.int64)
-    here = np.flatnonzero(other >= 0)
-    rows = np.column_stack([here, other[here]])
+    partner = _read_array(path, group, _MATCHES).ravel().astype(np.int64)
+    indices = np.flatnonzero(partner >= 0)
+    rows = np.column_stack([indices, partner[indices]])
     if _has_item(group, "keypoints0") and _has_item(group, "keypoints1"):
-        own = _read_positions(path, group, "keypoints0"), _read_positions(path, group, "keypoints1")
-        return _match_keypoints(path, (first, second), own, rows)
+        part = _read_positions(path, group, "keypoints0"), _read_positions(path, group, "keypoints1")
+        return _match_keypoints(path, (first, second), part, rows)
     for image in (first, second):
-        if image not in known:
+        if image not in valid:
             raise InputError(f"{path}: matches image {image}, of which there are no features: name their file "
                              "as FILE|features=FILE")  # fmt: skip
-    (one, of_one), (two, of_two) = known[first], known[second]
+    (one, of_one), (two, of_two) = valid[first], valid[second]
     keypoints = _read_positions(path, of_one, "keypoints"), _read_positions(path, of_two, "keypoints")
     return _match_keypoints(path, (one, two), keypoints, rows)
 
@@ -243,17 +243,21 @@ def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]
     """
     if not features:
         folder, name = os.path.split(path)
-        others = [other for other in os.listdir(folder or ".") if other.endswith(".h5") and other != name]
-        fitting = [other for other in others if name.startswith(f"{other.removesuffix('.h5')}_")]
+        remainder = [second for second in os.listdir(folder or ".") if second.endswith(".h5") and second != name]
+        fitting = [second for second in remainder if name.startswith(f"{second.removesuffix('.h5')}_")]
         if not fitting:
             raise InputError(
                 f"{path}: the file of its features is not in the same folder: name it as {name}|features=FILE"
             )
         features = os.path.join(folder, max(fitting, key=len))
-    found = {name.replace("/", "-"): (name, at) for name, at in _list_groups(features) if _has_item(at, "keypoints")}
-    if not found:
+    result = {
+        name.replace("/", "-"): (name, position)
+        for name, position in _list_groups(features)
+        if _has_item(position, "keypoints")
+    }
+    if not result:
         raise InputError(f"{features}: contains no features of hloc (groups with 'keypoints'): name another file")
-    return found
+    return result
 
 
 def _list_groups(path: str) -> list[tuple[str, gdal.Group]]:
@@ -327,8 +331,8 @@ def read_sat_bundleadjust(path: str, _layer: str = "") -> PointTable:
     keypoints = {}
     for row in np.unique(table[:, 2:]).tolist():
         places = [os.path.join(folder, part, f"{ids[row]}.npy") for part in ("keypoints", "features")]
-        found = next((place for place in places if os.path.isfile(place)), places[0])
-        keypoints[row] = _load_npy(found, 2)[:, :2].astype(np.float64)
+        result = next((place for place in places if os.path.isfile(place)), places[0])
+        keypoints[row] = _load_npy(result, 2)[:, :2].astype(np.float64)
     pairs = []
     for one, two in np.unique(table[:, 2:], axis=0).tolist():
         rows = table[(table[:, 2] == one) & (table[:, 3] == two), :2]
@@ -340,12 +344,12 @@ def _load_npy(path: str, columns: int) -> np.ndarray:
     """Return an array of numbers with at least ``columns`` columns from a file of NumPy's format."""
     try:
         require_size(path, "matches")
-        found = np.load(path, allow_pickle=False)
+        result = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise InputError(f"{path}: cannot be read ({error}): obtain the file again") from None
-    if found.ndim != 2 or found.shape[1] < columns or found.dtype.kind not in "iuf":
+    if result.ndim != 2 or result.shape[1] < columns or result.dtype.kind not in "iuf":
         raise InputError(f"{path}: is no table of {columns} columns of numbers or more: obtain the file again")
-    return np.asarray(found)
+    return np.asarray(result)
 
 
 _FILENAMES = "filenames.txt"

@@ -55,11 +55,11 @@ def read_homol(path: str, _layer: str = "") -> PointTable:
         if second < first:
             first, second, rows = second, first, np.roll(rows, 2, axis=1)
         pairs.setdefault((first, second), {}).update(dict.fromkeys(map(tuple, rows.tolist())))
-    found = [
+    result = [
         (*names, np.array([row[:2] for row in rows] + [row[2:] for row in rows]).reshape(-1, 2) - 0.5)
         for names, rows in pairs.items()
     ]
-    return tabulate_matches(path, found, ("x", "y"))
+    return tabulate_matches(path, result, ("x", "y"))
 
 
 def _list_homol(path: str) -> list[str]:

@@ -62,45 +62,45 @@ def read(path: str, layer_wanted: str = "", chosen: Mapping[str, str] | None = N
     return replace(table, operations=layer.GetMetadataItem(POINT_OPERATIONS) or "")
 
 
-def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
+def _choose_layer(path: str, dataset: gdal.Dataset, requested: str) -> ogr.Layer:
     layers = [dataset.GetLayer(index) for index in range(dataset.GetLayerCount())]
-    if wanted.startswith("#"):
-        chosen = [layer for index, layer in enumerate(layers) if f"#{index}" == wanted]
+    if requested.startswith("#"):
+        selection = [layer for index, layer in enumerate(layers) if f"#{index}" == requested]
     else:
         # Not of QGIS, and not the matches that gcps-from-reference rejected
-        others = ("layer_styles", "qgis_projects", *(("rejected",) if len(layers) > 1 and not wanted else ()))
-        layers = [layer for layer in layers if layer.GetName() not in others]
-        chosen = [layer for layer in layers if wanted in ("", layer.GetName())]
-    if len(chosen) == 1:
-        return chosen[0]
+        remainder = ("layer_styles", "qgis_projects", *(("rejected",) if len(layers) > 1 and not requested else ()))
+        layers = [layer for layer in layers if layer.GetName() not in remainder]
+        selection = [layer for layer in layers if requested in ("", layer.GetName())]
+    if len(selection) == 1:
+        return selection[0]
     names = ", ".join(layer.GetName() for layer in layers) or "none"
-    if wanted:
-        raise InputError(f"{path}: has no layer {wanted!r} (layers: {names}): correct the name after |layername=")
+    if requested:
+        raise InputError(f"{path}: has no layer {requested!r} (layers: {names}): correct the name after |layername=")
     raise InputError(f"{path}: has {len(layers)} layers ({names}): name one: {os.path.basename(path)}|layername=LAYER")
 
 
-def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, chosen: Mapping[str, str]) -> PointTable:
+def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, selection: Mapping[str, str]) -> PointTable:
     definition = layer.GetLayerDefn()
     names = [definition.GetFieldDefn(index).GetName() for index in range(definition.GetFieldCount())]
     types = [definition.GetFieldDefn(index).GetType() for index in range(definition.GetFieldCount())]
-    if layer.GetFIDColumn() in chosen.values():  # no field for OGR, but one in QGIS
+    if layer.GetFIDColumn() in selection.values():  # no field for OGR, but one in QGIS
         names, types = [*names, layer.GetFIDColumn()], [*types, ogr.OFTString]
-    found = match_fields(names, chosen, source)
+    result = match_fields(names, selection, source)
     has_geometry = definition.GetGeomFieldCount() > 0 and definition.GetGeomType() != ogr.wkbNone
     layer.ResetReading()
-    wanted = {field: names[index] for field, index in found.items()}
-    by_columns = driver in BY_COLUMNS and _is_narrow(path, source, layer, wanted)
-    if quick := _read_columns(layer, wanted, has_geometry) if by_columns else None:
+    requested = {field: names[index] for field, index in result.items()}
+    by_columns = driver in BY_COLUMNS and _is_narrow(path, source, layer, requested)
+    if quick := _read_columns(layer, requested, has_geometry) if by_columns else None:
         fields, ids, geometry = quick
-        columns = {f: _read_column(source, f, names[found[f]], fields[f], ids) for f in found}
+        columns = {f: _read_column(source, f, names[result[f]], fields[f], ids) for f in result}
         return PointTable(source, columns, tuple(names), lambda row: f"feature {ids[row]}", geometry, _crs(layer))
-    values: dict[str, list] = {field: [] for field in found}
+    values: dict[str, list] = {field: [] for field in result}
     positions: list[tuple[float, float, float]] = []
     feature_ids: list[int] = []
     numeric = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)
     plan = [
         (values[field].append, index, field in NUMBER_FIELDS and types[index] in numeric)
-        for field, index in found.items()
+        for field, index in result.items()
     ]
     layer.ResetReading()
     for feature in layer:
@@ -114,19 +114,22 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, chosen: M
                 append(np.nan if is_number else "")
         if has_geometry:
             positions.append(_read_position(source, feature))
-    columns = {f: _read_column(source, f, names[found[f]], values[f], feature_ids) for f in found}
+    columns = {f: _read_column(source, f, names[result[f]], values[f], feature_ids) for f in result}
     geometry = np.array(positions, dtype=np.float64).reshape(-1, 3) if has_geometry else None
     return PointTable(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, _crs(layer))
 
 
-def _is_narrow(path: str, source: str, layer: ogr.Layer, wanted: Mapping[str, str]) -> bool:
+def _is_narrow(path: str, source: str, layer: ogr.Layer, requested: Mapping[str, str]) -> bool:
     """Return whether all geometries of a layer have the size of a point; raise `InputError` for impossible texts.
 
     In OGR's columns each row has the width of the longest: with a polygon, a million points would take a petabyte.
     """
     if not is_database(path):
         return True
-    texts, geometry = {name: field for field, name in wanted.items() if field in TEXT_FIELDS}, layer.GetGeometryColumn()
+    texts, geometry = (
+        {name: field for field, name in requested.items() if field in TEXT_FIELDS},
+        layer.GetGeometryColumn(),
+    )
     rows, longest = widths(path, layer.GetName(), [*texts, *([geometry] if geometry else [])])
     for name in texts:
         require_texts(source, name, rows, longest[name])
@@ -138,14 +141,14 @@ def _read_column(
 ) -> np.ndarray:
     if field not in NUMBER_FIELDS:
         return np.char.strip(values) if isinstance(values, np.ndarray) else strip_texts(values, source, name)
-    where = f"field {name!r}"
+    location = f"field {name!r}"
     if len(values) and isinstance(values[0], str):
-        named = lambda row: f"{source}, feature {feature_ids[row]}, {where}"  # noqa: E731  # for the line's sake
-        return parse_numbers(list(values), named, infinite=field in MAY_BE_INFINITE)
+        names = lambda row: f"{source}, feature {feature_ids[row]}, {location}"  # noqa: E731  # for the line's sake
+        return parse_numbers(list(values), names, infinite=field in MAY_BE_INFINITE)
     column = np.array(values, dtype=np.float64)
     if np.isinf(column).any() and field not in MAY_BE_INFINITE:
         row = int(np.flatnonzero(np.isinf(column))[0])
-        raise InputError(f"{source}, feature {feature_ids[row]}, {where}: is infinite: give a number")
+        raise InputError(f"{source}, feature {feature_ids[row]}, {location}: is infinite: give a number")
     return column
 
 

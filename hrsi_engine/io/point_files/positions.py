@@ -87,37 +87,39 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     parsed = _parse_crs(crs, f"{table.source}: CRS")
     rows = np.flatnonzero(present)
     _require_plausible(table, xyz, rows, parsed)
-    without = np.isnan(xyz[rows, 2])
+    remaining = np.isnan(xyz[rows, 2])
     # Rows without a height get that of the surface; their CRS is used without its heights
-    for chosen, on_surface in ((rows[~without], False), (rows[without], True)):
-        if not len(chosen):
+    for selection, on_surface in ((rows[~remaining], False), (rows[remaining], True)):
+        if not len(selection):
             continue
         is_flat = on_surface or reference.height_datum != "layer" or not has_heights(parsed)
         try:
             operations = operations_of((without_heights(parsed) if is_flat else parsed).to_wkt(), reference.epoch)
         except InputError as error:
             raise InputError(f"{table.source}: {error}") from None
-        ground[chosen], number = operations.convert(np.nan_to_num(xyz[chosen]))
-        used = operations.uses(table.source, ground[chosen], number)
+        ground[selection], number = operations.convert(np.nan_to_num(xyz[selection]))
+        is_used = operations.uses(table.source, ground[selection], number)
         if on_surface:
-            warnings.append(_take_heights(table, chosen, ground, reference.surface))
+            warnings.append(_take_heights(table, selection, ground, reference.surface))
             of_dem = reference.surface_operations
-            used = tuple(use._replace(operation=with_surface_heights(use.operation, of_dem)) for use in used)
+            is_used = tuple(use._replace(operation=with_surface_heights(use.operation, of_dem)) for use in is_used)
         elif reference.height_datum not in ("layer", "ellipsoidal"):
             geoid = open_geoid(reference.height_datum)
-            ground[chosen, 2] += read_geoid_heights(ground[chosen], geoid)
-            used = tuple(use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in used)
+            ground[selection, 2] += read_geoid_heights(ground[selection], geoid)
+            is_used = tuple(use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in is_used)
         elif is_flat and reference.height_datum == "layer":
             warnings.append(
                 f"{table.source}: the height datum is not known; the heights are used as ellipsoidal (set "
                 "`height_datum` to ellipsoidal, egm96, egm2008 or FILE)"
             )
-        place = {use.number: len(uses) + at for at, use in enumerate(used)}
-        operation[chosen] = [place.get(one, -1) for one in number.tolist()]
-        uses += used
-    lost = np.flatnonzero(present & ~finite_rows(ground))
-    if len(lost):
-        raise InputError(f"{table.name_row(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")
+        place = {use.number: len(uses) + position for position, use in enumerate(is_used)}
+        operation[selection] = [place.get(one, -1) for one in number.tolist()]
+        uses += is_used
+    is_missing = np.flatnonzero(present & ~finite_rows(ground))
+    if len(is_missing):
+        raise InputError(
+            f"{table.name_row(is_missing[0])}: lies outside the area of its CRS: correct the CRS or the point"
+        )
     ground[:, 0] = wrap_degrees(ground[:, 0])
     return Positions(ground, warnings, operation, tuple(uses))
 
@@ -140,10 +142,10 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
     if "height" in fields:
         # Heights of the field; where it is empty, of the geometry
         height = table.columns["height"]
-        apart = np.abs(z - height)
-        if np.any(apart > 0.001) and np.any(z[np.isfinite(z)] != 0.0):
+        separate = np.abs(z - height)
+        if np.any(separate > 0.001) and np.any(z[np.isfinite(z)] != 0.0):
             warnings.append(
-                f"{table.source}: heights of the points and of the field differ by up to {np.nanmax(apart):.3f} m; "
+                f"{table.source}: heights of the points and of the field differ by up to {np.nanmax(separate):.3f} m; "
                 f"the field is used"
             )
         z = np.where(np.isnan(height), z, height)
@@ -162,15 +164,15 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs
     x, y = xyz[rows, 0], xyz[rows, 1]
     if not crs.is_geographic:
         if np.all((np.abs(x) <= MOST_LON_DEG) & (np.abs(y) <= 90.0)) and crs.is_projected:
-            told = f"its coordinates look like degrees, but its CRS {crs.name!r} is projected: correct the CRS"
-            raise InputError(f"{table.source}: {told}")
+            texts = f"its coordinates look like degrees, but its CRS {crs.name!r} is projected: correct the CRS"
+            raise InputError(f"{table.source}: {texts}")
         return
-    wrong = (np.abs(y) > 90.0) | (np.abs(x) > MOST_LON_DEG)
-    if wrong.any():
-        row = rows[np.flatnonzero(wrong)[0]]
-        what = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= MOST_LON_DEG else "no degrees"
+    faulty = (np.abs(y) > 90.0) | (np.abs(x) > MOST_LON_DEG)
+    if faulty.any():
+        row = rows[np.flatnonzero(faulty)[0]]
+        kind = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= MOST_LON_DEG else "no degrees"
         raise InputError(
-            f"{table.name_row(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {what}: correct fields or CRS"
+            f"{table.name_row(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {kind}: correct fields or CRS"
         )
 
 

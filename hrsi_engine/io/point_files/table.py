@@ -44,10 +44,10 @@ class PointTable:
 
     def select(self, rows: np.ndarray) -> "PointTable":
         """Return the table of the rows of a mask ``(n,)``."""
-        kept = np.flatnonzero(rows)
-        geometry = None if self.geometry is None else self.geometry[kept]
-        columns = {name: column[kept] for name, column in self.columns.items()}
-        return replace(self, columns=columns, geometry=geometry, row_name=lambda row: self.row_name(int(kept[row])))
+        retained = np.flatnonzero(rows)
+        geometry = None if self.geometry is None else self.geometry[retained]
+        columns = {name: column[retained] for name, column in self.columns.items()}
+        return replace(self, columns=columns, geometry=geometry, row_name=lambda row: self.row_name(int(retained[row])))
 
     def name_row(self, row: int) -> str:
         """Return file, layer, row and id for a message."""
@@ -113,34 +113,35 @@ FIELDS = TEXT_FIELDS | NUMBER_FIELDS
 MAY_BE_INFINITE = frozenset({"sigma_xy", "sigma_h", "sigma_east", "sigma_north"})
 
 
-def match_fields(names: Sequence[str], chosen: Mapping[str, str] | None = None, source: str = "") -> dict[str, int]:
+def match_fields(names: Sequence[str], selection: Mapping[str, str] | None = None, source: str = "") -> dict[str, int]:
     """Return the column number of each known field that a file has.
 
-    ``chosen`` has the names in the file of some fields, which are then used for these fields only. Raises `InputError`
+    ``selection`` has the names in the file of some fields,
+    which are then used for these fields only. Raises `InputError`
     with ``source`` if the file has no such name.
     """
     stripped = [name.strip() for name in names]
-    found = {}
-    for field, name in (chosen or {}).items():
-        spelled = [index for index, other in enumerate(stripped) if other == name]
-        alike = spelled or [index for index, other in enumerate(stripped) if other.lower() == name.lower()]
-        if not alike:
+    result = {}
+    for field, name in (selection or {}).items():
+        spelled = [index for index, second in enumerate(stripped) if second == name]
+        similar = spelled or [index for index, second in enumerate(stripped) if second.lower() == name.lower()]
+        if not similar:
             raise InputError(
                 f"{source}: has no field {name!r}; its fields are {', '.join(filter(None, stripped)) or 'none'}: "
                 f"correct |columns={field}={name}"
             )
-        found[field] = alike[0]
+        result[field] = similar[0]
     position: dict[str, int] = {}
     for index, name in enumerate(stripped):
-        if index not in found.values():
+        if index not in result.values():
             position.setdefault(name.lower(), index)
     for field, aliases in FIELDS.items():
-        if field in found:
+        if field in result:
             continue
         alias = next((alias for alias in aliases if alias in position), None)
         if alias is not None:
-            found[field] = position[alias]
-    return found
+            result[field] = position[alias]
+    return result
 
 
 def strip_texts(texts: Sequence[str], source: str, name: str) -> np.ndarray:
@@ -154,11 +155,11 @@ def strip_texts(texts: Sequence[str], source: str, name: str) -> np.ndarray:
 
 
 def parse_numbers(
-    texts: Sequence[str], where: Callable[[int], str], decimal_comma: bool = False, infinite: bool = False
+    texts: Sequence[str], location: Callable[[int], str], decimal_comma: bool = False, infinite: bool = False
 ) -> np.ndarray:
     """Return a number column, ``(n,)`` float64, NaN where the text is empty.
 
-    ``where`` returns field and row of an index for messages. Raises `InputError` for a text that is no number, or is
+    ``location`` returns field and row of an index for messages. Raises `InputError` for a text that is no number, or is
     infinite without ``infinite`` being set.
     """
     try:
@@ -166,10 +167,10 @@ def parse_numbers(
     except ValueError:
         pass
     else:
-        joined = "".join(texts)  # ``float`` also accepts 1_000 and full-width digits
-        if np.isfinite(values).all() and joined.isascii() and "_" not in joined:
+        combined = "".join(texts)  # ``float`` also accepts 1_000 and full-width digits
+        if np.isfinite(values).all() and combined.isascii() and "_" not in combined:
             return values
-    one_by_one = [_parse_number(text, index, where, decimal_comma, infinite) for index, text in enumerate(texts)]
+    one_by_one = [_parse_number(text, index, location, decimal_comma, infinite) for index, text in enumerate(texts)]
     return np.array(one_by_one, dtype=np.float64)
 
 

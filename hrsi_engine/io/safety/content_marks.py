@@ -44,7 +44,7 @@ def content_mark(path: str) -> str:
     if path.startswith("/vsi"):
         # The local file that the path leads into: after /vsizip/ the rest is relative, or begins with /
         start = path.find("/", 1) + 1
-        ends = [len(path), *(at for at in range(len(path) - 1, start, -1) if path[at] == "/")]
+        ends = [len(path), *(position for position in range(len(path) - 1, start, -1) if path[position] == "/")]
         archive = next((path[start:end] for end in ends if os.path.isfile(path[start:end])), None)
         if archive is not None:
             return files_mark([archive])
@@ -54,9 +54,9 @@ def content_mark(path: str) -> str:
             return "0" * 32
         return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()
     dataset, _ = open_dataset(path)
-    listed = [path, f"{path}-wal", *((dataset.GetFileList() or []) if dataset is not None else [])]
+    names = [path, f"{path}-wal", *((dataset.GetFileList() or []) if dataset is not None else [])]
     del dataset
-    return files_mark(listed)
+    return files_mark(names)
 
 
 def files_mark(paths: Iterable[str], times: bool = True) -> str:
@@ -72,10 +72,10 @@ def files_mark(paths: Iterable[str], times: bool = True) -> str:
     for name, size in sizes.items():
         state.update(f"{os.path.basename(name)}\0{size}\0".encode("utf-8", "surrogateescape"))
         with open(name, "rb", buffering=0) as file:
-            whole = total <= CONTENT_SAMPLING.whole_bytes
-            if times and not whole:
+            complete = total <= CONTENT_SAMPLING.whole_bytes
+            if times and not complete:
                 state.update(_change_times(file.fileno()))
-            for block in read_places(file, [(0, size)] if whole else places_of(size, size / total)):
+            for block in read_places(file, [(0, size)] if complete else places_of(size, size / total)):
                 state.update(block)
     return state.hexdigest()
 
@@ -86,8 +86,8 @@ def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
     count = max(int(CONTENT_SAMPLING.blocks * share), 1)
     # Not at equal distances, which lines and tiles of an image have too. Odd steps of the golden ratio are as even
     jitter = ((k * 0.6180339887498949) % 1.0 for k in range(count))
-    within = [int((k + more) / count * size) for k, more in enumerate(jitter)]
-    return [(0, edge), *((start, CONTENT_SAMPLING.block_bytes) for start in within), (max(size - edge, 0), edge)]
+    inside = [int((k + additional) / count * size) for k, additional in enumerate(jitter)]
+    return [(0, edge), *((start, CONTENT_SAMPLING.block_bytes) for start in inside), (max(size - edge, 0), edge)]
 
 
 def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[bytes]:

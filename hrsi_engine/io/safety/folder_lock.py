@@ -35,12 +35,12 @@ def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None
     of GDAL's virtual file systems. Raises `InputError` if another run writes there, or the folder cannot be
     created.
     """
-    made: list[str] = []
+    new_folders: list[str] = []
     paths = [] if not folder or folder.startswith("/vsi") else [os.path.join(folder, LOCK)]
     with contextlib.ExitStack() as locks:
         try:
             with holding_signals():  # a signal between creation and assignment would leave it behind
-                made = _make_folders(os.path.dirname(paths[0])) if paths else []
+                new_folders = _make_folders(os.path.dirname(paths[0])) if paths else []
             for image in sorted({os.path.realpath(image) for image in images}):
                 paths.append(os.path.join(os.path.dirname(image), f"{LOCK}-{os.path.basename(image)}"))
             for path in paths:
@@ -49,7 +49,7 @@ def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None
         finally:
             with holding_signals():
                 locks.close()
-                for path in reversed(made):
+                for path in reversed(new_folders):
                     with contextlib.suppress(OSError):  # it contains results
                         os.rmdir(path)
 
@@ -78,13 +78,13 @@ def require_writable(folder: str) -> None:
     """Raise `InputError` if a folder takes no files or cannot be created; nothing is created to find that out."""
     if folder.startswith("/vsi"):
         return
-    there = os.path.abspath(folder)
-    while not os.path.lexists(there):
-        there = os.path.dirname(there)
-    if not os.path.isdir(there):
-        raise InputError(f"{there} is a file: name a directory as `output_dir`")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"{there} cannot be written (Permission denied): choose another `output_dir`")
+    target = os.path.abspath(folder)
+    while not os.path.lexists(target):
+        target = os.path.dirname(target)
+    if not os.path.isdir(target):
+        raise InputError(f"{target} is a file: name a directory as `output_dir`")
+    if not os.access(target, os.W_OK | os.X_OK):
+        raise InputError(f"{target} cannot be written (Permission denied): choose another `output_dir`")
 
 
 def remove_dead_locks(folder: str) -> None:
@@ -122,7 +122,7 @@ def _make_all(folder: str) -> None:
 
 def _take_lock(path: str, patience_s: float) -> int | None:
     """Return the descriptor of a lock file, locked; None if the file system has no locks."""
-    until = time.monotonic() + patience_s
+    deadline = time.monotonic() + patience_s
     while True:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -141,7 +141,7 @@ def _take_lock(path: str, patience_s: float) -> int | None:
             os.close(descriptor)
             if error.errno not in (errno.EACCES, errno.EAGAIN, errno.EDEADLK):
                 return None
-            if time.monotonic() < until:
+            if time.monotonic() < deadline:
                 time.sleep(patience_s / 5.0)
                 continue
             folder, _, image = path.partition(f"{os.sep}{LOCK}-")
@@ -219,7 +219,7 @@ class OrphanJournal:
 
 def find_orphan_journals(root: str | Path) -> list[OrphanJournal]:
     """Return the journals below a folder whose programs have ended, in the order of their times of creation."""
-    found = []
+    result = []
     for folder in sorted(Path(root).glob("*/")):
         try:
             with only_writer(str(folder)):
@@ -232,8 +232,8 @@ def find_orphan_journals(root: str | Path) -> list[OrphanJournal]:
         except (InputError, OSError, ValueError):  # in use by another program, or no journal
             continue
         if entries:
-            found.append(OrphanJournal(folder, entries, (folder / FILE).stat().st_mtime))
-    return found
+            result.append(OrphanJournal(folder, entries, (folder / FILE).stat().st_mtime))
+    return result
 
 
 def remove_journal(folder: Path) -> None:

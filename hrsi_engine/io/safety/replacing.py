@@ -117,10 +117,10 @@ def copy_bytes(source_path: str, target_path: str, progress: Progress = silent, 
     """Copy a file byte for byte, with its permissions; the file system shares the blocks if it can."""
     total = max(os.path.getsize(source_path), 1)
     with open(source_path, "rb") as source, open(target_path, "wb") as target:
-        done = 0
-        while moved := _copy_part(source.fileno(), target.fileno()):
-            done += moved
-            advance(progress, min(done / total, 1.0), message)
+        completed = 0
+        while copied := _copy_part(source.fileno(), target.fileno()):
+            completed += copied
+            advance(progress, min(completed / total, 1.0), message)
     shutil.copymode(source_path, target_path)
     os.chmod(target_path, os.stat(target_path).st_mode | 0o200)  # a copy is edited next
 
@@ -131,10 +131,10 @@ def _copy_part(source: int, target: int) -> int:
         with contextlib.suppress(OSError):  # not between all file systems
             return os.copy_file_range(source, target, REPLACING.copy_bytes)
     content = os.read(source, REPLACING.copy_bytes)
-    written = 0
-    while written < len(content):
-        written += os.write(target, content[written:])
-    return written
+    bytes_written = 0
+    while bytes_written < len(content):
+        bytes_written += os.write(target, content[bytes_written:])
+    return bytes_written
 
 
 def remove_write_ahead_log(path: str) -> None:
@@ -173,15 +173,15 @@ def open_hidden_folder(folder: str) -> Iterator[str]:
 
     Raises `OutputError` if the folder takes no files.
     """
-    hidden = None
+    concealed = None
     try:
         with holding_signals():  # a signal in between would leave it behind
-            hidden = temporary_folder(folder)
-        yield hidden
+            concealed = temporary_folder(folder)
+        yield concealed
     finally:
         with holding_signals():
-            if hidden is not None:
-                shutil.rmtree(hidden, ignore_errors=True)
+            if concealed is not None:
+                shutil.rmtree(concealed, ignore_errors=True)
 
 
 def is_unfinished(folder: str) -> bool:
@@ -195,7 +195,7 @@ def sweep(folder: str) -> list[str]:
         names = [name for name in os.listdir(folder or ".") if name.startswith(".")]
     except OSError:
         return []
-    swept = []
+    removed = []
     for name in names:
         path = os.path.join(folder, name)
         if not is_dead(path):
@@ -205,16 +205,16 @@ def sweep(folder: str) -> list[str]:
                 shutil.rmtree(path)
             else:
                 os.remove(path)
-            swept.append(name)
-    return swept
+            removed.append(name)
+    return removed
 
 
 def is_dead(path: str) -> bool:
     """Return whether a name is that of an unfinished file or folder whose writer is not running any more."""
-    found = next((match for pattern in _NAMES if (match := re.fullmatch(pattern, os.path.basename(path)))), None)
-    if found is None:
+    result = next((match for pattern in _NAMES if (match := re.fullmatch(pattern, os.path.basename(path)))), None)
+    if result is None:
         return False
-    machine, pid, began = found.groups()
+    machine, pid, began = result.groups()
     if machine != _machine_name():
         with contextlib.suppress(OSError):
             return time.time() - os.stat(path).st_mtime > REPLACING.old_s
@@ -224,10 +224,10 @@ def is_dead(path: str) -> bool:
 
 def is_writer_running(words: str) -> bool:
     """Return whether the process that `writer` identifies is running; on another machine it is assumed to be."""
-    found = re.fullmatch(_WRITER, words)
-    if found is None:
+    result = re.fullmatch(_WRITER, words)
+    if result is None:
         return False
-    machine, pid, began = found.groups()
+    machine, pid, began = result.groups()
     return machine != _machine_name() or is_running(int(pid), int(began))
 
 
@@ -253,9 +253,9 @@ def writer() -> str:
 
 
 @cache
-def _words_of(own: int) -> str:
+def _words_of(part: int) -> str:
     """Return the identifier of this process; cached by its number, which differs after a fork."""
-    return f"{_machine_name()}-{own}-{_began_at(own)}"
+    return f"{_machine_name()}-{part}-{_began_at(part)}"
 
 
 @cache

@@ -20,8 +20,10 @@ from ...block.block import Image
 from ...block.sliding_footprints import GroundRange
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
+from ...foundation.statistical_limits import SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
+from ...foundation.working_sizes import GRIDS, MEMORY
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import check_rpc_consistency, compute_epipolar_deviation, transfer
 from ..tile_matching.features import invert_descriptors
@@ -39,15 +41,11 @@ class COARSE:
     enough: int = threshold(60, "matches", "number at which only one contrast is tried", _CONTRASTS)
     enough_share: float = threshold(0.1, "", "… and share of the features; a negative gives 0.03 by chance", _CONTRASTS)
     contrast_gain: float = threshold(1.5, "", "factor by which another contrast must have more matches", _CONTRASTS)
-    fewest: int = threshold(10, "matches", "smallest number of consistent matches of a pair")
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")
     nodes: int = threshold(24, "nodes", "nodes along an image's longer side in the grid of heights")
     neighbours: int = threshold(7, "matches", "number of matches for the median height of a node")
     floor_px: float = threshold(1.0, "px of the overview", "smallest standard deviation of a match")
-    safety: float = threshold(3.0, "sigma", "half width of the full-resolution search in sigmas")
     finer: int = threshold(4, "", "factor of resolution of a second search, in windows")
-    windows: int = threshold(3, "windows", "windows along each side of an image in the second search")
-    window_px: int = threshold(512, "px", "side of the windows in the second search")
     features: int = threshold(1000, "features", "largest number of features of such a window")
     same_view_px: float = threshold(2.0, "px", "smallest parallax from which heights are estimated")
 
@@ -90,7 +88,7 @@ def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
     If the overviews have too few, windows of a higher resolution are compared.
     """
     agreement = _match_in_any_contrast(job, first, second)
-    if len(agreement["first_xy"]) < COARSE.fewest and max(job.steps) > 1:
+    if len(agreement["first_xy"]) < SAMPLES.tested and max(job.steps) > 1:
         finer = replace(job, steps=(max(1, job.steps[0] // COARSE.finer), max(1, job.steps[1] // COARSE.finer)))
         probed = _match_in_any_contrast(finer, *_detect_in_windows(finer))
         agreement = max(agreement, probed, key=lambda matches: len(matches["first_xy"]))
@@ -135,13 +133,13 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
         of_first, of_second = first["descriptors"][first_rows], second["descriptors"][second_rows]
         pairs = match_in_bands(of_first, of_second, lines.select(first_rows), xy[1][second_rows], margin)
         pairs = np.column_stack([first_rows[pairs[:, 0]], second_rows[pairs[:, 1]]])
-        if len(pairs) >= COARSE.fewest:
+        if len(pairs) >= SAMPLES.tested:
             middle = 0.5 * (job.heights.low_m + job.heights.high_m)
             places = xy[0][pairs[:, 0]], xy[1][pairs[:, 1]]
             pairs = pairs[check_rpc_consistency(rpcs[0], rpcs[1], *places, middle, COARSE.floor_px).good]
         if len(pairs) > len(best):
             best = pairs
-        if len(best) >= COARSE.fewest:
+        if len(best) >= SAMPLES.tested:
             break
     return {"first_xy": first["xy"][best[:, 0]], "second_xy": second["xy"][best[:, 1]]}
 
@@ -153,8 +151,8 @@ def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
         margin_px=(COARSE.band_growth[1] * job.margin_px, COARSE.band_growth[1] * job.margin_px),
     )  # fmt: skip
     parts_by_image: tuple[list[PartResult], list[PartResult]] = ([], [])
-    side = COARSE.window_px * job.steps[0]
-    for centre in job.first.grid_px(COARSE.windows, COARSE.windows, margin=-1.0 / COARSE.windows).round().astype(int):
+    side = MEMORY.window_px * job.steps[0]
+    for centre in job.first.grid_px(GRIDS.parts, GRIDS.parts, margin=-1.0 / GRIDS.parts).round().astype(int):
         window = ImageWindow(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
         places = window, predict_window(geometry, window, 0)
         tiles = [read_tile(image, place, step) for image, place, step in
@@ -190,7 +188,7 @@ class PairEstimate(NamedTuple):
 def estimate_pair(job: CoarseJob, matches: PartResult) -> PairEstimate | None:
     """Return the offset and the heights estimated from matches; None if there are too few."""
     first_xy, second_xy = matches["first_xy"], matches["second_xy"]
-    if len(first_xy) < COARSE.fewest:
+    if len(first_xy) < SAMPLES.tested:
         return None
     first, second = job.first.rpc, job.second.rpc
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
@@ -201,7 +199,7 @@ def estimate_pair(job: CoarseJob, matches: PartResult) -> PairEstimate | None:
         # No parallax: an offset in both directions, and no information on heights
         difference = second_xy - transfer(first, second, first_xy, middle)
         offset = np.nanmedian(difference, axis=0)
-        margin = COARSE.safety * MAD_TO_SIGMA * float(np.nanmedian(np.abs(difference - offset))) + noise_px
+        margin = SIGNIFICANCE.sigmas * MAD_TO_SIGMA * float(np.nanmedian(np.abs(difference - offset))) + noise_px
         margins = margin, margin
         geometry = TilePairGeometry(first, second, *job.heights, tuple(offset.tolist()), margins, contrasts=contrasts)
         return PairEstimate(geometry, len(first_xy))
@@ -214,11 +212,12 @@ def estimate_pair(job: CoarseJob, matches: PartResult) -> PairEstimate | None:
     across_sigma = float(robust_sigma(miss.across_px - across))
     grid, sigma = estimate_height_grid(job, first_xy, miss.height_m)
     sigma = max(sigma, 0.5 * noise_px / stretch)
-    reach = COARSE.safety * sigma + noise_px / stretch
+    reach = SIGNIFICANCE.sigmas * sigma + noise_px / stretch
     low, high = np.percentile(miss.height_m, (1.0, 99.0))
     geometry = TilePairGeometry(
         first, second, min(low, float(grid.heights_m.min())) - reach, max(high, float(grid.heights_m.max())) + reach,
-        (across * normal[0], across * normal[1]), (noise_px, COARSE.safety * across_sigma + noise_px), grid, sigma,
+        (across * normal[0], across * normal[1]), (noise_px, SIGNIFICANCE.sigmas * across_sigma + noise_px), grid,
+        sigma,
         contrasts, np.column_stack([first_xy, second_xy]),
     )  # fmt: skip
     return PairEstimate(geometry, len(first_xy))

@@ -33,6 +33,7 @@ from ...block.block import Image
 from ...block.columns import Columns
 from ...block.points import ImagePoints
 from ...foundation.robust_scale import ROBUST, robust_sigma
+from ...foundation.statistical_limits import ITERATIONS, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import EPIPOLAR, EpipolarDeviation, compute_epipolar_deviation
@@ -50,11 +51,8 @@ class TESTS:
     most_camera_px: float = threshold(0.2, "px", "largest random error of cameras (drift is estimated later)")
     deviation_px: float = threshold(0.25, "px", "largest deviation from the epipolar line without a test")
     contradiction_px: float = threshold(0.375, "px", "largest deviation from the height of the track", _KAHRAMANMARAS)
-    rounds: int = threshold(10, "rounds", "iterations of the robust trend")
-    fewest: int = threshold(8, "matches", "fewest matches of a pair that is tested and used")
     imprecise: float = threshold(3.0, "", "largest sigma of a match relative to its pair's median", _CLIFFS)
     imprecise_px: float = threshold(0.06, "px", "sigma up to which this is not tested", _CLIFFS)
-    island_neighbours: int = threshold(8, "matches", "neighbours to which parallax steps are tested")
     island_slope: float = threshold(0.5, "px/px", "largest parallax step relative to the distance")
     island_gap: float = threshold(3.0, "", "distance over the median one, beyond which the step is constant")
     island_share: float = threshold(0.05, "", "share of a pair's matches in the smallest accepted connected part")
@@ -135,9 +133,9 @@ def _compute_pair_miss(matches: BlockMatches, rows: np.ndarray, images: Sequence
 
 def _find_connected_heights(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     """Return the mask of matches that are connected with many others by height steps of terrain and buildings."""
-    if len(xy) <= TESTS.island_neighbours:
+    if len(xy) <= SAMPLES.neighbours:
         return np.ones(len(xy), dtype=bool)
-    distance, neighbours = cKDTree(xy).query(xy, k=TESTS.island_neighbours + 1)
+    distance, neighbours = cKDTree(xy).query(xy, k=SAMPLES.neighbours + 1)
     # The length of a step is limited: over a large gap any height difference would be plausible
     widest = TESTS.island_gap * float(np.median(distance[:, -1]))
 
@@ -160,7 +158,7 @@ def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> flo
     """Return the standard deviation (px) of random camera errors of image points, from deviations across the lines."""
     deviation, variance = [], []
     for rows in group_by_pair(matches).values():
-        if len(rows) < TESTS.fewest:
+        if len(rows) < SAMPLES.tested:
             continue
         miss = _compute_pair_miss(matches, rows, images)
         terms = _build_trend_design(matches.first_xy[rows])
@@ -200,17 +198,17 @@ def _build_trend_design(xy: np.ndarray) -> np.ndarray:
 def _find_trend_inliers(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Return which values agree with a robust smooth trend, within the tolerance or the robust outlier limit."""
     inliers = np.isfinite(values)
-    if inliers.sum() < TESTS.fewest:
+    if inliers.sum() < SAMPLES.tested:
         return np.zeros(len(values), dtype=bool)
     widest = np.maximum(3.0 * ROBUST.outlier * _robust_sigma(values[inliers]), 10.0 * tolerance)
     inliers &= np.abs(values - np.median(values[inliers])) < widest
     terms = _build_trend_design(xy)
-    for _ in range(TESTS.rounds):
+    for _ in range(ITERATIONS.most):
         trend = terms @ np.linalg.lstsq(terms[inliers], values[inliers], rcond=1e-10)[0]
         deviation = np.abs(values - trend)
         now = deviation < np.maximum(ROBUST.outlier * _robust_sigma((values - trend)[inliers]), tolerance)
         now &= np.isfinite(values)
-        if now.sum() < TESTS.fewest or np.array_equal(now, inliers):
+        if now.sum() < SAMPLES.tested or np.array_equal(now, inliers):
             break
         inliers = now
     return inliers
@@ -252,7 +250,7 @@ def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
         for partner in np.unique(matches.second):
             partner_rows = np.flatnonzero((matches.second == partner) & is_stereo)
             common_rows = partner_rows[np.bincount(point[is_stereo])[point[partner_rows]] > 1]
-            if len(common_rows) < TESTS.fewest:
+            if len(common_rows) < SAMPLES.tested:
                 continue
             difference = height[common_rows] - mean[point[common_rows]]
             fits = _find_trend_inliers(matches.first_xy[common_rows], difference, np.full(len(common_rows), np.inf))

@@ -23,6 +23,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from ...block.block import Image
+from ...foundation.statistical_limits import SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from .joining import BlockMatches, group_by_pair
 from .pair_choice import NumberPair
@@ -35,9 +36,7 @@ class LINKS:
     """Conditions for a reliable link (pair of matched images)."""
 
     near_px: float = threshold(40.0, "px", "largest distance of a predicted point from the third link's matches")
-    neighbours: int = threshold(5, "matches", "matches of the third link, for the prediction of a point")
     closure_px: float = threshold(3.0, "px", "largest median closure of a triangle of images, with relief", _YEAR)
-    fewest_closures: int = threshold(8, "points", "fewest common points of a triangle that is tested")
     weak_matches: int = threshold(16, "matches", "matches of a link below which other links are preferred", _YEAR)
     strong_links: int = threshold(2, "links", "number of links with more matches at which it is dropped")
     excess: int = threshold(2, "triangles", "surplus of open over closed triangles at which a link is dropped")
@@ -142,16 +141,16 @@ def _compute_closure(
     """Return the median closure of a triangle in px; None if too few points are in all three links."""
     _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
     q, r = matches.second_xy[first[a]], matches.second_xy[second[b]]
-    if len(a) < LINKS.fewest_closures:
+    if len(a) < SAMPLES.tested:
         return None
     if third not in trees:
         trees[third] = cKDTree(matches.first_xy[between])
-    count = min(LINKS.neighbours, len(between))
+    count = min(SAMPLES.neighbours, len(between))
     distance, neighbours = trees[third].query(q, k=count, distance_upper_bound=LINKS.near_px)
     distance, neighbours = distance.reshape(len(q), count), neighbours.reshape(len(q), count)
     has_neighbour = np.isfinite(distance)
     usable = has_neighbour[:, 0]
-    if usable.sum() < LINKS.fewest_closures:
+    if usable.sum() < SAMPLES.tested:
         return None
     step = matches.second_xy[between] - matches.first_xy[between]
     # Local displacement relative to the affine map of the complete link, because of rotations between the images

@@ -41,7 +41,6 @@ class CHOICE:
 
     features: int = threshold(600, "features", "largest number of features of an image", _YEAR)
     agreeing_px: float = threshold(4.0, "px of the overview", "range of the offsets across epipolar lines that agree")
-    cells: int = threshold(3, "cells", "cells along each side of an image, for the area that a pair covers")
     partners: int = threshold(40, "images", "most images with which an image is compared")
     measured_partners: int = threshold(60, "images", "most overlaps of an image that are computed; beyond, estimated")
     angle_scale_deg: float = threshold(20.0, "°", "difference of viewing angles at which similarity is 1/e")

@@ -17,6 +17,7 @@ from ...block.columns import rank_in_groups
 from ...foundation.progress import Progress, stage
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler, WorkPart, run_parts
+from ...foundation.working_sizes import GRIDS, MEMORY
 from ..tile_matching.features import compute_root_sift, detect_sift_features
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
@@ -28,14 +29,9 @@ _SPEED = "measured for speed, 2026-11-22"
 class OVERVIEW:
     """Resolution and features of overviews, and their comparison along epipolar lines."""
 
-    smallest_px: int = threshold(1024, "px", "smallest longer side of an overview, if available")
     halved_px: int = threshold(768, "px", "longer side from which an overview has half the resolution at most")
     largest_px: int = threshold(2048, "px", "largest longer side of an overview")
-    tile_px: int = threshold(1024, "px", "side of a part whose SIFT features are detected together")
-    border_px: int = threshold(24, "px", "border of a part for the detection of features")
     features: int = threshold(4000, "features", "largest number of features of an overview")
-    batch: int = threshold(64, "images", "number of images with features in memory")
-    cells: int = threshold(10, "cells", "cells along each side, from each of which features are kept")
     ratio: float = threshold(0.85, "", "largest ratio of the nearest descriptors in a band", "Lowe 2004: 0.8 of all")
     line_batch: int = threshold(256, "lines", "compared together: neighbouring lines have common candidates", _SPEED)
 
@@ -55,7 +51,7 @@ def choose_overview_step(size: tuple[int, int], probed: bool = True) -> int:
     are found in a quarter of the time.
     """
     longest = max(size)
-    step = max(1, round(longest / min(max(longest / 8.0, OVERVIEW.smallest_px), OVERVIEW.largest_px)))
+    step = max(1, round(longest / min(max(longest / 8.0, MEMORY.part_px), OVERVIEW.largest_px)))
     return step if probed or longest < OVERVIEW.halved_px else max(step, 2)
 
 
@@ -84,9 +80,9 @@ class OverviewFeatures:
 
     def find(self, limit: int, progress: Progress) -> None:
         """Detect the features in batches of images; the ``limit`` strongest of each image are kept in memory."""
-        for start in range(0, len(self._parts), OVERVIEW.batch):
-            batch = self._parts[start : start + OVERVIEW.batch]
-            ends = (min(start + offset, len(self._parts)) / len(self._parts) for offset in (0, OVERVIEW.batch))
+        for start in range(0, len(self._parts), MEMORY.images):
+            batch = self._parts[start : start + MEMORY.images]
+            ends = (min(start + offset, len(self._parts)) / len(self._parts) for offset in (0, MEMORY.images))
             keys = [part.key for part in batch]
             features = run_parts(batch, keys, self._scheduler, self._keeper, stage(progress, *ends))
             self.strongest += [{name: column[:limit].copy() for name, column in features[key].items()} for key in keys]
@@ -102,7 +98,7 @@ class OverviewFeatures:
 
 def detect_features(tile: ImageTile, limit: int) -> PartResult:
     """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest of each cell first."""
-    detections, side, border = [], OVERVIEW.tile_px, OVERVIEW.border_px
+    detections, side, border = [], MEMORY.part_px, MEMORY.border_px
     for row, column in product(*(range(0, length, side) for length in tile.pixels.shape)):
         left, top = max(column - border, 0), max(row - border, 0)
         place = np.s_[top : row + side + border, left : column + side + border]
@@ -112,8 +108,8 @@ def detect_features(tile: ImageTile, limit: int) -> PartResult:
         detections.append((xy[in_part], part.strength[in_part], part.descriptors[in_part]))
     xy, response, descriptors = (np.concatenate(part) for part in zip(*detections, strict=True))
     # Limit the number: the strongest ones of every cell of the image are kept
-    cell_px = (np.array(tile.pixels.shape[1::-1]) + 1.0) / OVERVIEW.cells
-    cell = np.floor(xy / cell_px).astype(np.int64) @ (1, OVERVIEW.cells)
+    cell_px = (np.array(tile.pixels.shape[1::-1]) + 1.0) / GRIDS.cells
+    cell = np.floor(xy / cell_px).astype(np.int64) @ (1, GRIDS.cells)
     order = np.lexsort((-response, cell))
     keep = order[np.argsort(rank_in_groups(cell[order]), kind="stable")[:limit]]
     return {"xy": tile.to_image(xy[keep]), "descriptors": descriptors[keep]}

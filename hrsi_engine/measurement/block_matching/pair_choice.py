@@ -26,6 +26,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from ...block.block import Image
 from ...block.sliding_footprints import GroundRange
 from ...foundation.workers.scheduling import PartResult
+from ...foundation.working_sizes import GRIDS
 from ..tile_matching.epipolar import compute_epipolar_deviation
 from .coarse import compute_epipolar_lines, reduce_rpc
 from .overlaps import CHOICE
@@ -91,8 +92,8 @@ def probe_pairs(job: ProbeJob) -> PartResult:
         agreeing[k] = len(agreeing_rows)
         sizes = np.array(job.first.known_size) / job.steps[0], np.array(partner.known_size) / step
         for side, (place, size) in enumerate(zip(places, sizes, strict=True)):
-            cell = np.clip(np.floor(CHOICE.cells * place[agreeing_rows] / size), 0, CHOICE.cells - 1).astype(np.int64)
-            cells[k, side] = int(np.bitwise_or.reduce(1 << (cell[:, 1] * CHOICE.cells + cell[:, 0])))
+            cell = np.clip(np.floor(GRIDS.parts * place[agreeing_rows] / size), 0, GRIDS.parts - 1).astype(np.int64)
+            cells[k, side] = int(np.bitwise_or.reduce(1 << (cell[:, 1] * GRIDS.parts + cell[:, 0])))
     return {"agreeing": agreeing, "cells": cells}
 
 
@@ -185,7 +186,7 @@ class PairChoice:
             covered = 0
             for pair in selected_pairs:
                 covered |= self._cells_of_image(pair, number)
-            lacking = ~covered & ((1 << CHOICE.cells**2) - 1)
+            lacking = ~covered & ((1 << GRIDS.parts**2) - 1)
             added = {pair: (self._cells_of_image(pair, number) & lacking).bit_count() for pair in reliable}
             fill = max(reliable, key=lambda pair: (added[pair], self._rate_pair(pair)), default=None)
             if fill is not None and added[fill]:

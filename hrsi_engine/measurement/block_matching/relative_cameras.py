@@ -23,6 +23,7 @@ from scipy.sparse.linalg import spsolve
 
 from ...block.block import Image
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.statistical_limits import SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import HeightGrid, TilePairGeometry
@@ -38,9 +39,7 @@ class CAMERAS:
     rounds: int = threshold(3, "rounds", "iterations of the robust weights")
     influence_px: float = threshold(2.0, "px", "residual above which the weight is reduced (Huber)")
     margin_px: float = threshold(2.0, "px", "smallest half width of a search", "Pléiades, Kahramanmaras, 2026-11-22")
-    safety: float = threshold(3.0, "sigma", "factor of the standard deviations in the half width")
     widest_px: float = threshold(24.0, "px", "largest half width for an image without matches")
-    neighbours: int = threshold(5, "points", "number of points whose median is the ground's height")
     sampled: int = threshold(16, "points", "points of a pair, from which mean derivatives are computed")
 
 
@@ -64,14 +63,14 @@ class RelativeCameras:
         xy = job.first.rpc.project(self.ground) + self.shift_px[first]
         margin = float(np.hypot(self.sigma_px[first], self.sigma_px[second]))
         inside = ((xy > -margin) & (xy < np.array(job.first.known_size) + margin)).all(axis=1)
-        if inside.sum() < CAMERAS.neighbours:
+        if inside.sum() < SAMPLES.neighbours:
             return None
         xy, height = xy[inside], self.ground[inside, 2]
         nodes, shape, spacing = place_height_nodes(job.first.known_size)
-        grid = HeightGrid(interpolate_median(xy, height, nodes, CAMERAS.neighbours).reshape(shape), (0.0, 0.0), spacing)
+        grid = HeightGrid(interpolate_median(xy, height, nodes, SAMPLES.neighbours).reshape(shape), (0.0, 0.0), spacing)
         # Accuracy of interpolated heights: deviations of points from their neighbours
-        sigma = max(float(robust_sigma(height - interpolate_median(xy, height, xy, CAMERAS.neighbours, 1))), 0.5)
-        reach = CAMERAS.safety * sigma
+        sigma = max(float(robust_sigma(height - interpolate_median(xy, height, xy, SAMPLES.neighbours, 1))), 0.5)
+        reach = SIGNIFICANCE.sigmas * sigma
         turn, _ = _linearise_transfer(job.first, job.second, xy, height)
         bias = self.shift_px[second] - turn @ self.shift_px[first]
         geometry = TilePairGeometry(
@@ -159,9 +158,9 @@ def _extend_to_all_images(
     """Return shifts and search ranges of all images; those without matches get median and spread of the others."""
     matched = np.unique(np.r_[matches.first, matches.second])
     sigma = np.full(len(shift), CAMERAS.margin_px)
-    sigma[matched] += CAMERAS.safety * float(robust_sigma(deviation.ravel()))
+    sigma[matched] += SIGNIFICANCE.sigmas * float(robust_sigma(deviation.ravel()))
     unmatched = np.setdiff1d(np.arange(len(shift)), matched)
     middle = np.median(shift[matched], axis=0)
-    spread = CAMERAS.safety * float(np.max(robust_sigma(shift[matched] - middle, axis=0), initial=0.0))
+    spread = SIGNIFICANCE.sigmas * float(np.max(robust_sigma(shift[matched] - middle, axis=0), initial=0.0))
     shift[unmatched], sigma[unmatched] = middle, min(CAMERAS.margin_px + spread, CAMERAS.widest_px)
     return shift, sigma

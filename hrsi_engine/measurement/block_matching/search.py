@@ -12,6 +12,7 @@ from ...foundation.errors import InputError, list_ids
 from ...foundation.progress import Progress, stage
 from ...foundation.version import VERSION
 from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler, WorkPart, digest, run_parts
+from ...foundation.working_sizes import MEMORY
 from ...surface.dem import HeightSurface
 from ..tie_options import AUTOMATIC_CELLS, TIE_SEARCH, TieOptions
 from ..tile_matching.options import TileMatchOptions
@@ -180,9 +181,9 @@ class TieSearch:
 
     def _estimate_pairs(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
         """Compare the overviews of pairs of usable images, and append the results to ``pairs``."""
-        for start in range(0, len(pairs), TIE_SEARCH.pair_batch):
-            ends = (min(start + offset, len(pairs)) / len(pairs) for offset in (0, TIE_SEARCH.pair_batch))
-            jobs = {(a, b): self._make_job(a, b) for a, b in pairs[start : start + TIE_SEARCH.pair_batch]}
+        for start in range(0, len(pairs), MEMORY.images):
+            ends = (min(start + offset, len(pairs)) / len(pairs) for offset in (0, MEMORY.images))
+            jobs = {(a, b): self._make_job(a, b) for a, b in pairs[start : start + MEMORY.images]}
             overviews = {index: self._make_overview_part(index) for pair in jobs for index in pair}
             marks = {index: self._marks[self.usable[index]] for index in overviews}
             parts = {

@@ -26,7 +26,9 @@ import numpy as np
 from ...block.block import Image
 from ...camera.rpc import Localization
 from ...camera.rpc_terms import monomials
+from ...foundation.statistical_limits import SAMPLES
 from ...foundation.workers.scheduling import PartResult
+from ...foundation.working_sizes import MEMORY
 from ..tile_matching.epipolar import transfer
 from ..tile_matching.options import TileMatchOptions
 from ..tile_matching.pair_matching import match_tile, transfer_points
@@ -158,7 +160,7 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
         # Windows of the partners that show a sufficient part of this window
         visible = []
         for partner in local_partners:
-            border = TIE_WINDOWS.border_px * partner.step
+            border = MEMORY.border_px * partner.step
             place = predict_window(partner.geometry, window, border).inside(partner.image.known_size)
             if min(place.samples, place.lines) >= TIE_WINDOWS.side_px + border:
                 visible.append((partner, place))
@@ -240,9 +242,7 @@ def _transfer_heights(own_matches: TileMatches, other_matches: TileMatches) -> t
         _make_keys(own_matches.first_xy), _make_keys(other_matches.first_xy), return_indices=True
     )
     shift = (
-        np.median(own_matches.height_m[mine] - other_matches.height_m[theirs])
-        if len(mine) >= TIE_WINDOWS.fewest_common
-        else 0.0
+        np.median(own_matches.height_m[mine] - other_matches.height_m[theirs]) if len(mine) >= SAMPLES.plane else 0.0
     )
     return other_matches.first_xy, other_matches.height_m + shift
 
@@ -303,9 +303,9 @@ def transfer_star(job: TransferJob) -> PartResult:
         if not inside.any():
             continue
         geometry = fit_local_geometry(partner.geometry, window)
-        partner_window = predict_window(geometry, window, TIE_WINDOWS.border_px).inside(partner.image.known_size)
+        partner_window = predict_window(geometry, window, MEMORY.border_px).inside(partner.image.known_size)
         reference_tile, partner_tile = (
-            read_tile(job.reference, window.grow(TIE_WINDOWS.border_px)),
+            read_tile(job.reference, window.grow(MEMORY.border_px)),
             read_tile(partner.image, partner_window),
         )
         if reference_tile is not None and partner_tile is not None:
@@ -328,7 +328,7 @@ def plan_cells(image: Image, cells: int, per_cell: int, step: int = 1) -> list[l
     """
     size, side, everywhere = image.known_size, TIE_WINDOWS.window_px * step, is_matched_everywhere(image, step)
     counts = (
-        max(1, round(length / (TIE_WINDOWS.full_window_px * step)) if everywhere else min(cells, length // side))
+        max(1, round(length / (MEMORY.window_px * step)) if everywhere else min(cells, length // side))
         for length in size
     )
     columns, rows = (
@@ -340,7 +340,7 @@ def plan_cells(image: Image, cells: int, per_cell: int, step: int = 1) -> list[l
         for left, right in pairwise(columns):
             if everywhere:
                 own_window = ImageWindow(left, top, right - left, bottom - top)
-                row.append(Cell((own_window.grow(TIE_WINDOWS.overlap_px * step).inside(size),), (own_window,), 0, 0))
+                row.append(Cell((own_window.grow(MEMORY.border_px * step).inside(size),), (own_window,), 0, 0))
                 continue
             places = _place_windows(left, right, top, bottom, side, size)
             windows = tuple(ImageWindow(sample, line, side, side).inside(size) for sample, line in places)

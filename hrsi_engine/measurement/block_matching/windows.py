@@ -7,7 +7,9 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from ...block.block import Image, Raster
+from ...foundation.statistical_limits import SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import MEMORY
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import ImageTile, TilePairGeometry
 
@@ -16,18 +18,12 @@ from ..tile_matching.types import ImageTile, TilePairGeometry
 class TIE_WINDOWS:
     """Sizes of the windows of an image and its partners, and limits for matching them."""
 
-    height_safety: float = threshold(3.0, "sigma", "half range of the heights in a search, in sigmas")
-    strip_lines: int = threshold(1024, "lines", "lines read together from an image without overviews")
     full_px: int = threshold(2048, "px", "longer side up to which an image is matched everywhere")
-    full_window_px: int = threshold(512, "px", "side of the windows of images matched everywhere")
-    overlap_px: int = threshold(24, "px", "overlap of the windows of images matched everywhere")
     window_px: int = threshold(256, "px", "side of the windows of larger images", "tiles of most GeoTIFFs")
     attempts: int = threshold(4, "windows", "largest number of windows that are tried in a cell")
     surplus: int = threshold(3, "", "ratio of measured and wanted points of a cell; tracks are selected later")
-    border_px: int = threshold(24, "px", "border of predicted windows for least-squares matching")
     valid_share: float = threshold(0.3, "", "smallest share of valid pixels in a window")
     side_px: int = threshold(64, "px", "smallest side of a window's part in a partner image")
-    fewest_common: int = threshold(3, "points", "fewest for the difference in apparent height between two partners")
     miss_px: float = threshold(1e-3, "px", "largest error of a cubic that replaces the RPCs")
     height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "margin of the cubic's heights: line's step")
 
@@ -89,7 +85,7 @@ def read_overview(image: Image, step: int) -> ImageTile:
     origin = ((step - 1) / 2.0, (step - 1) / 2.0)
     if isinstance(raster, PyramidRaster):
         return ImageTile(*raster.read_means(step), origin, float(step))
-    parts, lines = [], step * max(TIE_WINDOWS.strip_lines // step, 1)
+    parts, lines = [], step * max(MEMORY.part_px // step, 1)
     for line in range(0, step * (size[1] // step), lines):
         strip = raster.read(0, line, size[0], min(lines, size[1] - line))
         parts.append(average_blocks(*strip, step))
@@ -127,5 +123,5 @@ def compute_height_limits(geometry: TilePairGeometry, xy: np.ndarray) -> tuple[n
     """Return the lowest and highest possible heights ``(n,)`` of points of the first image."""
     if geometry.heights is None or geometry.height_sigma_m is None:
         return np.full(len(xy), geometry.lowest_m), np.full(len(xy), geometry.highest_m)
-    height, reach = geometry.heights_at(xy), TIE_WINDOWS.height_safety * geometry.height_sigma_m
+    height, reach = geometry.heights_at(xy), SIGNIFICANCE.sigmas * geometry.height_sigma_m
     return height - reach, height + reach

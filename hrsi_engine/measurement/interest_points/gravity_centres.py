@@ -12,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...foundation.pixel_filters import BLUR
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import MEMORY
 from .corners import SIMULATED_OBJECTS
 from .level_regions import HOMOGENEOUS, find_compact_regions
 from .options import CentreOptions
@@ -30,12 +32,10 @@ class CENTRE:
         (0.4, 0.05), "px, share", "largest distance of centroid and centre: constant and per size", SIMULATED_OBJECTS
     )
     centroid_samples: int = threshold(13, "points", "side of the sample grid of the grey-weighted centroid")
-    box_margin_px: float = threshold(1.5, "px", "margin of that grid around the shape, for its blurred edge")
     surroundings_px: float = threshold(2.5, "px", "distance from the edge at which the grey value outside is taken")
     same_outline_px: float = threshold(0.75, "px", "largest distance of the centres of equal outlines")
     same_log_radius: float = threshold(0.06, "", "largest difference of the logs of the mean radii of equal outlines")
     same_centre: float = threshold(0.1, "", "largest distance of the centres of one object over its diameter")
-    object_margin_px: int = threshold(24, "px", "margin of a window beyond half of the largest object")
     full_support: int = threshold(4, "regions", "number of regions with one outline for score 1", SIMULATED_OBJECTS)
     full_contrast: float = threshold(8.0, "sigma", "contrast for a score of 1", SIMULATED_OBJECTS)
     zero_sigma_px: float = threshold(0.25, "px", "sigma of the centre for a score of 0", SIMULATED_OBJECTS)
@@ -83,7 +83,7 @@ class _CentreCandidates:
 
 def compute_centre_halo_px(options: CentreOptions) -> int:
     """Return the distance by which a window must extend beyond its core."""
-    return STATISTICS_HALO_PX + int(np.ceil(options.largest_px / 2.0)) + CENTRE.object_margin_px
+    return STATISTICS_HALO_PX + int(np.ceil(options.largest_px / 2.0)) + MEMORY.border_px
 
 
 def find_gravity_centres(
@@ -93,8 +93,8 @@ def find_gravity_centres(
     regions = find_compact_regions(normalise(window, statistics), window.usable, options.largest_px)
     # Keep regions whose centre may be inside the core
     middle = regions.centres()
-    low = np.array([window.core.left, window.core.top]) - window.origin - CENTRE.object_margin_px
-    high = np.array([window.core.right, window.core.bottom]) - window.origin + CENTRE.object_margin_px
+    low = np.array([window.core.left, window.core.top]) - window.origin - MEMORY.border_px
+    high = np.array([window.core.right, window.core.bottom]) - window.origin + MEMORY.border_px
     near_core = np.asarray(np.all((middle >= low) & (middle < high), axis=1))
     regions = regions.select(near_core)
     if not len(regions):
@@ -194,7 +194,7 @@ def _score_shapes(
     # Grey-weighted centroids (n, 2) over the rotated bounding boxes of the shapes
     step = np.linspace(-0.5, 0.5, CENTRE.centroid_samples)
     along, across = (a.ravel() for a in np.meshgrid(step, step))
-    box = shapes.size_px + 2.0 * CENTRE.box_margin_px
+    box = shapes.size_px + 2.0 * BLUR.edge_px
     along, across = box[:, :1] * along, box[:, 1:] * across
     cos, sin = np.cos(shapes.azimuth_rad)[:, None], np.sin(shapes.azimuth_rad)[:, None]
     x, y = shapes.xy[:, :1] + cos * along - sin * across, shapes.xy[:, 1:] + sin * along + cos * across

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...foundation.pixel_filters import blur, load_opencv, reduce_by_area, reduce_mask, slopes
+from ...foundation.pixel_filters import BLUR, blur, load_opencv, reduce_by_area, reduce_mask, slopes
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 
@@ -24,7 +24,6 @@ class REGION:
     """Limits for stable and compact regions of grey levels and gradients (MSER), candidates of objects."""
 
     scales: tuple[int, int] = threshold((1, 4), "", "reduction factors of the image for the search")
-    smoothing_px: float = threshold(0.7, "px", "standard deviation of the smoothing filter")
     level_step: float = threshold(0.05, "sigma", "difference of the 256 grey levels, in local standard deviations")
     stable_steps: int = threshold(4, "levels", "difference of the levels compared", SIMULATED_OBJECTS)
     largest_change: float = threshold(0.7, "", "largest relative change of area between them", SIMULATED_OBJECTS)
@@ -33,7 +32,6 @@ class REGION:
     )
     even_largest_change: float = threshold(1.0, "", "largest relative change of area between them", SIMULATED_OBJECTS)
     half_slope: float = threshold(0.5, "sigma/px", "gradient at half of the gradient levels")
-    even_inset_px: float = threshold(1.5, "px", "distance of an even region's border from its edge")
     smallest_at_scale_px: int = threshold(12, "px", "smallest side of a region in reduced pixels")
     fewest_pixels: int = threshold(12, "px", "smallest area of a region")
     compactness: float = threshold(0.86, "", "smallest area over that of the inertial ellipse", SIMULATED_OBJECTS)
@@ -79,7 +77,7 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
             break
         size, reach = (z.shape[1] // scale, z.shape[0] // scale), largest_px / scale
         closed = reduce_mask(usable, size) if scale > 1 else usable
-        reduced = blur(reduce_by_area(z, size) if scale > 1 else z, REGION.smoothing_px)
+        reduced = blur(reduce_by_area(z, size) if scale > 1 else z, BLUR.sigma_px)
         # The normalised image in steps of `REGION.level_step`, 0 … 255
         level = np.rint(np.clip(reduced / REGION.level_step + 128.0, 0.0, 255.0)).astype(np.uint8)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
@@ -91,7 +89,7 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
             steepness = np.hypot(*slopes(reduced, smooth, slope, "reflect"))
             evenness = np.rint(255.0 * REGION.half_slope / (steepness + REGION.half_slope)).astype(np.uint8)
             even = _find_stable_regions(evenness, REGION.even_stable_steps, REGION.even_largest_change, reach)
-            tables.append(_select_compact(even, closed, reach - 2.0 * REGION.even_inset_px, scale, HOMOGENEOUS))
+            tables.append(_select_compact(even, closed, reach - 2.0 * BLUR.edge_px, scale, HOMOGENEOUS))
     counts = np.concatenate([np.diff(table.bounds) for table in tables])
     return LevelRegions(
         np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
@@ -132,7 +130,7 @@ def _select_compact(
         np.full(len(selected), sign),
     )  # fmt: skip
     # Ratio of the axes, for even regions that of their edge, which is ``within_px`` outside the region
-    within_px = REGION.even_inset_px if sign == HOMOGENEOUS else 0.0
+    within_px = BLUR.edge_px if sign == HOMOGENEOUS else 0.0
     starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
     def mean(values: np.ndarray) -> np.ndarray:

@@ -15,16 +15,16 @@ from scipy import ndimage
 
 from ...block.columns import Columns
 from ...foundation import pixel_filters as filters
+from ...foundation.pixel_filters import BLUR
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
-from .level_regions import HOMOGENEOUS, REGION, LevelRegions
+from .level_regions import HOMOGENEOUS, LevelRegions
 
 
 @thresholds
 class OUTLINE_SAMPLING:
     """Sampling of a region's outline and detection of its edge points."""
 
-    slope_px: float = threshold(0.7, "px", "standard deviation of the Gaussian derivative")
     step_px: float = threshold(0.5, "px", "spacing of samples along a normal")
     normal_reach_px: float = threshold(2.5, "px", "half length of a normal in pixels of the region's scale")
     fine_reach: float = threshold(0.75, "", "half length at full resolution, relative to the scale")
@@ -48,7 +48,7 @@ class GradientImage:
     @cached_property
     def gradient(self) -> np.ndarray:
         """Derivative by column + 1j * derivative by row, complex64."""
-        smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
+        smooth, slope = make_gaussian_kernels(BLUR.sigma_px)
         derivatives = np.empty((*self.grey.shape, 2), dtype=np.float32)
         derivatives[..., 0], derivatives[..., 1] = filters.slopes(self.grey, smooth, slope, "reflect")
         if not self.usable.all():
@@ -86,7 +86,7 @@ class Outlines(Columns):
 
 def compute_slope_noise() -> float:
     """Return the standard deviation of the gradient for image noise of 1 grey value."""
-    smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
+    smooth, slope = make_gaussian_kernels(BLUR.sigma_px)
     return float(np.sqrt(np.sum(smooth**2) * np.sum(slope**2)))
 
 
@@ -206,7 +206,7 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     outwards = np.add.reduceat(np.sum((points - middle[region]) * normal, axis=1), starts)
     normal *= np.where(outwards < 0.0, -1.0, 1.0)[region, None]
     # the contour connects pixel centres; the edge is half a pixel outside, for even regions farther
-    outside = np.where(regions.sign == HOMOGENEOUS, REGION.even_inset_px, 0.5)[region]
+    outside = np.where(regions.sign == HOMOGENEOUS, BLUR.edge_px, 0.5)[region]
     return points + outside[:, None] * normal, normal, counts
 
 

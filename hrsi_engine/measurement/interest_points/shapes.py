@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from ...foundation.pixel_filters import BLUR
 from ...foundation.thresholds import threshold, thresholds
 from ..targets.ellipse import (
     compute_axes,
@@ -54,13 +55,12 @@ class SHAPE:
     robust_px: tuple[float, ...] = threshold(
         (1.0, 0.5, 0.3, 0.3), "px", "residual with a quarter of the weight, in each step", SIMULATED_OBJECTS
     )
-    on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point on the shape")
+    on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point on a shape or edge")
     final_steps: int = threshold(3, "steps", "final Gauss-Newton steps (the last below 1e-3 px)", SIMULATED_OBJECTS)
     ellipse_points: int = threshold(48, "points", "edge points measured around an ellipse")
     side_points: int = threshold(20, "points", "edge points measured along a side")
     fine_reach_px: float = threshold(1.25, "px", "half length of the normals of a fitted shape")
     corner_share: float = threshold(0.12, "", "share of a side that is not used at each end (rounded corner)")
-    corner_px: float = threshold(1.5, "px", "smallest length that is not used at each end of a side")
 
 
 class Shapes(NamedTuple):
@@ -194,7 +194,7 @@ def fit_rectangles(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) 
         c = lines.corners
         starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k is between corners k - 1 and k
         length = np.linalg.norm(ends - starts, axis=-1)
-        margin = np.clip(np.maximum(SHAPE.corner_share, SHAPE.corner_px / np.maximum(length, 1e-6)), 0.0, 0.4)
+        margin = np.clip(np.maximum(SHAPE.corner_share, BLUR.edge_px / np.maximum(length, 1e-6)), 0.0, 0.4)
         t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SHAPE.side_points)
         points = starts[:, :, None] + t[..., None] * (ends - starts)[:, :, None]
         normal = np.concatenate([lines.normal, lines.normal], axis=1)

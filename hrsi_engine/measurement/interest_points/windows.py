@@ -17,6 +17,7 @@ from ...block.block import Raster
 from ...foundation.pixel_filters import apply_opening, box_mean, dilate, enlarge, filter_separable
 from ...foundation.robust_scale import MAD_TO_SIGMA
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import MEMORY
 
 
 @thresholds
@@ -29,7 +30,6 @@ class WINDOWS:
     fill_side_px: int = threshold(31, "px", "side of the square whose mean replaces invalid pixels")
     saturated_side_px: int = threshold(3, "px", "side of the smallest saturated area that is excluded")
     averaged_cells: int = threshold(5, "cells", "side of the square of cells with one local mean")
-    sample_px: int = threshold(512, "px", "side of a sample for an image's statistics")
     samples_per_side: int = threshold(4, "areas", "largest number of samples along each side of an image")
     noise_floor: float = threshold(4.0, "sigma", "smallest local standard deviation relative to the noise …")
     contrast_floor: float = threshold(0.15, "", "… and relative to the median local deviation of the image")
@@ -154,7 +154,7 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
 
 def choose_sample_areas(region: Area) -> list[Area]:
     """Return sample areas distributed over a region, or the complete region if it is small."""
-    side = WINDOWS.sample_px
+    side = MEMORY.window_px
     return [
         Area(x, y, min(x + side, region.right), min(y + side, region.bottom))
         for y in _choose_starts(region.top, region.bottom)
@@ -163,8 +163,8 @@ def choose_sample_areas(region: Area) -> list[Area]:
 
 
 def _choose_starts(first: int, end: int) -> list[int]:
-    count = min(WINDOWS.samples_per_side, -(-(end - first) // WINDOWS.sample_px))
-    last = max(first, end - WINDOWS.sample_px)
+    count = min(WINDOWS.samples_per_side, -(-(end - first) // MEMORY.window_px))
+    last = max(first, end - MEMORY.window_px)
     return sorted(
         {int(start) // WINDOWS.grid_px * WINDOWS.grid_px for start in np.linspace(first, last, count)} | {first}
     )[:count]

@@ -18,8 +18,9 @@ import numpy as np
 
 from ...block.block import Image
 from ...block.orthoimage import DEM, ORTHOIMAGE_ERRORS
-from ...foundation.robust_scale import robust_sigma
+from ...foundation.robust_scale import ROBUST, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import GRIDS
 from .matching import ImageControl, ReferenceControl
 
 
@@ -27,10 +28,8 @@ from .matching import ImageControl, ReferenceControl
 class REFERENCE_CHECKS:
     """Limits for the differences of a reference from RPCs and surveyed GCPs, and within itself."""
 
-    limit: float = threshold(3.5, "sigma", "largest offset without a warning", "normal, in the plane: 0.2 %")
     far: float = threshold(1.3, "", "factor of this limit for a certain offset", "normal, in the plane: 1 of 25 000")
     unknown_bias_m: float = threshold(15.0, "m", "a priori error of a coordinate by an RPC without ERR_BIAS")
-    parts: int = threshold(3, "parts", "parts of the area along each side")
     fewest_places: int = threshold(4, "places", "fewest places of an image in a part that is tested")
     drift_m: float = threshold(1.0, "m", "standard deviation of an image's bias between two parts")
 
@@ -92,7 +91,7 @@ def compute_reference_shift(
     rpc_bias_m = image.rpc.err_bias or REFERENCE_CHECKS.unknown_bias_m
     # height errors shift the ground position along the line of sight
     along = np.linalg.solve(by_ground[0, :, :2], by_ground[0, :, 2]) * accuracy.sigma_h_m
-    limit = REFERENCE_CHECKS.limit * float(np.sqrt(rpc_bias_m**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
+    limit = ROBUST.outlier * float(np.sqrt(rpc_bias_m**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
     return ReferenceShift(image.id, float(east), float(north), limit, rpc_bias_m, bool(image.rpc.err_bias))
 
 
@@ -184,9 +183,7 @@ def contradiction(
         return None
     all_differences, variance = np.concatenate(differences), np.concatenate(variances)
     east, north = np.median(all_differences, axis=0)
-    limit = REFERENCE_CHECKS.limit * float(
-        np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(all_differences))
-    )
+    limit = ROBUST.outlier * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(all_differences)))
     return Contradiction(float(east), float(north), limit, len(all_differences))
 
 
@@ -216,7 +213,7 @@ def drop_wrong_parts(
     """Return the control without parts of the reference that are shifted against the rest, and these parts."""
     by_id = {image.id: image for image in images}
     # Index of the part of the ground that contains each place
-    lonlat, parts = control.ground[:, :2], REFERENCE_CHECKS.parts
+    lonlat, parts = control.ground[:, :2], GRIDS.parts
     low = lonlat.min(axis=0, initial=np.inf)
     size = np.maximum(lonlat.max(axis=0, initial=-np.inf) - low, 1e-12)
     part_of = np.minimum((parts * (lonlat - low) / size).astype(np.int64), parts - 1) @ [1, parts]
@@ -251,10 +248,10 @@ def drop_wrong_parts(
     if len(finite) < 3:
         return control, []
     squared_distance = np.sum((middle[finite, None] - middle[finite]) ** 2, axis=2) / variance[finite]
-    best = int(np.argmin(np.minimum(squared_distance, REFERENCE_CHECKS.limit**2).sum(axis=1)))
-    fitting = squared_distance[best] <= REFERENCE_CHECKS.limit**2
+    best = int(np.argmin(np.minimum(squared_distance, ROBUST.outlier**2).sum(axis=1)))
+    fitting = squared_distance[best] <= ROBUST.outlier**2
     common_shift = np.average(middle[finite[fitting]], axis=0, weights=1.0 / variance[finite[fitting]])
-    is_wrong = np.sum((middle[finite] - common_shift) ** 2, axis=1) / variance[finite] > REFERENCE_CHECKS.limit**2
+    is_wrong = np.sum((middle[finite] - common_shift) ** 2, axis=1) / variance[finite] > ROBUST.outlier**2
     if not is_wrong.any() or is_wrong.sum() * 2 >= len(finite):
         return control, []
     shifts = []
@@ -263,7 +260,7 @@ def drop_wrong_parts(
         lon, lat = np.median(control.ground[in_part, :2], axis=0)
         # position in the reference minus that expected from the other parts
         east, north = common_shift - middle[index]
-        limit_m = REFERENCE_CHECKS.limit * float(np.sqrt(variance[index]))
+        limit_m = ROBUST.outlier * float(np.sqrt(variance[index]))
         shifts.append(PartShift(float(lon), float(lat), float(east), float(north), limit_m, int(in_part.sum())))
     is_retained = ~np.isin(part_of, numbers[finite[is_wrong]])
     remaining = tuple(replace(one, used=one.used & is_retained[one.places]) for one in control.images)

@@ -26,13 +26,15 @@ from scipy import special  # not scipy.stats, which takes a quarter of a second 
 
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
-from ...foundation.pixel_filters import SCHARR, blur, box_mean, compute_smaller_eigenvalue, erode, slopes
+from ...foundation.pixel_filters import BLUR, SCHARR, blur, box_mean, compute_smaller_eigenvalue, erode, slopes
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.robust_scale import ROBUST
+from ...foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import open_calls
 from ...foundation.workers.threads import thread_count
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
+from ..tile_matching.options import TILE_MATCH
 from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
@@ -44,19 +46,13 @@ from .predicted_patches import PATCH, ImageBias, predict_patch, read_means, read
 class REFERENCE_MATCHES:
     """Conditions for matching a reference with an image, and for the agreement of offsets with an affine bias."""
 
-    coarser: float = threshold(1.25, "", "ratio of the pixels of orthoimage and image above which the image is reduced")
     chance_log10: float = threshold(-6.0, "log10", "largest probability of a chance agreement of offsets")
     agreement: float = threshold(2.0, "working px", "tolerance of agreeing offsets: error of the DEM")
     sigma_floor: float = threshold(0.05, "working px", "smallest sigma: images of different dates")
     direction_sigma: float = threshold(0.4, "working px", "sigma of a correlation peak without least-squares matching")
     correlation: float = threshold(0.5, "", "smallest correlation of accepted least-squares matching")
     lsm_reach: float = threshold(1.5, "working px", "largest shift by least-squares matching")
-    smoothing: float = threshold(0.7, "working px", "sigma of the smoothing filter of both windows")
-    border: int = threshold(4, "working px", "border of a template for smoothing and gradients")
-    rounds: int = threshold(20, "rounds", "iterations of the robust affine bias of an image")
-    fewest_offsets: int = threshold(6, "offsets", "smallest number of offsets that agree on a bias")
     least_spread: float = threshold(0.05, "", "smallest standard deviation of offsets over their tolerance")
-    affine_from: int = threshold(12, "offsets", "fewest offsets for an affine bias, else a shift")
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +145,7 @@ def _match_image(
 ) -> ImageControl:
     gsd = float(1.0 / image.rpc.px_per_m(places[:1])[0]) if len(places) else 1.0
     ratio = reference.gsd_m / gsd
-    step = ratio if ratio > REFERENCE_MATCHES.coarser else 1.0
+    step = ratio if ratio > EQUALITY.size else 1.0
     if not len(places):
         return _refuse_image(image, gsd, step, "it shows no textured window of the reference with a height")
     bias = search_bias(image, reference, surface, gsd, step, options.search_px)
@@ -225,21 +221,21 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     """Return the measurement of a place near its expected position ``(2,)``; None if it is not found."""
     half, reach = options.window_px // 2, options.reach_px
     side = 2 * half + 1
-    origin = expected - task.step * (half + REFERENCE_MATCHES.border)
+    origin = expected - task.step * (half + TILE_MATCH.edge_px)
     template = predict_patch(
         task.image, task.reference, task.surface, origin,
-        (side + 2 * REFERENCE_MATCHES.border, side + 2 * REFERENCE_MATCHES.border), task.step, task.bias.offset_px,
+        (side + 2 * TILE_MATCH.edge_px, side + 2 * TILE_MATCH.edge_px), task.step, task.bias.offset_px,
         options.node_px, task.gsd_m,
     )  # fmt: skip
     if template.valid.mean() < 0.9:
         return None
-    corner = expected - task.step * (half + reach + REFERENCE_MATCHES.border)
+    corner = expected - task.step * (half + reach + TILE_MATCH.edge_px)
     corner = np.round(corner) if task.step == 1.0 else corner
-    window = side + 2 * (reach + REFERENCE_MATCHES.border)
+    window = side + 2 * (reach + TILE_MATCH.edge_px)
     search = read_patch(task.image.pixels, corner, (window, window), task.step)
     if not search.valid.any():
         return None
-    inner = (slice(REFERENCE_MATCHES.border, -REFERENCE_MATCHES.border),) * 2
+    inner = (slice(TILE_MATCH.edge_px, -TILE_MATCH.edge_px),) * 2
     surface = correlate_orientations(
         compute_orientation_field(template.grey, template.valid)[inner],
         compute_orientation_field(search.grey, search.valid)[inner],
@@ -247,13 +243,13 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     peak = find_correlation_peak(surface)
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak is outside the search range
-    position = peak.shift + REFERENCE_MATCHES.border + half  # position of the place's centre in the search window
+    position = peak.shift + TILE_MATCH.edge_px + half  # position of the place's centre in the search window
     # Least-squares matching; if grey values do not correlate, the peak itself with a larger sigma
-    middle = half + REFERENCE_MATCHES.border
+    middle = half + TILE_MATCH.edge_px
     step = task.step
-    settings = LsmOptions(window_px=2 * (middle - REFERENCE_MATCHES.border) + 1, reach_px=REFERENCE_MATCHES.lsm_reach)
-    first = MatchImage(template.grey, template.valid, REFERENCE_MATCHES.smoothing)
-    second = MatchImage(search.grey, search.valid, REFERENCE_MATCHES.smoothing)
+    settings = LsmOptions(window_px=2 * (middle - TILE_MATCH.edge_px) + 1, reach_px=REFERENCE_MATCHES.lsm_reach)
+    first = MatchImage(template.grey, template.valid, BLUR.sigma_px)
+    second = MatchImage(search.grey, search.valid, BLUR.sigma_px)
     matched = match_patches(first, second, np.array([[middle, middle]]), position[None], np.eye(2)[None], settings)
     if matched.status[0] == DONE and matched.correlation[0] >= REFERENCE_MATCHES.correlation and matched.gain[0] > 0.0:
         sigma = float(np.hypot(matched.sigma_px[0], REFERENCE_MATCHES.sigma_floor))
@@ -292,7 +288,7 @@ def choose_places(
             texture.append(spot[1])
     if not spots:
         return np.zeros((0, 3))
-    strong = np.array(texture) > PATCH.flat * np.median(texture)
+    strong = np.array(texture) > TILE_MATCH.weakest_corner * np.median(texture)
     lonlat = reference.to_lonlat(np.array(spots)[strong])
     ground = np.column_stack([lonlat, surface_heights(surface, lonlat)])
     return ground[np.isfinite(ground[:, 2])]
@@ -357,18 +353,18 @@ def find_agreement(
     xy, offset : (n, 2) image points and their offsets, each found within ``reach_px`` of the expected position
     tolerance_px : radius around the densest point of the offsets, for the initial value
     """
-    if len(offset) < REFERENCE_MATCHES.fewest_offsets:
+    if len(offset) < SAMPLES.redundant:
         return None
     is_near = np.hypot(*(offset[:, None] - offset[None]).transpose(2, 0, 1)) <= tolerance_px
     start = is_near[int(is_near.sum(axis=1).argmax())]
-    if start.sum() < REFERENCE_MATCHES.fewest_offsets:
+    if start.sum() < SAMPLES.redundant:
         return None
     design = _build_design(xy, centre, half_size)
     coefficients = np.zeros((2, 3))
     coefficients[:, 0] = np.median(offset[start], axis=0)
     residual, spread, inliers = offset - design @ coefficients.T, tolerance_px / 2.0, start
-    for _ in range(REFERENCE_MATCHES.rounds):
-        columns = 3 if inliers.sum() >= REFERENCE_MATCHES.affine_from else 1
+    for _ in range(ITERATIONS.most):
+        columns = 3 if inliers.sum() >= SAMPLES.fewest else 1
         weight = np.maximum(1.0 - ((np.hypot(*residual.T) / (spread * np.sqrt(2.0))) / TUKEY) ** 2, 0.0) ** 2
         root = np.sqrt(weight)[:, None]
         values = np.linalg.lstsq(design[:, :columns] * root, offset * root, rcond=1e-8)[0]
@@ -379,7 +375,7 @@ def find_agreement(
         length = np.hypot(*residual[inliers].T)
         spread = float(np.clip(np.median(length) / 1.1774, REFERENCE_MATCHES.least_spread * tolerance_px, tolerance_px))
         is_within = np.hypot(*residual.T) <= ROBUST.outlier * spread
-        if is_within.sum() < REFERENCE_MATCHES.fewest_offsets:
+        if is_within.sum() < SAMPLES.redundant:
             return None
         if np.array_equal(is_within, inliers):
             break

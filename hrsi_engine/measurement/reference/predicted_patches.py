@@ -18,6 +18,7 @@ from ...block.block import Image, Raster
 from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import blur, erode, interpolate, reduce_by_area
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import MEMORY
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..window_matching.correlation import (
     CorrelationPeak,
@@ -32,12 +33,10 @@ class PATCH:
     """Selection of places in a reference, and resampling of it to images."""
 
     blur: float = threshold(0.45, "px of the coarser image", "standard deviation of the low-pass filter")
-    strip_lines: int = threshold(2048, "lines", "lines read together where pixels are averaged")
     valid: float = threshold(0.999, "", "smallest valid share of a resampled pixel (1 but for rounding)")
     least_known: float = threshold(0.5, "", "smallest share of a patch's rays that intersect the DEM")
     largest_px: int = threshold(64_000_000, "working px", "largest source window; beyond, the position is wrong")
     cell_px: int = threshold(192, "working px", "side of the part of a cell in which a place is selected")
-    flat: float = threshold(0.02, "", "smallest texture of a place over the median")
     rays: int = threshold(40, "rays", "rays along each side of an image, for its footprint")
     most_cells: int = threshold(20_000, "cells", "largest number of cells in all images together")
 
@@ -61,7 +60,7 @@ def read_means(
     """
     width, height = max(samples // factor, 1), max(lines // factor, 1)
     grey, valid = np.zeros((height, width), dtype=np.float32), np.zeros((height, width), dtype=bool)
-    rows = max(PATCH.strip_lines // factor, 1)
+    rows = max(MEMORY.part_px // factor, 1)
     for row in range(0, height, rows):
         count = min(rows, height - row)
         part = _read_with_padding(raster, sample, line + row * factor, width * factor, count * factor)

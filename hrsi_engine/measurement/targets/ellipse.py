@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.errors import SolveError
+from ...foundation.statistical_limits import ITERATIONS, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 
 
@@ -21,8 +22,6 @@ from ...foundation.thresholds import threshold, thresholds
 class ELLIPSES:
     """Limits and iterations of ellipse fits."""
 
-    fewest_points: int = threshold(6, "points", "fewest edge points: five unknowns, redundancy 1", "theory")
-    iterations: int = threshold(20, "steps", "largest number of Gauss-Newton steps")
     step_px: float = threshold(1e-5, "px", "shift of the centre at which the fit has converged")
 
 
@@ -81,30 +80,28 @@ def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = 
     rng, samples = np.random.default_rng(seed), np.zeros((60, len(xy)))
     samples[0] = 1.0
     for trial in samples[1:]:
-        trial[rng.choice(len(xy), ELLIPSES.fewest_points, replace=False)] = 1.0
+        trial[rng.choice(len(xy), SAMPLES.redundant, replace=False)] = 1.0
     all_points = np.broadcast_to(xy, (len(samples), *xy.shape))
     centre, Q, valid = fit_direct_ellipses(all_points, samples)
     agreeing = (np.abs(compute_ellipse_distances(all_points, centre, Q)) < tolerance_px) & valid[:, None]
     count = agreeing.sum(axis=1)
     inliers = agreeing[0 if count[0] > 0.95 * len(xy) else int(np.argmax(count))]
-    if inliers.sum() < ELLIPSES.fewest_points:
+    if inliers.sum() < SAMPLES.redundant:
         raise SolveError(
-            f"no ellipse passes within {tolerance_px:g} px of {ELLIPSES.fewest_points} of the {len(xy)} edge points"
+            f"no ellipse passes within {tolerance_px:g} px of {SAMPLES.redundant} of the {len(xy)} edge points"
         )
     ellipse = _fit_points(xy, inliers, FITS[method])
     for _ in range(3):
         inliers = np.abs(ellipse.residual_px) < tolerance_px
-        if inliers.sum() < ELLIPSES.fewest_points or np.array_equal(inliers, ellipse.used):
+        if inliers.sum() < SAMPLES.redundant or np.array_equal(inliers, ellipse.used):
             break
         ellipse = _fit_points(xy, inliers, FITS[method])
     return ellipse
 
 
 def _require_points(count: int) -> None:
-    if count < ELLIPSES.fewest_points:
-        raise SolveError(
-            f"an ellipse needs {ELLIPSES.fewest_points} edge points or more, {count} were given: measure more"
-        )
+    if count < SAMPLES.redundant:
+        raise SolveError(f"an ellipse needs {SAMPLES.redundant} edge points or more, {count} were given: measure more")
 
 
 def _fit_points(xy: np.ndarray, inliers: np.ndarray, fit: EllipseFit) -> Ellipse:
@@ -210,7 +207,7 @@ def fit_geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarr
 
 
 def iterate_ellipses(
-    xy: np.ndarray, weight: np.ndarray, centre: np.ndarray, Q: np.ndarray, iterations: int = ELLIPSES.iterations
+    xy: np.ndarray, weight: np.ndarray, centre: np.ndarray, Q: np.ndarray, iterations: int = ITERATIONS.most
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return centres and forms after at most ``iterations`` Gauss-Newton steps towards minimum squared distances."""
     centre, Q = centre.copy(), Q.copy()

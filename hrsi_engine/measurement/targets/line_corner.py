@@ -14,22 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.errors import SolveError
-from ...foundation.pixel_filters import erode, slopes
+from ...foundation.pixel_filters import BLUR, erode, slopes
+from ...foundation.statistical_limits import SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.corners import make_gaussian_kernels
-from ..interest_points.outlines import OUTLINE_SAMPLING, compute_slope_noise, interpolate_bilinear
+from ..interest_points.outlines import compute_slope_noise, interpolate_bilinear
 
 
 @thresholds
 class LINES:
     """Conditions for edge points, straight edges and corners of two edges."""
 
-    fewest_points: int = threshold(3, "points", "fewest edge points of a line", "thesis section 2.3")
     smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of intersection of two lines")
     slope_to_noise: float = threshold(5.0, "sigma", "smallest gradient of an edge point over its noise")
     weakest_share: float = threshold(0.15, "", "… and over the largest gradient of the window")
     line_distance_px: float = threshold(0.8, "px", "largest distance of an edge point from its line")
-    direction_deg: float = threshold(20.0, "°", "largest angle of its gradient to the normal of the line")
+    direction_deg: float = threshold(
+        20.0, "°", "largest angle of its gradient to the normal, and turn of it along the line"
+    )
     largest_gap_px: float = threshold(2.5, "px", "largest gap between the points of a straight edge")
 
 
@@ -91,7 +93,7 @@ def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
     line = _fit_points(xy, inliers)
     for _ in range(5 if tolerance_px is not None else 0):
         is_near = np.abs(line.residual_px) < max(float(tolerance_px or 0.0), 1.5 * np.median(np.abs(line.residual_px)))
-        if is_near.sum() < LINES.fewest_points or np.array_equal(is_near, inliers):
+        if is_near.sum() < SAMPLES.plane or np.array_equal(is_near, inliers):
             break
         inliers = is_near
         line = _fit_points(xy, inliers)
@@ -99,10 +101,8 @@ def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
 
 
 def _fit_points(xy: np.ndarray, inliers: np.ndarray) -> Line:
-    if inliers.sum() < LINES.fewest_points:
-        raise SolveError(
-            f"a line needs {LINES.fewest_points} edge points or more, {inliers.sum()} were given: measure more"
-        )
+    if inliers.sum() < SAMPLES.plane:
+        raise SolveError(f"a line needs {SAMPLES.plane} edge points or more, {inliers.sum()} were given: measure more")
     centroid = xy[inliers].mean(axis=0)
     spread, axes = np.linalg.eigh(np.cov((xy[inliers] - centroid).T, bias=True))
     if not spread[1] > 0.0:
@@ -145,22 +145,20 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
     best: tuple[tuple[int, float], np.ndarray, np.ndarray] | None = None
     for first in _list_candidate_lines(xy):
         on_first = np.abs(_compute_distance(xy, first)) < tolerance_px
-        if on_first.sum() < LINES.fewest_points or (~on_first).sum() < LINES.fewest_points:
+        if on_first.sum() < SAMPLES.plane or (~on_first).sum() < SAMPLES.plane:
             continue
         for second in _list_candidate_lines(xy[~on_first]):
             on_second = np.abs(_compute_distance(xy, second)) < tolerance_px
             nearer = np.abs(_compute_distance(xy, first)) <= np.abs(_compute_distance(xy, second))
             a, b = on_first & (nearer | ~on_second), on_second & ~(on_first & nearer)
-            if min(a.sum(), b.sum()) < LINES.fewest_points:
+            if min(a.sum(), b.sum()) < SAMPLES.plane:
                 continue
             misfit = float(np.sum(_compute_distance(xy[a], first) ** 2) + np.sum(_compute_distance(xy[b], second) ** 2))
             score = (int(a.sum() + b.sum()), -misfit)
             if best is None or score > best[0]:
                 best = score, a, b
     if best is None:
-        raise SolveError(
-            f"the edge points do not lie on two lines with {LINES.fewest_points} points each: measure more"
-        )
+        raise SolveError(f"the edge points do not lie on two lines with {SAMPLES.plane} points each: measure more")
     return best[1], best[2]
 
 
@@ -195,7 +193,7 @@ class EdgePoints:
 
 def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> EdgePoints:
     """Return the sub-pixel edge points of grey values (float32), at a distance from unusable pixels."""
-    smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
+    smooth, slope = make_gaussian_kernels(BLUR.sigma_px)
     by_x, by_y = slopes(grey, smooth, slope, "reflect")
     strength = np.hypot(by_x, by_y)
     clear = erode(usable, 5)

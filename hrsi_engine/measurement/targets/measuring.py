@@ -11,12 +11,16 @@ import numpy as np
 
 from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
+from ...foundation.pixel_filters import BLUR
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import MEMORY
 from ..interest_points.gravity_centres import CENTRE, find_gravity_centres
 from ..interest_points.options import CentreOptions
+from ..interest_points.shapes import SHAPE
 from ..interest_points.windows import Area, DetectionWindow, ImageStatistics, estimate_image_statistics, read_window
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
 from .line_corner import (
+    LINES,
     EdgePoints,
     LineCorner,
     find_edge_points,
@@ -34,16 +38,12 @@ TARGET_CENTER, TARGET_CORNER = "center", "corner"
 class TARGETS:
     """Limits for measured centres and corners, and part of an edge that is used."""
 
-    largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a coordinate")
+    largest_sigma_px: float = threshold(0.5, "px", "largest sigma of a coordinate, or RMS of edge points about edges")
     smallest_quality: float = threshold(0.4, "", "smallest quality of an object", "simulated targets, 2026-11-21")
-    largest_rmse_px: float = threshold(0.5, "px", "largest RMS of edge points about the two edges of a corner")
     smallest_angle_deg: float = threshold(30.0, "°", "smallest angle of a corner's edges")
     shortest_edge_px: float = threshold(3.0, "px", "smallest length of an edge in use")
-    largest_turn_deg: float = threshold(20.0, "°", "largest change of the gradient's direction along an edge")
     far_px: float = threshold(20.0, "px", "largest distance of edge points from the corner")
-    near_px: float = threshold(1.5, "px", "smallest distance: nearer, the corner is rounded by blur")
     end_px: float = threshold(4.0, "px", "largest distance of the end of an edge from the corner")
-    stray_px: float = threshold(0.6, "px", "largest distance of edge points from their line in the fit")
     statistics_px: int = threshold(255, "px", "half side of the area of the local statistics: one sample of 512 px")
 
 
@@ -158,7 +158,7 @@ def _read_window(
 def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
     """Return the gravity centre of the best closed region near a position; raises `SolveError` if there is none."""
     window, statistics = _read_window(
-        raster, approximate, options.search_px, options.largest_px / 2.0 + 2.0 * CENTRE.object_margin_px
+        raster, approximate, options.search_px, options.largest_px / 2.0 + 2.0 * MEMORY.border_px
     )
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
@@ -212,9 +212,9 @@ def measure_corner(raster: Raster, approximate: np.ndarray, options: TargetOptio
     for first, second, rough in _find_crossings(
         points, segments, approximate - origin, options.search_px + TARGETS.end_px
     ):
-        made = _rate_corner(points, first, second, rough, approximate - origin, options.search_px)
-        if made is not None:
-            candidates.append(made)
+        created = _rate_corner(points, first, second, rough, approximate - origin, options.search_px)
+        if created is not None:
+            candidates.append(created)
     if not candidates:
         raise SolveError(f"no two straight edges meet within {options.search_px:g} px")
     _, corner, edges = max(candidates, key=lambda candidate: candidate[0])
@@ -232,7 +232,7 @@ def _find_crossings(
     offset = np.array([line.normal @ (line.centroid - approximate) for line in lines])
     i, j = np.triu_indices(len(lines), 1)
     sine = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
-    steep = np.abs(sine) > np.sin(np.radians(TARGETS.smallest_angle_deg - TARGETS.largest_turn_deg / 2.0))
+    steep = np.abs(sine) > np.sin(np.radians(TARGETS.smallest_angle_deg - LINES.direction_deg / 2.0))
     i, j, sine = i[steep], j[steep], sine[steep, None]
     across = np.column_stack([normal[:, 1], -normal[:, 0]])
     crossing = (offset[i, None] * across[j] - offset[j, None] * across[i]) / sine
@@ -252,14 +252,12 @@ def _rate_corner(
     if one is None or second_edge is None:
         return None
     try:
-        corner = intersect_lines(*(fit_line(part, tolerance_px=TARGETS.stray_px) for part in (one, second_edge)))
+        corner = intersect_lines(*(fit_line(part, tolerance_px=SHAPE.on_shape_px) for part in (one, second_edge)))
     except SolveError:
         return None
     distance = float(np.hypot(*(corner.position - approximate)))
-    is_acceptable = corner.angle_deg >= TARGETS.smallest_angle_deg and corner.rmse_px <= TARGETS.largest_rmse_px
-    is_acceptable &= all(
-        _measure_turn_deg(points, segment, rough) < TARGETS.largest_turn_deg for segment in (first, second)
-    )
+    is_acceptable = corner.angle_deg >= TARGETS.smallest_angle_deg and corner.rmse_px <= TARGETS.largest_sigma_px
+    is_acceptable &= all(_measure_turn_deg(points, segment, rough) < LINES.direction_deg for segment in (first, second))
     if distance > search_px or not is_acceptable or corner.sigma_px > TARGETS.largest_sigma_px:
         return None
     lengths = [min(np.ptp(line.reach_px), TARGETS.far_px) for line in corner.lines]
@@ -293,9 +291,9 @@ def _select_edge_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
     one_side = (xy - corner) @ direction > 0.0
     if np.sum(~one_side & (distance > TARGETS.end_px)) > 0.3 * len(xy):  # the edge continues: a crossing
         return None
-    selected = one_side & (distance >= TARGETS.near_px) & (distance <= TARGETS.far_px)
+    selected = one_side & (distance >= BLUR.edge_px) & (distance <= TARGETS.far_px)
     part = xy[selected]
-    return part if len(part) >= 3 and np.ptp(distance[selected]) >= TARGETS.shortest_edge_px - TARGETS.near_px else None
+    return part if len(part) >= 3 and np.ptp(distance[selected]) >= TARGETS.shortest_edge_px - BLUR.edge_px else None
 
 
 def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) -> TargetMeasurement:

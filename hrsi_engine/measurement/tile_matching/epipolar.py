@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from ...camera.rpc import Localization
 from ...foundation.robust_scale import ROBUST, robust_sigma
+from ...foundation.statistical_limits import SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 
 
@@ -29,9 +30,6 @@ class EPIPOLAR:
     ratio: float = threshold(0.8, "", "largest ratio of the distances to the two nearest descriptors", "Lowe 2004")
     batch: int = threshold(2048, "descriptors", "number of descriptors compared together (memory)")
     mode_px: float = threshold(3.0, "px", "range of the offsets of correct matches across epipolar lines")
-    neighbours: int = threshold(12, "matches", "number of matches from which the median parallax is taken")
-    fewest: int = threshold(6, "matches", "fewest matches for a constant offset of two RPCs")
-    fewest_for_plane: int = threshold(30, "matches", "fewest matches for an offset linear in position")
     jump_px: float = threshold(8.0, "px", "largest deviation from that median: buildings, trees")
 
 
@@ -147,7 +145,7 @@ def check_rpc_consistency(
     across, along = miss.across_px / unit_px, miss.along_px / unit_px
     finite = np.isfinite(across) & np.isfinite(miss.height_m)
     nothing = Consistency(np.zeros(len(first_xy), bool), np.full(len(first_xy), np.nan), np.nan, miss)
-    if finite.sum() < EPIPOLAR.fewest:
+    if finite.sum() < SAMPLES.redundant:
         return nothing
     across = np.where(finite, across, np.inf)
     # Median of the densest interval of half the mode's width
@@ -158,9 +156,9 @@ def check_rpc_consistency(
     consistent = finite & (np.abs(across - mode) < EPIPOLAR.mode_px)
     design = np.column_stack([np.ones(len(first_xy)), (first_xy - first_xy.mean(axis=0)) / (np.ptp(first_xy) + 1.0)])
     for _ in range(5):
-        if consistent.sum() < EPIPOLAR.fewest:
+        if consistent.sum() < SAMPLES.redundant:
             return nothing
-        terms = 3 if consistent.sum() >= EPIPOLAR.fewest_for_plane else 1
+        terms = 3 if consistent.sum() >= SAMPLES.trend else 1
         deviation = (
             across - design[:, :terms] @ np.linalg.lstsq(design[consistent, :terms], across[consistent], rcond=None)[0]
         )
@@ -169,9 +167,9 @@ def check_rpc_consistency(
             return nothing
         consistent = np.abs(deviation) < max(ROBUST.outlier * sigma, floor_px)
     index = np.flatnonzero(consistent)
-    if len(index) > EPIPOLAR.neighbours:
+    if len(index) > SAMPLES.fewest:
         # The parallax (px) must agree with the median of the good neighbours
-        _, neighbours = cKDTree(first_xy[index]).query(first_xy[index], k=EPIPOLAR.neighbours + 1)
+        _, neighbours = cKDTree(first_xy[index]).query(first_xy[index], k=SAMPLES.fewest + 1)
         neighbour_parallax = along[index][neighbours[:, 1:]]
         middle = np.median(neighbour_parallax, axis=1)
         spread = robust_sigma(neighbour_parallax - middle[:, None], axis=1)

@@ -9,26 +9,25 @@ from ...foundation.thresholds import threshold, thresholds
 class TILE_MATCH:
     """Selection of the interest points of a window, their search, and acceptance of matches."""
 
-    expected_sigma_px: float = threshold(0.1, "px", "largest expected sigma of the match of a selected point")
-    weakest_corner: float = threshold(0.02, "", "smallest strength of a corner over the median one")
-    edge_px: int = threshold(4, "px", "smallest distance of points from the edge of the tile (filters)")
+    expected_sigma_px: float = threshold(
+        0.1, "px", "largest expected sigma of a match; as its sigma, it has quality one half"
+    )
+    weakest_corner: float = threshold(0.02, "", "smallest strength or texture over the median one")
+    edge_px: int = threshold(4, "px", "border of tiles and templates for filters and gradients")
     cells: int = threshold(16, "cells", "cells along each side, with equal numbers of points")
     node_px: int = threshold(32, "px", "spacing of exactly predicted nodes, bilinear between them")
-    widest_pad_px: int = threshold(512, "px", "largest border of the resampled window around the first one")
-    neighbours: int = threshold(8, "seeds", "number of nearest seeds from which a point is predicted")
     spread: float = threshold(0.7, "", "half length of the search over the range of the neighbours' parallax")
     slope: float = threshold(0.02, "px/px", "half length of the search per distance of the seeds")
     search_margin_px: int = threshold(3, "px", "margin between search and matching windows")
     seed_margin_px: float = threshold(64.0, "px", "distance from a window up to which known matches are its seeds")
-    fewest_seeds: int = threshold(20, "seeds", "number of known matches below which features are detected in a window")
+    fewest_seeds: int = threshold(
+        20, "seeds", "fewest known matches in place of features, and for the choice of a band"
+    )
     trial: int = threshold(150, "matches", "number of matches on which the bands are compared")
-    fewest_trial: int = threshold(20, "matches", "smallest number of matches for the choice of a band")
     inner: float = threshold(2.0 / 3.0, "", "smaller window of the second matching, relative to the first")
     change_weight: float = threshold(
         0.35, "", "weight of the shift between both in the sigma of a match", "errors of simulated pairs, 2026-11-21"
     )
-    half_quality_px: float = threshold(0.1, "px", "standard deviation at which quality is one half")
-    normalised: float = threshold(4.0, "sigma", "largest error of a match across its epipolar line")
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...foundation.robust_scale import robust_sigma
+from ...foundation.robust_scale import ROBUST, robust_sigma
+from ...foundation.statistical_limits import SAMPLES
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.window_search import search_windows
 from ..window_matching.windows import DONE, MATCHING_BANDS, SEARCH_BAND, LsmOptions, MatchImage
@@ -38,7 +39,7 @@ def match_tile(
     if not len(task.points):
         return make_empty_matches()
     seeds = _find_seeds(task)
-    if len(seeds.points) < EPIPOLAR.fewest:
+    if len(seeds.points) < SAMPLES.redundant:
         return make_empty_matches()
     table = _MatchTable.nothing(len(task.points))
     for window in options.windows_px:
@@ -47,7 +48,7 @@ def match_tile(
         matched = np.flatnonzero(table.done)
         table.done[matched[~_check_consistency(task, task.points[matched], table.xy[matched]).good]] = False
         matched = np.flatnonzero(table.done)
-        if len(matched) < EPIPOLAR.fewest:
+        if len(matched) < SAMPLES.redundant:
             return make_empty_matches()
         seeds = _Seeds(task.points[matched], task.frame.compute_displacements(task.points[matched], table.xy[matched]))
     return _select_matches(task, table)
@@ -68,7 +69,7 @@ def transfer_points(
     points = np.round(first.to_tile(first_xy)).astype(np.int64).reshape(-1, 2)
     inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
     task = _Task(frame, options, points[inside])
-    if len(task.points) < EPIPOLAR.fewest:
+    if len(task.points) < SAMPLES.redundant:
         return make_empty_matches()
     shift = frame.compute_displacements(task.points, frame.predict(task.points, heights_m=np.asarray(height_m)[inside]))
     return _select_matches(task, _match_near(task, shift))
@@ -89,7 +90,7 @@ def refine_points(
     points, rows = np.unique(np.round(tile_xy).astype(np.int64), axis=0, return_index=True)
     inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
     task = _Task(frame, options, points[inside])
-    if len(task.points) < EPIPOLAR.fewest:
+    if len(task.points) < SAMPLES.redundant:
         return make_empty_matches()
     return _select_matches(
         task, _match_near(task, frame.compute_displacements(tile_xy, second.to_tile(second_xy))[rows[inside]])
@@ -220,7 +221,7 @@ def _find_seeds(task: _Task) -> _Seeds:
     first, second = first_features.xy[i], second_features.xy[j] + second_tile.origin_px
     nearby = np.linalg.norm(first - second, axis=1) <= 1.5 * float(np.hypot(*frame.reach_px))
     first, second = first[nearby], second[nearby]
-    if len(first) < EPIPOLAR.fewest:
+    if len(first) < SAMPLES.redundant:
         return _Seeds(np.empty((0, 2)), np.empty((0, 2)))
     consistent = _check_consistency(task, first, frame.predict(second)).good
     return _Seeds(first[consistent], (second - first)[consistent])
@@ -234,7 +235,7 @@ def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
         reach = np.tile(np.maximum(task.frame.reach_px, 1.5), (len(rows), 1))
         return _Prediction(np.zeros((len(rows), 2)), reach)
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
-    count = min(TILE_MATCH.neighbours, len(seeds.points))
+    count = min(SAMPLES.neighbours, len(seeds.points))
     distance, neighbours = cKDTree(seeds.points).query(task.points[rows], k=np.arange(1, count + 1))
     along, across = (
         np.sort(np.einsum("nki,ni->nk", seeds.shift[neighbours], axis), axis=1) for axis in (direction, normal)
@@ -285,9 +286,9 @@ def _choose_band(
     task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int
 ) -> tuple[str, bool]:
     """Return the band with the smallest scatter of matches across the epipolar lines, tried on some of the matches."""
-    clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, TILE_MATCH.fewest_trial)]
+    clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, TILE_MATCH.fewest_seeds)]
     trial = np.sort(clearer[:: max(1, len(clearer) // TILE_MATCH.trial)])
-    if len(trial) < TILE_MATCH.fewest_trial:
+    if len(trial) < TILE_MATCH.fewest_seeds:
         return task.options.bands[0], False
     trial_rows = rows[trial]
     trial_windows, lsm = (
@@ -296,7 +297,7 @@ def _choose_band(
     )
     trials = {name: match_patches(*task.images(name), *trial_windows, lsm) for name in task.options.bands}
     everywhere = np.all([patches.status == DONE for patches in trials.values()], axis=0)
-    if everywhere.sum() < TILE_MATCH.fewest_trial:
+    if everywhere.sum() < TILE_MATCH.fewest_seeds:
         return task.options.bands[0], False
     scatter = {
         name: _check_consistency(task, task.points[trial_rows[everywhere]], patches.xy[everywhere]).sigma_px
@@ -316,7 +317,7 @@ def _check_consistency(task: _Task, points: np.ndarray, second_tile_xy: np.ndarr
 def _select_matches(task: _Task, table: _MatchTable) -> TileMatches:
     """Return the matches consistent with the others, with sigmas scaled by the observed deviations."""
     matched = np.flatnonzero(table.done)
-    if len(matched) < EPIPOLAR.fewest:
+    if len(matched) < SAMPLES.redundant:
         return make_empty_matches()
     frame = task.frame
     fit = _check_consistency(task, task.points[matched], table.xy[matched])
@@ -325,7 +326,7 @@ def _select_matches(task: _Task, table: _MatchTable) -> TileMatches:
     scale = max(1.0, float(robust_sigma(normal[fit.good]))) if fit.good.any() else 1.0
     accepted = (
         fit.good
-        & (normal < TILE_MATCH.normalised * scale)
+        & (normal < ROBUST.rejected * scale)
         & (sigma * scale < task.options.largest_sigma_px * frame.second.step)
     )
     xy = frame.first.to_image(task.points[matched])
@@ -336,7 +337,7 @@ def _select_matches(task: _Task, table: _MatchTable) -> TileMatches:
     direction /= max(float(np.linalg.norm(direction)), EPIPOLAR.least_stretch)
     matches = TileMatches(
         xy, frame.second.to_image(table.xy[matched]), sigma * scale,
-        1.0 / (1.0 + (sigma * scale / (TILE_MATCH.half_quality_px * frame.second.step)) ** 2),
+        1.0 / (1.0 + (sigma * scale / (TILE_MATCH.expected_sigma_px * frame.second.step)) ** 2),
         np.full(len(matched), "corner", dtype="U9"), fit.miss.height_m,
         np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
         task.chosen[0][0] if task.chosen[0][1] else "",

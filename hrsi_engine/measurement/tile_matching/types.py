@@ -18,6 +18,7 @@ import numpy as np
 from scipy import ndimage
 
 from ...foundation.pixel_filters import blur, interpolate
+from ...foundation.working_sizes import MEMORY
 from ..window_matching.windows import ResultCache
 from .epipolar import EPIPOLAR, LocalizingCamera, transfer
 from .options import TILE_MATCH
@@ -210,7 +211,7 @@ class TileFrame:
     @cached_property
     def pad_px(self) -> int:
         """Width of the border of the resampled window around the first tile."""
-        return int(np.ceil(min(max(self.reach_px), TILE_MATCH.widest_pad_px))) + 2
+        return int(np.ceil(min(max(self.reach_px), MEMORY.window_px))) + 2
 
     @cached_property
     def resampled(self) -> ImageTile:

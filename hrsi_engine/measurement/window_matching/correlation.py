@@ -13,6 +13,7 @@ from scipy import fft
 
 from ...foundation.pixel_filters import SCHARR, blur, erode, slopes
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.statistical_limits import EQUALITY
 from .windows import MATCHING
 
 
@@ -31,7 +32,7 @@ def correlate_template(template: np.ndarray, area: np.ndarray) -> np.ndarray:
     sums = fft.irfft2(product, size)[:lines, :samples]
     shape = template.shape[0], template.shape[1]
     squares = sum_windows(area_values**2, shape) - sum_windows(area_values, shape) ** 2 / template.size
-    has_contrast = squares > MATCHING.least_contrast * template.size * np.mean(area_values**2)
+    has_contrast = squares > EQUALITY.rounding * template.size * np.mean(area_values**2)
     norm = np.sqrt(np.sum(template_values**2) * np.where(has_contrast, squares, 1.0))
     return np.where(has_contrast & (norm > 0.0), sums / np.maximum(norm, 1e-300), -1.0)
 

@@ -9,10 +9,11 @@ import numpy as np
 from numba import njit
 
 from ...foundation.compiled_code import OPTIONS, Arrays
+from ...foundation.statistical_limits import EQUALITY
 from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, MATCHING, OUTSIDE, TERMS, WEAK
 
 # Compiled loops can use module names only, not attributes
-RIVAL_PX, ROUNDING_SHARE, SMALLEST_GAIN = MATCHING.rival_px, MATCHING.rounding_share, MATCHING.smallest_gain
+RIVAL_PX, ROUNDING_SHARE, SMALLEST_GAIN = MATCHING.rival_px, EQUALITY.rounding, MATCHING.smallest_gain
 SIDE_BY_SIDE = 8  # number of products computed together: as many as fit into a register of 32 bytes
 
 
@@ -20,8 +21,8 @@ SIDE_BY_SIDE = 8  # number of products computed together: as many as fit into a 
 def _cubic_weights(t: float) -> tuple[float, float, float, float]:
     """Return the four weights of the cubic B-spline at the fraction t of a cell."""
     s = 1.0 - t
-    near, far = 2.0 / 3.0 - 0.5 * t * t * (2.0 - t), 2.0 / 3.0 - 0.5 * s * s * (2.0 - s)
-    return s * s * s / 6.0, near, far, t * t * t / 6.0
+    inner, outer = 2.0 / 3.0 - 0.5 * t * t * (2.0 - t), 2.0 / 3.0 - 0.5 * s * s * (2.0 - s)
+    return s * s * s / 6.0, inner, outer, t * t * t / 6.0
 
 
 @njit(**OPTIONS)
