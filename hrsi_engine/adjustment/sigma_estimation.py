@@ -125,9 +125,9 @@ class SigmaEstimation:
         # Wrong points also cause residuals, and so do wrong external heights or places: larger sigmas would accept
         # them. With hardly any tie points sigma0 is the factor of all.
         redundancy = self.sums[: -components.SURVEYS : 2, 1].sum()
-        texts = not self.problem.position_observations and redundancy >= REDUNDANCY.common
-        largest = SIGMA.most_plausible if texts else SIGMA.beside_held
-        least_px = SIGMA.of_camera_px if texts else 0.0
+        is_free = not self.problem.position_observations and redundancy >= REDUNDANCY.common
+        largest = SIGMA.most_plausible if is_free else SIGMA.beside_held
+        least_px = SIGMA.of_camera_px if is_free else 0.0
         # RMS of the stated sigmas of the image points of each group that has any
         of_point, names = self.groups.of_image_point, self.groups.names[: -components.SURVEYS]
         count = np.bincount(of_point, minlength=len(names))
@@ -184,8 +184,7 @@ class SigmaEstimation:
     ) -> None:
         """Repeat the update of the sigmas of surveys and of image points of GCPs until they converge.
 
-        Both explain the same discrepancies,
-        so they are estimated together; ``previous`` are the factors of the solution.
+        Both explain the same discrepancies and are estimated together; ``previous`` are the factors of the solution.
         """
         observations, weighting, groups = self.problem.observations, solution.weighting, len(self.sigmas.factor)
         rays = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64)
@@ -198,21 +197,21 @@ class SigmaEstimation:
         images, kinds = groups - components.SURVEYS, components.number_survey_groups(observations)[points]
         of_survey = images + kinds[control.point, control.axis]  # the last index, `groups`, means no group
         group = np.where(control.kind == IMAGE, self.groups.of_image_point[control.row], of_survey)
-        texts = np.isin(np.arange(groups), group)
-        texts[:images:2] = False  # those of tie points
-        texts[images:] = True
-        rows = np.flatnonzero(np.append(texts, True)[group])
+        is_tested = np.isin(np.arange(groups), group)
+        is_tested[:images:2] = False  # those of tie points
+        is_tested[images:] = True
+        rows = np.flatnonzero(np.append(is_tested, True)[group])
         group, u, s = group[rows], control.u[rows], control.s[np.ix_(rows, rows)]
         # groups that the block cannot distinguish get a common factor
         kind = group[:, None] == np.arange(groups)
         curvature = kind.T @ s**2 @ kind
         scale = np.sqrt(np.maximum(curvature.diagonal(), 1e-300))
-        similar = (curvature > SIGMA.alike * scale * scale[:, None]) & texts & texts[:, None]
-        label = np.where(texts, np.argmax(similar | np.eye(groups, dtype=bool), axis=1), np.arange(groups))
+        similar = (curvature > SIGMA.alike * scale * scale[:, None]) & is_tested & is_tested[:, None]
+        label = np.where(is_tested, np.argmax(similar | np.eye(groups, dtype=bool), axis=1), np.arange(groups))
         sums, free = self.sums.copy(), self.sigmas.free
-        self.sigmas.factor, self.sigmas.free = np.where(texts, previous, self.sigmas.factor), free & texts
+        self.sigmas.factor, self.sigmas.free = np.where(is_tested, previous, self.sigmas.factor), free & is_tested
         for _ in range(ROUNDS):
-            variance = np.append(np.where(texts, self.sigmas.factor / previous, 1.0) ** 2, 1.0)[group]
+            variance = np.append(np.where(is_tested, self.sigmas.factor / previous, 1.0) ** 2, 1.0)[group]
             factors = linalg.lu_factor(np.eye(len(u)) + s * (variance - 1.0), check_finite=False)
             left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
             part = left[:, 1:].diagonal()
@@ -222,8 +221,8 @@ class SigmaEstimation:
             excess = left[:, 0] ** 2 @ kind - part @ kind
             step = (np.linalg.pinv(kind.T @ left[:, 1:] ** 2 @ kind, hermitian=True) @ excess)[label]
             ratio = (self.sigmas.factor / previous) ** 2
-            sums[texts, 1] = (ratio * freedom)[texts]
-            sums[texts, 0] = (np.maximum(ratio + step, EQUALITY.negligible * ratio) * freedom)[texts]
+            sums[is_tested, 1] = (ratio * freedom)[is_tested]
+            sums[is_tested, 0] = (np.maximum(ratio + step, EQUALITY.negligible * ratio) * freedom)[is_tested]
             if self.sigmas.correct_factors(sums) < ITERATIONS.settled * ITERATIONS.settled:
                 break
         self.sigmas.free = free

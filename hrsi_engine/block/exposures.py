@@ -31,6 +31,7 @@ import numpy as np
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import best_fit, fit_rpc, make_virtual_grid
 from ..foundation.errors import InputError
+from ..foundation.statistical_limits import SAMPLES
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import GRIDS
 from .block import Image, Tile
@@ -51,7 +52,6 @@ class BANDS:
     """Conditions for two images to be bands of one exposure."""
 
     least_pixel: float = threshold(1.5, "", "smallest pixel of a band relative to the finest band's")
-    least_nodes: int = threshold(9, "nodes", "fewest nodes per height that must lie in both images")
     bent_px: float = threshold(0.5, "px", "largest deviation of a band from a shift and a scale, in its pixels")
     parallax: float = threshold(
         0.005, "m/m", "largest parallax of the lines of sight per height", "up to 0.4 s at 7.5 km/s, from 600 km"
@@ -172,7 +172,7 @@ def _relate_band(images: Sequence[Image], fine: int, band: int) -> _Relation | N
     ground, converged = one.rpc.localize(xy, heights)
     projected = second.rpc.project(ground)
     inside = converged & (np.abs(projected - second.centre_px) <= second.half_size_px + 0.5).all(axis=1)
-    if inside.sum() < 3 * BANDS.least_nodes:
+    if inside.sum() < 3 * SAMPLES.tested:
         return None
     xy, projected, heights = xy[inside], projected[inside], heights[inside] - heights[inside].mean()
     # Unknowns for each coordinate: its shift, the common scale, and the parallax by height
@@ -233,7 +233,6 @@ def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
 class STRIP:
     """Conditions for images to be parts of one strip, and limits for the fit of the strip's RPC."""
 
-    nodes: int = threshold(41, "nodes", "nodes along each side of a part that are projected into another")
     reach_share: float = threshold(0.02, "", "distance of a part from the next one, relative to its size, at most")
     bent_px: float = threshold(2.0, "px", "largest variation of the offset between two parts in their overlap")
     whole_px: float = threshold(0.25, "px", "largest offset of a part from whole pixels without a message")
@@ -294,7 +293,7 @@ def place_parts(parts: Sequence[Image]) -> StripPlaces:
 
 def _measure_offset(frame: Image, part: Image) -> tuple[int, np.ndarray]:
     """Return the number of common nodes, and the position ``(2,)`` of a part's first pixel in another part."""
-    xy = part.grid_px(STRIP.nodes, STRIP.nodes)
+    xy = part.grid_px(GRIDS.fine, GRIDS.fine)
     ground, converged = part.rpc.localize(xy, part.middle_height_m)
     offset_px = frame.rpc.project(ground)
     reach = (0.5 + STRIP.reach_share) * np.array(frame.known_size)

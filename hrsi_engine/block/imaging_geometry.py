@@ -138,7 +138,6 @@ class GEOMETRY:
     """Sampling of an image's terrain and RPC, and limits of a plausible RPC."""
 
     ray_reach_m: float = threshold(100.0, "m", "heights above and below the terrain, between which rays are computed")
-    terrain_grid: int = threshold(50, "points", "nodes along each side of an image, for its terrain")
     volume_heights: int = threshold(7, "points", "number of heights at which an RPC is checked")
     least_denominator: float = threshold(0.1, "", "smallest denominator of an RPC relative to its median")
     lowest_height_m: float = threshold(-600.0, "m", "lowest land, with a margin", "theory: Dead Sea shore, -430 m")
@@ -216,7 +215,7 @@ class ViewDirection:
     @cached_property
     def terrain(self) -> np.ndarray:
         """Ground points ``(n, 3)`` of a grid over the image, those that intersect the terrain."""
-        grid = self.image.grid_px(GEOMETRY.terrain_grid, GEOMETRY.terrain_grid)
+        grid = self.image.grid_px(GRIDS.fine, GRIDS.fine)
         ground, status = intersect_surface(self.image.rpc, grid, self.surface)
         return ground[status == Status.FOUND]
 

@@ -1,6 +1,6 @@
 """Thresholds by topic: frozen dataclasses whose fields have a unit, a meaning and an origin.
 
-Each topic is declared once, in the module that uses it, as a constant (``LINKS.closure_px``)::
+Each topic is declared once, in the module that uses it, as a constant (``EPIPOLAR.mode_px``)::
 
     @thresholds
     class LINKS:

@@ -24,6 +24,7 @@ class GRIDS:
     parts: int = threshold(3, "parts", "parts along each side that are compared with each other")
     cells: int = threshold(10, "cells", "cells along each side, from which points are chosen evenly")
     coarse: int = threshold(5, "nodes", "nodes along each side at which a smooth difference is computed")
+    fine: int = threshold(41, "nodes", "nodes along each side at which the terrain, or an edge, is found")
     nodes: int = threshold(15, "nodes", "nodes along each side at which two cameras are compared")
 
 

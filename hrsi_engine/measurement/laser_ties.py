@@ -26,6 +26,7 @@ from ..foundation.workers.threads import thread_count
 from .block_matching.joining import collect_matches, to_image_points
 from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, predict_window, read_tile
+from .given_matches import EXTERNAL
 from .tile_matching.features import detect_tile_points
 from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import transfer_points
@@ -41,7 +42,6 @@ class LASER_TIES:
     radius_m: float = threshold(15.0, "m", "largest distance of tie points", "footprints: ICESat-2 11 m, GEDI 25 m")
     ties_per_point: int = threshold(6, "ties", "largest number of tie points at a laser point")
     height_margin_m: float = threshold(8.0, "m", "largest height difference of tie points and their laser point")
-    margin_px: int = threshold(40, "px", "smallest distance of laser points from the image's edge")
 
 
 MATCHED_AT_LASER = TileMatchOptions(features=0, windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
@@ -92,7 +92,7 @@ def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.nda
         place[number] = image.rpc.project(ground)
         size = np.array(image.known_size, dtype=np.float64)
         with np.errstate(invalid="ignore"):
-            inside = np.all((place[number] > LASER_TIES.margin_px) & (place[number] < size - LASER_TIES.margin_px), 1)
+            inside = np.all((place[number] > EXTERNAL.border_px) & (place[number] < size - EXTERNAL.border_px), 1)
         steep[number, inside] = compute_view_directions(image.rpc, ground[inside])[:, 2]
     best = steep.argmax(axis=0)
     is_stereo = np.isfinite(steep).sum(axis=0) >= 2
@@ -104,7 +104,7 @@ def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.nda
         for key in range(len(keys)):
             rows = rows_of_image[inverse.ravel() == key]
             xy = place[number, rows]
-            border = _radius_px(images[number], ground[rows[0]]) + LASER_TIES.margin_px
+            border = _radius_px(images[number], ground[rows[0]]) + EXTERNAL.border_px
             low, high = np.floor(xy.min(axis=0) - border), np.ceil(xy.max(axis=0) + border)
             window = ImageWindow(int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
             windows.append(_Window(number, window.inside(images[number].known_size), xy, ground[rows, 2]))
@@ -136,10 +136,10 @@ def _measure_window(images: Sequence[Image], usable: Sequence[int], task: _Windo
     for number in (number for number in usable if number != task.image):
         partner = images[number]
         geometry = TilePairGeometry(image.rpc, partner.rpc, low, high, margin_px=(4.0, 4.0))
-        partner_window = predict_window(geometry, task.window, LASER_TIES.margin_px).inside(partner.known_size)
+        partner_window = predict_window(geometry, task.window, EXTERNAL.border_px).inside(partner.known_size)
         partner_tile = (
             read_tile(partner, partner_window)
-            if min(partner_window.samples, partner_window.lines) > 2 * LASER_TIES.margin_px
+            if min(partner_window.samples, partner_window.lines) > 2 * EXTERNAL.border_px
             else None
         )
         if partner_tile is not None:

@@ -15,6 +15,7 @@ import numpy as np
 from ..block.block import Image
 from ..foundation.pixel_filters import load_opencv
 from ..foundation.thresholds import threshold, thresholds
+from .block_matching.overlaps import CHOICE
 from .block_matching.windows import read_overview
 from .tie_points import PairSummary
 from .tile_matching.epipolar import EPIPOLAR
@@ -31,9 +32,7 @@ class LIKELY_CAUSES:
         "fewest that agree with one affine map",
         "28 comparisons of unrelated real images: 3 to 6; random descriptors: 4 or 5, 2026-11-28",
     )
-    inlier_px: float = threshold(3.0, "px", "largest distance of an agreeing match in the reduced images")
     turned_deg: float = threshold(20.0, "deg", "smallest rotation against the RPCs that is a cause")
-    pairs: int = threshold(3, "pairs", "number of pairs that are tested")
 
 
 class _Overview(NamedTuple):
@@ -62,7 +61,7 @@ def explain_no_matches(images: Sequence[Image], pairs: Sequence[PairSummary], sm
             "no pair of the images was matched: their overlap is below "
             f"{smallest_overlap:.0%} of the area where their RPCs put them: check that the RPCs belong to the images"
         )
-    causes = [_find_cause(image_by_id[pair.first], image_by_id[pair.second]) for pair in pairs[: LIKELY_CAUSES.pairs]]
+    causes = [_find_cause(image_by_id[pair.first], image_by_id[pair.second]) for pair in pairs[: CHOICE.last_tries]]
     accepted = sum(pair.matches for pair in pairs)
     return (
         f"no match in {count} pair{'s' if count > 1 else ''} of images where their RPCs predict it (accepted: "
@@ -129,7 +128,7 @@ def _match(first: np.ndarray, second: np.ndarray) -> _AffineMap:
         return nothing
     source = np.array([places[match.queryIdx].pt for match in distinct])
     target = np.array([second_places[match.trainIdx].pt for match in distinct])
-    matrix, agree = cv2.estimateAffine2D(source, target, ransacReprojThreshold=LIKELY_CAUSES.inlier_px, maxIters=10_000)
+    matrix, agree = cv2.estimateAffine2D(source, target, ransacReprojThreshold=EPIPOLAR.mode_px, maxIters=10_000)
     return nothing if matrix is None else _AffineMap(matrix, int(agree.sum()))
 
 

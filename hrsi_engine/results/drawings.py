@@ -37,7 +37,6 @@ class REPORT_PAGE:
     """Limits for the amount of data on the page of the report."""
 
     most_known: int = threshold(1500, "points", "most known points on the map, those with the largest residuals")
-    most_ties: int = threshold(2500, "points", "number up to which all tie points are drawn singly")
     chip_half_px: int = threshold(12, "px", "smallest half side of a chip of a point")
     largest_chip_px: int = threshold(36, "px", "largest half side of a chip")
     most_values: int = threshold(400_000, "values", "largest number in a histogram; of more an even choice")
@@ -105,7 +104,7 @@ def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
     names = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
     valid = np.union1d(valid, names)  # rows of the page's tables link to their points
     ties = np.flatnonzero(placed & ~block.known)
-    if len(ties) > REPORT_PAGE.most_ties:
+    if len(ties) > REPORT_PAGE.most_known:
         ties = _select_worst(ties, worst, REPORT.rows)
     points = np.concatenate([valid, ties])
     number = np.full(len(block.points), -1)
@@ -174,7 +173,7 @@ def _make_map(
     block, place = result.block, choose_positions(result)
     height = middle_position(place)[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
-    frequent = len(ties) > REPORT_PAGE.most_ties
+    frequent = len(ties) > REPORT_PAGE.most_known
     field = TieField(
         place[ties, :2], _point_rms(block, visible)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
         block.rays_per_point()[ties],

@@ -14,6 +14,7 @@ from ..adjustment.statistics.precision import errors_90, predict_accuracy
 from ..block.block import Role
 from ..block.control_visibility import find_weak_control
 from ..block.pointing import estimate_pointing
+from ..foundation.errors import IDS_NAMED
 from ..foundation.robust_scale import ROBUST
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import REPORT
@@ -27,7 +28,6 @@ from .surface_figures import describe_surface
 class WARNING:
     """Limits for outliers that are named in warnings."""
 
-    most_named: int = threshold(6, "measurements", "largest number of measurements in one warning")
     gross_sigmas: float = threshold(10.0, "sigma", "smallest residual of a measurement named in a warning")
 
 
@@ -213,9 +213,9 @@ def rejection_warnings(result: Adjustment) -> list[str]:
         return []
     worst = [
         f"{entry['id']} on {entry['image']} ({entry['statistic']:.0f} sigma)"
-        for entry in _list_exclusions(result)["measurements"][: min(gross, WARNING.most_named)]
+        for entry in _list_exclusions(result)["measurements"][: min(gross, IDS_NAMED)]
     ]
-    additional = " …" if gross > WARNING.most_named else ""
+    additional = " …" if gross > IDS_NAMED else ""
     return [
         f"{excluded.sum()} image points ({100.0 * excluded.mean():.2g} %) are outliers and are not used, {gross} of "
         f"them by more than {WARNING.gross_sigmas:g} sigma: {', '.join(worst)}{additional}"

@@ -20,21 +20,11 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import stack_rpcs
 from ..foundation.errors import list_ids
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS
+from ..foundation.working_sizes import GRIDS, MEMORY, REPORT
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
 from .tables import choose_positions
-
-
-@thresholds
-class ACCURACY_GRID:
-    """Sampling of the accuracy of refined images, and ids in their metadata."""
-
-    grids_at_once: int = threshold(1000, "images", "number of images whose grids are in memory together")
-    most_ids: int = threshold(20, "points", "most ids of control points in a file")
-
 
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
@@ -47,8 +37,9 @@ def state_accuracy(result: Adjustment, refined: Sequence[RefitRPC]) -> list[Refi
     height = float(middle_position(choose_positions(result))[2])
     images = result.block.images
     stated = list(refined)
-    for first in range(0, len(images), ACCURACY_GRID.grids_at_once):
-        part = range(first, min(first + ACCURACY_GRID.grids_at_once, len(images)))
+    step = MEMORY.rows // GRIDS.coarse**2  # images whose grids are in memory together
+    for first in range(0, len(images), step):
+        part = range(first, min(first + step, len(images)))
         bias, rand = _camera_errors_m(result, part, height)
         for index in np.flatnonzero(np.isfinite(bias + rand)).tolist():
             new = stated[part[index]]
@@ -113,7 +104,7 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
         "HRSI_DATE": report["date"],
         "HRSI_ALGORITHM": report["algorithm"],
         "HRSI_MODEL": report["model"],
-        "HRSI_BLOCK": list_ids(report["images"], ACCURACY_GRID.most_ids),
+        "HRSI_BLOCK": list_ids(report["images"], REPORT.images),
         "HRSI_REPORT": report_path,
         "HRSI_VERDICT": report["verdict"]["level"],
         **({"HRSI_CRS_OPERATIONS": operations} if operations else {}),

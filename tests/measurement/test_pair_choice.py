@@ -9,6 +9,7 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from hrsi.hrsi_engine.measurement.block_matching.coarse import COARSE
 from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
 from hrsi.hrsi_engine.measurement.block_matching.links import (
     LINKS,
@@ -183,7 +184,7 @@ def links_of(pairs: dict[tuple[int, int], int]) -> list[ImageLink]:
 
 def test_an_image_on_no_loop_is_left_out_unless_its_link_is_strong():
     """0 to 3 are a ring, 4 and 5 hang on it by one link each, 6 on 5; 7 and 8 have each other only."""
-    few, many = LINKS.weak_matches, LINKS.bridge_matches
+    few, many = LINKS.weak_matches, COARSE.enough
     ring = {(0, 1): few, (1, 2): few, (2, 3): few, (0, 3): few}
     links = cut_weak_bridges(links_of(ring | {(3, 4): many - 1, (2, 5): many, (5, 6): many - 1, (7, 8): many}))
     assert {(link.first, link.second) for link in links if link.sound} == set(ring) | {(2, 5)}

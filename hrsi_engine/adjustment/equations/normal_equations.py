@@ -23,6 +23,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from ...camera.rpc_terms import EVALUATION
 from ...foundation.compiled_code import is_wanted
 from ...foundation.large_arrays import allocate_zeros
 from ...foundation.thresholds import threshold, thresholds
@@ -43,7 +44,6 @@ class POINT_STEPS:
     closure_m: float = threshold(1e-4, "m", "step of an intersection at which it has converged")
     start_closure_m: float = threshold(10.0, "m", "step at which the start position of an image has converged")
     most_step_m: float = threshold(5e3, "m", "largest step of an intersection (weak geometry)")
-    worth_compiling: int = threshold(20_000, "image points", "number from which they are eliminated by compiled loops")
 
 
 MOST_SUMS_BYTES = 2**29  # memory of the threads' sums of the reduced matrix: it limits the number of threads
@@ -66,7 +66,7 @@ class NormalEquations:
     ) -> None:  # fmt: skip
         self.observations, self.pattern = observations, pattern
         self._elimination: NumpyElimination
-        if is_wanted(max(observations.count, drawn_from) >= POINT_STEPS.worth_compiling):
+        if is_wanted(max(observations.count, drawn_from) >= EVALUATION.compiled_from):
             from .elimination_kernels import NumbaElimination  # needs numba, and takes a second
 
             self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)

@@ -35,7 +35,6 @@ POINTS_AT_ONCE = 50_000
 class PARALLAX:
     """Limits for the agreement of tie measurements before the adjustment."""
 
-    neighbours: int = threshold(4, "rays", "neighbours on either side with which a ray of a long track is compared")
     quantile: float = threshold(
         0.3, "", "share of correct parallaxes that is assumed for each image pair: (1 - 0.4)² = 0.36 with 40 % wrong "
         "measurements", "least quantile of squares (Rousseeuw and Leroy 1987)"
@@ -123,7 +122,7 @@ def _compute_parallaxes(
 
 def list_ray_pairs(length: int) -> list[tuple[int, int]]:
     """Return the pairs of the rays of a point that are compared: all, or neighbours of a long track."""
-    reach = length - 1 if length <= 2 * PARALLAX.neighbours else PARALLAX.neighbours
+    reach = length - 1 if length <= SAMPLES.neighbours else SAMPLES.neighbours // 2
     pairs = {tuple(sorted((i, (i + step) % length))) for i in range(length) for step in range(1, reach + 1)}
     return sorted((i, j) for i, j in pairs if i != j)
 

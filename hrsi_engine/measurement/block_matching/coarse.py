@@ -38,7 +38,9 @@ _CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
 class COARSE:
     """Conditions for matches of two overviews, and accuracy of the offsets and heights derived from them."""
 
-    enough: int = threshold(60, "matches", "number at which only one contrast is tried", _CONTRASTS)
+    enough: int = threshold(
+        60, "matches", "number that makes a pair certain: no other contrast is tried, no loop is needed", _CONTRASTS
+    )
     enough_share: float = threshold(0.1, "", "… and share of the features; a negative gives 0.03 by chance", _CONTRASTS)
     contrast_gain: float = threshold(1.5, "", "factor by which another contrast must have more matches", _CONTRASTS)
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")

@@ -37,6 +37,7 @@ from ...foundation.statistical_limits import ITERATIONS, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import EPIPOLAR, EpipolarDeviation, compute_epipolar_deviation
+from ..window_matching.windows import MATCHING
 
 _RELIEF = "simulated pairs on relief, errors along epipolar lines, 2026-11-22 (docs/protocols/tie_sigmas.md)"
 _KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22"
@@ -56,7 +57,6 @@ class TESTS:
     island_slope: float = threshold(0.5, "px/px", "largest parallax step relative to the distance")
     island_gap: float = threshold(3.0, "", "distance over the median one, beyond which the step is constant")
     island_share: float = threshold(0.05, "", "share of a pair's matches in the smallest accepted connected part")
-    same_place_px: float = threshold(3.0, "px", "distance of tracks of two references up to which they are one")
 
 
 MEDIAN_CHI_SQUARED = 0.4549  # with one degree of freedom
@@ -305,7 +305,7 @@ def to_image_points(
     duplicates: list[np.ndarray] = []
     for number in np.unique(image):
         rows_of_image = np.flatnonzero(image == number)
-        close_pairs = cKDTree(xy[rows_of_image]).query_pairs(TESTS.same_place_px, output_type="ndarray")
+        close_pairs = cKDTree(xy[rows_of_image]).query_pairs(MATCHING.rival_px, output_type="ndarray")
         duplicates.append(np.sort(of_track[rows_of_image][close_pairs], axis=1))
     pairs, count = np.unique(np.concatenate(duplicates), axis=0, return_counts=True)
     pairs = pairs[count >= 2]

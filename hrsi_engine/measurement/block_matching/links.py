@@ -25,6 +25,8 @@ from scipy.spatial import cKDTree
 from ...block.block import Image
 from ...foundation.statistical_limits import SAMPLES
 from ...foundation.thresholds import threshold, thresholds
+from ..tile_matching.epipolar import EPIPOLAR
+from .coarse import COARSE
 from .joining import BlockMatches, group_by_pair
 from .pair_choice import NumberPair
 
@@ -36,11 +38,8 @@ class LINKS:
     """Conditions for a reliable link (pair of matched images)."""
 
     near_px: float = threshold(40.0, "px", "largest distance of a predicted point from the third link's matches")
-    closure_px: float = threshold(3.0, "px", "largest median closure of a triangle of images, with relief", _YEAR)
     weak_matches: int = threshold(16, "matches", "matches of a link below which other links are preferred", _YEAR)
     strong_links: int = threshold(2, "links", "number of links with more matches at which it is dropped")
-    excess: int = threshold(2, "triangles", "surplus of open over closed triangles at which a link is dropped")
-    bridge_matches: int = threshold(60, "matches", "fewest of a link that alone connects one image", _YEAR)
     smallest_part: int = threshold(3, "images", "images of the smallest separate part that is used")
     displaced_px: float = threshold(32.0, "px", "smallest offset of an image with a wrong RPC")
     displaced_factor: float = threshold(8.0, "", "… relative to the median offset of the block")
@@ -102,7 +101,7 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
             )
             if closure is not None:
                 triangle = (centre, third[0]), (centre, third[1]), third
-                (closed if closure <= LINKS.closure_px else open_).append(triangle)
+                (closed if closure <= EPIPOLAR.mode_px else open_).append(triangle)
     strong = np.array([pair for pair, of_pair in rows.items() if len(of_pair) >= LINKS.weak_matches]).ravel()
     sound = {
         pair: len(of_pair) >= LINKS.weak_matches
@@ -117,7 +116,7 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
         worst = max(
             {pair for triangle in open_triangles for pair in triangle}, key=lambda pair: (more_open[pair], pair)
         )
-        if more_open[worst] < LINKS.excess:
+        if more_open[worst] < LINKS.strong_links:
             break
         sound[worst] = False
         open_triangles, closed_triangles = (
@@ -173,7 +172,7 @@ def cut_weak_bridges(links: Sequence[ImageLink]) -> list[ImageLink]:
     cut = {
         (link.first, link.second)
         for link, bridge in zip(sound, loops.bridge, strict=True)
-        if bridge and link.matches < LINKS.bridge_matches
+        if bridge and link.matches < COARSE.enough
         and min(loops.size[link.first], loops.size[link.second]) == 1
     }  # fmt: skip
     remaining = [link for link in sound if (link.first, link.second) not in cut]

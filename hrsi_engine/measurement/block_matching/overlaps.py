@@ -48,7 +48,9 @@ class CHOICE:
     narrow_deg: float = threshold(1.5, "°", "smallest angle between the views of a pair for heights")
     narrow_worth: float = threshold(0.6, "", "weight of pairs with a smaller angle in the selection")
     wanted_angle_deg: float = threshold(5.0, "°", "smallest angle of one of each image's pairs")
-    last_tries: int = threshold(3, "pairs", "pairs tried for an image whose comparisons are not significant")
+    last_tries: int = threshold(
+        3, "pairs", "pairs tried without significant comparisons, and examined if no pair matches"
+    )
     rounds: int = threshold(6, "rounds", "largest number of selections after failed pairs")
     found_worth: float = threshold(1e6, "features", "added to the rating of matched pairs, which remain selected")
 

@@ -20,7 +20,7 @@ from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler,
 from ...foundation.working_sizes import GRIDS, MEMORY
 from ..tile_matching.features import compute_root_sift, detect_sift_features
 from ..tile_matching.types import ImageTile
-from .windows import read_overview
+from .windows import TIE_WINDOWS, read_overview
 
 _SPEED = "measured for speed, 2026-11-22"
 
@@ -30,7 +30,6 @@ class OVERVIEW:
     """Resolution and features of overviews, and their comparison along epipolar lines."""
 
     halved_px: int = threshold(768, "px", "longer side from which an overview has half the resolution at most")
-    largest_px: int = threshold(2048, "px", "largest longer side of an overview")
     features: int = threshold(4000, "features", "largest number of features of an overview")
     ratio: float = threshold(0.85, "", "largest ratio of the nearest descriptors in a band", "Lowe 2004: 0.8 of all")
     line_batch: int = threshold(256, "lines", "compared together: neighbouring lines have common candidates", _SPEED)
@@ -51,7 +50,7 @@ def choose_overview_step(size: tuple[int, int], probed: bool = True) -> int:
     are found in a quarter of the time.
     """
     longest = max(size)
-    step = max(1, round(longest / min(max(longest / 8.0, MEMORY.part_px), OVERVIEW.largest_px)))
+    step = max(1, round(longest / min(max(longest / 8.0, MEMORY.part_px), TIE_WINDOWS.full_px)))
     return step if probed or longest < OVERVIEW.halved_px else max(step, 2)
 
 

@@ -25,6 +25,7 @@ from ...block.block import Image
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.statistical_limits import SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import MEMORY
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import HeightGrid, TilePairGeometry
 from .coarse import CoarseJob, PairEstimate, interpolate_median, place_height_nodes
@@ -37,10 +38,7 @@ class CAMERAS:
 
     prior_px: float = threshold(30.0, "px", "a priori standard deviation of a camera's shift")
     rounds: int = threshold(3, "rounds", "iterations of the robust weights")
-    influence_px: float = threshold(2.0, "px", "residual above which the weight is reduced (Huber)")
     margin_px: float = threshold(2.0, "px", "smallest half width of a search", "Pléiades, Kahramanmaras, 2026-11-22")
-    widest_px: float = threshold(24.0, "px", "largest half width for an image without matches")
-    sampled: int = threshold(16, "points", "points of a pair, from which mean derivatives are computed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ def _linearise_transfer(
     first: Image, second: Image, xy: np.ndarray, height_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean derivatives of a transfer by the position ``(2, 2)`` and by the height ``(2,)``."""
-    sampled = np.linspace(0, len(xy) - 1, min(CAMERAS.sampled, len(xy))).astype(int)
+    sampled = np.linspace(0, len(xy) - 1, min(SAMPLES.local, len(xy))).astype(int)
     sampled_xy, height = xy[sampled], height_m[sampled]
 
     def transfer_offset(dx: float, dy: float, dh: float) -> np.ndarray:
@@ -133,7 +131,7 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
         height_part = r - A @ shift
         rise = (U.T @ height_part) / np.maximum(length, 1e-12)
         deviation = (discrepancy.ravel() - design @ shift - climb.ravel() * rise[np.repeat(point, 2)]).reshape(-1, 2)
-        weight[:] = np.minimum(1.0, CAMERAS.influence_px / np.maximum(np.hypot(*deviation.T), 1e-9))[:, None]
+        weight[:] = np.minimum(1.0, CAMERAS.margin_px / np.maximum(np.hypot(*deviation.T), 1e-9))[:, None]
     shift = shift.reshape(-1, 2)
     head = np.unique(point, return_index=True)[1]
     ground = np.empty((len(names), 3))
@@ -162,5 +160,5 @@ def _extend_to_all_images(
     unmatched = np.setdiff1d(np.arange(len(shift)), matched)
     middle = np.median(shift[matched], axis=0)
     spread = SIGNIFICANCE.sigmas * float(np.max(robust_sigma(shift[matched] - middle, axis=0), initial=0.0))
-    shift[unmatched], sigma[unmatched] = middle, min(CAMERAS.margin_px + spread, CAMERAS.widest_px)
+    shift[unmatched], sigma[unmatched] = middle, min(CAMERAS.margin_px + spread, MEMORY.border_px)
     return shift, sigma

@@ -18,7 +18,9 @@ from ..tile_matching.types import ImageTile, TilePairGeometry
 class TIE_WINDOWS:
     """Sizes of the windows of an image and its partners, and limits for matching them."""
 
-    full_px: int = threshold(2048, "px", "longer side up to which an image is matched everywhere")
+    full_px: int = threshold(
+        2048, "px", "longer side of an overview at most, and of an image that is matched everywhere"
+    )
     window_px: int = threshold(256, "px", "side of the windows of larger images", "tiles of most GeoTIFFs")
     attempts: int = threshold(4, "windows", "largest number of windows that are tried in a cell")
     surplus: int = threshold(3, "", "ratio of measured and wanted points of a cell; tracks are selected later")

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.pixel_filters import BLUR, blur, load_opencv, reduce_by_area, reduce_mask, slopes
+from ...foundation.statistical_limits import SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 
@@ -33,7 +34,6 @@ class REGION:
     even_largest_change: float = threshold(1.0, "", "largest relative change of area between them", SIMULATED_OBJECTS)
     half_slope: float = threshold(0.5, "sigma/px", "gradient at half of the gradient levels")
     smallest_at_scale_px: int = threshold(12, "px", "smallest side of a region in reduced pixels")
-    fewest_pixels: int = threshold(12, "px", "smallest area of a region")
     compactness: float = threshold(0.86, "", "smallest area over that of the inertial ellipse", SIMULATED_OBJECTS)
     largest_elongation: float = threshold(4.0, "", "largest ratio of the axes; longer regions are roads and shadows")
 
@@ -102,7 +102,7 @@ def _find_stable_regions(
 ) -> tuple[list, np.ndarray]:
     """Return pixels and bounding boxes of the maximally stable regions that are brighter than their surroundings."""
     finder = load_opencv().MSER_create(
-        delta=stable_steps, min_area=REGION.fewest_pixels, max_area=int(reach**2), max_variation=largest_change
+        delta=stable_steps, min_area=SAMPLES.fewest, max_area=int(reach**2), max_variation=largest_change
     )
     finder.setPass2Only(True)
     pixels, boxes = finder.detectRegions(steps)

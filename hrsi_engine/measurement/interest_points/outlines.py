@@ -16,6 +16,7 @@ from scipy import ndimage
 from ...block.columns import Columns
 from ...foundation import pixel_filters as filters
 from ...foundation.pixel_filters import BLUR
+from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 from .level_regions import HOMOGENEOUS, LevelRegions
@@ -33,7 +34,6 @@ class OUTLINE_SAMPLING:
     opened_pixels: int = threshold(60, "px", "area above which thin connections are removed by opening")
     fewest_points: int = threshold(16, "points", "fewest points of an outline")
     most_points: int = threshold(96, "points", "most points of an outline")
-    slope_to_noise: float = threshold(4.0, "sigma", "smallest gradient of a clear edge over its noise")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class GradientImage:
     @property
     def threshold(self) -> float:
         """Smallest gradient of a clear edge."""
-        return OUTLINE_SAMPLING.slope_to_noise * self.noise * compute_slope_noise()
+        return ROBUST.rejected * self.noise * compute_slope_noise()
 
     def reduce(self, scale: int) -> GradientImage:
         """Return the `GradientImage` of the image reduced by averaging ``scale`` x ``scale`` pixels."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...block.block import Raster
 from ...foundation.pixel_filters import apply_opening, box_mean, dilate, enlarge, filter_separable
-from ...foundation.robust_scale import MAD_TO_SIGMA
+from ...foundation.robust_scale import MAD_TO_SIGMA, ROBUST
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.working_sizes import MEMORY
 
@@ -31,7 +31,6 @@ class WINDOWS:
     saturated_side_px: int = threshold(3, "px", "side of the smallest saturated area that is excluded")
     averaged_cells: int = threshold(5, "cells", "side of the square of cells with one local mean")
     samples_per_side: int = threshold(4, "areas", "largest number of samples along each side of an image")
-    noise_floor: float = threshold(4.0, "sigma", "smallest local standard deviation relative to the noise …")
     contrast_floor: float = threshold(0.15, "", "… and relative to the median local deviation of the image")
 
 
@@ -148,7 +147,7 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
     deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
     finite = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
     typical = float(np.median(finite)) if len(finite) else 0.0
-    floor = max(WINDOWS.noise_floor * noise, WINDOWS.contrast_floor * typical, 1e-6)
+    floor = max(ROBUST.rejected * noise, WINDOWS.contrast_floor * typical, 1e-6)
     return ImageStatistics(saturation, noise, floor)
 
 

@@ -33,6 +33,7 @@ from ...foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import open_calls
 from ...foundation.workers.threads import thread_count
+from ...foundation.working_sizes import GRIDS
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from ..tile_matching.options import TILE_MATCH
 from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak
@@ -261,7 +262,7 @@ def choose_places(
     images: Sequence[Image], reference: Orthoimage, surface: HeightSurface, points: int, window_px: int
 ) -> np.ndarray:
     """Return lon, lat, height ``(m, 3)`` of places, about ``points`` of them in each image."""
-    rays = [intersect_surface(image.rpc, image.grid_px(PATCH.rays, PATCH.rays), surface) for image in images]
+    rays = [intersect_surface(image.rpc, image.grid_px(GRIDS.fine, GRIDS.fine), surface) for image in images]
     ground_of_images = [ground[status == Status.FOUND] for ground, status in rays if (status == Status.FOUND).any()]
     if not ground_of_images:
         return np.zeros((0, 3))

@@ -37,7 +37,6 @@ class PATCH:
     least_known: float = threshold(0.5, "", "smallest share of a patch's rays that intersect the DEM")
     largest_px: int = threshold(64_000_000, "working px", "largest source window; beyond, the position is wrong")
     cell_px: int = threshold(192, "working px", "side of the part of a cell in which a place is selected")
-    rays: int = threshold(40, "rays", "rays along each side of an image, for its footprint")
     most_cells: int = threshold(20_000, "cells", "largest number of cells in all images together")
 
 

@@ -25,7 +25,6 @@ from ..interest_points.outlines import compute_slope_noise, interpolate_bilinear
 class LINES:
     """Conditions for edge points, straight edges and corners of two edges."""
 
-    smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of intersection of two lines")
     slope_to_noise: float = threshold(5.0, "sigma", "smallest gradient of an edge point over its noise")
     weakest_share: float = threshold(0.15, "", "… and over the largest gradient of the window")
     line_distance_px: float = threshold(0.8, "px", "largest distance of an edge point from its line")
@@ -121,7 +120,7 @@ def intersect_lines(first: Line, second: Line) -> LineCorner:
     The variance of an edge point is estimated from the residuals of both lines together.
     """
     angle = float(np.degrees(np.arccos(np.clip(abs(first.direction @ second.direction), 0.0, 1.0))))
-    if angle < LINES.smallest_angle_deg:
+    if angle < LINES.direction_deg:
         raise SolveError(f"the two edges meet at {angle:.0f} degrees only: no corner can be measured there")
     normals = np.array([first.normal, second.normal])
     position = np.linalg.solve(normals, [line.normal @ line.centroid for line in (first, second)])

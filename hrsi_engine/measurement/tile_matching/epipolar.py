@@ -29,7 +29,7 @@ class EPIPOLAR:
     least_stretch: float = threshold(1e-3, "px/m", "smallest parallax per height from which heights are computed")
     ratio: float = threshold(0.8, "", "largest ratio of the distances to the two nearest descriptors", "Lowe 2004")
     batch: int = threshold(2048, "descriptors", "number of descriptors compared together (memory)")
-    mode_px: float = threshold(3.0, "px", "range of the offsets of correct matches across epipolar lines")
+    mode_px: float = threshold(3.0, "px", "range of the offsets of correct matches before their trend is known")
     jump_px: float = threshold(8.0, "px", "largest deviation from that median: buildings, trees")
 
 
