@@ -43,7 +43,6 @@ class EVALUATION:
     domain_margin: float = threshold(1.5, "half extents", "normalised coordinate up to which the cubic inverse is used")
     stack_batch: int = threshold(4096, "points", "points of a batch, whose coefficients fit the cache", _SPEED)
     stack_iterations: int = threshold(8, "iterations", "largest number in batches; then each RPC is inverted alone")
-    compiled_from: int = threshold(20_000, "points", "number from which compiled loops are faster", _SPEED)
 
 
 #: Powers of (L, P, H) of the 20 terms, in RPC00B order.

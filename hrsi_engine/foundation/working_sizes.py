@@ -29,7 +29,7 @@ class GRIDS:
 
 
 @thresholds
-class REPORT:
+class LISTS:
     """Lengths of the lists of a report; longer ones show the worst."""
 
     rows: int = threshold(200, "rows", "points, outliers or images in a list")

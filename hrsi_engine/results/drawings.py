@@ -21,7 +21,7 @@ from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
 from ..foundation.statistical_limits import EQUALITY
 from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS, REPORT
+from ..foundation.working_sizes import GRIDS, LISTS
 from ..ground.map_crs import middle_position
 from ..io.pages.report import read_picture
 from ..io.rasters.images import GdalRaster
@@ -105,7 +105,7 @@ def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
     valid = np.union1d(valid, names)  # rows of the page's tables link to their points
     ties = np.flatnonzero(placed & ~block.known)
     if len(ties) > REPORT_PAGE.most_known:
-        ties = _select_worst(ties, worst, REPORT.rows)
+        ties = _select_worst(ties, worst, LISTS.rows)
     points = np.concatenate([valid, ties])
     number = np.full(len(block.points), -1)
     number[points] = np.arange(len(points))
@@ -208,7 +208,7 @@ def _make_cards(result: Adjustment, visible: _PointSelection) -> list[ImageCard]
         for index, part in parts.items()
         if len(part)
     }
-    selection = sorted(sorted(size, key=lambda index: -size[index])[: REPORT.images])
+    selection = sorted(sorted(size, key=lambda index: -size[index])[: LISTS.images])
     return [_make_card(result, index, parts[index], visible) for index in selection]
 
 
@@ -217,8 +217,8 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _Point
     role = result.block.points.role[rows.point[part]]
     groups = ROLE_LABELS[role].astype("U8")
     groups[is_outlier(visible.statistic[part])] = "outlier"
-    ties, remainder = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[: REPORT.rows]
-    room = max(REPORT.rows - len(remainder), 0)
+    ties, remainder = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[: LISTS.rows]
+    room = max(LISTS.rows - len(remainder), 0)
     step = max(1, -(-len(ties) // room)) if room else len(ties) + 1
     selection = np.concatenate([ties[::step], remainder])
     first_sample, last_sample, first_line, last_line = image.domain_px

@@ -17,7 +17,7 @@ from ..block.pointing import estimate_pointing
 from ..foundation.errors import IDS_NAMED
 from ..foundation.robust_scale import ROBUST
 from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import REPORT
+from ..foundation.working_sizes import LISTS
 from ..refinement.model import RefitRPC
 from .outliers import name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
@@ -87,7 +87,7 @@ def _list_exclusions(result: Adjustment) -> dict[str, Any]:
                 "verdict": Decision(result.decision[row]).name.lower(),
                 "statistic": float(result.statistic[row]) if np.isfinite(result.statistic[row]) else None,
             }
-            for row in excluded[: REPORT.rows].tolist()
+            for row in excluded[: LISTS.rows].tolist()
         ],
     }
 
@@ -95,10 +95,10 @@ def _list_exclusions(result: Adjustment) -> dict[str, Any]:
 def _part_entry(part: DatumPart) -> dict[str, Any]:
     """Return the entry of images connected by common points; ``by_priors`` counts parameters determined by priors."""
     entry = asdict(part)
-    entry["images"] = list(part.images[: REPORT.rows])
+    entry["images"] = list(part.images[: LISTS.rows])
     entry["image_count"] = len(part.images)
     sigma = entry.pop("sigma_m")
-    entry["parallel_points"], entry["parallel"] = len(part.parallel), list(part.parallel[: REPORT.rows])
+    entry["parallel_points"], entry["parallel"] = len(part.parallel), list(part.parallel[: LISTS.rows])
     return entry | {
         f"sigma_{axis}_m": value if np.isfinite(value) else None
         for axis, value in zip(("east", "north", "height"), sigma, strict=True)

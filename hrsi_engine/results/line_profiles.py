@@ -9,7 +9,7 @@ from ..adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, estimate_
 from ..block.block import Image
 from ..block.imaging_geometry import measure_pixel_m
 from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import REPORT
+from ..foundation.working_sizes import LISTS
 from ..io.rasters.sun_angles import read_line_rate
 
 
@@ -25,7 +25,7 @@ def describe_line_profiles(
 ) -> dict[str, Any]:
     """Return the report's entries by image: waves, and for some images profile and spectrum of both axes."""
     order = sorted(range(len(images)), key=lambda index: -max((w.amplitude_px for w in waves[index]), default=0.0))
-    plotted, texts = set(order[: REPORT.images]), {}
+    plotted, texts = set(order[: LISTS.images]), {}
     for index, (image, profile) in enumerate(zip(images, profiles, strict=True)):
         axes = {axis: entry for axis in WAVE_AXES if index in plotted and (entry := _describe_axis(profile, axis))}
         if not axes and not waves[index]:

@@ -20,7 +20,7 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import stack_rpcs
 from ..foundation.errors import list_ids
-from ..foundation.working_sizes import GRIDS, MEMORY, REPORT
+from ..foundation.working_sizes import GRIDS, LISTS, MEMORY
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
@@ -104,7 +104,7 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
         "HRSI_DATE": report["date"],
         "HRSI_ALGORITHM": report["algorithm"],
         "HRSI_MODEL": report["model"],
-        "HRSI_BLOCK": list_ids(report["images"], REPORT.images),
+        "HRSI_BLOCK": list_ids(report["images"], LISTS.images),
         "HRSI_REPORT": report_path,
         "HRSI_VERDICT": report["verdict"]["level"],
         **({"HRSI_CRS_OPERATIONS": operations} if operations else {}),

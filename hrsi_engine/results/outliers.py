@@ -13,7 +13,7 @@ from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.robust_scale import ROBUST
-from ..foundation.working_sizes import REPORT
+from ..foundation.working_sizes import LISTS
 from .residuals import Residuals
 
 
@@ -73,8 +73,7 @@ def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
     worst = outliers[np.argsort(-statistic[outliers], kind="stable")]
     return {
         "outliers": [
-            name_measurement(result, row) | {"statistic": float(statistic[row])}
-            for row in worst[: REPORT.rows].tolist()
+            name_measurement(result, row) | {"statistic": float(statistic[row])} for row in worst[: LISTS.rows].tolist()
         ],
         "outlier_count": len(worst),
     }

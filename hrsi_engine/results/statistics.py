@@ -12,7 +12,7 @@ from ..adjustment.result import Adjustment
 from ..block.block import Role
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS, REPORT
+from ..foundation.working_sizes import GRIDS, LISTS
 from .residuals import Residuals, by_image
 
 
@@ -70,7 +70,7 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
 def rank_survey_points(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
     """Return the indices of a role's points with the largest ground residuals, the worst first; at most 200."""
     points_here = np.flatnonzero((result.block.points.role == role) & finite_rows(left.ground_m[:, :2]))
-    return points_here[np.argsort(-np.nansum(left.ground_m[points_here] ** 2, axis=1), kind="stable")][: REPORT.rows]
+    return points_here[np.argsort(-np.nansum(left.ground_m[points_here] ** 2, axis=1), kind="stable")][: LISTS.rows]
 
 
 def survey_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[dict[str, Any]]:

@@ -23,8 +23,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ...camera.rpc_terms import EVALUATION
-from ...foundation.compiled_code import is_wanted
+from ...foundation.compiled_code import COMPILED_LOOPS, is_wanted
 from ...foundation.large_arrays import allocate_zeros
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.threads import thread_count
@@ -66,7 +65,7 @@ class NormalEquations:
     ) -> None:  # fmt: skip
         self.observations, self.pattern = observations, pattern
         self._elimination: NumpyElimination
-        if is_wanted(max(observations.count, drawn_from) >= EVALUATION.compiled_from):
+        if is_wanted(max(observations.count, drawn_from) >= COMPILED_LOOPS.from_points):
             from .elimination_kernels import NumbaElimination  # needs numba, and takes a second
 
             self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)
