@@ -41,8 +41,8 @@ class AREA_ACCURACY:
     """Limit beyond which a predicted accuracy is that of the RPCs, not of the images."""
 
     determined_gsds: float = threshold(
-        500.0, "GSD", "largest CE90 of a determined plan, and LE90 over B/H of determined heights", "RPCs with 50 m "
-        "(CE90) and pixels of 1 m at B/H 0.5: LE90 110 m, 220 GSD"
+        1000.0, "GSD", "largest CE90 of a determined plan, and LE90 over B/H of determined heights", "KOMPSAT-3 "
+        "(48.5 m CE90, 0.7 m) at B/H 0.42: LE90 125 m, 425 GSD"
     )  # fmt: skip
 
 
@@ -100,8 +100,8 @@ def describe_parts(
         images = [observations.images[k] for k in part.images]
         gsd_m, base_to_height = float(compute_gsds_m(images).max()), compute_base_to_height(images)
         limits_m = {"ce90_m": AREA_ACCURACY.determined_gsds * gsd_m}
-        if problem.height_observations is None:  # heights by rays
-            limits_m["le90_m"] = AREA_ACCURACY.determined_gsds * gsd_m * base_to_height
+        if not part.gcps and problem.height_observations is None:  # heights by the rays of the RPCs
+            limits_m["le90_m"] = limits_m["ce90_m"] * base_to_height
         parts.append(
             DatumPart(
                 tuple(image.id for image in images), part.gcps, part.ties,
