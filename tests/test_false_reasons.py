@@ -1,4 +1,4 @@
-"""Right blocks keep their verdict, and nine of ten errors are inside: short versions of `benchmarks/false_reasons.py`."""
+"""Right blocks keep their verdict, and nine of ten errors are inside: a short `benchmarks/false_reasons.py`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_the_sentence_states_what_narrow_rays_do_not_determine(angle_deg: float,
 
 
 def test_jitter_that_two_images_share_stays_a_reason():
-    """Along the base two images show no vibration, so that heights keep it. A surface determines these, not the plan."""
+    """Along the base two images show no vibration: heights keep it. A surface determines these, not the plan."""
     for name, has_waves in (("jitter, two images", True), ("jitter, two images, surface", False)):
         simulated, options = simulate(replace(FAMILIES[name], lines=8000), 30_001)
         reasons = {reason.code: reason for reason in judge(adjust(simulated.block, options)).reasons}

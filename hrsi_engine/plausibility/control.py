@@ -23,6 +23,7 @@ import numpy as np
 
 from ..block.block import Block, Image, stack_rpcs
 from ..foundation.large_arrays import finite_rows
+from ..foundation.robust_scale import MAD_TO_SIGMA
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from .accuracy import SIMULATED, ImageAccuracy
@@ -313,12 +314,12 @@ def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
     if best is not None:
         return _describe_disagreement(given, points, vector, *best, group=True)
     middle = np.median(vector, axis=0)
-    away = np.abs(vector - middle).max(axis=1)
-    spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / MEDIAN_LENGTH, expected)
-    off = away > GROUP.gap_ratio * spread
+    deviation = np.abs(vector - middle)  # jitter spreads the parallaxes alone
+    away = (deviation / np.maximum(MAD_TO_SIGMA * np.median(deviation, axis=0), expected[:, None])).max(axis=1)
+    off = away > GROUP.gap_ratio
     if not off.any() or off.sum() > len(points) / 2:
         return None
-    return _describe_disagreement(given, points, vector, off, float((away / spread)[off].min()), group=False)
+    return _describe_disagreement(given, points, vector, off, float(away[off].min()), group=False)
 
 
 def _describe_disagreement(

@@ -43,7 +43,6 @@ class TIE_CHECK:
     largest_drift: float = threshold(4e-3, "px/px", "largest relative drift of two RPCs", SIMULATED)
     off_share: float = threshold(0.05, "", "share of failing points from which a drift is estimated", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
-    bulk_share: float = threshold(0.15, "", "share of a pair's points in the shortest interval around its mode")
     bulk_sigmas: float = threshold(8.0, "sigma", "largest mode of ray distances by errors of the RPCs", SIMULATED)
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
     unusable_share: float = threshold(0.37, "", "share of wrong measurements of unusable tie points", SIMULATED)
@@ -185,7 +184,7 @@ def check_pairs(
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / steep
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
     wrong = ~np.isfinite(across) if shifted else ~possible | ~np.isfinite(across)
-    bulk = _compute_modes(across, starts, sizes)
+    bulk = _compute_modes(across, tolerance, starts, sizes)
     away = across - np.repeat(bulk, sizes)
     off = np.add.reduceat(np.abs(away) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
     for number in np.flatnonzero(off / sizes > TIE_CHECK.off_share).tolist():
@@ -217,27 +216,24 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, m
     return left if fits.mean() >= 1.0 - TIE_CHECK.off_share else away_m
 
 
-def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return a robust mode of each pair's values, which begin at ``starts``; 0 where none is finite.
+def _compute_modes(values: np.ndarray, tolerance: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return the centre of each pair's values, which begin at ``starts``; 0 where none is finite.
 
-    It is the median of the narrowest interval that contains `TIE_CHECK.bulk_share` of them. Pairs with the same numbers
-    of values are computed together, for speed.
+    It is that of the interval, twice the smallest ``tolerance`` wide, that contains most of them: jitter spreads the
+    values of correct points evenly. Pairs with the same numbers of values are computed together, for speed.
     """
     modes = np.zeros(len(starts))
-    finite = np.isfinite(values)
-    known = np.add.reduceat(finite, starts, dtype=np.int64) if len(starts) else sizes
-    ordered = np.where(finite, values, np.inf)
+    ordered = np.where(np.isfinite(values), values, np.inf)
     for size in np.unique(sizes).tolist():  # values that are not finite come last
         same = np.flatnonzero(sizes == size)
-        of_size = np.sort(ordered[starts[same, None] + np.arange(size)], axis=1)
-        for count in np.unique(known[same]).tolist():
-            here = known[same] == count
-            number = min(max(5, round(TIE_CHECK.bulk_share * count)), count)
-            if number:
-                some, own = of_size[here, :count], np.arange(here.sum())
-                width = some[:, number - 1 :] - some[:, : count - number + 1]
-                middle = np.argmin(width, axis=1) + number // 2
-                modes[same[here]] = 0.5 * (some[own, middle] + some[own, middle - 1 + number % 2])
+        rows = starts[same, None] + np.arange(size)
+        of_size, width = np.sort(ordered[rows], axis=1), 2.0 * tolerance[rows].min(axis=1)
+        inside = of_size[:, None, :] <= (of_size + width[:, None])[:, :, None]
+        count = np.where(np.isfinite(of_size), inside.sum(axis=2) - np.arange(size), 0)
+        first, own = count.argmax(axis=1), np.arange(len(same))
+        last = np.minimum(first + np.maximum(count[own, first], 1) - 1, size - 1)
+        middle = 0.5 * (of_size[own, first] + of_size[own, last])
+        modes[same] = np.where(np.isfinite(middle), middle, 0.0)
     return modes
 
 

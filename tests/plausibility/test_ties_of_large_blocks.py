@@ -64,12 +64,12 @@ def test_both_images_of_a_pair_that_fails_by_itself_are_named() -> None:
     assert ties._select_common_images(np.empty((0, 2), np.int64)) == []
 
 
-def mode_of(values: np.ndarray) -> float:
-    """Return the median of the shortest run of the finite values, in order, that holds their share."""
+def mode_of(values: np.ndarray, tolerance: float) -> float:
+    """Return the middle of the longest run of finite values within twice the tolerance; the first of equal ones."""
     ordered = sorted(values[np.isfinite(values)].tolist())
-    number = min(max(5, round(ties.TIE_CHECK.bulk_share * len(ordered))), len(ordered))
-    runs = [ordered[k : k + number] for k in range(len(ordered) - number + 1)]
-    return float(np.median(min(runs, key=lambda run: run[-1] - run[0]))) if ordered else 0.0
+    runs = [[other for other in ordered[k:] if other <= one + 2.0 * tolerance] for k, one in enumerate(ordered)]
+    longest = max(runs, key=len, default=[0.0])
+    return 0.5 * (longest[0] + longest[-1])
 
 
 def test_modes_are_those_of_each_pair() -> None:
@@ -78,8 +78,15 @@ def test_modes_are_those_of_each_pair() -> None:
     values = rng.normal(size=sizes.sum())
     values[rng.random(len(values)) < 0.02] = np.nan
     starts = np.r_[0, np.cumsum(sizes)[:-1]]
-    alone = [mode_of(part) for part in np.split(values, starts[1:])]
-    np.testing.assert_array_equal(ties._compute_modes(values, starts, sizes), alone)
+    alone = [mode_of(part, 0.5) for part in np.split(values, starts[1:])]
+    np.testing.assert_array_equal(ties._compute_modes(values, np.full(len(values), 0.5), starts, sizes), alone)
+
+
+def test_a_wave_of_parallaxes_is_no_wrong_match() -> None:
+    """Half of a sine's values lie at its crests, twice its amplitude from each other: all of them are right."""
+    wave = 3.0 * np.sin(np.linspace(0.0, 20.0, 60))
+    [mode] = ties._compute_modes(wave, np.full(60, 4.0), np.zeros(1, np.int64), np.array([60]))
+    assert np.abs(wave - mode).max() <= 4.0
 
 
 def test_right_ties_join_images_with_nearly_parallel_rays() -> None:
