@@ -23,6 +23,7 @@ from qgis.PyQt.QtGui import QFont
 
 from .translation import tr
 
+QUICK_LOOKS = "quick_looks"  # folder in that of a result
 STATE_BEFORE, STATE_AFTER = "before", "after"  # ends of the names of quick-looks
 FLICKER_MS = 800
 TABLE_FIELDS = ("id", "role", "residual_east_m", "residual_north_m", "residual_height_m")
@@ -49,12 +50,12 @@ class Comparison(QObject):
         self.swap()
 
     def swap(self) -> None:
-        """Show the other images: the layers whose names end with the state."""
+        """Show the quick-looks of the other state."""
         self.shown = STATE_AFTER if self.shown == STATE_BEFORE else STATE_BEFORE
         for node in QgsProject.instance().layerTreeRoot().findLayers():
-            state = node.name().rpartition("_")[2]
-            if state in (STATE_BEFORE, STATE_AFTER):
-                node.setItemVisibilityChecked(state == self.shown)
+            path = Path(node.layer().source() if node.layer() is not None else "")
+            if path.parent.name == QUICK_LOOKS:
+                node.setItemVisibilityChecked(path.stem.endswith(f"_{self.shown}"))
 
 
 def make_print_layout(canvas: Any) -> QgsPrintLayout:

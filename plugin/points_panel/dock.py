@@ -6,9 +6,7 @@ import math
 import os
 from typing import Any
 
-from qgis.core import (
-    QgsApplication,
-)
+from qgis.core import QgsApplication
 from qgis.PyQt.QtCore import QEvent, QModelIndex, Qt, pyqtSignal
 from qgis.PyQt.QtWidgets import QDockWidget
 

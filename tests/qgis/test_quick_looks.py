@@ -68,9 +68,12 @@ def test_comparison_shows_one_state_at_a_time(result: Path, qgis_new_project) ->
     project = QgsProject.instance()
     for path in (result / "quick_looks").glob("*.tif"):
         project.addMapLayer(QgsRasterLayer(str(path), path.stem))
+    project.addMapLayer(QgsVectorLayer("Point?crs=EPSG:4326", "flood_before", "memory"))  # the user's own
 
     def shown() -> set[str]:
-        return {node.name().rpartition("_")[2] for node in project.layerTreeRoot().findLayers() if node.isVisible()}
+        names = {node.name() for node in project.layerTreeRoot().findLayers() if node.isVisible()}
+        assert "flood_before" in names
+        return {name.rpartition("_")[2] for name in names - {"flood_before"}}
 
     comparison = Comparison()
     comparison.switch(True)

@@ -86,7 +86,7 @@ def test_panel_and_dialogs_are_german(german, tmp_path: Path) -> None:
     panel = PointsDock(None, None, str(tmp_path))
     assert panel.windowTitle() == "HRSI Punkte"
     assert (panel.ui.adjust.text(), panel.ui.tie.text()) == ("Ausgleichen", "Verknüpfungspunkt")
-    assert "Restklaffungen folgen sofort" in panel.ui.live.toolTip()
+    assert "neu ausgleichen" in panel.ui.live.toolTip()
     assert panel.ui.empty.text().startswith("Neu… beginnt einen Block")
     titles = [panel.measurements_model.headerData(k, Qt.Orientation.Horizontal) for k in range(3)]
     assert titles == ["Bild", "Spalte", "Zeile"]
