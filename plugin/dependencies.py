@@ -26,7 +26,10 @@ def missing_package_message(error: ImportError | MissingPackageError) -> str | N
     None if the failed import is one of HRSI's own modules: that is a fault of HRSI.
     """
     if isinstance(error, MissingPackageError):
-        return f"Matching needs {error.package}, which this QGIS lacks: choose Plugins, HRSI, {MENU_ENTRY}"
+        return (
+            f"Matching and measuring in images need {error.package}, which this QGIS lacks: choose Plugins, HRSI, "
+            f"{MENU_ENTRY}"
+        )
     package = (error.name or "").partition(".")[0]
     if package in ("", __name__.partition(".")[0]):
         return None

@@ -14,6 +14,7 @@ from qgis.PyQt.QtWidgets import QDialog, QHBoxLayout, QLabel, QPushButton, QVBox
 
 from ..processing_algorithms import point_session, run
 from .background_task import BackgroundTask
+from .package_offer import offer_packages
 from .points_panel.dock import PointsDock
 from .translation import tr
 
@@ -86,13 +87,19 @@ class FirstSteps(QDialog):
         self.refresh()
 
     def show_in_front(self) -> None:
-        """Show the window in front of the main window."""
+        """Show the window in front of the others, at the lower left: over the tables of the panel, not its images."""
         self.show()
+        free = self.screen().availableGeometry()
+        self.move(free.left(), free.bottom() - self.frameGeometry().height())
         self.raise_()
         self.activateWindow()
 
+    def tell(self, text: str) -> None:
+        """Show a message below the steps."""
+        self.note.setText(text)
+
     def step(self) -> int:
-        """Return the next step: 0 to 3, 4 at the end."""
+        """Return the number of the next step."""
         session = self._dock.session
         if not self.missing[0] or self.missing[0] not in session.points:
             return 0
@@ -112,7 +119,8 @@ class FirstSteps(QDialog):
         """Simulate the example in the background, and open it in the panel."""
         if not self._dock.files.may_leave():
             return
-        self.note.setText(tr("making the images …"))
+        offer_packages()  # the second step needs them
+        self.tell(tr("making the images …"))
         simulate = partial(run, "simulate", output_dir=str(self.folder), overwrite=True, **EXAMPLE)
         title = tr("HRSI: making the example")
         self._task = BackgroundTask(title, lambda progress: simulate(progress=progress), self._on_simulation_end)
@@ -130,22 +138,25 @@ class FirstSteps(QDialog):
             del session.measured[self.missing]  # not an edit
             self._dock.show_session(session, self.missing[0])
             self._dock.show()
-        self.note.setText("" if task.is_done else task.failure or tr("cancelled"))
+            self.show_in_front()
+        self.tell("" if task.is_done else task.failure or tr("cancelled"))
         self.refresh()
 
     def show_point(self) -> None:
         """Show the GCP at its predicted position."""
         self._dock.show()
+        self.show_in_front()
         self._dock.choose(self.missing[0])
         self._dock.ui.grid.frame_image(self.missing[1])
-        self.note.setText(tr("Click in the framed view of {}").format(self.missing[1]))
+        self.tell(tr("Click in the framed view of {}").format(self.missing[1]))
 
     def adjust(self) -> None:
         """Adjust, as the button of the panel does."""
         self._dock.adjust()
 
     def show_arrows(self) -> None:
-        """Save the block, and load its residual layers."""
+        """Save the block, and load its residual layers; the panel is hidden, so that the map is seen."""
+        self._dock.hide()
         path = str(self.folder / "block.gpkg")
         self._dock.files.save_as(path)
         project = QgsProject.instance()
@@ -160,7 +171,7 @@ class FirstSteps(QDialog):
             extent.scale(1.3)
             self._canvas.setExtent(extent)
             self._canvas.refresh()
-        self.note.setText(
+        self.tell(
             tr(
                 "This was the last step. Use New… in the panel for your own block, and the toolbox for all other "
                 "algorithms."

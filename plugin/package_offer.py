@@ -9,7 +9,7 @@ from typing import Any
 from qgis.core import Qgis, QgsApplication, QgsSettings
 from qgis.gui import QgsMessageBar
 from qgis.PyQt.QtCore import QProcess, Qt, QTimer
-from qgis.PyQt.QtWidgets import QMessageBox, QPushButton, QWidget
+from qgis.PyQt.QtWidgets import QApplication, QDialog, QDockWidget, QMessageBox, QPushButton, QWidget
 from qgis.utils import iface
 
 from ..hrsi_engine.foundation.errors import InputError
@@ -33,8 +33,16 @@ OFFER_AFTER_MS = 1000  # QGIS shows "Task failed" above earlier messages
 
 @in_main_thread
 def offer_packages() -> None:
-    """Offer the packages that matching needs above the map, if there is a desktop and pip is there."""
-    if iface is not None and list_missing_packages():
+    """Offer the packages that matching needs, if some are missing and there is a desktop.
+
+    This is a message above the map, or a dialog over the panel or the tour, which may cover the map.
+    """
+    window = QApplication.activeWindow()
+    if iface is None or not list_missing_packages():
+        return
+    if isinstance(window, (QDockWidget, QDialog)) and window.parent() is iface.mainWindow():
+        PackageOffer(iface.messageBar(), window).show()
+    else:
         offer = PackageOffer(iface.messageBar(), iface.mainWindow())
         QTimer.singleShot(OFFER_AFTER_MS, lambda: offer.push())  # the function keeps the offer alive
 
@@ -62,18 +70,22 @@ def compile_in_background(parent: QWidget) -> QProcess | None:
 
 
 class PackageOffer:
-    """Offers the missing packages in a dialog or in the message bar, which also shows the result."""
+    """Offers the missing packages in a dialog or in the message bar, which also shows the result.
+
+    ``parent`` is the main window, or the panel or tour in front of it, which show the result too.
+    """
 
     def __init__(self, bar: QgsMessageBar, parent: QWidget | None = None) -> None:
         self._bar, self._parent = bar, parent
         self.folder = package_folder(QgsApplication.qgisSettingsDirPath())
         self._missing = list_missing_packages()
         self._command = install_command(self._missing, self.folder)
+        names = ", ".join(self._missing)
+        self._text = tr("Matching and measuring in images need {}, which this QGIS lacks.").format(names)
 
     def push(self) -> None:
         """Offer the packages in the message bar, by one button."""
-        names = ", ".join(self._missing)
-        item = self._bar.createMessage("HRSI", tr("Matching needs {}, which this QGIS lacks.").format(names))
+        item = self._bar.createMessage("HRSI", self._text)
         button = QPushButton(tr("Install") if can_install() else tr("Show the command"), item)
         button.setToolTip(quote_command(self._command))
         button.clicked.connect(lambda _checked=False: self.install() if can_install() else self.show())
@@ -83,11 +95,11 @@ class PackageOffer:
     def show(self) -> None:
         """Offer the packages in a dialog with the command; show a message if none is missing."""
         if not self._missing:
-            self._bar.pushMessage("HRSI", tr("All packages that matching needs are there."), Qgis.MessageLevel.Info)
+            self._tell(tr("All packages that matching needs are there."), Qgis.MessageLevel.Info)
             return
         box = QMessageBox(self._parent)
         box.setWindowTitle(tr("HRSI: packages for matching"))
-        box.setText(tr("Matching needs {}, which this QGIS lacks.").format(", ".join(self._missing)))
+        box.setText(self._text)
         box.setInformativeText(f"{tr('The command for the Python of this QGIS is')}\n\n{quote_command(self._command)}")
         box.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         close: Any = box.addButton(QMessageBox.StandardButton.Close)
@@ -100,22 +112,27 @@ class PackageOffer:
 
     def install(self) -> None:
         """Run the command in the background."""
-        self._bar.clearWidgets()
         text = f"{tr('installing packages …')}  {quote_command(self._command)}"
-        self._bar.pushMessage("HRSI", text, Qgis.MessageLevel.Info, 0)
+        self._tell(text, Qgis.MessageLevel.Info, 0)
         BackgroundTask(
             tr("HRSI: installing packages"), lambda _progress: run_installer(self._command), self._on_end
         ).start()
 
     def _on_end(self, task: BackgroundTask) -> None:
-        self._bar.clearWidgets()
         if task.is_done:
             use_packages(self.folder)
-            self._bar.pushMessage("HRSI", tr("Installed. Matching works now."), Qgis.MessageLevel.Success)
-            if self._parent is not None:
-                compile_in_background(self._parent)
-        elif task.failure:
-            self._bar.pushMessage("HRSI", task.failure, Qgis.MessageLevel.Warning)
+            self._tell(tr("Installed. Matching works now."), Qgis.MessageLevel.Success)
+            if iface is not None:
+                compile_in_background(iface.mainWindow())
+        else:
+            self._tell(task.failure or tr("cancelled"), Qgis.MessageLevel.Warning)
+
+    def _tell(self, text: str, level: Qgis.MessageLevel, *duration_s: int) -> None:
+        """Show a message instead of the present one."""
+        self._bar.clearWidgets()
+        self._bar.pushMessage("HRSI", text, level, *duration_s)
+        if hasattr(self._parent, "tell"):
+            self._parent.tell(text)
 
 
 def run_installer(command: Sequence[str]) -> None:

@@ -872,8 +872,8 @@
       <translation>Zuordnungen</translation>
     </message>
     <message>
-      <source>Matching needs {}, which this QGIS lacks.</source>
-      <translation>Die Bildzuordnung braucht {}; das fehlt diesem QGIS.</translation>
+      <source>Matching and measuring in images need {}, which this QGIS lacks.</source>
+      <translation>Bildzuordnung und Messen in Bildern brauchen {}; das fehlt diesem QGIS.</translation>
     </message>
     <message>
       <source>Matching with the reference</source>
