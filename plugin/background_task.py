@@ -10,7 +10,9 @@ a CRS in the main thread only: in functions with `in_main_thread`. QGIS itself m
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -26,7 +28,7 @@ from .dependencies import missing_package_message
 
 CallArguments = ParamSpec("CallArguments")
 CallResult = TypeVar("CallResult")
-PATIENCE_S, POLL_S = 1.0, 0.1
+PATIENCE_S, POLL_S = 0.5, 0.1
 NEVER_MS = -1  # threads of Qt's pool do not end
 _BEGUN: set[BackgroundTask] = set()  # QGIS keeps only the C++ half of a task: the Python half must exist as long
 
@@ -84,15 +86,16 @@ def run_apart(work: Callable[[], Any], is_cancelled: Callable[[], bool] = lambda
     """
     if threading.get_ident() == threading.main_thread().ident:
         return work()
-    apart, patience_s = ThreadPoolExecutor(1), PATIENCE_S
+    apart, end_s = ThreadPoolExecutor(1), math.inf
     result = apart.submit(work)
     apart.shutdown(wait=False)
-    while patience_s > 0.0:
+    while time.monotonic() < end_s:
         with suppress(TimeoutError):
             return result.result(timeout=POLL_S)
         if result.done():
             return result.result()  # work that has raised a TimeoutError
-        patience_s -= POLL_S if is_cancelled() else 0.0
+        if end_s == math.inf and is_cancelled():
+            end_s = time.monotonic() + PATIENCE_S
     raise Cancelled("cancelled; nothing was written")
 
 

@@ -152,6 +152,7 @@ class FirstSteps(QDialog):
 
     def adjust(self) -> None:
         """Adjust, as the button of the panel does."""
+        self.tell("")
         self._dock.adjust()
 
     def show_arrows(self) -> None:

@@ -171,13 +171,13 @@ class Desktop:
             raise DesktopError("\n".join(filter(None, failures)))
         return answer["value"]
 
-    def wait(self, expression: str, seconds: float = WAIT_S) -> Any:
+    def wait(self, expression: str, seconds: float = WAIT_S, pause_s: float = 0.05) -> Any:
         """Ask until an expression is true; return its value."""
         end = time.monotonic() + seconds
         while not (value := self.ask(expression)):
             if time.monotonic() > end:
                 raise DesktopError(f"waited {seconds} s in vain for {expression}")
-            time.sleep(0.05)
+            time.sleep(pause_s)
         return value
 
     def picture(self, name: str) -> Path:
