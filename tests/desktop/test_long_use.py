@@ -27,7 +27,7 @@ from hrsi.tests.desktop.test_layers_stay import ENDED_S
 pytestmark = pytest.mark.programs
 MINUTES = float(os.environ.get("HRSI_SESSION_MINUTES", "0"))
 ACTIONS, SEED = (320 if MINUTES else 90), 17
-WARM_UP = 60  # actions in which every algorithm runs for the first time
+WARM_UP = 120 if MINUTES else 60  # actions in which every algorithm runs for the first time, and caches fill
 FIRST_RUNS, RUN_EVERY = (10, 20, 30, 40, 50), 50  # actions after which an algorithm runs
 LEAST_SHARE = 0.8  # of the pixels that a layer drew at the beginning: points move and change colour
 LARGEST_LEAK_MB = 0.1  # an action: 5000 of a long day are 0.5 GB
@@ -180,6 +180,7 @@ def work(operator: Operator) -> float:
             first_mb = read_memory_mb(desktop)
         if number % 40 == 0:
             desktop.picture(f"after_{number}")
+            print(f"after {number} actions: {read_memory_mb(desktop):.0f} MB", flush=True)
         time.sleep(max(0.0, began_s + 60.0 * MINUTES * number / ACTIONS - time.monotonic()))
     return (read_memory_mb(desktop) - first_mb) / (ACTIONS - WARM_UP)
 
