@@ -56,7 +56,8 @@ from .results import (
 from .translation import tr
 
 QUICK_LOOK_SOURCE = "block.gpkg|layername=images"  # of algorithms that adjust a block
-REMAINING_FROM, REMAINING_EVERY_S = 0.1, 5.0  # share of the work, and time, after which the remaining time is shown
+REMAINING_FROM, REMAINING_EVERY_S = 0.1, 5.0  # share of the work, and time, from which the remaining time is shown
+ENGINE_SHARE = 0.85  # of the time of a run, if quick-looks are made after it
 STEP_FEEDBACK = "QgsProcessingMultiStepFeedback"  # class in C++ of the feedback of a step of a model
 
 
@@ -135,7 +136,12 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
             if not is_given_up.is_set():
                 feedback.pushInfo(self._name_options(message))
 
-        told = Context(progress_to(feedback, is_given_up), log)
+        # A step of a model shows no layers: the model has outputs of its own
+        is_shown = context.project() is not None and feedback.metaObject().className() != STEP_FEEDBACK
+        makes_quick_looks = bool(
+            is_shown and QUICK_LOOK_SOURCE in self.declaration.layers and self._options["output_dir"]
+        )
+        told = Context(progress_to(feedback, is_given_up, ENGINE_SHARE if makes_quick_looks else 1.0), log)
         try:  # errors become one line, unexpected ones keep their traceback
             options = check_options(self.declaration, self._options)
             report = run_apart(lambda: self.declaration.execute(options, told), feedback.isCanceled)
@@ -163,9 +169,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
             elif verdict["level"] == Level.DOUBTFUL.label:
                 feedback.pushWarning(told_verdict)
         self._report = report
-        # A step of a model has none: the model has outputs of its own
-        is_shown = context.project() is not None and feedback.metaObject().className() != STEP_FEEDBACK
-        if QUICK_LOOK_SOURCE in self.declaration.layers and self._options["output_dir"] and is_shown:
+        if makes_quick_looks:
             from ..processing_algorithms.files.map_layers import write_quick_looks
 
             with suppress(HrsiError, OSError):  # the result itself is written
@@ -186,10 +190,13 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         return spell_arguments(message, self.declaration.params, label_of)
 
 
-def progress_to(feedback: QgsProcessingFeedback, is_given_up: threading.Event) -> Callable[[float, str], bool]:
+def progress_to(
+    feedback: QgsProcessingFeedback, is_given_up: threading.Event, engine_share: float = 1.0
+) -> Callable[[float, str], bool]:
     """Return the engine's progress callback for a QGIS feedback: it returns False if the user has cancelled.
 
-    From the first tenth on, the text above the progress bar has the time that remains at the present average speed.
+    ``engine_share`` is the share of the complete work after which the engine has ended. From the first tenth on, the text above
+    the progress bar has the time that remains at the present average speed.
     """
     began_s, shown, told_s, done = time.monotonic(), "", -math.inf, 0.0
 
@@ -197,13 +204,13 @@ def progress_to(feedback: QgsProcessingFeedback, is_given_up: threading.Event) -
         nonlocal shown, told_s, done
         if is_given_up.is_set():
             return False
-        done = fraction = max(done, fraction)  # an adjustment with further iterations begins its part again
+        # An adjustment with further iterations begins its part again
+        done = fraction = max(done, engine_share * fraction)
         feedback.setProgress(100.0 * fraction)
         passed_s = time.monotonic() - began_s
-        is_due = passed_s - told_s > REMAINING_EVERY_S and passed_s > REMAINING_EVERY_S
-        if (message and message != shown) or (is_due and fraction > REMAINING_FROM):
+        if (message and message != shown) or passed_s - told_s > REMAINING_EVERY_S:
             shown, told_s = message or shown, passed_s
-            text = describe_remaining(fraction, passed_s) if is_due else ""
+            text = describe_remaining(fraction, passed_s) if passed_s > REMAINING_EVERY_S else ""
             feedback.setProgressText(f"{shown} {text}".strip())
         return not feedback.isCanceled()
 
