@@ -195,8 +195,8 @@ def progress_to(
 ) -> Callable[[float, str], bool]:
     """Return the engine's progress callback for a QGIS feedback: it returns False if the user has cancelled.
 
-    ``engine_share`` is the share of the complete work after which the engine has ended. From the first tenth on, the text above
-    the progress bar has the time that remains at the present average speed.
+    ``engine_share`` is the share of the complete work after which the engine has ended. From the first tenth on, the
+    text above the progress bar has the time that remains at the present average speed.
     """
     began_s, shown, told_s, done = time.monotonic(), "", -math.inf, 0.0
 
