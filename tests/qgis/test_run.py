@@ -153,7 +153,7 @@ def test_missing_package_is_offered(run_tiny, monkeypatch) -> None:
     desktop.messageBar.return_value, desktop.mainWindow.return_value = bar, None
     monkeypatch.setattr("hrsi.plugin.package_offer.iface", desktop)
     monkeypatch.setattr("hrsi.plugin.package_offer.list_missing_packages", lambda: ["opencv-python-headless"])
-    with pytest.raises(QgsProcessingException, match=r"Matching and measuring in images need opencv-python-headless.*Packages for matching"):
+    with pytest.raises(QgsProcessingException, match=r"need opencv-python-headless.*Packages for matching"):
         run_tiny(TEXT="no opencv")
     wait_for(lambda: bar.currentItem() is not None)
     (button,) = (one for one in bar.currentItem().findChildren(QPushButton) if one.text() == "Install")
