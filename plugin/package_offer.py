@@ -131,8 +131,8 @@ class PackageOffer:
         """Show a message instead of the present one."""
         self._bar.clearWidgets()
         self._bar.pushMessage("HRSI", text, level, *duration_s)
-        if hasattr(self._parent, "tell"):
-            self._parent.tell(text)
+        if (show := getattr(self._parent, "tell", None)) is not None:
+            show(text)
 
 
 def run_installer(command: Sequence[str]) -> None:
