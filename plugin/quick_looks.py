@@ -23,7 +23,7 @@ from qgis.PyQt.QtGui import QFont
 
 from .translation import tr
 
-QUICK_LOOKS = "quick_looks"  # folder in that of a result
+QUICK_LOOK_FOLDER = "quick_looks"  # folder in that of a result
 STATE_BEFORE, STATE_AFTER = "before", "after"  # ends of the names of quick-looks
 FLICKER_MS = 800
 TABLE_FIELDS = ("id", "role", "residual_east_m", "residual_north_m", "residual_height_m")
@@ -54,7 +54,7 @@ class Comparison(QObject):
         self.shown = STATE_AFTER if self.shown == STATE_BEFORE else STATE_BEFORE
         for node in QgsProject.instance().layerTreeRoot().findLayers():
             path = Path(node.layer().source() if node.layer() is not None else "")
-            if path.parent.name == QUICK_LOOKS:
+            if path.parent.name == QUICK_LOOK_FOLDER:
                 node.setItemVisibilityChecked(path.stem.endswith(f"_{self.shown}"))
 
 
