@@ -12,6 +12,13 @@ from types import ModuleType
 
 import pytest
 
+from hrsi.hrsi_engine.adjustment.external.heights import HEIGHTS
+from hrsi.hrsi_engine.adjustment.outcome.area_accuracy import AREA_ACCURACY
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground import geoids
+from hrsi.hrsi_engine.ground.geoids import GEOID
+from hrsi.hrsi_engine.results.verdict.significance import EFFECT
+from hrsi.hrsi_engine.surface.dem import dem_sigma_m
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.command_line.command_parser import COMMANDS, LINE_PARAMS, algorithm_parser
 from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS, Algorithm, spell_arguments, value_facts
@@ -80,6 +87,54 @@ def test_commands_in_texts_are_right(page: str, command: str):
     given = algorithm_parser(REGISTRY[name]).parse_words(words)
     own = {param.key for param in LINE_PARAMS}
     check_options(REGISTRY[name], {key: value for key, value in given.items() if key not in own})
+
+
+def _find_numbers(page: str, sentence: str) -> list[float]:
+    """Return the numbers of a sentence of a page, which has to be there once; ``#`` stands for each number."""
+    text = " ".join((ROOT / "docs" / page).read_text(encoding="utf-8").split())
+    pattern = re.escape(sentence).replace(re.escape("#"), r"([\d.]*\d)")
+    [match] = re.finditer(pattern, text)
+    return [float(number) for number in match.groups()]
+
+
+def test_sentences_state_the_limits_of_the_code():
+    """Figures of sentences on accuracy, surfaces and geoids are those of the code, not copies that were true once."""
+    gsds = AREA_ACCURACY.determined_gsds
+    assert _find_numbers("verdict.md", "the predicted LE90 more than # times GSD × B/H") == [gsds]
+    limits = _find_numbers(
+        "verdict.md", "With pixels of # m, the limit of LE90 is # m at 24° (B/H #), and # m at 6.5° (B/H #)"
+    )
+    pixel_m, *pairs = limits
+    for limit_m, base_to_height in (pairs[:2], pairs[2:]):
+        assert limit_m == pytest.approx(gsds * pixel_m * base_to_height, rel=0.05)
+    assert _find_numbers("verdict.md", "by more than # standard deviations of the pointing") == [EFFECT.doubtful_factor]
+    assert _find_numbers("what-it-cannot-detect.md", "# standard deviations of heights by RPCs") == [
+        EFFECT.doubtful_factor
+    ]
+    assert HEIGHTS.dem_whole == 0.8  # "four fifths" of the page and of the option
+    assert not _find_numbers("how-to/surface.md", "Four fifths of it are a common error of all heights in their weight")
+    share, cell_m = _find_numbers("how-to/surface.md", "by default # m plus a tenth of its cell size (3.3 m for # m)")
+    assert dem_sigma_m(cell_m) == pytest.approx(share + 0.1 * cell_m)
+    assert GEOID.substitute_sigma_m == _find_numbers("how-to/heights.md", "counts with # m (standard deviation)")[0]
+
+
+def test_a_missing_geoid_is_replaced_as_the_page_states(monkeypatch: pytest.MonkeyPatch):
+    """By the finest installed model, with its name; without any grid it is an error, never zero."""
+    assert not _find_numbers("how-to/heights.md", "the finest installed model replaces it")
+    assert not _find_numbers("how-to/heights.md", "Without any grid it is an error.")
+    monkeypatch.setattr(geoids, "_open_grid", lambda file: file == geoids.GEOID_GRIDS["egm96"][0] or None)
+    assert geoids.find_geoid("egm2008") == geoids.Geoid("egm96", geoids.GEOID_GRIDS["egm96"][0], "egm2008")
+    monkeypatch.setattr(geoids, "_open_grid", lambda file: None)
+    with pytest.raises(InputError, match="not installed"):
+        geoids.find_geoid("egm2008")
+
+
+def test_the_cost_of_jitter_is_that_of_its_table():
+    low, high = _find_numbers("jitter.md", "takes # to # times the processor time with `--jitter auto`")
+    page = (ROOT / "docs" / "jitter.md").read_text(encoding="utf-8")
+    table = page.split("<!-- cost: made by jitter_cost.py -->")[1].split("<!--")[0]
+    ratios = [float(row.split("|")[-2]) for row in table.splitlines() if re.search(r"\d +\|$", row)]
+    assert (low, high) == pytest.approx((min(ratios), max(ratios)), abs=0.05)
 
 
 @pytest.mark.programs
