@@ -16,12 +16,13 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.benchmarks.wrong_inputs import PLACES
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, judge
@@ -45,6 +46,9 @@ from hrsi.hrsi_engine.laboratory.simulation.options import LANDFORMS, FreeDemSpe
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 TWO, THREE = (12.0, -12.0), (15.0, 2.0, -16.0)
+PAGE = DOCS / "protocols/right_blocks.md"
+HEAD = ("blocks", "number", "ok", "doubtful", "unusable", "reasons", "CE90 %", "LE90 %", "ellipse %", "sigma %",
+        "CE90 found / predicted", "LE90", "CPU s")  # fmt: skip
 #: Wave amplitudes (px) and periods (lines) of jitter, of which the seed chooses.
 WAVES = ((0.3, 1000.0), (1.0, 3000.0), (1.8, 900.0), (3.0, 500.0), (1.0, 5000.0))
 #: Side of a scene on a free DEM, and its share of trees as by `surface.py`.
@@ -57,7 +61,7 @@ class Family:
     """A kind of block: sensors and landforms of which the seed chooses, images, points, errors, and how to adjust.
 
     lines : of each image; 0: of a scene of `SIDE_M`
-    cells_m : of a free DEM, 0 without; of a perfect terrain model if negative
+    cells_m : of a free DEM, 0 without; of a terrain model of 0.3 m if negative
     """
 
     sensors: tuple[str, ...]
@@ -129,7 +133,7 @@ def simulate(family: Family, seed: int) -> tuple[BlockSimulation, AdjustOptions]
         return simulated, family.options
     spec = FreeDemSpec(family.cells_m, TREES[landform] if family.trees_m == TREE_M else 0.2, family.trees_m)
     if family.cells_m < 0.0:
-        spec = FreeDemSpec(-family.cells_m, 0.0, 0.0, noise_m=0.0, common_m=0.0, place_m=0.0)
+        spec = FreeDemSpec(-family.cells_m, 0.0, 0.0, noise_m=0.15, common_m=0.24, place_m=0.0)  # together 0.3 m
     ground = simulated.truth.ground
     away_m = ground_difference_m(ground, np.broadcast_to([lon, lat, 0.0], ground.shape))
     reach = 1.2 * float(np.abs(away_m[:, :2]).max())
@@ -180,14 +184,15 @@ def compare_with_truth(result: Adjustment, simulated: BlockSimulation) -> tuple[
     return np.mean(inside, axis=1), np.array(ratios)
 
 
-def main(words: Sequence[str] | None = None, show: Callable[[str], Any] = print) -> None:
-    """Print the table."""
+def main(words: Sequence[str] | None = None) -> None:
+    """Print the table; ``--docs`` writes its rows into the page."""
     parser = argparse.ArgumentParser(prog="false_reasons.py", description=__doc__)
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES))
     parser.add_argument("--seeds", nargs=2, type=int, default=(70_000, 20), metavar=("FIRST", "COUNT"))
     parser.add_argument("--each", action="store_true", help="print each block, too")
+    parser.add_argument("--docs", action="store_true", help=f"write the rows into {PAGE.name}; the others stay")
     options = parser.parse_args(words)
-    rows = []
+    rows = {}
     for name in options.families:
         outcomes = list[Outcome]()
         for seed in range(options.seeds[0], sum(options.seeds)):
@@ -195,11 +200,14 @@ def main(words: Sequence[str] | None = None, show: Callable[[str], Any] = print)
             if options.each:
                 one = outcomes[-1]
                 print(name, seed, one.level, one.codes, np.round(100 * one.inside), one.ratios.round(2), flush=True)
-        rows.append(summarise(name, outcomes))
-        show(str(rows[-1]))
-    head = ("blocks", "number", "ok", "doubtful", "unusable", "reasons", "CE90 %", "LE90 %", "ellipse %", "sigma %",
-            "CE90 found / predicted", "LE90", "CPU s")  # fmt: skip
-    print(render(head, rows))
+        rows[name] = summarise(name, outcomes)
+        print(rows[name], flush=True)
+    print(render(HEAD, list(rows.values())))
+    if options.docs:
+        table = PAGE.read_text(encoding="utf-8").split("<!-- right blocks:")[1].split("<!-- end of")[0]
+        cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if "|" in line]
+        rows = {cell[0]: cell for cell in cells} | rows
+        put_between(PAGE, "right blocks", render(HEAD, [rows[name] for name in FAMILIES if name in rows]))
 
 
 def summarise(name: str, outcomes: Sequence[Outcome]) -> list[str]:
