@@ -19,6 +19,9 @@ class SOLUTION:
     implausible_factor: float = threshold(
         2.5, "", "smallest reported residuals, of a group or of all (sigma0), over the given sigmas", SOUND_BLOCKS
     )
+    smallest_sigma_px: float = threshold(
+        0.05, "px", "smallest standard deviation of image points in a block: cameras have errors of this size"
+    )
     implausible_drift: float = threshold(
         5.0, "sigma", "largest drift of an image that no GCPs confirm, in a priori sigmas of its sensor", SOUND_BLOCKS
     )
@@ -55,6 +58,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
         f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
         for part in result.variance_components
         if part.estimated and part.unit in ("px", "m") and part.factor >= SOLUTION.implausible_factor
+        and (part.unit == "m" or part.sigma >= SOLUTION.implausible_factor * SOLUTION.smallest_sigma_px)
         and is_significant(part.factor**2 * part.redundancy, part.redundancy)
     ]  # fmt: skip
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
