@@ -50,6 +50,7 @@ from .results import (
     drop_unlistable_outputs,
     headline,
     output_definitions,
+    show_folder,
     show_in_message_bar,
     show_layers,
 )
@@ -175,6 +176,10 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
             with suppress(HrsiError, OSError):  # the result itself is written
                 run_apart(lambda: write_quick_looks(report, self._options["output_dir"]))
         show_layers(self.declaration, self._options, report, context)
+        if "map" in report and is_shown:
+            title = f"{self.displayName()}: {Path(self._options['folder']).resolve().name}"
+            with suppress(HrsiError, OSError):  # the project file is written
+                show_folder(report, title, context)
         made = collect_results(self.declaration, self._options, report)
         return drop_unlistable_outputs(made, feedback)
 

@@ -1,6 +1,6 @@
 """Results of an algorithm for QGIS: its files, the layers for the map, and the verdict."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 from textwrap import shorten
@@ -36,6 +36,7 @@ from .translation import tr
 
 BATCH_LISTS_REPORTS = 32800  #: version of QGIS since which a batch can list reports; QGIS 3.22 raises a TypeError
 TEMPORARY = "OUTPUT_DIR"  #: name of a temporary folder in QGIS: that of the parameter
+LOWEST = "hrsi/lowest"  #: property of a layer below all others of its group
 REPORT, REPORT_HTML, VERDICT, IMAGES_MADE = "REPORT", "REPORT_HTML", "VERDICT", "IMAGES_MADE"
 
 
@@ -116,11 +117,25 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     folder = Path(options["output_dir"]).name
     group = f"HRSI {tr(declaration.title)}" + (f": {folder}" if folder != TEMPORARY else "")
     rasters = list_written_images(report) if declaration.are_maps else list_quick_looks(options)
-    for source in [*rasters, *_list_layers(declaration, options)]:
+    load_sources([*rasters, *_list_layers(declaration, options)], group, context)
+
+
+def show_folder(report: Report, title: str, context: QgsProcessingContext) -> None:
+    """Schedule loading of what a folder contains, before anything is adjusted: images, points and the DEM."""
+    from ..processing_algorithms.files.map_layers import write_folder_map  # loads the engine
+
+    place = Path(QgsProcessingUtils.generateTempFilename("map"))
+    place.mkdir(parents=True, exist_ok=True)
+    load_sources(write_folder_map(report["map"], str(place)), f"HRSI {title}", context, report["map"]["dems"])
+
+
+def load_sources(sources: Sequence[str], group: str, context: QgsProcessingContext, lowest: Sequence[str] = ()) -> None:
+    """Schedule loading of files and layers into a group of the project, ``lowest`` below all others."""
+    for source in sources:
         name = layer_name(source)
         details = QgsProcessingContext.LayerDetails(name, context.project(), name)
         # A post-processor that exists until its owner, the Processing context, deletes it
-        processor = Placement(group)
+        processor = Placement(group, source in lowest)
         sip.transferto(processor, None)
         _ALIVE[:] = [other for other in _ALIVE if not sip.isdeleted(other)] + [processor]
         details.setPostProcessor(processor)
@@ -130,15 +145,17 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
 class Placement(QgsProcessingLayerPostProcessorInterface):
     """Moves a loaded layer to the top of the run's group, and loads the style from its GeoPackage."""
 
-    def __init__(self, group: str) -> None:
+    def __init__(self, group: str, is_lowest: bool) -> None:
         super().__init__()
-        self._group = group
+        self._group, self._is_lowest = group, is_lowest
 
     def postProcessLayer(
         self, layer: QgsMapLayer, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> None:
         if isinstance(layer, QgsVectorLayer):
             layer.loadDefaultStyle()
+        if self._is_lowest:
+            layer.setCustomProperty(LOWEST, True)
         root = context.project().layerTreeRoot()
         group = root.findGroup(self._group) or root.insertGroup(0, self._group)
         node = root.findLayer(layer.id())
@@ -153,6 +170,8 @@ class Placement(QgsProcessingLayerPostProcessorInterface):
 
 def _rank(node: QgsLayerTreeNode) -> int:
     layer = node.layer() if isinstance(node, QgsLayerTreeLayer) else None
+    if layer is not None and layer.customProperty(LOWEST):
+        return 4
     if not isinstance(layer, QgsVectorLayer):
         return 3 if node.name().endswith(f"_{STATE_BEFORE}") else 2
     return int(layer.geometryType() == QgsWkbTypes.GeometryType.PolygonGeometry)

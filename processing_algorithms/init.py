@@ -25,7 +25,7 @@ def run(options: InitOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "project": path, "question": made.question, "decisions": made.decisions,
         "table": describe_folder(made, os.path.abspath(options.folder)),
-        "files": [vars(one) for one in made.roles],
+        "files": [vars(one) for one in made.roles], "map": made.list_map(),
         "steps": {step: {"status": "left out", "told": reason} for step, reason in made.left_out.items()},
     }  # fmt: skip
     if context.dry_run:

@@ -52,6 +52,20 @@ class Understanding:
         """Roles of all files."""
         return self.content.roles
 
+    def list_map(self) -> dict[str, Any]:
+        """Return what a map of the block shows before it is adjusted: images, ground points by file, and the DEM."""
+        sources = [one for one in self.content.sources if one.ground is not None]
+        return {
+            "images": [image.path for image in self.content.images],
+            "points": [
+                {"id": str(name), "file": one.name, "lon": lon, "lat": lat, "height": height}
+                for one in sources
+                if one.ground is not None
+                for name, (lon, lat, height) in zip(one.ground.ids, one.ground.ground.tolist(), strict=True)
+            ],
+            "dems": [path for one in self.content.heights if one.path == self.shared.get("dem") for path in one.paths],
+        }
+
 
 def understand(content: FolderContent, height_datum: str | None = None) -> Understanding:
     """Return the decisions on the content of a folder; ``height_datum`` is the user's answer to the question."""

@@ -4,14 +4,16 @@ plugin, and the map that shows what was made."""
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import processing
 import pytest
-from qgis.core import QgsProject, QgsRasterLayer, QgsVectorLayer
+from qgis.core import QgsGeometry, QgsProcessingFeedback, QgsProject, QgsRasterLayer, QgsVectorLayer
 
+from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.processing_algorithms import run
 from hrsi.tests.qgis.profile import REPOSITORY, qgis_process, qgis_process_program
 
@@ -79,3 +81,34 @@ def test_map_shows_the_result_in_its_group(hrsi_provider, qgis_new_project, bloc
     names = [layer.name() for layer in quick_looks]  # those after the adjustment above those before
     assert names == ["image_2_after", "image_1_after", "image_2_before", "image_1_before"]
     assert len(root.findLayers()) == 9  # no layer stands outside its group
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["decided", "with a question"])
+def test_a_new_block_is_on_the_map_before_it_is_adjusted(
+    hrsi_provider, qgis_new_project, block: Path, tmp_path: Path, stated: bool
+) -> None:
+    """Footprints, quick-looks, points and DEM where the given RPCs put them; the table of all files is in the log."""
+    folder = tmp_path / "delivery"
+    folder.mkdir()
+    names = ["image_1.tif", "ground_points.csv", "image_points.csv", *(["image_2.tif", "dem.tif"] if stated else [])]
+    for name in names:
+        shutil.copy(block / name, folder)
+    feedback = QgsProcessingFeedback(False)
+    processing.runAndLoadResults("hrsi:init", {"FOLDER": str(folder)}, feedback=feedback)
+    for line in ("image_1.tif\xa0", "ground points with roles: 6 GCPs, 4 check points", "image measurements"):
+        assert line in feedback.textLog()
+    assert ("question:" in feedback.textLog()) != stated and (folder / "project.toml").exists()
+    (group,) = QgsProject.instance().layerTreeRoot().findGroups()
+    layers = [node.layer() for node in group.findLayers()]
+    assert group.name() == "HRSI New block from a folder: delivery" and all(layer.isValid() for layer in layers)
+    points, footprints, *rasters = layers
+    assert [layer.name() for layer in layers[:2]] == ["ground_points", "images"]
+    assert [layer.name() for layer in rasters] == (["image_2", "image_1", "dem"] if stated else ["image_1"])
+    truth = read_points(str(block / "ground_points.csv"), height_datum="ellipsoidal").ground
+    shown = {one["id"]: one.geometry().asPoint() for one in points.getFeatures()}
+    assert truth is not None and shown.keys() == set(truth.ids)
+    for name, (lon, lat, _) in zip(truth.ids, truth.ground, strict=True):
+        assert (shown[name].x(), shown[name].y()) == pytest.approx((lon, lat), abs=1e-9)
+    for raster, outline in zip(rasters[: 1 + stated][::-1], footprints.getFeatures(), strict=True):
+        assert raster.extent().intersects(outline.geometry().boundingBox())
+        assert outline.geometry().contains(QgsGeometry.fromPointXY(raster.extent().center()))
