@@ -49,10 +49,11 @@ from .results import (
     collect_results,
     drop_unlistable_outputs,
     headline,
+    load_sources,
     output_definitions,
-    show_folder,
     show_in_message_bar,
     show_layers,
+    write_folder_layers,
 )
 from .translation import tr
 
@@ -177,9 +178,10 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
                 run_apart(lambda: write_quick_looks(report, self._options["output_dir"]))
         show_layers(self.declaration, self._options, report, context)
         if "map" in report and is_shown:
-            title = f"{self.displayName()}: {Path(self._options['folder']).resolve().name}"
+            group = f"HRSI {self.displayName()}: {Path(self._options['folder']).resolve().name}"
             with suppress(HrsiError, OSError):  # the project file is written
-                show_folder(report, title, context)
+                sources = run_apart(lambda: write_folder_layers(report))
+                load_sources(sources, group, context, report["map"]["dems"])
         made = collect_results(self.declaration, self._options, report)
         return drop_unlistable_outputs(made, feedback)
 

@@ -120,13 +120,13 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     load_sources([*rasters, *_list_layers(declaration, options)], group, context)
 
 
-def show_folder(report: Report, title: str, context: QgsProcessingContext) -> None:
-    """Schedule loading of what a folder contains, before anything is adjusted: images, points and the DEM."""
+def write_folder_layers(report: Report) -> list[str]:
+    """Write layers of what a folder contains, before anything is adjusted, and return the sources for the map."""
     from ..processing_algorithms.files.map_layers import write_folder_map  # loads the engine
 
     place = Path(QgsProcessingUtils.generateTempFilename("map"))
     place.mkdir(parents=True, exist_ok=True)
-    load_sources(write_folder_map(report["map"], str(place)), f"HRSI {title}", context, report["map"]["dems"])
+    return write_folder_map(report["map"], str(place))
 
 
 def load_sources(sources: Sequence[str], group: str, context: QgsProcessingContext, lowest: Sequence[str] = ()) -> None:

@@ -13,7 +13,7 @@ from ...hrsi_engine.block.imaging_geometry import compute_footprint
 from ...hrsi_engine.ground.geodesy import WGS84, WGS84_3D
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names, text_columns
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from ...hrsi_engine.io.rasters.images import open_image
+from ...hrsi_engine.io.rasters.images import close_images, open_image
 from ...hrsi_engine.io.rasters.quick_looks import write_quick_look
 
 QUICK_LOOKS, STATES = "quick_looks", ("before", "after")
@@ -41,13 +41,16 @@ def write_quick_looks(report: dict[str, Any], folder: str) -> None:
         return
     table = text_columns(os.path.join(folder, "block.gpkg"), "images", ("id", "footprint_height_m"))
     heights = dict(zip(table["id"], map(float, table["footprint_height_m"]), strict=True))
-    for name, entry in list(entries.items())[:MOST_IMAGES]:
-        image = open_image(entry["path"])
-        if image.raster is not None:
-            os.makedirs(os.path.join(folder, QUICK_LOOKS), exist_ok=True)
-            for state, rpc in zip(STATES, (image.rpc, open_image(entry["output"]).rpc), strict=True):
-                path = os.path.join(folder, QUICK_LOOKS, f"{name}_{state}.tif")
-                write_quick_look(image, rpc, heights[name], path)
+    try:
+        for name, entry in list(entries.items())[:MOST_IMAGES]:
+            image = open_image(entry["path"])
+            if image.raster is not None:
+                os.makedirs(os.path.join(folder, QUICK_LOOKS), exist_ok=True)
+                for state, rpc in zip(STATES, (image.rpc, open_image(entry["output"]).rpc), strict=True):
+                    path = os.path.join(folder, QUICK_LOOKS, f"{name}_{state}.tif")
+                    write_quick_look(image, rpc, heights[name], path)
+    finally:
+        close_images()
 
 
 def write_folder_map(shown: Mapping[str, Any], folder: str) -> list[str]:
@@ -56,18 +59,21 @@ def write_folder_map(shown: Mapping[str, Any], folder: str) -> list[str]:
     shown : the entry ``map`` of the report of `init`; folder : of the new files
     Raises `OutputError` if a file cannot be written.
     """
-    images = [open_image(path) for path in shown["images"]]
-    outlines = [compute_footprint(image, image.middle_height_m) for image in images]
-    columns = {"id": np.array([image.id for image in images]), "path": np.array([image.path for image in images])}
-    layers = [Layer("images", "Polygon", WGS84, outlines, columns)]
-    if points := shown["points"]:
-        place = np.array([[row["lon"], row["lat"], row["height"]] for row in points])
-        texts = {key: np.array([row[key] for row in points]) for key in ("id", "file")}
-        layers.append(Layer("ground_points", "PointZ", WGS84_3D, place, texts))
-    path = os.path.join(folder, "folder.gpkg")
-    write_geopackage(path, layers)
-    quick_looks = []
-    for image in [image for image in images if image.raster is not None][:MOST_IMAGES]:
-        quick_looks.append(os.path.join(folder, f"{image.id}.tif"))
-        write_quick_look(image, image.rpc, image.middle_height_m, quick_looks[-1])
+    try:
+        images = [open_image(path) for path in shown["images"]]
+        outlines = [compute_footprint(image, image.middle_height_m) for image in images]
+        columns = {"id": np.array([image.id for image in images]), "path": np.array([image.path for image in images])}
+        layers = [Layer("images", "Polygon", WGS84, outlines, columns)]
+        if points := shown["points"]:
+            place = np.array([[row["lon"], row["lat"], row["height"]] for row in points])
+            texts = {key: np.array([row[key] for row in points]) for key in ("id", "file")}
+            layers.append(Layer("ground_points", "PointZ", WGS84_3D, place, texts))
+        path = os.path.join(folder, "folder.gpkg")
+        write_geopackage(path, layers)
+        quick_looks = []
+        for image in [image for image in images if image.raster is not None][:MOST_IMAGES]:
+            quick_looks.append(os.path.join(folder, f"{image.id}.tif"))
+            write_quick_look(image, image.rpc, image.middle_height_m, quick_looks[-1])
+    finally:
+        close_images()
     return [*shown["dems"], *quick_looks, *(f"{path}|layername={layer.name}" for layer in layers)]
