@@ -56,10 +56,8 @@ def predict_left_out(
     if not isinstance(camera, ImagePolynomial):
         return {model_name: np.array([np.mean(np.sum(error**2, axis=1)) for error in errors])}, ()
     values_without = values[:, :, None] - loop.system.solve(change.reshape(*values.shape, gcps))
-    squares, derivatives = (
-        sum_squares(problem, camera, solution),
-        compute_derivatives(problem, solution, control.points),
-    )
+    squares = sum_squares(problem, camera, solution)
+    derivatives = compute_derivatives(problem, solution, control.points)
     # the drift that a model omits also appears in the residuals of tie points
     tie = ~problem.observations.located[problem.observations.point]
     by_ties = replace(solution, factor=solution.factor * tie)

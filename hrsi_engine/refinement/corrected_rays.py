@@ -91,11 +91,9 @@ def intersect_frame_height(
     u = (sample + to_sample - constants[i, 12]) / constants[i, 14]
     v = (line + to_line - constants[i, 13]) / constants[i, 15]
     a = coefficients
-    dx, dy, dh = (
-        a[i, 0, 0] + a[i, 0, 1] * u + a[i, 0, 2] * v,
-        a[i, 1, 0] + a[i, 1, 1] * u + a[i, 1, 2] * v,
-        a[i, 2, 0] + a[i, 2, 1] * u + a[i, 2, 2] * v,
-    )
+    dx = a[i, 0, 0] + a[i, 0, 1] * u + a[i, 0, 2] * v
+    dy = a[i, 1, 0] + a[i, 1, 1] * u + a[i, 1, 2] * v
+    dh = a[i, 2, 0] + a[i, 2, 1] * u + a[i, 2, 2] * v
     roll, pitch = a[i, 3, 0] + a[i, 3, 1] * u + a[i, 3, 2] * v, a[i, 4, 0] + a[i, 4, 1] * u + a[i, 4, 2] * v
     yaw, psi_z = a[i, 5, 0] + a[i, 5, 1] * u + a[i, 5, 2] * v, a[i, 6, 0] + a[i, 6, 1] * u + a[i, 6, 2] * v
 

@@ -254,10 +254,9 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     left_out = np.linalg.solve(not_below, whitened[:, :, None])
     return Estimate(
         values=minimum.values, covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T,
-        residual_px=minimum.residual,
-        left_out_px=np.linalg.solve(minimum.roots, left_out)[:, :, 0], roots=minimum.roots, share=share,
-        sigma0=sigma0,
-        redundancy=redundancy, iterations=iterations, converged=status == CONVERGED, status=status,
+        residual_px=minimum.residual, left_out_px=np.linalg.solve(minimum.roots, left_out)[:, :, 0],
+        roots=minimum.roots, share=share, sigma0=sigma0, redundancy=redundancy,
+        iterations=iterations, converged=status == CONVERGED, status=status,
     )  # fmt: skip
 
 
@@ -287,28 +286,22 @@ def iterate_least_squares(
         damping_term = 0.5 * damping * float(by_values @ (_diagonal(state.matrix) * by_values))
         predicted_decrease = 0.5 * float(by_values @ equations.gradient(state)) + damping_term
         try:
-            return Step(
-                equations.linearise_at(state.values + sigmas * by_values, state.roots),
-                predicted_decrease,
-                damping_term,
-            )
+            ahead = equations.linearise_at(state.values + sigmas * by_values, state.roots)
         except SolveError as error:
             failures.append(error)
-            return Step(replace(state, cost=np.inf), predicted_decrease, damping_term)
+            ahead = replace(state, cost=np.inf)
+        return Step(ahead, predicted_decrease, damping_term)
 
     def variance(state: EquationState) -> float:
         return max(1.0, 2.0 * state.cost / freedom)
 
     state = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
-    first = steps
-    while (
-        steps < first + ESTIMATION.scaled_steps
-        and (misfit := float(np.sqrt(np.mean(state.right**2)))) > ESTIMATION.large_residual
-    ):
-        candidate = try_step(
-            state, solve_step(state.matrix / misfit, state.right / misfit, state.values, sigmas), 0.0
-        ).ahead
-        steps += 1
+    for _ in range(ESTIMATION.scaled_steps):
+        misfit = float(np.sqrt(np.mean(state.right**2)))
+        if misfit <= ESTIMATION.large_residual:
+            break
+        scaled = solve_step(state.matrix / misfit, state.right / misfit, state.values, sigmas)
+        candidate, steps = try_step(state, scaled, 0.0).ahead, steps + 1
         if not candidate.cost < state.cost:
             break
         state = candidate
@@ -317,9 +310,8 @@ def iterate_least_squares(
         state = equations.linearise_at(values)
         unsettled = state.cost > ESTIMATION.unsettled_ratio * previous_cost
         if gauss_newton_converges:
-            ended = descend(
-                state, step_gauss_newton, variance, min(ESTIMATION.gauss_newton_steps, ITERATIONS.most - steps)
-            )
+            limit = min(ESTIMATION.gauss_newton_steps, ITERATIONS.most - steps)
+            ended = descend(state, step_gauss_newton, variance, limit)
             state, steps, gauss_newton_converges = ended.at, steps + ended.steps, ended.converged
         if not gauss_newton_converges and steps < ITERATIONS.most:
             ended = descend(state, step_newton, variance, ITERATIONS.most - steps)

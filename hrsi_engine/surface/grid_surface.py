@@ -175,10 +175,8 @@ class GridSurface:
             tile = self._tiles.pop(place, None)
             if tile is None:
                 row, column = place[0] * SURFACE.tile, place[1] * SURFACE.tile
-                rows, columns = (
-                    min(SURFACE.tile + 1, self.shape[0] - row),
-                    min(SURFACE.tile + 1, self.shape[1] - column),
-                )
+                rows = min(SURFACE.tile + 1, self.shape[0] - row)
+                columns = min(SURFACE.tile + 1, self.shape[1] - column)
                 tile = np.asarray(self._read(row, column, rows, columns), dtype=np.float64)
             self._tiles[place] = tile
             while len(self._tiles) > SURFACE.tiles:

@@ -127,10 +127,8 @@ class SurfaceMatcher:
                 np.where(usable[:, None], self.place_m, 0.0), 1.5 * self.cell_m, np.inf
             )
             count = np.array([len(one) for one in neighbours])
-            first, second = (
-                np.repeat(np.arange(len(neighbours)), count),
-                valid[np.concatenate([*neighbours, []]).astype(np.int64)],
-            )
+            first = np.repeat(np.arange(len(neighbours)), count)
+            second = valid[np.concatenate([*neighbours, []]).astype(np.int64)]
             offset = np.abs(u := (place_m[second] - self.place_m[first]) / self.cell_m)
             weight = np.where(offset < 0.5, 0.75 - offset**2, 0.5 * (1.5 - offset) ** 2).prod(axis=1)
             A = np.column_stack([np.ones(len(u)), u])

@@ -137,10 +137,8 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
     system.factorise(solution.normals.blocks, loop.prior_weight)
     image_weight = solution.weight  # a property, computed at each access
     derivatives = compute_derivatives(problem, solution, points)
-    surveys, miss = (
-        priors.build_weight_matrices(points, observed=True),
-        priors.compute_misclosures_m(solution.state.ground[points], points),
-    )
+    surveys = priors.build_weight_matrices(points, observed=True)
+    miss = priors.compute_misclosures_m(solution.state.ground[points], points)
     columns: list[list[np.ndarray]] = [[] for _ in range(6)]
     diagonal_blocks, by_cameras, unknowns = [], [], []
     for number, point in enumerate(points.tolist()):

@@ -218,12 +218,10 @@ class PointRays:
             tests, squares = self._compute_tests(pending)
             rays = (self.weight[pending] > 0.0).sum(axis=1)
             failed_points = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
-            pending, tests, squares, rays = (
-                pending[failed_points],
-                tests[failed_points],
-                squares[failed_points],
-                rays[failed_points],
-            )
+            pending = pending[failed_points]
+            tests = tests[failed_points]
+            squares = squares[failed_points]
+            rays = rays[failed_points]
             self._leave_out(pending, tests, squares, rays, sigmas)
         # Two remaining rays that agree too probably by chance
         two_ray_points = touched[(self.weight[touched] > 0.0).sum(axis=1) == 2]

@@ -191,10 +191,8 @@ def _point_normals(
         for j in range(i, 3):
             sums = np.add.reduceat((weighted[:, :, i] * linear.by_ground[:, :, j]).sum(axis=1), first)
             matrix[:, i, j] = matrix[:, j, i] = sums
-    prior_weight, miss = (
-        priors.build_weight_matrices(part.points),
-        priors.compute_misclosures_m(ground[part.points], part.points),
-    )
+    prior_weight = priors.build_weight_matrices(part.points)
+    miss = priors.compute_misclosures_m(ground[part.points], part.points)
     matrix += prior_weight
     right += np.einsum("mij,mj->mi", prior_weight, miss)
     return matrix, right

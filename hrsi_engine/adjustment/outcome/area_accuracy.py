@@ -26,6 +26,7 @@ from ...foundation.statistical_limits import SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..equations.states import FREE_POINT_SIGMA_M
 from ..gauss_newton import Solution
+from ..observations import Observations
 from ..preparation.parts import Part
 from ..preparation.problem import Problem
 from ..result import ContradictingGcps, DatumPart
@@ -55,21 +56,8 @@ def describe_parts(
     ``leave_one_out`` the factor by which the GCPs' leave-one-out errors exceed them.
     """
     surveyed = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
-    # Points with error ellipsoids as long as those of nearly parallel rays. For two rays with convergence angle g the
-    # longest semi-axis is 2 / tan g times the shortest; other observations of a point shorten it.
     observations = problem.observations
-    by_rays = solution.normals.inverse.copy()
-    gcps = np.flatnonzero(observations.surveyed)
-    single = observations.count_rays(solution.weight > 0.0) < 2
-    by_rays[gcps] = _remove_surveys(solution, by_rays[gcps], gcps, single[gcps])
-    longest = 2.0 / np.tan(np.radians(RAY_GEOMETRY.weak_angle_deg))
-    by_rays = np.nan_to_num(by_rays)
-    # trace³ / determinant is at least the ratio of the squared semi-axes: most points need no eigenvalues
-    volume = np.einsum("mi,mi->m", by_rays[:, 0], np.cross(by_rays[:, 1], by_rays[:, 2]))
-    parallel = ~single & (np.trace(by_rays, axis1=1, axis2=2) ** 3 > longest**2 * volume)
-    squares = np.linalg.eigvalsh(by_rays[parallel])
-    parallel[parallel] = squares[:, 2] > longest**2 * squares[:, 0]
-    parallel &= surveyed
+    parallel = surveyed & _find_parallel_points(observations, solution)
     finest = np.array([image.camera_pixel == 1.0 for image in observations.images])
     on_finest = observations.count_rays((solution.weight > 0.0) & finest[observations.image]) > 1
     first_image, located = observations.image[observations.first[:-1]], observations.located
@@ -112,6 +100,25 @@ def describe_parts(
             )
         )  # fmt: skip
     return tuple(parts)
+
+
+def _find_parallel_points(observations: Observations, solution: Solution) -> np.ndarray:
+    """Return the mask ``(m,)`` of points whose error ellipsoids are as long as those of nearly parallel rays.
+
+    For two rays with convergence angle g the longest semi-axis is 2 / tan g times the shortest; other observations of a
+    point shorten it.
+    """
+    by_rays, gcps = solution.normals.inverse.copy(), np.flatnonzero(observations.surveyed)
+    single = observations.count_rays(solution.weight > 0.0) < 2
+    by_rays[gcps] = _remove_surveys(solution, by_rays[gcps], gcps, single[gcps])
+    longest = 2.0 / np.tan(np.radians(RAY_GEOMETRY.weak_angle_deg))
+    by_rays = np.nan_to_num(by_rays)
+    # trace³ / determinant is at least the ratio of the squared semi-axes: most points need no eigenvalues
+    volume = np.einsum("mi,mi->m", by_rays[:, 0], np.cross(by_rays[:, 1], by_rays[:, 2]))
+    parallel = ~single & (np.trace(by_rays, axis1=1, axis2=2) ** 3 > longest**2 * volume)
+    squares = np.linalg.eigvalsh(by_rays[parallel])
+    parallel[parallel] = squares[:, 2] > longest**2 * squares[:, 0]
+    return parallel
 
 
 def predict_without_surveys(problem: Problem, solution: Solution, precise: Precision) -> np.ndarray:

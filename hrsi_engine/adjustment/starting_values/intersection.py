@@ -24,11 +24,9 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
         return np.empty((0, 3))
     image_index, image = np.unique(observations.image[first], return_inverse=True)
     images = [observations.images[index] for index in image_index.tolist()]
-    rpcs, stack, centre_px = (
-        [one.rpc for one in images],
-        stack_rpcs(images),
-        np.array([one.centre_px for one in images]),
-    )
+    rpcs = [one.rpc for one in images]
+    stack = stack_rpcs(images)
+    centre_px = np.array([one.centre_px for one in images])
     # The ground positions (k, 3) of the images' centres, and the metres east, north per pixel there
     centre = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in rpcs])
     heights = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]

@@ -126,10 +126,8 @@ def _is_narrow(path: str, source: str, layer: ogr.Layer, requested: Mapping[str,
     """
     if not is_database(path):
         return True
-    texts, geometry = (
-        {name: field for field, name in requested.items() if field in TEXT_FIELDS},
-        layer.GetGeometryColumn(),
-    )
+    texts = {name: field for field, name in requested.items() if field in TEXT_FIELDS}
+    geometry = layer.GetGeometryColumn()
     rows, longest = widths(path, layer.GetName(), [*texts, *([geometry] if geometry else [])])
     for name in texts:
         require_texts(source, name, rows, longest[name])

@@ -127,10 +127,8 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
         # Lines that intersect the second image, and its features near them
         low, high = lines.bounds(margin)
         first_rows = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
-        low_corner, high_corner = (
-            low[first_rows].min(axis=0, initial=np.inf),
-            high[first_rows].max(axis=0, initial=-np.inf),
-        )
+        low_corner = low[first_rows].min(axis=0, initial=np.inf)
+        high_corner = high[first_rows].max(axis=0, initial=-np.inf)
         second_rows = np.flatnonzero(((xy[1] >= low_corner) & (xy[1] <= high_corner)).all(axis=1))
         of_first, of_second = first["descriptors"][first_rows], second["descriptors"][second_rows]
         pairs = match_in_bands(of_first, of_second, lines.select(first_rows), xy[1][second_rows], margin)

@@ -304,10 +304,8 @@ def transfer_star(job: TransferJob) -> PartResult:
             continue
         geometry = fit_local_geometry(partner.geometry, window)
         partner_window = predict_window(geometry, window, MEMORY.border_px).inside(partner.image.known_size)
-        reference_tile, partner_tile = (
-            read_tile(job.reference, window.grow(MEMORY.border_px)),
-            read_tile(partner.image, partner_window),
-        )
+        reference_tile = read_tile(job.reference, window.grow(MEMORY.border_px))
+        partner_tile = read_tile(partner.image, partner_window)
         if reference_tile is not None and partner_tile is not None:
             transferred = transfer_points(
                 reference_tile, partner_tile, geometry, job.xy[inside], job.height_m[inside], job.options

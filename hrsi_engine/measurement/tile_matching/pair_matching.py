@@ -291,10 +291,8 @@ def _choose_band(
     if len(trial) < TILE_MATCH.fewest_seeds:
         return task.options.bands[0], False
     trial_rows = rows[trial]
-    trial_windows, lsm = (
-        (task.points[trial_rows], start[trial], task.jacobian[trial_rows]),
-        _make_lsm_options(task, window),
-    )
+    trial_windows = (task.points[trial_rows], start[trial], task.jacobian[trial_rows])
+    lsm = _make_lsm_options(task, window)
     trials = {name: match_patches(*task.images(name), *trial_windows, lsm) for name in task.options.bands}
     everywhere = np.all([patches.status == DONE for patches in trials.values()], axis=0)
     if everywhere.sum() < TILE_MATCH.fewest_seeds:
