@@ -97,46 +97,46 @@ def descend(
     """
     best = current = start
     del start  # frees its memory, which can be large
-    damping, threshold_value, growth, astray = 0.0, DESCENT.first_damping, DESCENT.raised, 0
-    promised = np.inf
+    damping, fallback_damping, growth, ahead_steps = 0.0, DESCENT.first_damping, DESCENT.raised, 0
+    predicted = np.inf
     for number in range(1, largest + 1):
         if number == largest:  # only an undamped step shows the distance to the minimum
             current, damping = best, 0.0
         accepted = step(current, damping)
         if current is best:
-            promised, braked = accepted.promised, accepted.braked
-        fell = accepted.ahead.cost <= best.cost * (1.0 + EQUALITY.rounding) + 1e-12
+            predicted, damping_term = accepted.promised, accepted.braked
+        decreased = accepted.ahead.cost <= best.cost * (1.0 + EQUALITY.rounding) + 1e-12
         limit = max(0.5 * DESCENT.done_sigma**2 * variance(best), tolerance * best.cost)
-        converged = current is best and promised <= limit and (number > 1 or weighed is None)
+        converged = current is best and predicted <= limit and (number > 1 or weighed is None)
         if converged and damping == 0.0:
-            return Descent(accepted.ahead if fell else best, True, CONVERGED, number)
+            return Descent(accepted.ahead if decreased else best, True, CONVERGED, number)
         if number == largest:
-            is_near = promised <= 0.5 * DESCENT.near_sigma**2 * variance(best)
-            said = (
-                CONVERGED if is_near else f"stopped at the iteration limit, {_distance_text(promised, variance(best))}"
+            is_near = predicted <= 0.5 * DESCENT.near_sigma**2 * variance(best)
+            status = (
+                CONVERGED if is_near else f"stopped at the iteration limit, {_distance_text(predicted, variance(best))}"
             )
-            return Descent(accepted.ahead if fell else best, is_near, said, largest)
-        if fell:
-            came = (best.cost - accepted.ahead.cost) / max(promised - braked, 1e-300)
+            return Descent(accepted.ahead if decreased else best, is_near, status, largest)
+        if decreased:
+            gain = (best.cost - accepted.ahead.cost) / max(predicted - damping_term, 1e-300)
             best = current = weighed(accepted.ahead) if weighed else accepted.ahead
-            astray, growth = 0, DESCENT.raised
+            ahead_steps, growth = 0, DESCENT.raised
             if damping:
                 # a damped step always predicts little, therefore the next step is undamped if this one predicts little
-                threshold_value = max(
-                    _lower_damping(damping, came, braked / max(promised, 1e-300)), DESCENT.least_damping
+                fallback_damping = max(
+                    _lower_damping(damping, gain, damping_term / max(predicted, 1e-300)), DESCENT.least_damping
                 )
-                damping = 0.0 if converged else threshold_value
-        elif astray < DESCENT.look_ahead and accepted.ahead.cost < (
-            DESCENT.great_leap * current.cost if astray else np.inf
+                damping = 0.0 if converged else fallback_damping
+        elif ahead_steps < DESCENT.look_ahead and accepted.ahead.cost < (
+            DESCENT.great_leap * current.cost if ahead_steps else np.inf
         ):
-            current, astray = accepted.ahead, astray + 1
+            current, ahead_steps = accepted.ahead, ahead_steps + 1
         else:
-            current, astray = best, 0
-            damping = threshold_value = growth * damping if damping else threshold_value
+            current, ahead_steps = best, 0
+            damping = fallback_damping = growth * damping if damping else fallback_damping
             growth *= 2.0
             if damping > DESCENT.most_damping:
-                said = f"no step lowers the cost, {_distance_text(promised, variance(best))}"
-                return Descent(best, False, said, number)
+                status = f"no step lowers the cost, {_distance_text(predicted, variance(best))}"
+                return Descent(best, False, status, number)
     raise AssertionError("a descent has one step at least")
 
 
