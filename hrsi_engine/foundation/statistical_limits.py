@@ -47,6 +47,7 @@ class SAMPLES:
     redundant: int = threshold(6, "points", "fewest for an estimate of up to five unknowns", "theory")
     plane: int = threshold(3, "points", "fewest that determine a plane, or reveal an error of a shift", "theory")
     trend: int = threshold(30, "points", "fewest for a trend linear in position that is estimated robustly")
+    quadratic: int = threshold(60, "points", "… for a quadratic trend: ten per coefficient")
     neighbours: int = threshold(8, "points", "neighbours by whose median a point is predicted")
     local: int = threshold(64, "points", "sample by which two images, or the differences of two rays, are compared")
 

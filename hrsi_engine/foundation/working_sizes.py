@@ -11,6 +11,7 @@ class MEMORY:
     """Parts that are read, computed or kept in memory together."""
 
     rows: int = threshold(20_000, "rows", "points, rays or measurements that are computed together")
+    values: int = threshold(4_000_000, "values", "numbers of one kind in memory")
     images: int = threshold(64, "images", "images or pairs of images whose features are in memory")
     part_px: int = threshold(1024, "px", "side of a part of an image, or lines of it, that are read together")
     window_px: int = threshold(512, "px", "side of a window that is matched, or whose statistics are computed, as one")

@@ -21,7 +21,7 @@ from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
 from ..foundation.statistical_limits import EQUALITY
 from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS, LISTS
+from ..foundation.working_sizes import GRIDS, LISTS, MEMORY
 from ..ground.map_crs import middle_position
 from ..io.pages.report import read_picture
 from ..io.rasters.images import GdalRaster
@@ -39,7 +39,6 @@ class REPORT_PAGE:
     most_known: int = threshold(1500, "points", "most known points on the map, those with the largest residuals")
     chip_half_px: int = threshold(12, "px", "smallest half side of a chip of a point")
     largest_chip_px: int = threshold(36, "px", "largest half side of a chip")
-    most_values: int = threshold(400_000, "values", "largest number in a histogram; of more an even choice")
     most_picture_pixels: int = threshold(400_000_000, "px", "largest number read for all pictures: some seconds")
 
 
@@ -84,7 +83,7 @@ def report_figures(
         ],
         chips=_make_chips(result, visible, outline),
         normalised={
-            axis: values[:: max(1, len(values) // REPORT_PAGE.most_values)]
+            axis: values[:: max(1, len(values) // MEMORY.values)]
             for axis, values in normalise_residuals(result).items()
         },
         surfaces=draw_surfaces(result),

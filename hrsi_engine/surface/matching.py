@@ -26,6 +26,7 @@ from scipy.spatial import KDTree
 from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST
 from ..foundation.statistical_limits import ITERATIONS, SAMPLES, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import MEMORY
 from ..ground.geodesy import ground_difference_m, move_ground
 from .dem import HeightSurface, cell_size_m
 
@@ -40,7 +41,6 @@ class SURFACE_MATCHING:
     coarse_points: int = threshold(700, "points", "largest number of points in the search")
     most_points: int = threshold(8000, "points", "largest number of points in the refinement")
     coarse_steps: int = threshold(20, "steps", "steps from the middle to the end of the search, at least 1/4 cell")
-    most_pairs: int = threshold(4_000_000, "pairs", "largest number of pairs of neighbouring points (memory)")
     in_cell: float = threshold(1.0, "points", "mean number per cell above which their heights are averaged like cells")
     lopsided: float = threshold(
         0.15, "cells", "largest distance of the mean position of these points from the point (else at an edge)"
@@ -113,7 +113,7 @@ class SurfaceMatcher:
         self.surface, self.kind, self.cell_m = surface, kind, cell_size_m(surface, ground[0])
         place_m = ground_difference_m(ground, np.broadcast_to(ground[0], ground.shape))[:, :2]
         in_cell = len(ground) * self.cell_m**2 / max(float(np.prod(np.nanmax(place_m, 0) - np.nanmin(place_m, 0))), 1.0)
-        largest_count = min(SURFACE_MATCHING.most_points, int(SURFACE_MATCHING.most_pairs / (1.0 + 9.0 * in_cell)))
+        largest_count = min(SURFACE_MATCHING.most_points, int(MEMORY.values / (1.0 + 9.0 * in_cell)))
         sample = np.arange(0, len(ground), 1 + len(ground) // largest_count)
         points, self.place_m = ground[sample], place_m[sample]
         self.own_m2 = np.zeros(len(points)) if variance_m2 is None else variance_m2[sample]

@@ -26,7 +26,7 @@ probability equally (Bonferroni).
 import numpy as np
 from scipy import special
 
-from ...foundation.statistical_limits import EQUALITY, REDUNDANCY
+from ...foundation.statistical_limits import EQUALITY, REDUNDANCY, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
@@ -58,7 +58,6 @@ class RAYS:
 class TREND:
     """Limits for image residuals that neighbours share: they are attributed to the cameras, not to blunders."""
 
-    least: int = threshold(60, "measurements", "fewest measurements of an image for a trend: ten per coefficient")
     sample: int = threshold(600, "measurements", "largest number of an image for its trend: coefficients to 0.1 sigma")
     steps: int = threshold(4, "steps", "iterations of the robust fit")
 
@@ -124,7 +123,7 @@ def check_ties(
     for index, rows in enumerate(observations.by_image):
         rows = rows[in_solution[rows]]
         rows = rows[:: 1 + len(rows) // TREND.sample]
-        if len(rows) < TREND.least:
+        if len(rows) < SAMPLES.quadratic:
             continue
         terms, weight = _list_terms(observations, rows), np.ones(len(rows))
         for _ in range(TREND.steps):

@@ -29,10 +29,7 @@ class CONTENT_SAMPLING:
     )
     least_edge_bytes: int = threshold(4096, "byte", "smallest length of the beginning and the end of a file")
     blocks: int = threshold(512, "blocks", "blocks spread over all files together")
-    block_bytes: int = threshold(16 * 2**10, "byte", "length of a block")
-    remote_bytes: int = threshold(
-        2**14, "byte", "length of the beginning of a remote file that is compared", "what GDAL reads of it in any case"
-    )
+    block_bytes: int = threshold(2**14, "byte", "length of a block, and of the beginning of a remote file")
 
 
 def content_mark(path: str) -> str:
@@ -49,7 +46,7 @@ def content_mark(path: str) -> str:
         if archive is not None:
             return files_mark([archive])
         status = virtual_status(path)
-        head = None if status is None else read_virtual(path, CONTENT_SAMPLING.remote_bytes)
+        head = None if status is None else read_virtual(path, CONTENT_SAMPLING.block_bytes)
         if status is None or head is None:
             return "0" * 32
         return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()

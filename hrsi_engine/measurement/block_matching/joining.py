@@ -191,7 +191,7 @@ def group_by_pair(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
 def _build_trend_design(xy: np.ndarray) -> np.ndarray:
     """Return the design matrix of a quadratic trend over an image; of a plane if there are few points."""
     x, y = ((xy - xy.mean(axis=0)) / (np.ptp(xy, axis=0).max() + 1.0)).T
-    columns = [np.ones(len(xy)), x, y] + ([x * x, x * y, y * y] if len(xy) >= 60 else [])
+    columns = [np.ones(len(xy)), x, y] + ([x * x, x * y, y * y] if len(xy) >= SAMPLES.quadratic else [])
     return np.column_stack(columns)
 
 

@@ -44,7 +44,6 @@ class TARGETS:
     shortest_edge_px: float = threshold(3.0, "px", "smallest length of an edge in use")
     far_px: float = threshold(20.0, "px", "largest distance of edge points from the corner")
     end_px: float = threshold(4.0, "px", "largest distance of the end of an edge from the corner")
-    statistics_px: int = threshold(255, "px", "half side of the area of the local statistics: one sample of 512 px")
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +146,7 @@ def _clip_square(raster: Raster, middle: np.ndarray, half: float) -> Area:
 def _read_window(
     raster: Raster, middle: np.ndarray, core: float, halo: float
 ) -> tuple[DetectionWindow, ImageStatistics]:
-    statistics = estimate_image_statistics(raster, _clip_square(raster, middle, TARGETS.statistics_px))
+    statistics = estimate_image_statistics(raster, _clip_square(raster, middle, MEMORY.window_px // 2 - 1))
     window = read_window(raster, _clip_square(raster, middle, core), int(np.ceil(halo)), statistics.saturation)
     return window, statistics
 
