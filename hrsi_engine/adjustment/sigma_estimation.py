@@ -53,7 +53,6 @@ class SIGMA:
         1.0, "px", "… unless residuals are smaller: images move in a way that is not modelled", "pixel size"
     )
     beside_held: float = threshold(2.0, "", "the same without tie points, or with external heights or positions")
-    alike: float = threshold(0.9, "", "correlation of two variance factors above which they are one")
     hidden_by_drift: int = threshold(25, "GCPs", "number of GCPs up to which drifts of a few images can absorb errors")
 
 
@@ -202,12 +201,6 @@ class SigmaEstimation:
         is_tested[images:] = True
         rows = np.flatnonzero(np.append(is_tested, True)[group])
         group, u, s = group[rows], control.u[rows], control.s[np.ix_(rows, rows)]
-        # groups that the block cannot distinguish get a common factor
-        kind = group[:, None] == np.arange(groups)
-        curvature = kind.T @ s**2 @ kind
-        scale = np.sqrt(np.maximum(curvature.diagonal(), 1e-300))
-        similar = (curvature > SIGMA.alike * scale * scale[:, None]) & is_tested & is_tested[:, None]
-        label = np.where(is_tested, np.argmax(similar | np.eye(groups, dtype=bool), axis=1), np.arange(groups))
         sums, free = self.sums.copy(), self.sigmas.free
         self.sigmas.factor, self.sigmas.free = np.where(is_tested, previous, self.sigmas.factor), free & is_tested
         for _ in range(ROUNDS):
@@ -216,10 +209,9 @@ class SigmaEstimation:
             left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
             part = left[:, 1:].diagonal()
             telling = variance * part < 1.0 - REDUNDANCY.tested
-            freedom = part @ (np.where(telling, group, groups)[:, None] == np.arange(groups))
-            kind = np.where(telling, np.append(label, groups)[group], groups)[:, None] == np.arange(groups)
-            excess = left[:, 0] ** 2 @ kind - part @ kind
-            step = (np.linalg.pinv(kind.T @ left[:, 1:] ** 2 @ kind, hermitian=True) @ excess)[label]
+            kind = np.where(telling, group, groups)[:, None] == np.arange(groups)
+            freedom = part @ kind
+            step = np.linalg.pinv(kind.T @ left[:, 1:] ** 2 @ kind, hermitian=True) @ (left[:, 0] ** 2 @ kind - freedom)
             ratio = (self.sigmas.factor / previous) ** 2
             sums[is_tested, 1] = (ratio * freedom)[is_tested]
             sums[is_tested, 0] = (np.maximum(ratio + step, EQUALITY.negligible * ratio) * freedom)[is_tested]
