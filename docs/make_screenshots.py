@@ -289,6 +289,7 @@ class Session:
         view = self.panel.ui.grid.list_views()[0]
         self.panel.ui.kind.setCurrentText("point")
         self.panel.ui.tie.trigger()
+        view.show_place((350.0, 350.0))
         self.panel.measure(view.image(), 350.0, 350.0)
 
     def save_tie(self) -> None:

@@ -17,16 +17,20 @@ from qgis.core import (
     QgsPrintLayout,
     QgsProject,
     QgsVectorLayer,
+    QgsWkbTypes,
 )
 from qgis.PyQt.QtCore import QObject, QTimer
-from qgis.PyQt.QtGui import QFont
 
 from .translation import tr
 
 QUICK_LOOK_FOLDER = "quick_looks"  # folder in that of a result
 STATE_BEFORE, STATE_AFTER = "before", "after"  # ends of the names of quick-looks
 FLICKER_MS = 800
-TABLE_FIELDS = ("id", "role", "residual_east_m", "residual_north_m", "residual_height_m")
+#: Fields of the table of points, and their headings.
+TABLE_FIELDS = {
+    "id": "point", "role": "role", "residual_east_m": "dE m", "residual_north_m": "dN m", "residual_height_m": "dH m",
+}  # fmt: skip
+TITLE_PT, MAP_MM = 18, (180.0, 165.0)
 TABLE_ROWS = 18  # of points, the first control and check points
 
 
@@ -66,41 +70,67 @@ def make_print_layout(canvas: Any) -> QgsPrintLayout:
     names = {one.name() for one in project.layoutManager().layouts()}
     number = next(k for k in range(1, len(names) + 2) if f"HRSI {k}" not in names)
     layout.setName(f"HRSI {number}")
-
-    def place(item: Any, x: float, y: float, width: float, height: float) -> None:
-        layout.addLayoutItem(item)
-        item.attemptMove(QgsLayoutPoint(x, y))
-        item.attemptResize(QgsLayoutSize(width, height))
-
     title = QgsLayoutItemLabel(layout)
     title.setText(f"{tr('Block adjustment')}: {Path(project.fileName()).stem or 'HRSI'}")
-    title.setFont(QFont("", 18))
-    place(title, 10.0, 8.0, 190.0, 12.0)
+    font = title.font()
+    font.setPointSize(TITLE_PT)
+    title.setFont(font)
+    _place(title, 10.0, 8.0, 190.0, 12.0)
     drawn = QgsLayoutItemMap(layout)
-    place(drawn, 10.0, 22.0, 180.0, 165.0)
+    _place(drawn, 10.0, 22.0, *MAP_MM)
     drawn.setLayers(canvas.layers())
+    drawn.setExtent(canvas.extent())  # which changes the size; an item without extent cannot be zoomed
+    drawn.attemptResize(QgsLayoutSize(*MAP_MM))
     drawn.zoomToExtent(canvas.extent())
     drawn.setFrameEnabled(True)
     scale_bar = QgsLayoutItemScaleBar(layout)
     scale_bar.setLinkedMap(drawn)
     scale_bar.applyDefaultSize()
-    place(scale_bar, 10.0, 190.0, 80.0, 12.0)
-    legend = QgsLayoutItemLegend(layout)
-    legend.setLinkedMap(drawn)
-    legend.setLegendFilterByMapEnabled(True)
-    place(legend, 195.0, 20.0, 90.0, 80.0)
+    _place(scale_bar, 10.0, 190.0, 80.0, 12.0)
     layers = [one for one in project.mapLayers().values() if isinstance(one, QgsVectorLayer)]
     points = next((one for one in layers if set(TABLE_FIELDS) <= set(one.fields().names())), None)
+    _place(_make_legend(drawn, points), 195.0, 20.0, 90.0, 70.0)
     if points is not None:
-        table = QgsLayoutItemAttributeTable.create(layout)
-        layout.addMultiFrame(table)
-        table.setVectorLayer(points)
-        table.setDisplayedFields(list(TABLE_FIELDS))
-        table.setFeatureFilter("\"role\" IN ('gcp', 'check') AND \"residual_east_m\" IS NOT NULL")
-        table.setFilterFeatures(True)
-        table.setMaximumNumberOfFeatures(TABLE_ROWS)
-        frame = QgsLayoutFrame(layout, table)
-        place(frame, 195.0, 105.0, 92.0, 95.0)
-        table.addFrame(frame)
+        _place(_make_table(layout, points), 195.0, 98.0, 92.0, 102.0)
     project.layoutManager().addLayout(layout)
     return layout
+
+
+def _place(item: Any, x: float, y: float, width: float, height: float) -> None:
+    """Add an item to its layout, at a position in mm from the upper left corner."""
+    item.layout().addLayoutItem(item)
+    item.attemptMove(QgsLayoutPoint(x, y))
+    item.attemptResize(QgsLayoutSize(width, height))
+
+
+def _make_legend(drawn: QgsLayoutItemMap, points: QgsVectorLayer | None) -> QgsLayoutItemLegend:
+    """Return a legend of the points' layer and the footprints: other layers have the same symbols, images none."""
+    legend = QgsLayoutItemLegend(drawn.layout())
+    legend.setLinkedMap(drawn)
+    legend.setAutoUpdateModel(False)
+    polygons = QgsWkbTypes.GeometryType.PolygonGeometry
+    for node in legend.model().rootGroup().findLayers():
+        layer = node.layer()
+        if layer is not points and not (isinstance(layer, QgsVectorLayer) and layer.geometryType() == polygons):
+            node.parent().removeChildNode(node)
+    return legend
+
+
+def _make_table(layout: QgsPrintLayout, points: QgsVectorLayer) -> QgsLayoutFrame:
+    """Return the frame of a table with the control and check points and their residuals."""
+    table = QgsLayoutItemAttributeTable.create(layout)
+    layout.addMultiFrame(table)
+    table.setVectorLayer(points)
+    table.setDisplayedFields(list(TABLE_FIELDS))
+    columns = table.columns()
+    for column, (field, heading) in zip(columns, TABLE_FIELDS.items(), strict=True):
+        column.setHeading(heading)
+        if field.endswith("_m"):
+            column.setAttribute(f'format_number("{field}", 2)')
+    table.setColumns(columns)
+    table.setFeatureFilter("\"role\" IN ('gcp', 'check') AND \"residual_east_m\" IS NOT NULL")
+    table.setFilterFeatures(True)
+    table.setMaximumNumberOfFeatures(TABLE_ROWS)
+    frame = QgsLayoutFrame(layout, table)
+    table.addFrame(frame)
+    return frame

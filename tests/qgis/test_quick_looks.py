@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -95,9 +96,12 @@ def test_print_layout_has_title_map_and_table(result: Path, qgis_new_project) ->
     items = {type(item): item for item in layout.items()}
     assert items[QgsLayoutItemLabel].text().startswith("Block adjustment")
     assert items[QgsLayoutItemMap].layers() == [layer]
+    assert items[QgsLayoutItemMap].extent().buffered(1e-6).contains(layer.extent())
+    assert items[QgsLayoutItemMap].sizeWithUnits().width() == pytest.approx(180.0)
     (table,) = (one for one in layout.multiFrames() if isinstance(one, QgsLayoutItemAttributeTable))
     table.refresh()
     rows = table.contents()
     assert len(rows) == 8 and {row[1] for row in rows} == {"gcp", "check"}
+    assert all(re.fullmatch(r"-?\d+\.\d\d", number) for row in rows for number in row[2:]), rows
     assert layout.pageCollection().page(0).pageSize().width() == pytest.approx(297.0)
     assert make_print_layout(canvas).name() == "HRSI 2"
