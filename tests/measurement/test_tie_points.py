@@ -100,7 +100,7 @@ def test_small_windows_find_what_large_ones_find(triplet, found, monkeypatch):
     """Images matched everywhere: nothing depends on where in the image a window lies, and seams lose little."""
     from hrsi.hrsi_engine.measurement.block_matching import star
 
-    monkeypatch.setattr(star, "TIE_WINDOWS", replace(star.TIE_WINDOWS, full_window_px=240))
+    monkeypatch.setattr(star, "MEMORY", replace(star.MEMORY, window_px=240))
     ties = find_tie_points(triplet[:2], OPTIONS)
     whole = {pair[:2]: pair.matches for pair in found.pairs}["view0", "view1"]
     assert ties.pairs[0].matches > 0.8 * whole

@@ -132,7 +132,7 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
     assert not (folder / "report.json").exists()
     said: list[str] = []
     monkeypatch.setattr(search, "TIE_SEARCH", replace(search.TIE_SEARCH, cells_per_part=1))
-    monkeypatch.setattr(star, "TIE_WINDOWS", replace(star.TIE_WINDOWS, full_window_px=200))
+    monkeypatch.setattr(star, "MEMORY", replace(star.MEMORY, window_px=200))
     run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
     assert any(message.startswith("continues with") for message in said)
     assert sorted(path.name for path in folder.iterdir()) == FILES
@@ -149,7 +149,7 @@ from hrsi.hrsi_engine.io.safety.array_files import PartStore
 from hrsi.hrsi_engine.measurement.block_matching import search, star
 from hrsi.processing_algorithms import run
 search.TIE_SEARCH = replace(search.TIE_SEARCH, cells_per_part=1)
-star.TIE_WINDOWS = replace(star.TIE_WINDOWS, full_window_px=200)
+star.MEMORY = replace(star.MEMORY, window_px=200)
 save = PartStore.save
 def slow(self, key, result):
     save(self, key, result)
