@@ -3,6 +3,8 @@
 The right values are those of `../shared/data/cases/*/expected.md`; the scene is simulated, so that positions are known.
 """
 
+import json
+import re
 import shutil
 from pathlib import Path
 
@@ -97,6 +99,14 @@ def test_rpc_and_points_in_other_forms(scene: Path, tmp_path: Path, case_data: P
     (tmp_path / "info_RPC.txt").write_text(text[text.index("RPC Metadata") :])
     expected = read_rpc(str(scene / "image_1.tif")).rpc.project(CENTRE)
     np.testing.assert_allclose(read_rpc(str(tmp_path / "info_RPC.txt")).rpc.project(CENTRE), expected, atol=1e-6)
+    (tmp_path / "info.json").write_text(json.dumps(gdal.Info(str(scene / "image_1.tif"), format="json")))
+    described = read_rpc(str(tmp_path / "info.json"))
+    np.testing.assert_allclose(described.rpc.project(CENTRE), expected, atol=1e-6)
+    assert described.size == (300, 300)
+    flow = (case_data / "09" / "rpc_param.yaml").read_text()  # lists with one number a line, as other writers of YAML
+    block = re.sub(r": \[([^\]]*)\]", lambda m: ":" + "".join(f"\n    - {n.strip()}" for n in m[1].split(",")), flow)
+    (tmp_path / "block.yaml").write_text(block)
+    assert block.count("- ") > 80 and read_rpc(str(tmp_path / "block.yaml")).rpc == found.rpc
     points = read_points(f"{case_data}/09/envi.pts", image_ids=["envi"], height_datum="ellipsoidal")
     assert points.image is not None and points.ground is not None
     np.testing.assert_allclose(points.image.xy[0], [413.2175, 418.8003])

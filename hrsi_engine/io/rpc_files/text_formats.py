@@ -151,13 +151,19 @@ RPCM_NAMES |= {"err_bias": "err_bias", "err_rand": "err_rand"}
 
 
 def read_rpcm_json(path: str) -> RpcReading:
-    """Return the RPC of an rpcm JSON file and its image's size; the RPC may be the document or its member ``rpc``."""
+    """Return the RPC of an rpcm JSON file, the document or its member ``rpc``, or of ``gdalinfo -json``."""
     try:
         document = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not valid JSON ({error}): obtain the file again") from None
     if not isinstance(document, dict):
         raise InputError(f"{path}: an object with the member 'rpc' is needed")
+    by_gdal = document.get("metadata")
+    if isinstance(by_gdal, dict) and isinstance(by_gdal.get("RPC"), dict):
+        texts = {name: str(text) for name, text in by_gdal["RPC"].items()}
+        size = document.get("size")
+        stated = positive_size(*map(str, size)) if isinstance(size, list) and len(size) == 2 else None
+        return RpcReading(fields.rpc_from_gdal(path, texts), stated)
     members = document.get("rpc", document)
     if not isinstance(members, dict):
         raise InputError(f"{path}: the member 'rpc' is not an object: obtain the file again")
@@ -171,7 +177,8 @@ def rpcm_json_text(rpc: RPC) -> str:
 
 
 RPCM_JSON = RpcReader(
-    "rpcm JSON", lambda stem: (f"{stem}.json",), lambda name, head: name.endswith(".json") and b"row_offset" in head,
+    "rpcm JSON", lambda stem: (f"{stem}.json",),
+    lambda name, head: name.endswith(".json") and (b"row_offset" in head or b'"LINE_NUM_COEFF"' in head),
     read_rpcm_json,
 )  # fmt: skip
 
@@ -179,12 +186,14 @@ RPCM_JSON = RpcReader(
 
 _YAML_NAMES = {name: title.lower() for name, title in GDAL_NAMES.items()} | {"size": "im_size"}
 _YAML_PART = re.compile(r"^([^\s#][^\n]*?)\s*:\s*$", re.MULTILINE)
+_YAML_LIST = re.compile(r":[ \t]*((?:\n[ \t]*- [^\n]+)+)")  # one number a line
 _YAML_ENTRY = re.compile(r"^[ \t]+(\w+)[ \t]*:[ \t]*(?:\[([^\]]*)\]|([^\s\[#]+))", re.MULTILINE)
 
 
 def read_orthority(image_path: str, path: str) -> RpcReading:
     """Return the RPC of the part for an image; without image path, the file must have one part."""
-    _, *texts = _YAML_PART.split(read_text(path))
+    text = _YAML_LIST.sub(lambda found: f": [{','.join(found[1].split()[1::2])}]", read_text(path))
+    _, *texts = _YAML_PART.split(text)
     parts = {name.strip("'\""): text for name, text in zip(texts[::2], texts[1::2], strict=True)}
     wanted = [name for name in parts if not image_path or os.path.basename(name) == os.path.basename(image_path)]
     if len(wanted) != 1:
@@ -198,7 +207,7 @@ def read_orthority(image_path: str, path: str) -> RpcReading:
 
 
 ORTHORITY = RpcReader(
-    "Orthority RPC", lambda stem: (f"{stem}.yaml", "rpc_param.yaml"),
+    "Orthority RPC", lambda stem: (f"{stem}.yaml", "rpc_param.yaml", "rpc_param.yml"),
     lambda name, head: name.endswith((".yaml", ".yml")) and b"line_num_coeff" in head, partial(read_orthority, ""),
     read_beside=read_orthority,
 )  # fmt: skip
