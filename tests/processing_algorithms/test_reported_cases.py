@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from osgeo import gdal
+from pyproj import CRS, Transformer
 from rpc_samples import write_image
 
 import hrsi
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight
 from hrsi.processing_algorithms import run
 
 CENTRE = np.array([[5.45006, 43.53009, 250.0]])
@@ -111,6 +113,24 @@ def test_rpc_and_points_in_other_forms(scene: Path, tmp_path: Path, case_data: P
     assert points.image is not None and points.ground is not None
     np.testing.assert_allclose(points.image.xy[0], [413.2175, 418.8003])
     np.testing.assert_allclose(points.ground.ground[0], [5.45008456, 43.52985789, 255.8369])
+
+
+@pytest.mark.parametrize(("projection", "epsg"), [
+    ("projection info = {UTM, 31, North, WGS-84, units=Meters}", 32631),
+    ("projection info = {UTM, 31, South, WGS-84, units=Meters}", 32731),
+    (f"projection info = {{RGF93}}\n; coordinate system string = {{{CRS.from_epsg(2154).to_wkt('WKT1_ESRI')}}}", 2154),
+])  # fmt: skip
+def test_the_projection_of_envi_points(tmp_path: Path, projection: str, epsg: int) -> None:
+    """Map coordinates without heights ("Image to Map"), in the projection of the header."""
+    lonlat = np.array([[5.4501, 43.5298], [5.4474, 43.5327]])
+    xy = np.column_stack(Transformer.from_crs(4326, epsg, always_xy=True).transform(*lonlat.T))
+    rows = [f"  {x:.4f}  {y:.4f}  414.25  419.5" for x, y in xy.tolist()]
+    header = ["; ENVI Image to Map GCP File", f"; {projection}", "; Map (x,y), Image (x,y)", ";"]
+    (tmp_path / "a.pts").write_text("\n".join([*header, *rows]))
+    points = read_points(str(tmp_path / "a.pts"), image_ids=["a"], surface=ConstantHeight(250.0))
+    assert points.image is not None and points.ground is not None
+    np.testing.assert_allclose(points.image.xy[0], [413.25, 418.5])
+    np.testing.assert_allclose(points.ground.ground[:, :2], lonlat, atol=1e-8)
 
 
 @pytest.mark.parametrize("beside", [False, True])

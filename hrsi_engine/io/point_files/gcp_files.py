@@ -13,8 +13,8 @@ empty or numbers get the id of the image as a prefix. GDAL cannot express a miss
 left *corner* of the image, with y negative downwards. Points that were switched off there are not used. The id of a
 point is ``IMAGE-ROW``; the image is that of the file's name (``a.tif.points``).
 * ``.pts`` of ENVI, one point a line: map x, y, elevation (of points for an RPC orthorectification), image x and y,
-where the first pixel is (1, 1). The image is that of the file's name (``a.pts``). CRS: ``projection info``; WGS84
-degrees are recognised, others need `ground_crs`.
+where the first pixel is (1, 1). The image is that of the file's name (``a.pts``). CRS: degrees or UTM on WGS84 in
+``projection info``, else the WKT in ``coordinate system string``; others need `ground_crs`.
 """
 
 import csv
@@ -247,7 +247,6 @@ def read_envi_points(path: str, _layer: str = "") -> PointTable:
     texts = [list(column) for column in zip(*(row for _, row in rows), strict=True)] or [[] for _ in range(width)]
     values = [parse_numbers(column, lambda at: f"{path}, line {rows[at][0]}") for column in texts]
     image = image_id(os.path.splitext(path)[0] if path.lower().endswith(".tif.pts") else path)
-    is_wgs84 = "geographic lat/lon" in header.lower() and "wgs-84" in header.lower()
     height = values[2] if width == 5 else np.full(len(rows), np.nan)
     columns = {
         "id": np.array([f"{image}-{number}" for number in range(1, len(rows) + 1)], dtype=str),
@@ -256,8 +255,18 @@ def read_envi_points(path: str, _layer: str = "") -> PointTable:
     geometry = np.column_stack([values[0], values[1], height])
     return PointTable(
         path, columns, ("x", "y", "elevation", "image x", "image y"), lambda row: f"line {rows[row][0]}", geometry,
-        "EPSG:4326" if is_wgs84 else "",
+        _find_envi_crs(header),
     )  # fmt: skip
+
+
+def _find_envi_crs(header: str) -> str:
+    """Return the CRS that the header of an ENVI file states, "" if it is neither WGS84 nor WKT."""
+    if re.search(r"\{\s*Geographic Lat/Lon.*WGS-84", header, re.IGNORECASE):
+        return "EPSG:4326"
+    if zone := re.search(r"\{\s*UTM,\s*(\d+),\s*(North|South),\s*WGS-84", header, re.IGNORECASE):
+        return f"EPSG:{(32600 if zone[2].lower() == 'north' else 32700) + int(zone[1])}"
+    wkt = re.search(r"coordinate system string\s*=\s*\{(.+?)\}", header)
+    return wkt[1] if wkt else ""
 
 
 ENVI_GCPS = PointReader("ENVI GCPs", lambda _path, _name, head: bool(_ENVI_HEADER.search(head)), read_envi_points)
