@@ -18,7 +18,6 @@ import hrsi
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
-from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight
 from hrsi.processing_algorithms import run
 
 CENTRE = np.array([[5.45006, 43.53009, 250.0]])
@@ -127,7 +126,7 @@ def test_the_projection_of_envi_points(tmp_path: Path, projection: str, epsg: in
     rows = [f"  {x:.4f}  {y:.4f}  414.25  419.5" for x, y in xy.tolist()]
     header = ["; ENVI Image to Map GCP File", f"; {projection}", "; Map (x,y), Image (x,y)", ";"]
     (tmp_path / "a.pts").write_text("\n".join([*header, *rows]))
-    points = read_points(str(tmp_path / "a.pts"), image_ids=["a"], surface=ConstantHeight(250.0))
+    points = read_points(str(tmp_path / "a.pts"), image_ids=["a"], surface=lambda lonlat: np.full(len(lonlat), 250.0))
     assert points.image is not None and points.ground is not None
     np.testing.assert_allclose(points.image.xy[0], [413.25, 418.5])
     np.testing.assert_allclose(points.ground.ground[:, :2], lonlat, atol=1e-8)
