@@ -132,19 +132,6 @@ class MapGrid:
         """
         return GridWindow(0, 0, self.columns, self.rows).parts(columns, columns if rows is None else rows)
 
-    def common(self, other: MapGrid) -> MapGrid | None:
-        """Return the intersection of two grids in the same lattice, None if they do not overlap.
-
-        other : a grid in the same lattice
-        Result: None if they do not overlap.
-        """
-        left, top = max(self.left, other.left), min(self.top, other.top)
-        right = min(self.left + self.columns, other.left + other.columns)
-        bottom = max(self.top - self.rows, other.top - other.rows)
-        if right <= left or top <= bottom:
-            return None
-        return MapGrid(self.crs, self.resolution, left, top, right - left, top - bottom)
-
 
 def find_terrain_points(image: Image, surface: HeightSurface) -> np.ndarray:
     """Return the ground points ``(n, 3)`` of a coarse grid of image points, those that intersect the terrain."""
