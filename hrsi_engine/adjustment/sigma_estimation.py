@@ -159,8 +159,8 @@ class SigmaEstimation:
             self.sigmas.correct_factors(self.sums)
             self._iterate_control(solution, previous, control)
             # the squares by the groups' new sigmas determine the differences between images
-            enlarged = (self.sigmas.factor / previous)[self.groups.of_image_point]
-            of_images = components.compute_image_sums(self.problem.observations, solution, precise, enlarged)
+            growth = (self.sigmas.factor / previous)[self.groups.of_image_point]
+            of_images = components.compute_image_sums(self.problem.observations, solution, precise, growth)
             self.sigmas.correct_images(of_images, self.groups.sensor)
             changes = self.sigmas.factor / previous - 1.0, self.sigmas.of_image / of_image - 1.0
             change = float(max(np.abs(one).max() for one in changes))

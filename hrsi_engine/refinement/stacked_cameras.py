@@ -41,8 +41,8 @@ def linearise_images(
     n, p = len(ground), len(model.parameters)
     result = Equations(np.empty((n, 2)), np.empty((n, 2, p)), np.empty((n, 2, 3)))
     for index, rows in _group_by_image(image_index):
-        individual = model.equations(images[index], xy[rows])(values[index], ground[rows])
-        for complete, part in zip(result, individual, strict=True):
+        of_image = model.equations(images[index], xy[rows])(values[index], ground[rows])
+        for complete, part in zip(result, of_image, strict=True):
             complete[rows] = part
     return result
 

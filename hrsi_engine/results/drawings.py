@@ -172,7 +172,7 @@ def _make_map(
     block, place = result.block, choose_positions(result)
     height = middle_position(place)[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
-    frequent = len(ties) > REPORT_PAGE.most_known
+    is_crowded = len(ties) > REPORT_PAGE.most_known
     field = TieField(
         place[ties, :2], _point_rms(block, visible)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
         block.rays_per_point()[ties],
@@ -181,7 +181,7 @@ def _make_map(
     return BlockMap(
         footprints={image.id: area for image, area in zip(images, compute_footprints(images, height), strict=True)},
         lonlat=place[visible.points, :2], roles=block.points.role[visible.points], residual_en_m=residual[:, :2],
-        ids=block.points.ids[visible.points], residual_h_m=residual[:, 2], ties=field if frequent else None,
+        ids=block.points.ids[visible.points], residual_h_m=residual[:, 2], ties=field if is_crowded else None,
         pictures=_lay_out([image for image in images if image.id in pictures], pictures, height),
     )  # fmt: skip
 

@@ -75,15 +75,15 @@ def describe_item(image: Image, refined: RefitRPC, report: Mapping[str, Any], fo
         view |= {"view:sun_azimuth": sun.angles.azimuth_deg % 360.0, "view:sun_elevation": sun.angles.elevation_deg}
     angles = {key: round(value, 4) for key, value in view.items()}
     # Accuracy predicted by the adjustment for the image, and that of the block by check points (or predicted)
-    texts: dict[str, Any] = {}
+    properties: dict[str, Any] = {}
     if rpc.err_bias is not None and rpc.err_rand is not None:
         item = float(np.hypot(rpc.err_bias, rpc.err_rand))
-        texts = {"accuracy:geometric_x_stddev": item, "accuracy:geometric_y_stddev": item,
+        properties = {"accuracy:geometric_x_stddev": item, "accuracy:geometric_y_stddev": item,
                 "accuracy:geometric_rmse": float(np.sqrt(2.0)) * item}  # fmt: skip
-    texts = {key: round(value, 4) for key, value in texts.items() if np.isfinite(value)}
+    properties = {key: round(value, 4) for key, value in properties.items() if np.isfinite(value)}
     block, accuracy_from = block_accuracy(report)
     valid = {f"hrsi:{name.lower()}_m": round(value, 4) for name, value in block.items() if value is not None}
-    accuracy = texts | valid | ({"hrsi:accuracy_from": accuracy_from} if valid else {})
+    accuracy = properties | valid | ({"hrsi:accuracy_from": accuracy_from} if valid else {})
     return {
         "type": "Feature", "stac_version": STAC_VERSION, "stac_extensions": list(STAC_EXTENSIONS.values()),
         "id": image.id,

@@ -45,24 +45,24 @@ def describe_surface(one: SurfaceOutcome) -> dict[str, Any]:
 
 def compute_surface_residuals(result: Adjustment, one: SurfaceOutcome) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return adjusted positions ``(k, 3)`` of tie points, and their heights above the surface before and after, m."""
-    following = choose_positions(result)[one.points]
+    adjusted = choose_positions(result)[one.points]
     before_m, after_m = (
-        position[:, 2] - surface_heights(one.surface, position[:, :2]) for position in (one.before, following)
+        position[:, 2] - surface_heights(one.surface, position[:, :2]) for position in (one.before, adjusted)
     )
-    return following, before_m, after_m
+    return adjusted, before_m, after_m
 
 
 def surface_residuals_table(result: Adjustment) -> Table:
     """Return the tie points that were matched with surfaces, and their heights above these."""
     parts = [compute_surface_residuals(result, one) for one in result.surfaces]
-    following, before_m, after_m = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    adjusted, before_m, after_m = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     points = np.concatenate([one.points for one in result.surfaces])
-    valid = np.flatnonzero(np.isfinite(following).all(axis=1) & np.isfinite(after_m))
+    valid = np.flatnonzero(np.isfinite(adjusted).all(axis=1) & np.isfinite(after_m))
     rows = SurfaceResidualRows(
         id=result.block.points.ids[points[valid]], residual_before_m=before_m[valid], residual_height_m=after_m[valid],
         holds=np.repeat([not one.open for one in result.surfaces], [len(one.points) for one in result.surfaces])[valid],
     )  # fmt: skip
-    return Table(following[valid], rows)
+    return Table(adjusted[valid], rows)
 
 
 def draw_surfaces(result: Adjustment) -> list[SurfacePicture]:

@@ -29,20 +29,22 @@ def _routine(library: Any, name: str) -> Callable[..., None]:
     function = ctypes.CFUNCTYPE(None)(_get_address(capsule, _get_name(capsule)))
 
     def call(*arguments: bytes | int | float | np.ndarray | ctypes.c_int) -> None:
-        stated: list[Any] = []
+        pointers: list[Any] = []
         for argument in arguments:
             if isinstance(argument, np.ndarray):
                 if argument.dtype != np.float64 or argument.strides[-1] != argument.itemsize:
                     raise ValueError(f"{name} takes rows of float64 that lie in order")
                 row = ctypes.c_int(max(argument.strides[0] // argument.itemsize, 1))
-                stated += [ctypes.c_void_p(argument.ctypes.data), ctypes.byref(row)]
+                pointers += [ctypes.c_void_p(argument.ctypes.data), ctypes.byref(row)]
             elif isinstance(argument, bytes):
-                stated.append(ctypes.byref(ctypes.c_char(argument)))
+                pointers.append(ctypes.byref(ctypes.c_char(argument)))
             elif isinstance(argument, float):
-                stated.append(ctypes.byref(ctypes.c_double(argument)))
+                pointers.append(ctypes.byref(ctypes.c_double(argument)))
             else:
-                stated.append(ctypes.byref(argument if isinstance(argument, ctypes.c_int) else ctypes.c_int(argument)))
-        function(*stated)
+                pointers.append(
+                    ctypes.byref(argument if isinstance(argument, ctypes.c_int) else ctypes.c_int(argument))
+                )
+        function(*pointers)
 
     return call
 

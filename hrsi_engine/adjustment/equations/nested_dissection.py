@@ -142,8 +142,8 @@ def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], 
     waiting_for = [0] * len(order)
     for front in order:
         for child in front.children:
-            parent, part = number_of[id(front)], number_of[id(child)]
-            previous, later = (parent, part) if from_root else (part, parent)
+            parent, child_number = number_of[id(front)], number_of[id(child)]
+            previous, later = (parent, child_number) if from_root else (child_number, parent)
             following[previous].append(later)
             waiting_for[later] += 1
     ready = [number for number, count in enumerate(waiting_for) if not count]
@@ -284,16 +284,16 @@ class SparseFactor:
         borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # rows, and their contributions to a front's border
 
         def add(front: Front) -> None:
-            individual = len(front.own) * self.size
+            width = len(front.own) * self.size
             indices = by_unknown[:, self._number_unknowns(front.own)].tocoo()
             brought = [borders.pop(id(child)) for child in front.children]
             taking_part = np.unique(np.concatenate([indices.row, *(numbers for numbers, _ in brought)]))
-            x = allocate_zeros((individual + len(front.border) * self.size, len(taking_part)))
+            x = allocate_zeros((width + len(front.border) * self.size, len(taking_part)))
             x[indices.col, np.searchsorted(taking_part, indices.row)] = indices.data
             for child, (numbers, values) in zip(front.children, brought, strict=True):
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
-            y = dense.multiply_dense(front.factor, x[:individual])
-            borders[id(front)] = taking_part, x[individual:] - dense.multiply_dense(front.coupling, y)
+            y = dense.multiply_dense(front.factor, x[:width])
+            borders[id(front)] = taking_part, x[width:] - dense.multiply_dense(front.coupling, y)
             square, runs = dense.multiply_by_own_transpose(y), find_runs(taking_part)
             with adding:
                 for part, place in list_lower_parts(runs):
@@ -302,8 +302,8 @@ class SparseFactor:
         work_through_fronts(self.fronts, add)
         for begin in range(0, len(result), MIRRORED_AT_ONCE):  # parts that fit in the processor's cache
             end = min(begin + MIRRORED_AT_ONCE, len(result))
-            individual = np.tril(result[begin:end, begin:end])
-            result[begin:end, begin:end] = individual + np.tril(individual, -1).T
+            lower = np.tril(result[begin:end, begin:end])
+            result[begin:end, begin:end] = lower + np.tril(lower, -1).T
             result[begin:end, end:] = result[end:, begin:end].T
         return result
 
@@ -313,16 +313,16 @@ class SparseFactor:
         above: dict[int, np.ndarray] = {}  # by child: the inverse for its parent's cameras, lower triangle
 
         def invert(front: Front) -> None:
-            cameras, individual = len(front.own) + len(front.border), len(front.own) * self.size
+            cameras, width = len(front.own) + len(front.border), len(front.own) * self.size
             inverse = allocate_zeros((cameras * self.size,) * 2)
-            parent, outer = above.pop(id(front), inverse), inverse[individual:, individual:]
+            parent, outer = above.pop(id(front), inverse), inverse[width:, width:]
             for part, place in list_lower_parts(front.runs):
                 outer[part] = parent[place]
             gain = dense.multiply_by_triangle(front.coupling, front.factor)
             pulled = dense.multiply_symmetric(outer, gain)
-            inverse[individual:, :individual] = -pulled
-            inverse[:individual, :individual] = dense.square_lower(front.factor)
-            dense.add_product(inverse[:individual, :individual], gain, pulled)
+            inverse[width:, :width] = -pulled
+            inverse[:width, :width] = dense.square_lower(front.factor)
+            dense.add_product(inverse[:width, :width], gain, pulled)
             entries = front.entries
             values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
             values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)

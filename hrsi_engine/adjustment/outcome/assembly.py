@@ -218,8 +218,8 @@ def _join_cameras(
     """Return the cameras' joint normal equations for later adjustments, divided by ``points_per_error``."""
     pattern, observations, fixed = loop.pattern, problem.observations, np.isinf(loop.prior_weight)
     blocks = solution.normals.blocks.copy()
-    individual = np.arange(pattern.parameters)
-    blocks[pattern.diagonal[:, None], individual, individual] += np.where(fixed, 0.0, loop.prior_weight)
+    of_model = np.arange(pattern.parameters)
+    blocks[pattern.diagonal[:, None], of_model, of_model] += np.where(fixed, 0.0, loop.prior_weight)
     scale = np.ones(pattern.cameras)
     scale[observations.camera_of_image] = points_per_error
     blocks /= scale[pattern.rows][:, None, None]

@@ -183,8 +183,8 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
             parsed = Role.parse(str(name))
         except KeyError:
             row = np.flatnonzero(index == number)[0]
-            texts = f"{table.name_row(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off"
-            raise InputError(texts) from None
+            message = f"{table.name_row(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off"
+            raise InputError(message) from None
         role[index == number] = UNSET if parsed is None else parsed
     sigma, covariance = survey_accuracy(table)
     if reference.adjusted and ADJUSTED_SIGMA in table.columns:

@@ -182,10 +182,10 @@ def _finish(journal: str) -> list[str]:
             folder = os.path.dirname(path)
             return any(place == home or _leads_to(place, journal) for place in (folder, os.path.dirname(folder)))
 
-        texts = [
+        entries = [
             (str(kind), str(old), str(new)) for kind, old, new in (step for step in left["steps"] if len(step) == 3)
         ]
-        steps = [(kind, old, new) for kind, old, new in texts if all(is_own(path) for path in (old, new) if path)]
+        steps = [(kind, old, new) for kind, old, new in entries if all(is_own(path) for path in (old, new) if path)]
         signposts = [str(file) for file in left["signposts"]]
         _carry_out(journal, steps, [file for file in signposts if _leads_to(os.path.dirname(file), journal, file)])
     count = len({new for _, _, new in steps if new})
