@@ -9,7 +9,7 @@ from typing import Any
 from qgis.core import Qgis, QgsApplication, QgsSettings
 from qgis.gui import QgsMessageBar
 from qgis.PyQt.QtCore import QProcess, Qt, QTimer
-from qgis.PyQt.QtWidgets import QApplication, QDialog, QDockWidget, QMessageBox, QPushButton, QWidget
+from qgis.PyQt.QtWidgets import QApplication, QMessageBox, QPushButton, QWidget
 from qgis.utils import iface
 
 from ..hrsi_engine.foundation.errors import InputError
@@ -40,7 +40,7 @@ def offer_packages() -> None:
     window = QApplication.activeWindow()
     if iface is None or not list_missing_packages():
         return
-    if isinstance(window, (QDockWidget, QDialog)) and window.parent() is iface.mainWindow():
+    if hasattr(window, "tell"):
         PackageOffer(iface.messageBar(), window).show()
     else:
         offer = PackageOffer(iface.messageBar(), iface.mainWindow())

@@ -125,7 +125,7 @@ def run_in_dialog(desktop: Desktop, name: str, given: dict[str, object], cancel:
     desktop.ask(DIALOG.format(name=name, given=given))
     desktop.wait("dialog.runButton().isVisible()")
     desktop.click("middle_of(dialog.runButton())")
-    desktop.wait("not dialog.runButton().isEnabled() or dialog.txtLog.toPlainText()")
+    desktop.wait("not dialog.runButton().isEnabled() or dialog.findChild(QWidget, 'txtLog').toPlainText()")
     if cancel:
         desktop.wait("dialog.cancelButton().isEnabled()")
         desktop.click("middle_of(dialog.cancelButton())")
