@@ -28,7 +28,7 @@ class CONNECTION:
 def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for rejected tie measurements: in the block, on an image, or between two images."""
     block = evidence.result.block
-    ties = evidence.is_role(Role.TIE)
+    ties = evidence.row_role == Role.TIE
     total, out = int(ties.sum()), int((ties & evidence.left_out).sum())
     if not total:
         return
@@ -60,7 +60,7 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     exposure = block.exposure_of_image  # a constraint of one image of an exposure is one of all
     count, control = (
         np.bincount(exposure[block.measurements.image[chosen]], minlength=len(block.images))[exposure]
-        for chosen in (used, used & evidence.is_role(Role.GCP))
+        for chosen in (used, used & (evidence.row_role == Role.GCP))
     )
     free = result.model.parameters and len(block.images) > 1
     alone = [block.images[index].id for index in np.flatnonzero(count == 0).tolist()]

@@ -9,10 +9,11 @@ import numpy as np
 from ...adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, collect_line_profiles, find_block_waves
 from ...adjustment.result import Adjustment, Decision
 from ...block.block import Role
+from ...foundation.errors import list_ids
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import RefitRPC, estimate_priors
 from ..residuals import Residuals
-from .fields import NESTED, ResidualField, find_residual_fields
+from .fields import FIELD, NESTED, ResidualField, find_residual_fields
 from .significance import SOUND_BLOCKS
 
 
@@ -114,33 +115,17 @@ class Evidence:
         """True if there are models with fewer parameters than the one that was adjusted."""
         return self.result.model.least_points > 1
 
-    def is_followed(self, field: ResidualField) -> bool:
-        """Return True if the adjusted model has all terms of the model that would remove a field.
 
-        Parameters
-        ----------
-        field : ResidualField
-            The systematic field of the residuals.
-
-        Returns
-        -------
-        bool
-            False for models that are not nested.
-        """
-        name = self.result.model.name
-        return name in NESTED and NESTED.index(field.model) <= NESTED.index(name)
-
-    def is_role(self, role: Role) -> np.ndarray:
-        """Return True for measurements of points of a role.
-
-        Parameters
-        ----------
-        role : Role
-            The role.
-
-        Returns
-        -------
-        (measurements,) ndarray
-            Booleans.
-        """
-        return self.row_role == role
+def describe_residual_fields(evidence: Evidence) -> list[str]:
+    """Return notes of significant systematic fields in the residuals of images, with the model that removes them."""
+    fields = [field for field in evidence.fields if field.rms_px >= FIELD.noted_px]
+    if not fields:
+        return []
+    worst, name = fields[0], evidence.result.model.name
+    remedy = f"the model {worst.model} would remove it"
+    if name in NESTED and NESTED.index(worst.model) <= NESTED.index(name):
+        remedy = f"the model {name} has these terms, but their a priori standard deviations are too small for it"
+    return [
+        f"the residuals of image {list_ids(field.image for field in fields)} are systematic: up to "
+        f"{worst.rms_px:.2g} px RMS ({worst.image}) are a polynomial of the position; {remedy}"
+    ]

@@ -74,7 +74,9 @@ def _find_misfit(evidence: Evidence, role: Role) -> Iterator[Reason]:
     result, left, block = evidence.result, evidence.left, evidence.result.block
     in_sigmas = left.measured_px / np.hypot(state_known_sigmas_px(result, left), evidence.camera_px)
     out = [finding.id for finding in result.findings if finding.left_out]
-    takes_part = evidence.is_role(role) & ~evidence.left_out & ~np.isin(block.points.ids, out)[block.measurements.point]
+    takes_part = (
+        (evidence.row_role == role) & ~evidence.left_out & ~np.isin(block.points.ids, out)[block.measurements.point]
+    )
     rows = np.flatnonzero(takes_part & finite_rows(in_sigmas))
     if not len(rows):
         return
@@ -100,7 +102,7 @@ def _find_misfit(evidence: Evidence, role: Role) -> Iterator[Reason]:
 def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for GCPs found wrong by data snooping, with a limit that accounts for the number of tests."""
     result = evidence.result
-    rows = evidence.is_role(Role.GCP)
+    rows = evidence.row_role == Role.GCP
     surveyed = int((result.block.points.role == Role.GCP).sum())
     candidates = surveyed + int(rows.sum())
     limit = np.sqrt(
