@@ -9,6 +9,7 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.exposures import STRIP, StripPlaces, fit_strip, place_parts
 from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.statistical_limits import EQUALITY
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.output_dir import require_plain_name
 from ..hrsi_engine.io.point_files.csv_text import write_csv
@@ -34,7 +35,7 @@ def run(options: StripOptions, context: Context) -> Report:
     strip = fit_strip(parts, places.first)
     with_pixels = all(part.has_file for part in parts)
     file = name + (FORMAT_ENDINGS[options.format] if with_pixels else "_RPC.TXT")
-    grid_file = f"{name}_grid.csv" if strip.max_px.max() > STRIP.fit_px else ""
+    grid_file = f"{name}_grid.csv" if strip.max_px.max() > EQUALITY.rpc_px else ""
     warnings = [
         f"{part.id}: by the RPCs it lies {off:.2g} px from whole pixels; it is placed at the next one, and the RPC of "
         "the strip lies between"

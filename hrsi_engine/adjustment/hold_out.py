@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from ..block.block import Block, Role
-from ..foundation.statistical_limits import SAMPLES
+from ..foundation.statistical_limits import EQUALITY, SAMPLES
 from .options import HOLD_OUT
 
 
@@ -40,7 +40,7 @@ def hold_out_ties(block: Block, share: float) -> Block:
         pairs = common_sample.tocoo()
         common_count = np.asarray(common[pairs.row, pairs.col]).ravel()
         remaining = common_count - pairs.data
-        poor = (remaining < HOLD_OUT.least_kept * common_count) | (remaining < np.minimum(common_count, SAMPLES.tested))
+        poor = (remaining < EQUALITY.majority * common_count) | (remaining < np.minimum(common_count, SAMPLES.tested))
         poor &= pairs.row != pairs.col
         weak = sparse.csr_matrix((np.ones(poor.sum(), np.int32), (pairs.row[poor], pairs.col[poor])), common.shape)
         is_needed = np.asarray((incidence[sample] @ weak).multiply(incidence[sample]).sum(axis=1)).ravel() > 0

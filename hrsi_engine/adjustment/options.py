@@ -52,7 +52,6 @@ class HOLD_OUT:
 
     fewest_tracks: int = threshold(500, "tracks", "number of tie tracks up to which none is held out")
     cells: int = threshold(8, "cells", "cells along each side of an image, for an even choice of tracks")
-    least_kept: float = threshold(0.5, "", "smallest share of a pair's tracks that stays in the adjustment")
 
 
 @options

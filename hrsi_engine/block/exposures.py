@@ -31,7 +31,7 @@ import numpy as np
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import best_fit, fit_rpc, make_virtual_grid
 from ..foundation.errors import InputError
-from ..foundation.statistical_limits import SAMPLES
+from ..foundation.statistical_limits import EQUALITY, SAMPLES
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import GRIDS
 from .block import Image, Tile
@@ -236,7 +236,6 @@ class STRIP:
     reach_share: float = threshold(0.02, "", "distance of a part from the next one, relative to its size, at most")
     bent_px: float = threshold(2.0, "px", "largest variation of the offset between two parts in their overlap")
     whole_px: float = threshold(0.25, "px", "largest offset of a part from whole pixels without a message")
-    fit_px: float = threshold(0.1, "px", "difference of the strip's RPC from its parts without a new fit")
     same_px: float = threshold(1e-6, "px", "difference below which parts have the same RPC")
     grid: tuple[int, int, int] = threshold((15, 25, 6), "nodes", "samples, lines, heights of a part's grid for the fit")
     check_grid: tuple[int, int, int] = threshold((16, 34, 7), "nodes", "check points (samples, lines, heights)")
@@ -328,7 +327,7 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
         rpc, largest_px, weights = fit.rpc, fit.max_px, np.ones(len(points[0]))
         residual_px = _measure_apart(rpc, *points)
         # Of the weighted fits, use the one with the smallest maximum difference at the check points
-        for _ in range(STRIP.rounds if largest_px > STRIP.fit_px else 0):
+        for _ in range(STRIP.rounds if largest_px > EQUALITY.rpc_px else 0):
             weights *= residual_px / residual_px.max() + STRIP.least_growth
             weighted = fit_rpc(*points, weights=weights, ridge=fit.ridge).rpc
             residual_px = _measure_apart(weighted, *points)

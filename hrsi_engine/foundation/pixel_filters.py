@@ -25,6 +25,7 @@ class BLUR:
 
     sigma_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before matching and derivatives")
     edge_px: float = threshold(1.5, "px", "distance from an edge or corner within which grey values are blurred")
+    end_px: float = threshold(2.5, "px", "distance from an edge at which its blur has ended")
 
 
 def load_opencv() -> Any:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..block.block import Image
+from ..block.imaging_geometry import GEOMETRY
 from ..camera.rpc import RPC
 from ..foundation.errors import SolveError
 from ..foundation.thresholds import threshold, thresholds
@@ -38,7 +39,6 @@ class SENSOR:
     least_height_m: float = threshold(1e3, "m", "smallest plausible height: an aircraft")
     largest_height_m: float = threshold(2e6, "m", "largest plausible height: above all mapping satellites")
     largest_climb: float = threshold(0.02, "", "largest relative change of height over half an image (else noise)")
-    least_range_m: float = threshold(100.0, "m", "smallest difference of the two heights that define a ray")
     height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays at convergence")
 
 
@@ -117,7 +117,7 @@ def compute_sensor_frame(image: Image) -> SensorFrame:
 
 def localize_ray_ends(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the ground positions ``(n, 3)`` of image points at the lower, middle and upper height of their rays."""
-    reach = max(abs(rpc.height_scale), SENSOR.least_range_m / 2.0)
+    reach = max(abs(rpc.height_scale), GEOMETRY.ray_reach_m / 2.0)
     low, high = rpc.height_off - reach, rpc.height_off + reach
     lower, middle, upper = (rpc.localize(image_px, height).ground for height in (low, (low + high) / 2.0, high))
     return lower, middle, upper

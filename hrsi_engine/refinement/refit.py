@@ -4,16 +4,8 @@ import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc_fit import make_image_grid, refit_rpc
-from ..foundation.statistical_limits import ITERATIONS
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.statistical_limits import EQUALITY, ITERATIONS
 from .model import RefinementModel, RefitRPC
-
-
-@thresholds
-class REFIT:
-    """Limits of the iteration for the image area of a refit."""
-
-    settled_px: float = threshold(0.1, "px", "shift of the area at convergence")
 
 
 def refit_camera(model: RefinementModel, image: Image, values: np.ndarray) -> RefitRPC:
@@ -35,7 +27,7 @@ def refit_camera(model: RefinementModel, image: Image, values: np.ndarray) -> Re
         vendors = vendors + shift
         low, high = vendors.min(axis=0), vendors.max(axis=0)
         area = float(low[0]), float(high[0]), float(low[1]), float(high[1])
-        if np.abs(shift).max() < REFIT.settled_px:
+        if np.abs(shift).max() < EQUALITY.rpc_px:
             break
     fit = refit_rpc(
         image.rpc, lambda vendors, ground: model.project(image, values, ground), area, image.rpc.height_range

@@ -9,7 +9,7 @@ import numpy as np
 from ...block.exposures import find_passes
 from ...block.pointing import estimate_pointing
 from ...foundation.errors import list_ids
-from ...foundation.statistical_limits import REDUNDANCY
+from ...foundation.statistical_limits import EQUALITY, REDUNDANCY
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import ground_difference_m
 from ..gauss_newton import GaussNewton, Solution
@@ -45,7 +45,6 @@ class RESULT_WARNINGS:
 
     unused: float = threshold(0.02, "", "largest share of unused heights or points on parallel rays without a warning")
     many_places_left_out: float = threshold(0.1, "", "largest share of left out places without a warning")
-    from_prior: float = threshold(0.5, "", "smallest share of the prior in a parameter that is not determined")
 
 
 WHAT_STANDS_OUT = {
@@ -335,7 +334,7 @@ def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: n
     names, observations = problem.model.parameters, problem.observations
     prior = problem.prior_weight[:, : prior_share.shape[1]]
     has_prior = prior == loop.prior_weight[:, : prior_share.shape[1]]
-    poor = (prior_share > RESULT_WARNINGS.from_prior) & has_prior & ~np.isinf(prior)
+    poor = (prior_share > EQUALITY.majority) & has_prior & ~np.isinf(prior)
     by_set: dict[tuple[str, ...], list[str]] = {}
     for part in problem.parts:
         for index in part.images if part.gcps else ():

@@ -33,7 +33,7 @@ from ...block.block import Image
 from ...block.columns import Columns
 from ...block.points import ImagePoints
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.statistical_limits import ITERATIONS, SAMPLES
+from ...foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import EPIPOLAR, EpipolarDeviation, compute_epipolar_deviation
@@ -56,7 +56,6 @@ class TESTS:
     imprecise_px: float = threshold(0.06, "px", "sigma up to which this is not tested", _CLIFFS)
     island_slope: float = threshold(0.5, "px/px", "largest parallax step relative to the distance")
     island_gap: float = threshold(3.0, "", "distance over the median one, beyond which the step is constant")
-    island_share: float = threshold(0.05, "", "share of a pair's matches in the smallest accepted connected part")
 
 
 MEDIAN_CHI_SQUARED = 0.4549  # with one degree of freedom
@@ -145,7 +144,7 @@ def _find_connected_heights(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     one, column = np.nonzero(is_plausible_step(parallax[neighbours] - parallax[:, None], distance))
     links = sparse.coo_matrix((np.ones(len(one), bool), (one, neighbours[one, column])), shape=(len(xy), len(xy)))
     _, part = csgraph.connected_components(links, directed=False)
-    is_connected = np.asarray(np.bincount(part)[part] >= TESTS.island_share * len(xy))
+    is_connected = np.asarray(np.bincount(part)[part] >= EQUALITY.negligible * len(xy))
     if is_connected.all() or not is_connected.any():
         return is_connected
     # An isolated part (behind water or a cloud) is accepted if most of it fits the nearest matches of the mainland

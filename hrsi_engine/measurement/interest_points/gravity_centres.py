@@ -32,7 +32,6 @@ class CENTRE:
         (0.4, 0.05), "px, share", "largest distance of centroid and centre: constant and per size", SIMULATED_OBJECTS
     )
     centroid_samples: int = threshold(13, "points", "side of the sample grid of the grey-weighted centroid")
-    surroundings_px: float = threshold(2.5, "px", "distance from the edge at which the grey value outside is taken")
     same_outline_px: float = threshold(0.75, "px", "largest distance of the centres of equal outlines")
     same_log_radius: float = threshold(0.06, "", "largest difference of the logs of the mean radii of equal outlines")
     same_centre: float = threshold(0.1, "", "largest distance of the centres of one object over its diameter")
@@ -178,7 +177,7 @@ def _score_shapes(
     arm = shapes.edges - shapes.xy[:, None]
     length = np.maximum(np.linalg.norm(arm, axis=-1, keepdims=True), 1e-9)
     values = []
-    for points in (shapes.xy[:, None] + 0.5 * arm, shapes.edges + CENTRE.surroundings_px * arm / length):
+    for points in (shapes.xy[:, None] + 0.5 * arm, shapes.edges + BLUR.end_px * arm / length):
         grey = interpolate_bilinear(slopes.grey, points[..., 0], points[..., 1])
         # The (lower) median of the valid values of each row
         ordered = np.sort(np.where(shapes.found, grey, np.inf), axis=1)

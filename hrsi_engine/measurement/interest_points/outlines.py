@@ -27,7 +27,6 @@ class OUTLINE_SAMPLING:
     """Sampling of a region's outline and detection of its edge points."""
 
     step_px: float = threshold(0.5, "px", "spacing of samples along a normal")
-    normal_reach_px: float = threshold(2.5, "px", "half length of a normal in pixels of the region's scale")
     fine_reach: float = threshold(0.75, "", "half length at full resolution, relative to the scale")
     first_peak_share: float = threshold(0.5, "", "smallest gradient of an edge over the largest", SIMULATED_OBJECTS)
     smoothing_points: float = threshold(1.5, "points", "standard deviation of the outline's smoothing")
@@ -101,7 +100,7 @@ def measure_outlines(slopes: GradientImage, regions: LevelRegions) -> Outlines:
         rows = scale == factor
         level = slopes.reduce(factor)
         along = normals[rows], sign[rows]
-        edge_xy, steep, clear = find_edges_along(level, points[rows], *along, OUTLINE_SAMPLING.normal_reach_px)
+        edge_xy, steep, clear = find_edges_along(level, points[rows], *along, BLUR.end_px)
         edge_xy = (edge_xy + 0.5) * factor - 0.5
         if factor > 1:
             edge_xy, steep, fine = find_edges_along(slopes, edge_xy, *along, OUTLINE_SAMPLING.fine_reach * factor)

@@ -53,7 +53,6 @@ class REFERENCE_MATCHES:
     direction_sigma: float = threshold(0.4, "working px", "sigma of a correlation peak without least-squares matching")
     correlation: float = threshold(0.5, "", "smallest correlation of accepted least-squares matching")
     lsm_reach: float = threshold(1.5, "working px", "largest shift by least-squares matching")
-    least_spread: float = threshold(0.05, "", "smallest standard deviation of offsets over their tolerance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,7 +373,7 @@ def find_agreement(
         residual = offset - design @ coefficients.T
         # Robust standard deviation of a coordinate, from the median length (Rayleigh distribution)
         length = np.hypot(*residual[inliers].T)
-        spread = float(np.clip(np.median(length) / 1.1774, REFERENCE_MATCHES.least_spread * tolerance_px, tolerance_px))
+        spread = float(np.clip(np.median(length) / 1.1774, EQUALITY.negligible * tolerance_px, tolerance_px))
         is_within = np.hypot(*residual.T) <= ROBUST.outlier * spread
         if is_within.sum() < SAMPLES.redundant:
             return None

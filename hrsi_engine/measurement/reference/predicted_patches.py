@@ -17,6 +17,7 @@ import numpy as np
 from ...block.block import Image, Raster
 from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import blur, erode, interpolate, reduce_by_area
+from ...foundation.statistical_limits import EQUALITY
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.working_sizes import MEMORY
 from ...surface.dem import HeightSurface, Status, intersect_surface
@@ -34,7 +35,6 @@ class PATCH:
 
     blur: float = threshold(0.45, "px of the coarser image", "standard deviation of the low-pass filter")
     valid: float = threshold(0.999, "", "smallest valid share of a resampled pixel (1 but for rounding)")
-    least_known: float = threshold(0.5, "", "smallest share of a patch's rays that intersect the DEM")
     largest_px: int = threshold(64_000_000, "working px", "largest source window; beyond, the position is wrong")
     cell_px: int = threshold(192, "working px", "side of the part of a cell in which a place is selected")
     most_cells: int = threshold(20_000, "cells", "largest number of cells in all images together")
@@ -149,7 +149,7 @@ def predict_patch(
     intersected = status == Status.FOUND
     if intersected.any():
         place[intersected] = reference.to_pixels(ground[intersected, :2])
-    if PATCH.least_known <= intersected.mean() < 1.0:
+    if EQUALITY.majority <= intersected.mean() < 1.0:
         # For rays into gaps of the DEM, positions by the affine function of the others
         design = np.column_stack([np.ones(len(grid)), grid])
         coefficients = np.linalg.lstsq(design[intersected], place[intersected], rcond=None)[0]
