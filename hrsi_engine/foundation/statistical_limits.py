@@ -70,5 +70,5 @@ class EQUALITY:
     size: float = threshold(1.25, "", "ratio up to which two pixel sizes or standard deviations count as equal")
     rounding: float = threshold(1e-9, "", "difference of equal numbers, relative or in pixels", "rounding of sums")
     negligible: float = threshold(0.05, "", "share of a variance or number without effect", "2.5 % of a sigma")
-    majority: float = threshold(0.5, "", "share from which a part stands for the whole")
+    majority: float = threshold(0.5, "", "smallest share of a majority")
     rpc_px: float = threshold(0.1, "px", "difference of two RPCs that needs no new fit")
