@@ -242,7 +242,7 @@ def test_numbers_with_gaps_and_ids_as_floats():
         (TypeError, "hrsi.adjust: missing a required argument: 'images'", lambda: hrsi.adjust()),
         (hrsi.HrsiError, "^sigma_image 'x' is not a number", lambda: hrsi.adjust(IMAGES, sigma_image="x")),
         (hrsi.HrsiError, "needs output_dir; see help", lambda: hrsi.crop(IMAGES[0])),
-        (hrsi.HrsiError, r"give image files, or measured points \(tie_points",
+        (hrsi.HrsiError, r"Give image files, or measured points \(tie_points",
          lambda: hrsi.triangulate(IMAGES)),
         (hrsi.HrsiError, "sigma_dem needs a DEM: name it with dem",
          lambda: hrsi.adjust(IMAGES, gcps=GCPS, image_points=MEASURED, sigma_dem=2.0)),
