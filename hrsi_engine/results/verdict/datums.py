@@ -13,13 +13,16 @@ from .evidence import Evidence
 
 
 def find_missing_grids(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for missing grids of better coordinate operations, if the loss exceeds the block's CE90 or LE90."""
+    """Yield reasons for missing grids and substituted geoids, if their loss exceeds the block's CE90 or LE90."""
     accuracy = _predict_without_operations(evidence)
+    least = min((value for key in ("ce90_m", "le90_m") if (value := accuracy[key]) is not None), default=0.0)
     for use in evidence.result.block.all_operations:
-        text = describe_missing_grid(use)
-        limits = [value for key in ("ce90_m", "le90_m") if (value := accuracy[key]) is not None]
-        if text and not use.loss_m <= min(limits, default=0.0):
-            yield Reason("datum-grid-missing", Level.DOUBTFUL, text, advise_grids(use))
+        for code, text, loss_m, limit_m in (
+            ("datum-grid-missing", describe_missing_grid(use), use.loss_m, least),
+            ("geoid-substituted", describe_substitute(use), GEOID.substitute_sigma_m, accuracy["le90_m"] or 0.0),
+        ):
+            if text and not loss_m <= limit_m:
+                yield Reason(code, Level.DOUBTFUL, text, advise_grids(use))
 
 
 def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
@@ -33,15 +36,6 @@ def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
             )  # fmt: skip
 
 
-def find_substituted_geoids(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for substituted geoids whose error can exceed the block's LE90 without it."""
-    limit = _predict_without_operations(evidence)["le90_m"]
-    for use in evidence.result.block.all_operations:
-        text = describe_substitute(use)
-        if text and not GEOID.substitute_sigma_m <= (limit or 0.0):
-            yield Reason("geoid-substituted", Level.DOUBTFUL, text, advise_grids(use))
-
-
 def _predict_without_operations(evidence: Evidence) -> dict[str, float | None]:
     """Return the CE90 and LE90 of the block's points without the errors of coordinate operations."""
     covariance = evidence.result.ground_covariance_m2
@@ -50,4 +44,4 @@ def _predict_without_operations(evidence: Evidence) -> dict[str, float | None]:
 
 
 #: Every check of the coordinate operations.
-ON_DATUMS = (find_missing_grids, find_ballpark_operations, find_substituted_geoids)
+ON_DATUMS = (find_missing_grids, find_ballpark_operations)

@@ -10,11 +10,22 @@ from .evidence import Evidence
 from .significance import EFFECT
 
 
-def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for parts that the relief displaces by more than the pointing error of their RPCs explains."""
+def find_surface_reasons(evidence: Evidence) -> Iterator[Reason]:
+    """Yield reasons for parts that the relief displaces by more than the pointing error of their RPCs explains.
+
+    A relief that does not determine a part in plan is a reason of level OK.
+    """
     for one in evidence.result.surfaces:
         east, north, up = one.match.displacement_m.tolist()
-        if not one.open and one.beyond_pointing > EFFECT.doubtful_factor:
+        if one.open:
+            yield Reason(
+                "not-determined", Level.OK,
+                f"the relief of the surface does not determine {list_ids(one.images)} in plan: {one.open}",
+                "the position in plan follows from the RPCs alone, with the stated CE90: add GCPs or a reference "
+                "orthoimage",
+                images=one.images,
+            )  # fmt: skip
+        elif one.beyond_pointing > EFFECT.doubtful_factor:
             yield Reason(
                 "surface-offset", Level.DOUBTFUL,
                 f"matching with the relief of the surface shifts {list_ids(one.images)} by "
@@ -26,18 +37,5 @@ def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
             )  # fmt: skip
 
 
-def find_open_surfaces(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason why the relief does not determine parts in plan; it has level OK."""
-    for one in evidence.result.surfaces:
-        if one.open:
-            yield Reason(
-                "not-determined", Level.OK,
-                f"the relief of the surface does not determine {list_ids(one.images)} in plan: {one.open}",
-                "the position in plan follows from the RPCs alone, with the stated CE90: add GCPs or a reference "
-                "orthoimage",
-                images=one.images,
-            )  # fmt: skip
-
-
 #: Every check of surfaces.
-ON_SURFACES = (find_surface_offsets, find_open_surfaces)
+ON_SURFACES = (find_surface_reasons,)
