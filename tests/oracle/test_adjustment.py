@@ -131,6 +131,11 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
         expected |= {f"{own}.{key}": (0, 0) for key in ("points", "observations", "wrong")}
     expected |= predicted_area(solution, kinds["T"])
     expected |= pairs(scene, adjusted, away, report["pairs"], kinds["T"], place[2])
+    gsd = max(math.sqrt(pixel["gsd_sample_m"][0] * pixel["gsd_line_m"][0])
+              for pixel in (view(camera, place[2]) for camera in scene.cameras.values()))  # fmt: skip
+    ratio = max(value for path, (value, _) in expected.items() if path.endswith(".base_to_height"))
+    expected["parts[0].gsd_m"] = gsd, 5e-3 * gsd  # at another height
+    expected["parts[0].base_to_height"] = ratio, 5e-3
     compare(report, expected, {
         r"iterations|solves|history\[.*": "how the solver came there; its end is compared",
         r"images\..*\.rpc_fit_max_px": "compared with the tags below",

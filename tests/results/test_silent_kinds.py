@@ -44,7 +44,8 @@ def test_an_rpc_larger_than_its_image_on_both_sides_is_of_no_crop(margin: float)
     samples, lines = right.images[0].known_size
     half = {"samp_scale": samples * (0.5 + margin), "line_scale": lines * (0.5 + margin)}
     assert not _with_rpc(right, samp_off=samples / 2.0, line_off=lines / 2.0, **half)
-    assert bool(_with_rpc(right, samp_off=half["samp_scale"], line_off=half["line_scale"], **half)) == (margin > 0.05)
+    # an RPC that begins exactly with its image states its size: edges of 1 % are noticed
+    assert bool(_with_rpc(right, samp_off=half["samp_scale"], line_off=half["line_scale"], **half)) == (margin > 0.01)
 
 
 def _in_order_of_rpc00a(coefficients: np.ndarray) -> np.ndarray:
