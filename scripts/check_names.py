@@ -25,7 +25,7 @@ PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
 #: The largest share of private names that may be listed.
 MOST_LISTED = 0.01
 #: The largest share of arguments and local variables that are function words; it may only become smaller.
-MOST_FUNCTION_WORDS = 0.05
+MOST_FUNCTION_WORDS = 0.03
 #: Verbs that end as participles do, and participles that have become nouns or verbs of the field.
 VERBS = {"need", "seed", "feed", "speed", "embed", "proceed", "exceed", "succeed", "shed", "weed"}  # fmt: skip
 PARTICIPLES = {

@@ -82,7 +82,7 @@ class PairFit:
 
 
 def fit_tracks(
-    block: Block, chosen: np.ndarray, predict: bool = True, start: np.ndarray | None = None
+    block: Block, is_selected: np.ndarray, predict: bool = True, start: np.ndarray | None = None
 ) -> tuple[Observations, TrackFit]:
     """Intersect points with the block's cameras and predict each of their image points from the others.
 
@@ -90,7 +90,7 @@ def fit_tracks(
     (points,)`` is True for the points that are used, each on two images or more. Without ``predict`` the predictions
     and their enlargements are NaN. ``start (points, 3)`` are positions within a few metres, if they are known.
     """
-    observations = select_points(block, chosen)
+    observations = select_points(block, is_selected)
     none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
     if start is None:
         ground = intersect_points(observations, none, no_values, estimate_start_positions(observations))

@@ -179,19 +179,21 @@ class GaussNewton:
         solution = Solution(state, weighting, normals, factor, 0.0)
         return replace(solution, cost=self.compute_cost(solution))
 
-    def compute_cost(self, at: Solution) -> float:
+    def compute_cost(self, solution: Solution) -> float:
         """Half the weighted sum of squares of image points, surveys and priors."""
-        joint = sum(joint.compute_cost(at.state.values) for joint in self.joint)
-        weak = at.weighting.points.sum_weak_squares(at.state.ground, at.weighting.contributes)
-        prior_squares = float(np.sum(self._finite_prior * at.state.values**2))
-        return 0.5 * (self.sum_of_squares(at) + weak + prior_squares) + joint
+        joint = sum(joint.compute_cost(solution.state.values) for joint in self.joint)
+        weak = solution.weighting.points.sum_weak_squares(solution.state.ground, solution.weighting.contributes)
+        prior_squares = float(np.sum(self._finite_prior * solution.state.values**2))
+        return 0.5 * (self.sum_of_squares(solution) + weak + prior_squares) + joint
 
-    def sum_of_squares(self, at: Solution) -> float:
+    def sum_of_squares(self, solution: Solution) -> float:
         """Return the weighted sum of squares of image points and surveys that are used to determine the cameras."""
-        contributes, residual = at.weighting.contributes, at.normals.residual
-        lengths = np.einsum("nc,nc->n", residual, residual) * at.weight
+        contributes, residual = solution.weighting.contributes, solution.normals.residual
+        lengths = np.einsum("nc,nc->n", residual, residual) * solution.weight
         contributing_rows = np.repeat(contributes, self.rows_per_point)
-        return float(lengths @ contributing_rows) + at.weighting.points.sum_of_squares(at.state.ground, contributes)
+        return float(lengths @ contributing_rows) + solution.weighting.points.sum_of_squares(
+            solution.state.ground, contributes
+        )
 
     def count_redundancy(self, weighting: Weighting) -> float:
         """Return the redundancy, at least 1; priors of the cameras are not counted as observations."""

@@ -60,34 +60,38 @@ def assemble(
     repeated = sorted(name for name, count in Counter(image_ids).items() if count > 1)
     if repeated:
         raise InputError(f"image id {list_ids(repeated)} occurs more than once: rename one of the files")
-    known = _merge_ground(list(ground_points))
+    surveyed = _merge_ground(list(ground_points))
     rows = stack_image_points([table for table in image_points if len(table)])
     # Exclude points with the role off unless they are named; their measurements are not used as tie points either
-    outside = (known.role == Role.OFF) & ~np.isin(known.ids, [*(gcp_ids or ()), *(check_ids or ())])
-    known, rows = (
-        (known.select(~outside), rows.select(~isin(rows.ids, known.ids[outside]))) if outside.any() else (known, rows)
+    outside = (surveyed.role == Role.OFF) & ~np.isin(surveyed.ids, [*(gcp_ids or ()), *(check_ids or ())])
+    surveyed, rows = (
+        (surveyed.select(~outside), rows.select(~isin(rows.ids, surveyed.ids[outside])))
+        if outside.any()
+        else (surveyed, rows)
     )
     if gcp_ids and check_ids:
         # Exclude surveyed points that are not selected; their measurements are not used as tie points either
-        other = (
-            ~np.isin(known.ids, [*gcp_ids, *check_ids]) & ~np.isin(known.role, UNSURVEYED) & finite_rows(known.ground)
+        is_excluded = (
+            ~np.isin(surveyed.ids, [*gcp_ids, *check_ids])
+            & ~np.isin(surveyed.role, UNSURVEYED)
+            & finite_rows(surveyed.ground)
         )
-        known, rows = known.select(~other), rows.select(~isin(rows.ids, known.ids[other]))
+        surveyed, rows = surveyed.select(~is_excluded), rows.select(~isin(rows.ids, surveyed.ids[is_excluded]))
     warnings: list[str] = []
     image_index = find_image_indices(rows, images)
     ids, point_index = find_unique_ids(rows.ids)
-    warnings += _warn_of_similar_ids(ids, rows, known)
-    measured = np.isin(known.ids, ids)
-    known, unmeasured = known.select(measured), known.select(~measured)
+    warnings += _warn_of_similar_ids(ids, rows, surveyed)
+    measured = np.isin(surveyed.ids, ids)
+    surveyed, unmeasured = surveyed.select(measured), surveyed.select(~measured)
     if len(unmeasured):
-        warnings_text = f"{len(known)} of {len(measured)} ground points are measured on images; "
+        warnings_text = f"{len(surveyed)} of {len(measured)} ground points are measured on images; "
         warnings_text += f"{len(unmeasured)} are not used: {list_ids(unmeasured.ids)}"
-        single = ids[(np.bincount(point_index, minlength=len(ids)) == 1) & ~np.isin(ids, known.ids)]
+        single = ids[(np.bincount(point_index, minlength=len(ids)) == 1) & ~np.isin(ids, surveyed.ids)]
         if len(single):
             warnings_text += f"; {len(single)} points measured on one image have no ground position: {list_ids(single)}"
         warnings.append(warnings_text)
-    role = _assign_roles(known, gcp_ids, check_ids)
-    points = _make_points(ids, known, role, defaults)
+    role = _assign_roles(surveyed, gcp_ids, check_ids)
+    points = _make_points(ids, surveyed, role, defaults)
     order = np.lexsort((image_index, point_index))
     sigma = np.where(np.isnan(rows.sigma_px), defaults.sigma_image_px, rows.sigma_px)
     measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)
@@ -281,7 +285,7 @@ def find_similar_ids(strangers: Iterable[str], valid: Iterable[str]) -> dict[str
     result, bones = dict[str, list[str]](), set(_strip_separators(valid))
     while names:
         names = [name for name, part in zip(names, _strip_separators(names), strict=True) if part in bones]
-        spelt = zip(names, normalise_spellings(names), strict=True)
-        result |= {name: by_spelling[spelling] for name, spelling in spelt if spelling in by_spelling}
+        spellings = zip(names, normalise_spellings(names), strict=True)
+        result |= {name: by_spelling[spelling] for name, spelling in spellings if spelling in by_spelling}
         names = list(islice(waiting, _AT_ONCE))
     return result

@@ -127,7 +127,7 @@ def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) 
         scenes.setdefault(index if tile is None else tile.scene, []).append(index)
     for scene, members in scenes.items():
         finer = order[: order.index(members[0])]
-        found = [
+        relations = [
             relation
             for fine in finer
             for band in members
@@ -135,9 +135,9 @@ def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) 
             if least_pixel == 0.0 or _may_be_one_exposure(images[fine], images[band])
             if (relation := _relate_band(result, fine, band)) is not None
         ]
-        if not found:
+        if not relations:
             continue
-        best = max(found, key=lambda relation: (round(relation.pixel, 1), relation.nodes))
+        best = max(relations, key=lambda relation: (round(relation.pixel, 1), relation.nodes))
         composite = _find_scene(result[best.fine])
         result[best.fine] = replace(result[best.fine], tile=composite)
         of_band = result[best.band].tile or Tile(str(scene), (0.0, 0.0))
@@ -334,11 +334,11 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
             if (worst := float(_measure_apart(weighted, *check).max())) < largest_px:
                 rpc, largest_px = weighted, worst
     errors = {name: [getattr(part.rpc, name) for part in parts] for name in ("err_bias", "err_rand")}
-    known = {name: max(values) for name, values in errors.items() if None not in values}
+    stated_errors = {name: max(values) for name, values in errors.items() if None not in values}
     off_px = [_measure_apart(rpc, *grid) for grid in checked]
     largest = [one.max(initial=0.0) for one in off_px]  # 0 for a part that is covered completely by later ones
     rms = [np.sqrt(np.mean(one**2)) if len(one) else 0.0 for one in off_px]
-    return StripRpc(replace(rpc, **known), np.array(largest), np.array(rms), *points)
+    return StripRpc(replace(rpc, **stated_errors), np.array(largest), np.array(rms), *points)
 
 
 def _make_grid(

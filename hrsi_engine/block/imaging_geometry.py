@@ -109,21 +109,21 @@ def compute_overlap(first: Polygon, second: Polygon) -> tuple[float, float]:
 
 def find_touching_pairs(polygons: Sequence[Polygon]) -> list[tuple[int, int]]:
     """Return the index pairs, first < second, of polygons that touch or overlap, in ascending order."""
-    known = [number for number, polygon in enumerate(polygons) if not polygon.is_empty]
-    if not known:
+    nonempty = [number for number, polygon in enumerate(polygons) if not polygon.is_empty]
+    if not nonempty:
         return []
-    tree_pairs = [_shift_to(polygons[number], polygons[known[0]]) for number in known]
+    tree_pairs = [_shift_to(polygons[number], polygons[nonempty[0]]) for number in nonempty]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShapelyDeprecationWarning)  # of Shapely 1.8 on a change in 2, see below
         tree = STRtree(tree_pairs)
     place = {id(polygon): number for number, polygon in enumerate(tree_pairs)}
     pairs = []
     for number, polygon in enumerate(tree_pairs):
-        for found in tree.query(polygon):
+        for match in tree.query(polygon):
             # Shapely 1.8 returns the polygons themselves, 2 their indices
-            second = int(found) if isinstance(found, np.integer) else place[id(found)]
+            second = int(match) if isinstance(match, np.integer) else place[id(match)]
             if second > number and polygon.intersects(tree_pairs[second]):
-                pairs.append((known[number], known[second]))
+                pairs.append((nonempty[number], nonempty[second]))
     return sorted(pairs)
 
 

@@ -54,10 +54,10 @@ class JitterEstimate:
     samples: tuple[Mapping[str, JitterCurve], ...]
     prior: tuple[float, float, float]
 
-    def add(self, other: "JitterEstimate") -> "JitterEstimate":
+    def add(self, addend: "JitterEstimate") -> "JitterEstimate":
         """Return the sum of two estimates, the second one, whose prior it takes, made without the first."""
-        samples = tuple(_add_curves(*pair) for pair in zip(self.samples, other.samples, strict=True))
-        return JitterEstimate(_add_curves(self.curves, other.curves), samples, other.prior)
+        samples = tuple(_add_curves(*pair) for pair in zip(self.samples, addend.samples, strict=True))
+        return JitterEstimate(_add_curves(self.curves, addend.curves), samples, addend.prior)
 
     def displace(self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, remove: bool = False) -> np.ndarray:
         """Return measurements ``xy (n, 2)`` with the jitter added, or removed.

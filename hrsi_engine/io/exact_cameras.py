@@ -139,7 +139,7 @@ def _adjust_linescan(
 
 def find_exact_camera(path: str, size: tuple[int, int] | None) -> LinescanCamera | None:
     """Return the exact camera of an uncropped image, from its own XML file or one next to it; None if there is none."""
-    files = [path, *(file for beside in side_files(path).values() for file in beside)]
+    files = [path, *(file for side_list in side_files(path).values() for file in side_list)]
     cameras = (read_exact_camera(file) for file in files if file.lower().endswith(".xml"))
     return next((camera for camera in cameras if camera is not None and size in (None, camera.size)), None)
 
@@ -164,8 +164,8 @@ def _turn(times: np.ndarray, quaternions: np.ndarray) -> Callable[[np.ndarray], 
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation
 
-    same = np.cumprod(np.sign(np.r_[1.0, (quaternions[1:] * quaternions[:-1]).sum(axis=1)]))  # -q is q: equal signs
-    between = CubicSpline(times, quaternions * same[:, None])
+    signs = np.cumprod(np.sign(np.r_[1.0, (quaternions[1:] * quaternions[:-1]).sum(axis=1)]))  # -q is q: equal signs
+    between = CubicSpline(times, quaternions * signs[:, None])
     return lambda time: Rotation.from_quat(between(time)).as_matrix()
 
 
@@ -218,8 +218,10 @@ def _read_dimap(path: str) -> LinescanCamera | None:
     period, middle = float(_require(root, "LINE_PERIOD")), _seconds(_require(root, "SCENE_CENTER_TIME"))
     first = middle + period * (1.0 - float(_require(root, "SCENE_CENTER_LINE")))
     size = int(_require(root, "NCOLS")), int(_require(root, "NROWS"))
-    near = np.sort(np.argsort(np.abs(times - middle))[:_HANDBOOK_POINTS])
-    position, velocity = (BarycentricInterpolator(times[near] - middle, rows[near]) for rows in (positions, velocities))
+    nearest = np.sort(np.argsort(np.abs(times - middle))[:_HANDBOOK_POINTS])
+    position, velocity = (
+        BarycentricInterpolator(times[nearest] - middle, rows[nearest]) for rows in (positions, velocities)
+    )
     turn_times = np.array([_seconds(_require(one, "TIME")) for one in angles])
     turns = np.array([[float(_require(one, name)) for name in ("YAW", "PITCH", "ROLL")] for one in angles])
     psi = np.array([[float(_require(one, name)) for name in ("PSI_X", "PSI_Y")] for one in root.iter("Look_Angles")])

@@ -67,27 +67,32 @@ class JitterFile:
 
         Raises `InputError` if its rows are damaged.
         """
-        lines, values, known = list[int](), list[list[float]](), None
+        lines, values, reference = list[int](), list[list[float]](), None
         try:
             for row in csv.reader(self._lines.get(image_id, [])):
                 if row[0] == "#rpc":
-                    known = np.array([float(value) for value in row[2:]])
+                    reference = np.array([float(value) for value in row[2:]])
                 else:
                     lines.append(int(row[1]))
                     values.append([float(value) for value in row[2:6]])
-            found = np.array(values).reshape(-1, 4)
-            sound = known is not None and len(known) == 5 and np.isfinite(found).all() and (np.diff(lines) == 1).all()
+            table = np.array(values).reshape(-1, 4)
+            sound = (
+                reference is not None
+                and len(reference) == 5
+                and np.isfinite(table).all()
+                and (np.diff(lines) == 1).all()
+            )
             if lines and not sound:
                 raise ValueError("lines are missing")
         except (ValueError, IndexError, csv.Error) as error:
             raise InputError(
                 f"{self.path}: its jitter of {image_id} is damaged ({error}): adjust the block again"
             ) from None
-        if not lines or known is None:
+        if not lines or reference is None:
             return None, ""
-        if not np.abs(rpc.project(known[None, :3])[0] - known[3:]).max() <= JITTER_FILES.same_px:
+        if not np.abs(rpc.project(reference[None, :3])[0] - reference[3:]).max() <= JITTER_FILES.same_px:
             return None, f"{image_id}: {self.path} is of another RPC than the image has, and was not used"
-        return JitterCurve(lines[0], found[:, :2], found[:, 2:]), ""
+        return JitterCurve(lines[0], table[:, :2], table[:, 2:]), ""
 
 
 def _read_id(line: str) -> str:

@@ -63,9 +63,9 @@ def _format_column(name: str, values: np.ndarray) -> np.ndarray:
     if values.dtype.kind in "biu":
         return _format_numbers(values.astype(np.int64), 0)
     decimals = DECIMALS_BY_NAME.get(name, DECIMALS)
-    known = np.abs(values) < _LARGEST  # False for NaN
-    text = _format_numbers(np.rint(np.where(known, values, 0.0) * 10.0**decimals).astype(np.int64), decimals)
-    text[~known] = 0
+    finite = np.abs(values) < _LARGEST  # False for NaN
+    text = _format_numbers(np.rint(np.where(finite, values, 0.0) * 10.0**decimals).astype(np.int64), decimals)
+    text[~finite] = 0
     return text
 
 

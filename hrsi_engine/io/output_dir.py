@@ -37,15 +37,15 @@ def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inpu
     replaced, or inputs.
     """
     if path.startswith(VIRTUAL):
-        found = [name for name in RESULT_FILES if virtual_status(f"{path.rstrip('/')}/{name}") is not None]
+        results = [name for name in RESULT_FILES if virtual_status(f"{path.rstrip('/')}/{name}") is not None]
     else:
         folder = Path(path)
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{path} is a file: name a directory as `output_dir`")
-        found = [name for name in RESULT_FILES if (folder / name).exists()]
-    if found and not overwrite:
-        told = f"already contains a result ({', '.join(found)}): allow `overwrite` or choose another directory"
-        raise InputError(f"{path} {told}")
+        results = [name for name in RESULT_FILES if (folder / name).exists()]
+    if results and not overwrite:
+        message = f"already contains a result ({', '.join(results)}): allow `overwrite` or choose another directory"
+        raise InputError(f"{path} {message}")
     _require_replaceable(path, names, inputs, overwrite)
 
 
@@ -55,19 +55,19 @@ def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
     If a new report withholds its RPCs, these files would be mistaken for new ones. Images that the earlier run refined
     in place, and inputs, are not included.
     """
-    kept = {os.path.realpath(file) for file in inputs}
-    found = []
+    input_paths = {os.path.realpath(file) for file in inputs}
+    earlier = []
     report = read_report(os.path.join(path, "report.json")) or {}
     outputs = report.get("outputs")
-    told: list[tuple[Any, Any]] = [(outputs.get("stac"), "")] if isinstance(outputs, dict) else []
-    told += [(image.get(what), image.get("path")) for image in _images_of(report) for what in ("output", "stac")]
-    for output, source in told:
+    output_pairs: list[tuple[Any, Any]] = [(outputs.get("stac"), "")] if isinstance(outputs, dict) else []
+    output_pairs += [(image.get(key), image.get("path")) for image in _images_of(report) for key in ("output", "stac")]
+    for output, source in output_pairs:
         if not isinstance(output, str) or not isinstance(source, str):
             continue
         file = os.path.join(path, os.path.basename(output))
-        if os.path.isfile(file) and os.path.realpath(file) not in kept | {os.path.realpath(source)}:
-            found.append(file)
-    return found
+        if os.path.isfile(file) and os.path.realpath(file) not in input_paths | {os.path.realpath(source)}:
+            earlier.append(file)
+    return earlier
 
 
 def _images_of(report: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -105,7 +105,7 @@ def stage_folder(
                 remove_virtual(needless)
         return
     folder = Path(path)
-    made = not folder.exists()
+    is_new = not folder.exists()
     temporary = None
     changes = transaction or Transaction(str(folder))
     try:
@@ -113,8 +113,8 @@ def stage_folder(
             try:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
-                told = f"{folder} cannot be written ({error.strerror}): choose another `output_dir`"
-                raise OutputError(told) from None
+                message = f"{folder} cannot be written ({error.strerror}): choose another `output_dir`"
+                raise OutputError(message) from None
             temporary = Path(temporary_folder(path))
         for needless in discarded:
             changes.discard(needless)
@@ -124,7 +124,7 @@ def stage_folder(
     except BaseException:
         if temporary is not None and not changes.is_under_way:
             shutil.rmtree(temporary, ignore_errors=True)
-        if made and folder.is_dir() and not any(folder.iterdir()):
+        if is_new and folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
         raise
     with holding_signals():
@@ -151,9 +151,9 @@ def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str],
     """Raise `InputError` if a file of these names exists and is an input, or may not be replaced."""
     targets = [os.path.join(path, name) for name in names]
     require_no_input(targets, inputs)
-    named = set() if overwrite else names_of_last_run(path)
+    replaceable = set() if overwrite else names_of_last_run(path)
     for target in targets:
-        if not overwrite and os.path.basename(target) not in named and exists_anywhere(target):
+        if not overwrite and os.path.basename(target) not in replaceable and exists_anywhere(target):
             raise InputError(
                 f"{target} exists and would be replaced: allow `overwrite`, or choose another `output_dir`"
             )
@@ -164,15 +164,17 @@ def require_no_input(targets: Iterable[str], inputs: Iterable[str]) -> None:
 
     Side files of an input are not replaced either, except its RPC files, of which `keep_original` keeps the originals.
     """
-    there = [target for target in targets if exists_anywhere(target)]
-    if not there:
+    existing = [target for target in targets if exists_anywhere(target)]
+    if not existing:
         return
-    inputs = [file for named in inputs for file in (_files_in(named) if os.path.isdir(named) else [named])]
-    read, beside = ({_identity(file) for file in files} for files in (inputs, files_with(inputs)))
-    for target in there:
+    inputs = [
+        file for input_name in inputs for file in (_files_in(input_name) if os.path.isdir(input_name) else [input_name])
+    ]
+    read, side_identities = ({_identity(file) for file in files} for files in (inputs, files_with(inputs)))
+    for target in existing:
         if _identity(target) in read:
             raise InputError(f"{target} is an input and would be replaced: choose another `output_dir`")
-        if _identity(target) in beside and not is_rpc_file(target):
+        if _identity(target) in side_identities and not is_rpc_file(target):
             raise InputError(f"{target} belongs to an input and would be replaced: choose another `output_dir`")
         require_not_read_only(target)
 
@@ -190,10 +192,10 @@ def _identity(path: str) -> object:
     return status.st_dev, status.st_ino
 
 
-def require_plain_name(name: str, what: str) -> None:
+def require_plain_name(name: str, noun: str) -> None:
     """Raise `InputError` if a word that becomes part of a file's name would lead out of its folder."""
     if not name or name in (".", "..") or set(name) & {"/", "\\", "\0"} or os.path.basename(name) != name:
-        raise InputError(f"{what} {name!r} is no name of a file: leave out what leads to other folders")
+        raise InputError(f"{noun} {name!r} is no name of a file: leave out what leads to other folders")
 
 
 def names_of_last_run(folder: str) -> set[str]:
@@ -202,9 +204,9 @@ def names_of_last_run(folder: str) -> set[str]:
     if report is None:
         return set()
     outputs = report.get("outputs", [])
-    told = [*(outputs.values() if isinstance(outputs, dict) else outputs)]
-    told += find_image_outputs(report).values()
-    return {"report.json", *(os.path.basename(file) for file in told if isinstance(file, str))}
+    output_list = [*(outputs.values() if isinstance(outputs, dict) else outputs)]
+    output_list += find_image_outputs(report).values()
+    return {"report.json", *(os.path.basename(file) for file in output_list if isinstance(file, str))}
 
 
 def read_report(path: str) -> dict[str, Any] | None:
@@ -224,14 +226,14 @@ def find_image_outputs(report: Mapping[str, Any], folder: str | os.PathLike[str]
     """
     images = report.get("images")
     entries = images.items() if isinstance(images, dict) else ()
-    named = {name: one["output"] for name, one in entries if isinstance(one, dict) and one.get("output")}
+    outputs = {name: one["output"] for name, one in entries if isinstance(one, dict) and one.get("output")}
     if folder is None:
-        return named
+        return outputs
     places = {
         name: (os.path.join(folder, os.path.basename(path)), path, os.path.join(report.get("directory", ""), path))
-        for name, path in named.items()
+        for name, path in outputs.items()
     }
-    return {name: next(filter(os.path.isfile, places[name]), path) for name, path in named.items()}
+    return {name: next(filter(os.path.isfile, places[name]), path) for name, path in outputs.items()}
 
 
 def exists_anywhere(path: str) -> bool:

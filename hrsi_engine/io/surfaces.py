@@ -105,9 +105,9 @@ class _Grid:
         """Add points ``(n, 3)``."""
         column, row = np.floor((xyz[:, :2] - self.corner) / self.cell * [1.0, -1.0]).astype(np.int64).T
         inside = (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows) & np.isfinite(xyz[:, 2])
-        at = (row * self.columns + column)[inside]
-        self._sums += np.bincount(at, xyz[inside, 2], len(self._sums))
-        self._counts += np.bincount(at, minlength=len(self._counts))
+        cells = (row * self.columns + column)[inside]
+        self._sums += np.bincount(cells, xyz[inside, 2], len(self._sums))
+        self._counts += np.bincount(cells, minlength=len(self._counts))
 
     @property
     def means(self) -> np.ndarray:

@@ -80,7 +80,7 @@ def estimate_accuracies(
     images: Sequence[Image], sigma_shift_px: float = 0.0, sigma_drift: float = 0.0
 ) -> list[ImageAccuracy]:
     """Return the a priori accuracy of each image from ERR_BIAS or its resolution, or larger if the user states so."""
-    found = []
+    accuracies = []
     for image, gsd in zip(images, compute_gsds_m(images).tolist(), strict=True):
         stated = image.rpc.err_bias
         sigma = float(stated) if stated and stated > 0.0 and np.isfinite(stated) else 0.0
@@ -99,5 +99,5 @@ def estimate_accuracies(
         drift = max(ACCURACY.largest_drift, ACCURACY.large_shift_sigmas * sigma_drift)
         misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
         usual_drift = max(ACCURACY.usual_drift, sigma_drift)
-        found.append(ImageAccuracy(gsd, sigma, ce90_m, large_m, biased_m, far_m, misfit_m, usual_drift))
-    return found
+        accuracies.append(ImageAccuracy(gsd, sigma, ce90_m, large_m, biased_m, far_m, misfit_m, usual_drift))
+    return accuracies

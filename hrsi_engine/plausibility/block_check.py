@@ -55,8 +55,8 @@ def check_block(
             (reason.code == "outside-image" and codes & PIXEL_MISTAKE_CODES)
             or (reason.code == "height-offset" and "heights-alike" in codes)
             or (reason.code in {"control-implausible", "control-outliers"} and "coordinates-rounded" in codes)
-            or (reason.code in HEIGHT_CODES and any(other.code in HEIGHT_CODES for other in kept))
-            or any(reason.code == other.code for other in kept if reason.code != "duplicate-images")
+            or (reason.code in HEIGHT_CODES and any(earlier.code in HEIGHT_CODES for earlier in kept))
+            or any(reason.code == earlier.code for earlier in kept if reason.code != "duplicate-images")
         )
         if not follows:
             kept.append(reason)

@@ -64,10 +64,10 @@ class StraightRays:
         """Return the rays of the given rows (indices or mask)."""
         return StraightRays(self.ground[rows], self.slope[rows])
 
-    def replace(self, rows: np.ndarray, others: StraightRays) -> StraightRays:
-        """Return a copy of the rays in which those of a mask ``rows`` are replaced by ``others``."""
+    def replace(self, rows: np.ndarray, replacement: StraightRays) -> StraightRays:
+        """Return a copy of the rays in which those of a mask ``rows`` are replaced by ``replacement``."""
         ground, slope = self.ground.copy(), self.slope.copy()
-        ground[rows], slope[rows] = others.ground, others.slope
+        ground[rows], slope[rows] = replacement.ground, replacement.slope
         return StraightRays(ground, slope)
 
 
@@ -122,8 +122,8 @@ class ControlMeasurements:
     def select(self, rows: np.ndarray) -> ControlMeasurements:
         """Return the measurements of the given rows (indices or mask)."""
         columns = ("point", "image", "xy", "ground", "noise_m", "expected_m")
-        chosen = {name: getattr(self, name)[rows] for name in columns}
-        return replace(self, sights=self.sights.select(rows), **chosen)
+        selected = {name: getattr(self, name)[rows] for name in columns}
+        return replace(self, sights=self.sights.select(rows), **selected)
 
     def point_ids(self, points: np.ndarray) -> tuple[str, ...]:
         """Return the ids of points by index."""
@@ -138,23 +138,23 @@ def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> Contro
     """Return the measurements of a block's surveyed points (GCPs and check points), or None if there are none."""
     covariance = block.points.survey_covariance_m2()
     sigma = np.sqrt(np.maximum(covariance.diagonal(axis1=1, axis2=2), 0.0))
-    known = block.known & finite_rows(block.points.ground) & finite_rows(sigma)
-    rows = np.flatnonzero(known[block.measurements.point])
+    is_surveyed = block.known & finite_rows(block.points.ground) & finite_rows(sigma)
+    rows = np.flatnonzero(is_surveyed[block.measurements.point])
     if not len(rows):
         return None
     measured = block.measurements
     point, image, xy = measured.point[rows], measured.image[rows], measured.xy[rows]
-    seen = compute_sightlines(block.images, image, xy)
+    rays = compute_sightlines(block.images, image, xy)
     gsd = np.array([accuracy.gsd_m for accuracy in accuracies])[image]
     noise = np.sqrt(
         (gsd * measured.sigma_px[rows]) ** 2
         + sigma[point, :2].max(axis=1) ** 2
-        + np.nan_to_num(np.sum(seen.slope**2, axis=1)) * sigma[point, 2] ** 2
+        + np.nan_to_num(np.sum(rays.slope**2, axis=1)) * sigma[point, 2] ** 2
     )
     centre = np.array([one.centre_px for one in block.images])[image]
     drift = np.array([accuracy.drift for accuracy in accuracies])[image]
     expected = np.hypot(noise, drift * gsd * np.hypot(*(xy - centre).T))
-    return ControlMeasurements(block, point, image, xy, block.points.ground[point], seen, noise, expected, accuracies)
+    return ControlMeasurements(block, point, image, xy, block.points.ground[point], rays, noise, expected, accuracies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,8 +199,8 @@ class ControlFit:
         control = self.control
         count = np.bincount(control.image, minlength=len(control.accuracies))
         agree = np.bincount(control.image[self.belongs], minlength=len(control.accuracies))
-        near = self.shift_length_m <= control.get_figures("far_m")
-        return np.asarray((agree >= np.where(count < 4, count, CONTROL_FIT.agreeing_share * count)) & near)
+        is_near = self.shift_length_m <= control.get_figures("far_m")
+        return np.asarray((agree >= np.where(count < 4, count, CONTROL_FIT.agreeing_share * count)) & is_near)
 
     @property
     def fits(self) -> bool:
@@ -219,11 +219,11 @@ class ControlFit:
 
 
 def fit_control(
-    control: ControlMeasurements, ground: np.ndarray | None = None, seen: StraightRays | None = None
+    control: ControlMeasurements, ground: np.ndarray | None = None, rays: StraightRays | None = None
 ) -> ControlFit:
-    """Return the fit of surveyed points ``ground (n, 3)`` to the rays ``seen``; by default as in the control."""
+    """Return the fit of surveyed points ``ground (n, 3)`` to the rays ``rays``; by default as in the control."""
     surveyed = control.ground if ground is None else ground
-    distance = (control.sights if seen is None else seen).distance_m(surveyed)
+    distance = (control.sights if rays is None else rays).distance_m(surveyed)
     shift = np.full((len(control.accuracies), 2), np.nan)
     scatter = np.zeros(len(control.accuracies))
     for index in control.images:
@@ -263,7 +263,7 @@ class InconsistentPoints:
     group: bool
 
 
-def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
+def find_disagreement(control_fit: ControlFit) -> InconsistentPoints | None:
     """Return the surveyed points, at most half of them, that disagree with the others; None where all agree.
 
     Each point has one vector: the mean over its images of its misfit east and north, and its parallax, the mean misfit
@@ -271,7 +271,7 @@ def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
     which moves images of different directions against each other. Two clusters of these vectors, whose gap is several
     times their spread, show that two surveys were mixed.
     """
-    control = given.control
+    control = control_fit.control
     points = control.points
     if len(points) < GROUP.fewest_points:
         return None
@@ -284,9 +284,9 @@ def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
 
     lean = control.sights.slope - average(control.sights.slope)[place]
     length = np.hypot(*lean.T)
-    along = np.sum(given.misfit_m * lean, axis=1) / np.maximum(length, 1e-9)
+    along = np.sum(control_fit.misfit_m * lean, axis=1) / np.maximum(length, 1e-9)
     along[length < GROUP.least_lean] = 0.0
-    vector = average(np.column_stack([given.misfit_m, along]))
+    vector = average(np.column_stack([control_fit.misfit_m, along]))
     expected = np.sqrt(np.bincount(place, control.noise_m**2) / count)
     # The smaller of two clusters of points, and the gap between them over their spread
     best: tuple[np.ndarray, float] | None = None
@@ -305,30 +305,30 @@ def find_disagreement(given: ControlFit) -> InconsistentPoints | None:
         low, high = order[: cut + 1], order[cut + 1 :]
         # The standard deviation within a cluster, doubled for two or three points, whose range determines it poorly
         spreads = [float(np.std(along[part], ddof=1)) * (2.0 if len(part) < 4 else 1.0) for part in (low, high)]
-        within = max(*spreads, float(np.median(expected)))
-        gap = float(step[cut] / within)
+        scatter = max(*spreads, float(np.median(expected)))
+        gap = float(step[cut] / scatter)
         if gap > GROUP.gap_ratio and (best is None or gap > best[1]):
             smaller = np.zeros(len(vector), dtype=bool)
             smaller[low if len(low) <= len(high) else high] = True
             best = smaller, gap
     if best is not None:
-        return _describe_disagreement(given, points, vector, *best, group=True)
+        return _describe_disagreement(control_fit, points, vector, *best, group=True)
     middle = np.median(vector, axis=0)
     deviation = np.abs(vector - middle)  # jitter spreads the parallaxes alone
     away = (deviation / np.maximum(MAD_TO_SIGMA * np.median(deviation, axis=0), expected[:, None])).max(axis=1)
-    off = away > GROUP.gap_ratio
-    if not off.any() or off.sum() > len(points) / 2:
+    is_off = away > GROUP.gap_ratio
+    if not is_off.any() or is_off.sum() > len(points) / 2:
         return None
-    return _describe_disagreement(given, points, vector, off, float(away[off].min()), group=False)
+    return _describe_disagreement(control_fit, points, vector, is_off, float(away[is_off].min()), group=False)
 
 
 def _describe_disagreement(
-    given: ControlFit, points: np.ndarray, vector: np.ndarray, off: np.ndarray, gap: float, group: bool
+    control_fit: ControlFit, points: np.ndarray, vector: np.ndarray, is_off: np.ndarray, gap: float, group: bool
 ) -> InconsistentPoints:
-    step = -(np.median(vector[off], axis=0) - np.median(vector[~off], axis=0))
-    control = given.control
+    step = -(np.median(vector[is_off], axis=0) - np.median(vector[~is_off], axis=0))
+    control = control_fit.control
     place = np.searchsorted(points, control.point)
-    lean = np.hypot(*(control.sights.slope - np.median(control.sights.slope, axis=0)).T)[off[place]]
+    lean = np.hypot(*(control.sights.slope - np.median(control.sights.slope, axis=0)).T)[is_off[place]]
     typical = float(np.median(lean)) if len(lean) else 0.0
     height = -step[2] / typical if typical > GROUP.least_lean else np.nan
-    return InconsistentPoints(points[off], np.array([step[0], step[1], height]), gap, group)
+    return InconsistentPoints(points[is_off], np.array([step[0], step[1], height]), gap, group)

@@ -74,27 +74,27 @@ class MistakeHypothesis:
 
 def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     """Return the reasons for surveyed points of a block that do not fit their images; empty where all fit."""
-    given = fit_control(control)
-    apart = find_disagreement(given)
+    control_fit = fit_control(control)
+    disagreement = find_disagreement(control_fit)
     # In a correct block this is hardly ever true: the search for input errors is not needed there
-    lift, sigma = estimate_common_lift(given.control, given.shift_m)
+    lift, sigma = estimate_common_lift(control_fit.control, control_fit.shift_m)
     suspicious = (
-        not given.fits
-        or bool((given.scatter > CONTROL_FIT.usual_scatter).any())
-        or bool((given.shift_sigmas > MISTAKE.suspicious_sigmas).any())
+        not control_fit.fits
+        or bool((control_fit.scatter > CONTROL_FIT.usual_scatter).any())
+        or bool((control_fit.shift_sigmas > MISTAKE.suspicious_sigmas).any())
         or (sigma > 0.0 and abs(lift / sigma) > MISTAKE.suspicious_sigmas)
     )
-    if not suspicious and apart is None:
+    if not suspicious and disagreement is None:
         return []
-    named_mistake, datum, rivals = _find_best_mistake(control, given)
+    named_mistake, datum, rivals = _find_best_mistake(control, control_fit)
     if named_mistake is not None:
-        return [_make_mistake_reason(control, given, named_mistake)]
-    if apart is not None:
-        single = _find_mistake_of_points(control, given, apart)
-        return [_make_disagreement_reason(control, apart) if single is None else single]
-    if not given.fits:
-        return [_make_misfit_reason(control, given, rivals)]
-    reasons = _find_large_shifts(control, given, datum)
+        return [_make_mistake_reason(control, control_fit, named_mistake)]
+    if disagreement is not None:
+        single = _find_mistake_of_points(control, control_fit, disagreement)
+        return [_make_disagreement_reason(control, disagreement) if single is None else single]
+    if not control_fit.fits:
+        return [_make_misfit_reason(control, control_fit, rivals)]
+    reasons = _find_large_shifts(control, control_fit, datum)
     if sigma > 0.0 and abs(lift) >= MISTAKE.height_sigmas * sigma:
         reasons.append(
             Reason(
@@ -112,7 +112,7 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
 
 
 def _find_best_mistake(
-    control: ControlMeasurements, given: ControlFit
+    control: ControlMeasurements, control_fit: ControlFit
 ) -> tuple[MistakeHypothesis | None, MistakeHypothesis | None, list[MistakeHypothesis]]:
     """Return the input error that explains the misfit clearly better than every other, or None; then datum and rivals.
 
@@ -123,18 +123,18 @@ def _find_best_mistake(
     of such a bias: it is named only if the shift is too large for a bias, otherwise it is the second value.
     """
     best: dict[str, MistakeHypothesis] = {}
-    for reading in _iterate_hypotheses(control, given):
+    for reading in _iterate_hypotheses(control, control_fit):
         code, fit = reading.mistake.code, reading.fit
         images = control.images if reading.images is None else reading.images
-        if code in SHIFTING_CODES and (given.scatter[images] <= CONTROL_FIT.usual_scatter).all():
+        if code in SHIFTING_CODES and (control_fit.scatter[images] <= CONTROL_FIT.usual_scatter).all():
             continue  # a shift explains all: of a crop, of a biased RPC, or of a single point
         # all points fit as in a correct block, and the misfit has become clearly smaller
-        largest, before = float(fit.shift_sigmas.max()), float(given.shift_sigmas.max())
-        good_shift = largest < max(MISTAKE.explained_shift_sigmas, MISTAKE.explained_share * before)
-        explains = given.cost - reading.cost > MISTAKE.least_cost and fit.fits and good_shift
+        largest, shift_before = float(fit.shift_sigmas.max()), float(control_fit.shift_sigmas.max())
+        good_shift = largest < max(MISTAKE.explained_shift_sigmas, MISTAKE.explained_share * shift_before)
+        explains = control_fit.cost - reading.cost > MISTAKE.least_cost and fit.fits and good_shift
         if explains and (code not in best or reading.cost < best[code].cost):
             best[code] = reading
-    biased = bool((given.shift_length_m <= control.get_figures("biased_m")).all())
+    biased = bool((control_fit.shift_length_m <= control.get_figures("biased_m")).all())
     datum = best.pop("horizontal-datum", None) if biased else None
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
     rivals = [reading for reading in ranked[1:] if not {reading.mistake.code, ranked[0].mistake.code} <= HEIGHT_CODES]
@@ -144,31 +144,33 @@ def _find_best_mistake(
     return ranked[0], datum, []
 
 
-def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[MistakeHypothesis]:
+def _iterate_hypotheses(control: ControlMeasurements, control_fit: ControlFit) -> Iterator[MistakeHypothesis]:
     """Yield every input error, corrected; those of image coordinates on all images, or only where these do not fit."""
-    far = bool((given.shift_sigmas > MISTAKE.suspicious_sigmas).any())
-    for mistake, ground in iterate_ground_mistakes(control, given.shift_m, far):
+    is_far = bool((control_fit.shift_sigmas > MISTAKE.suspicious_sigmas).any())
+    for mistake, ground in iterate_ground_mistakes(control, control_fit.shift_m, is_far):
         yield MistakeHypothesis(mistake, fit_control(control, ground))
-    wrong = control.images[~given.fitting[control.images]]
-    for some in (wrong, None) if 0 < len(wrong) < len(control.images) else (None,):
+    misfitting = control.images[~control_fit.fitting[control.images]]
+    for image_subset in (misfitting, None) if 0 < len(misfitting) < len(control.images) else (None,):
         for mistake, undo in PIXEL_MISTAKES:
-            yield MistakeHypothesis(mistake, _fit_without_pixel_mistake(control, undo, some), images=some)
+            yield MistakeHypothesis(
+                mistake, _fit_without_pixel_mistake(control, undo, image_subset), images=image_subset
+            )
         for mistake, change in RPC_MISTAKES:
             block = control.block
-            chosen = control.images if some is None else some
+            chosen = control.images if image_subset is None else image_subset
             images = [replace(image, rpc=change(image.rpc)) if index in chosen else image
                       for index, image in enumerate(block.images)]  # fmt: skip
-            seen = compute_sightlines(images, control.image, control.xy)
-            yield MistakeHypothesis(mistake, fit_control(control, seen=seen), images=some)
-    suspects = wrong if len(wrong) > 1 else control.images
+            rays = compute_sightlines(images, control.image, control.xy)
+            yield MistakeHypothesis(mistake, fit_control(control, rays=rays), images=image_subset)
+    suspects = misfitting if len(misfitting) > 1 else control.images
     permuted = find_image_permutation(control, suspects)
     if permuted is not None:
         changed = np.unique(control.image[permuted[0] != control.image])
         owner, names = permuted[0].tolist(), control.block.images
         pairs = sorted({(a, b) for a, b in zip(control.image.tolist(), owner, strict=True) if a != b})
         text = ", ".join(f"{names[a].id} are of {names[b].id}" for a, b in pairs[:4])
-        what = f"image ids of measurements are exchanged: those on {text}"
-        mistake = Mistake("ids-permuted", what, "correct the field 'image'", 4.0)
+        message = f"image ids of measurements are exchanged: those on {text}"
+        mistake = Mistake("ids-permuted", message, "correct the field 'image'", 4.0)
         yield MistakeHypothesis(
             mistake, fit_control(replace(control, image=permuted[0], sights=permuted[1])), images=changed
         )
@@ -176,34 +178,34 @@ def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iter
     if owners is not None:
         points = control.points
         survey = control.block.points.ground[points[owners]]
-        moved = owners != np.arange(len(points))
+        is_exchanged = owners != np.arange(len(points))
         mistake = Mistake(
             "ids-permuted", _describe_point_exchange(control.block.points.ids[points], owners),
             "correct the ids of these points", 4.0,
         )  # fmt: skip
         yield MistakeHypothesis(
-            mistake, fit_control(control, survey[np.searchsorted(points, control.point)]), points=points[moved]
+            mistake, fit_control(control, survey[np.searchsorted(points, control.point)]), points=points[is_exchanged]
         )
 
 
 def _fit_without_pixel_mistake(
-    control: ControlMeasurements, undo: Callable[..., np.ndarray], some: np.ndarray | None
+    control: ControlMeasurements, undo: Callable[..., np.ndarray], image_subset: np.ndarray | None
 ) -> ControlFit:
     xy = control.xy.copy()
-    for index in control.images if some is None else some:
+    for index in control.images if image_subset is None else image_subset:
         rows = control.image == index
         xy[rows] = undo(control.xy[rows], control.block.images[index])
     rows = np.any(xy != control.xy, axis=1)
     if not rows.any():
         return fit_control(control)
     fresh = compute_sightlines(control.block.images, control.image[rows], xy[rows])
-    return fit_control(control, seen=control.sights.replace(rows, fresh))
+    return fit_control(control, rays=control.sights.replace(rows, fresh))
 
 
 def _describe_point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
-    moved = np.flatnonzero(owners != np.arange(len(owners)))
-    text = ", ".join(f"{ids[a]} is {ids[owners[a]]}" for a in moved[:4])
-    return f"ids of ground points are exchanged: the measured point {text}{' …' if len(moved) > 4 else ''}"
+    exchanged = np.flatnonzero(owners != np.arange(len(owners)))
+    text = ", ".join(f"{ids[a]} is {ids[owners[a]]}" for a in exchanged[:4])
+    return f"ids of ground points are exchanged: the measured point {text}{' …' if len(exchanged) > 4 else ''}"
 
 
 # ---- reasons -------------------------------------------------------------------------------------------------------
@@ -224,18 +226,18 @@ def _make_mistake_reason(control: ControlMeasurements, given: ControlFit, found:
 
 def _list_rivals(rivals: list[MistakeHypothesis]) -> str:
     """Return possible input errors as text, each with the misfit that remains after its correction."""
-    told = dict.fromkeys(
+    texts = dict.fromkeys(
         f"{one.mistake.what} (then {_format_median_distance(one.fit, one.images)} remain)" for one in rivals
     )
-    return ", or ".join(told)
+    return ", or ".join(texts)
 
 
 def _format_median_distance(read: ControlFit, images: np.ndarray | None = None) -> str:
     """Return the median distance of points from their rays on images (all by default), as text ``1.2 km (2400 px)``."""
     rows = np.isin(read.control.image, read.control.images if images is None else images)
-    away = np.hypot(*read.distance_m[rows].T)
-    pixels = away / read.control.get_figures("gsd_m")[read.control.image[rows]]
-    return f"{_format_distance(float(np.median(away)))} ({float(np.median(pixels)):.3g} px)"
+    distance = np.hypot(*read.distance_m[rows].T)
+    pixels = distance / read.control.get_figures("gsd_m")[read.control.image[rows]]
+    return f"{_format_distance(float(np.median(distance)))} ({float(np.median(pixels)):.3g} px)"
 
 
 def _format_distance(distance: float) -> str:
@@ -243,32 +245,32 @@ def _format_distance(distance: float) -> str:
 
 
 def _find_mistake_of_points(
-    control: ControlMeasurements, given: ControlFit, apart: InconsistentPoints
+    control: ControlMeasurements, control_fit: ControlFit, disagreement: InconsistentPoints
 ) -> Reason | None:
     """Return the reason for the points that disagree with the others, if exactly one input error explains them."""
-    rows = np.isin(control.point, apart.points)
-    rest = control.select(~rows)
-    shift = fit_control(rest).shift_m
-    limit = given.agreeing_m[rows] / MISTAKE.few_points_gain
-    before = np.hypot(*(given.distance_m - shift[control.image])[rows].T)
-    if np.median(before / limit) < MISTAKE.few_points_gain:
+    rows = np.isin(control.point, disagreement.points)
+    remaining = control.select(~rows)
+    shift = fit_control(remaining).shift_m
+    limit = control_fit.agreeing_m[rows] / MISTAKE.few_points_gain
+    distance_before = np.hypot(*(control_fit.distance_m - shift[control.image])[rows].T)
+    if np.median(distance_before / limit) < MISTAKE.few_points_gain:
         return None
     fitting: dict[str, Mistake] = {}
     owners = find_point_permutation(control.select(rows))
     if owners is not None:
         points = control.block.points
-        survey = points.ground[apart.points[owners]][np.searchsorted(apart.points, control.point[rows])]
-        away = np.hypot(*(control.sights.select(rows).distance_m(survey) - shift[control.image[rows]]).T)
-        if (away < limit).all():
+        survey = points.ground[disagreement.points[owners]][np.searchsorted(disagreement.points, control.point[rows])]
+        distance = np.hypot(*(control.sights.select(rows).distance_m(survey) - shift[control.image[rows]]).T)
+        if (distance < limit).all():
             fitting["ids-permuted"] = Mistake(
                 "ids-permuted",
-                _describe_point_exchange(points.ids[apart.points], owners),
+                _describe_point_exchange(points.ids[disagreement.points], owners),
                 "correct the ids of these points",
             )
     for mistake, ground in iterate_ground_mistakes(control, shift, False):
-        away = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
+        distance = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
         # A few points cannot prove a wrong height or a common shift: other errors of heights look the same
-        if (away < limit).all() and mistake.code not in {*HEIGHT_CODES, "horizontal-datum"}:
+        if (distance < limit).all() and mistake.code not in {*HEIGHT_CODES, "horizontal-datum"}:
             fitting.setdefault(mistake.code, mistake)
     for mistake, undo in PIXEL_MISTAKES:
         read = _fit_without_pixel_mistake(control, undo, None)
@@ -277,9 +279,9 @@ def _find_mistake_of_points(
     if len(fitting) != 1:
         return None
     mistake = next(iter(fitting.values()))
-    ids = control.point_ids(apart.points)
+    ids = control.point_ids(disagreement.points)
     return Reason(
-        mistake.code, _choose_level(control, apart.points), f"ground point {list_ids(ids)}: {mistake.what}",
+        mistake.code, _choose_level(control, disagreement.points), f"ground point {list_ids(ids)}: {mistake.what}",
         mistake.advice, control.image_ids(np.unique(control.image[rows])), ids,
     )  # fmt: skip
 
@@ -287,8 +289,8 @@ def _find_mistake_of_points(
 def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
     """Return unusable if the wrong points (two or more) are a quarter of the GCPs or of all points, else doubtful."""
     gcps = control.points[control.block.points.role[control.points] == Role.GCP]
-    wrong = np.isin(gcps, points)
-    of_gcps = wrong.sum() > 1 and wrong.sum() >= MISTAKE.wrong_share * len(gcps)
+    is_wrong = np.isin(gcps, points)
+    of_gcps = is_wrong.sum() > 1 and is_wrong.sum() >= MISTAKE.wrong_share * len(gcps)
     of_all = len(points) > 1 and len(points) >= MISTAKE.wrong_share * len(control.points)
     return Level.UNUSABLE if of_gcps or of_all else Level.DOUBTFUL
 
@@ -368,10 +370,10 @@ def _find_large_shifts(
 
 def _format_shifts(control: ControlMeasurements, images: np.ndarray) -> str:
     """Return shifts of three images at most as text, ``-200 px in sample, 300 px in line on img`` (crop origins)."""
-    told = []
+    texts = []
     for index in images[:3].tolist():
         rows = control.image == index
-        seen = control.block.images[index].rpc.project(control.ground[rows])
-        sample, line = np.median(seen - control.xy[rows], axis=0)
-        told.append(f"{sample:+.0f} px in sample, {line:+.0f} px in line on {control.block.images[index].id}")
-    return "; ".join(told)
+        projected = control.block.images[index].rpc.project(control.ground[rows])
+        sample, line = np.median(projected - control.xy[rows], axis=0)
+        texts.append(f"{sample:+.0f} px in sample, {line:+.0f} px in line on {control.block.images[index].id}")
+    return "; ".join(texts)

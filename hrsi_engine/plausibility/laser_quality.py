@@ -39,33 +39,33 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
             (points.canopy_m > LASER_QUALITY.canopy_m, f"vegetation above {LASER_QUALITY.canopy_m:g} m"),
         )
     reason = points.doubt.astype("U64")
-    for wrong, why in tests:
-        reason = np.where((reason == "") & wrong, why, reason)
+    for is_bad, cause in tests:
+        reason = np.where((reason == "") & is_bad, cause, reason)
     # Points whose height differs from the median of their neighbours on the track by more than slopes explain; points
     # with too few neighbours are not tested
-    kept = np.flatnonzero(reason == "")
-    good = points.select(kept)
-    off = np.zeros(len(good), dtype=bool)
-    order = np.argsort(good.track, kind="stable")
-    names = good.track[order]
+    accepted = np.flatnonzero(reason == "")
+    sound_points = points.select(accepted)
+    is_outlier = np.zeros(len(sound_points), dtype=bool)
+    order = np.argsort(sound_points.track, kind="stable")
+    names = sound_points.track[order]
     for rows in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1 if len(order) else []):
         if len(rows) <= 3:
             continue
-        ground, height = good.ground[rows], good.ground[rows, 2]
+        ground, height = sound_points.ground[rows], sound_points.ground[rows, 2]
         metres = ground_difference_m(ground, ground[:1])[:, :2]
         count = min(LASER_QUALITY.neighbours, len(rows) - 1)
-        distance, near = cKDTree(metres).query(
+        distance, neighbours = cKDTree(metres).query(
             metres, k=count + 1, distance_upper_bound=LASER_QUALITY.neighbour_reach_m
         )
-        distance, near = distance[:, 1:], near[:, 1:]  # the nearest is the point itself
-        there = np.isfinite(distance)
-        enough = there.sum(axis=1) >= 3
-        others = np.where(there, np.append(height, np.nan)[near], np.nan)[enough]
-        middle = np.nanmedian(others, axis=1)
-        spread = 1.4826 * np.nanmedian(np.abs(others - middle[:, None]), axis=1)
-        reach = np.nanmedian(np.where(there, distance, np.nan)[enough], axis=1)
-        noise = np.hypot(spread, np.nan_to_num(good.sigma_m[rows][enough]))
+        distance, neighbours = distance[:, 1:], neighbours[:, 1:]  # the nearest is the point itself
+        is_neighbour = np.isfinite(distance)
+        has_neighbours = is_neighbour.sum(axis=1) >= 3
+        neighbour_heights = np.where(is_neighbour, np.append(height, np.nan)[neighbours], np.nan)[has_neighbours]
+        middle = np.nanmedian(neighbour_heights, axis=1)
+        spread = 1.4826 * np.nanmedian(np.abs(neighbour_heights - middle[:, None]), axis=1)
+        reach = np.nanmedian(np.where(is_neighbour, distance, np.nan)[has_neighbours], axis=1)
+        noise = np.hypot(spread, np.nan_to_num(sound_points.sigma_m[rows][has_neighbours]))
         allowed = LASER_QUALITY.neighbour_slope * reach + LASER_QUALITY.neighbour_sigmas * noise
-        off[rows[enough]] = np.abs(height[enough] - middle) > allowed
-    reason[kept[off]] = "outlier among its neighbours on the track"
+        is_outlier[rows[has_neighbours]] = np.abs(height[has_neighbours] - middle) > allowed
+    reason[accepted[is_outlier]] = "outlier among its neighbours on the track"
     return reason

@@ -65,7 +65,9 @@ def _turn_image(xy: np.ndarray, image: Image, quarters: int) -> np.ndarray:
 
 
 def _exchange_fields(rpc: RPC, names: tuple[str, str]) -> RPC:
-    return replace(rpc, **{name: getattr(rpc, other) for name, other in zip(names, reversed(names), strict=True)})
+    return replace(
+        rpc, **{name: getattr(rpc, source_name) for name, source_name in zip(names, reversed(names), strict=True)}
+    )
 
 
 SCALES = (
@@ -112,92 +114,97 @@ def iterate_ground_mistakes(
     ``shift_m (images, 2)`` are the shifts with the coordinates as given. Datums are tested for suspicious shifts only.
     """
     ground = control.ground
-    near = np.nanmedian(control.sights.ground, axis=0)
+    expected = np.nanmedian(control.sights.ground, axis=0)
     yield from _iterate_axis_exchanges(ground)
-    yield from _iterate_angular_units(ground, near)
-    yield from _iterate_zones(ground, near)
-    yield from _iterate_hemispheres(ground, near)
-    yield from _iterate_projections(ground, near)
+    yield from _iterate_angular_units(ground, expected)
+    yield from _iterate_zones(ground, expected)
+    yield from _iterate_hemispheres(ground, expected)
+    yield from _iterate_projections(ground, expected)
     yield from _iterate_height_mistakes(control, shift_m)
     if suspicious_shift:
-        yield from _iterate_datums(ground, near)
+        yield from _iterate_datums(ground, expected)
 
 
 def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
-    exchanged, how = "longitude and latitude are exchanged", "exchange the columns of the ground points"
-    yield Mistake("lon-lat-swapped", exchanged, how), ground[:, [1, 0, 2]]
-    for code, what, signs in (
+    exchanged, remedy = "longitude and latitude are exchanged", "exchange the columns of the ground points"
+    yield Mistake("lon-lat-swapped", exchanged, remedy), ground[:, [1, 0, 2]]
+    for code, message, signs in (
         ("lon-lat-sign", "the longitude has the wrong sign", [-1.0, 1.0, 1.0]),
         ("lon-lat-sign", "the latitude has the wrong sign", [1.0, -1.0, 1.0]),
         ("lon-lat-sign", "longitude and latitude have the wrong sign", [-1.0, -1.0, 1.0]),
     ):
-        yield Mistake(code, what, "change the sign: east and north are positive"), ground * signs
+        yield Mistake(code, message, "change the sign: east and north are positive"), ground * signs
     for signs in ([-1.0, 1.0, 1.0], [1.0, -1.0, 1.0]):
-        what, advice = f"{exchanged} and one has the wrong sign", f"{how}; east and north are positive"
-        yield Mistake("lon-lat-swapped", what, advice), ground[:, [1, 0, 2]] * signs
+        message, advice = f"{exchanged} and one has the wrong sign", f"{remedy}; east and north are positive"
+        yield Mistake("lon-lat-swapped", message, advice), ground[:, [1, 0, 2]] * signs
 
 
-def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
+def _iterate_angular_units(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:
     """Yield longitudes and latitudes in an angular unit other than degrees, where the conversion brings them near."""
     sign, size = np.sign(ground[:, :2]), np.abs(ground[:, :2])
-    whole, digits = np.floor(size + 1e-9), 100.0 * (size - np.floor(size + 1e-9))
+    whole_degrees, digits = np.floor(size + 1e-9), 100.0 * (size - np.floor(size + 1e-9))
     minutes = np.floor(digits + 1e-7)
     for unit, degrees in (
         ("in radians", np.degrees(size)), ("in gon", 0.9 * size),
-        ("degrees and minutes (43.3150 for 43° 31.50')", whole + digits / 60.0),
+        ("degrees and minutes (43.3150 for 43° 31.50')", whole_degrees + digits / 60.0),
         ("degrees, minutes and seconds (43.3130 for 43° 31' 30\")",
-         whole + minutes / 60.0 + (digits - minutes) * 100.0 / 3600.0),
+         whole_degrees + minutes / 60.0 + (digits - minutes) * 100.0 / 3600.0),
     ):  # fmt: skip
-        moved = np.column_stack([sign * degrees, ground[:, 2]])
-        if np.abs(wrap_degrees(np.median(moved[:, :2], axis=0) - near[:2])).max() < 1.0:
+        converted = np.column_stack([sign * degrees, ground[:, 2]])
+        if np.abs(wrap_degrees(np.median(converted[:, :2], axis=0) - expected[:2])).max() < 1.0:
             yield (
                 Mistake("angular-unit", f"longitude and latitude are {unit}, not degrees", "give decimal degrees"),
-                moved,
+                converted,
             )
 
 
-def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
+def _iterate_zones(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:
     """Yield UTM or 3 degree zones read as another zone: zones are congruent, so that only the longitude changes."""
-    away = float(np.median(wrap_degrees(ground[:, 0] - near[0])))
+    difference_deg = float(np.median(wrap_degrees(ground[:, 0] - expected[0])))
     advice = "correct the CRS of the ground points (`ground_crs`, or that of the layer)"
     for width, kind, burden in ((6.0, "UTM", 0.0), (3.0, "3 degree", 1.0)):
-        zones = round(away / width)
+        zones = round(difference_deg / width)
         if zones and abs(zones) < 20:
-            moved = ground.copy()
-            moved[:, 0] = wrap_degrees(ground[:, 0] - zones * width)
-            what = f"the {kind} zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}"
-            yield Mistake("other-projection", what, advice, burden), moved
+            shifted = ground.copy()
+            shifted[:, 0] = wrap_degrees(ground[:, 0] - zones * width)
+            message = f"the {kind} zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}"
+            yield Mistake("other-projection", message, advice, burden), shifted
 
 
-def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
+def _iterate_hemispheres(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:
     """Yield northings of one hemisphere read as those of the other, with the right zone or a neighbouring one."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
-    own = utm_zone(float(near[0]), float(near[1]))
-    for zone, south in itertools.product((own, own % 60 + 1, (own - 2) % 60 + 1), (False, True)):
-        moved = _reproject_misread(ground, *((32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)))
-        if moved is None:
+    utm = utm_zone(float(expected[0]), float(expected[1]))
+    for zone, south in itertools.product((utm, utm % 60 + 1, (utm - 2) % 60 + 1), (False, True)):
+        reprojected = _reproject_misread(
+            ground, *((32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone))
+        )
+        if reprojected is None:
             continue
         # the zone may be wrong too: zones are congruent, so that only the longitude changes
-        zones = (zone - own + 30) % 60 - 30
-        moved[:, 0] = wrap_degrees(moved[:, 0] - 6.0 * zones)
-        also = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
+        zones = (zone - utm + 30) % 60 - 30
+        reprojected[:, 0] = wrap_degrees(reprojected[:, 0] - 6.0 * zones)
+        zone_text = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
         advice = "correct the CRS of the ground points (EPSG:326xx north, EPSG:327xx south)"
-        yield Mistake("other-projection", f"the UTM zone belongs to the wrong hemisphere{also}", advice), moved
+        yield (
+            Mistake("other-projection", f"the UTM zone belongs to the wrong hemisphere{zone_text}", advice),
+            reprojected,
+        )
 
 
-def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
+def _iterate_projections(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:
     """Yield coordinates read in another CRS than their own: Web Mercator (of web maps), UTM or UPS, and degrees."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
-    utm = map_epsg(float(near[0]), float(near[1]))
-    own = f"{'UPS' if utm in (UPS_SOUTH, UPS_NORTH) else 'UTM'} (EPSG:{utm})"
-    names = {WEB_MERCATOR: "Web Mercator", utm: own, DEGREES: "degrees of longitude and latitude"}
-    for read, meant in ((utm, WEB_MERCATOR), (WEB_MERCATOR, utm), (utm, DEGREES), (WEB_MERCATOR, DEGREES)):
-        moved = _reproject_misread(ground, read, meant)
-        if moved is not None:
-            what = f"the ground points are in {names[meant]} but were read as {names[read]}"
-            yield Mistake("other-projection", what, f"give their CRS: `ground_crs` EPSG:{meant}"), moved
+    utm = map_epsg(float(expected[0]), float(expected[1]))
+    utm_name = f"{'UPS' if utm in (UPS_SOUTH, UPS_NORTH) else 'UTM'} (EPSG:{utm})"
+    names = {WEB_MERCATOR: "Web Mercator", utm: utm_name, DEGREES: "degrees of longitude and latitude"}
+    for read, true_crs in ((utm, WEB_MERCATOR), (WEB_MERCATOR, utm), (utm, DEGREES), (WEB_MERCATOR, DEGREES)):
+        reprojected = _reproject_misread(ground, read, true_crs)
+        if reprojected is not None:
+            message = f"the ground points are in {names[true_crs]} but were read as {names[read]}"
+            yield Mistake("other-projection", message, f"give their CRS: `ground_crs` EPSG:{true_crs}"), reprojected
 
 
 def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
@@ -214,28 +221,28 @@ def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray 
 
 def _iterate_height_mistakes(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:
     ground, heights = control.ground, "the heights of the ground points"
-    for factor, what in (
+    for factor, message in (
         (FEET_M, "are in feet"),
         (1.0 / FEET_M, "were converted from feet although they were in metres"),
     ):
         yield (
-            Mistake("height-unit", f"{heights} {what}", "give heights in metres"),
+            Mistake("height-unit", f"{heights} {message}", "give heights in metres"),
             ground * [1.0, 1.0, factor],
         )
-    found = find_undulations(ground)
-    if found is not None:  # geoid models differ by less than images resolve: any is used
-        name, undulation = found
+    undulations = find_undulations(ground)
+    if undulations is not None:  # geoid models differ by less than images resolve: any is used
+        name, undulation = undulations
         middle = float(np.median(undulation))
         up = np.column_stack([np.zeros((len(ground), 2)), undulation])
         advice = "give their height datum: `height_datum`"
-        what = f"{heights} refer to the geoid (undulation {middle:+.1f} m) and not to the ellipsoid"
-        yield Mistake("height-datum", what, f"{advice} {name}"), ground + up
-        what = f"{heights} are ellipsoidal but were converted as heights above the geoid ({middle:+.1f} m)"
-        yield Mistake("height-datum", what, f"{advice} ellipsoidal"), ground - up
+        message = f"{heights} refer to the geoid (undulation {middle:+.1f} m) and not to the ellipsoid"
+        yield Mistake("height-datum", message, f"{advice} {name}"), ground + up
+        message = f"{heights} are ellipsoidal but were converted as heights above the geoid ({middle:+.1f} m)"
+        yield Mistake("height-datum", message, f"{advice} ellipsoidal"), ground - up
     lift, _ = estimate_common_lift(control, shift_m)
-    what = f"{heights} are {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'}"
+    message = f"{heights} are {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'}"
     advice = "check height datum and unit"
-    yield Mistake("height-offset", what, advice, 8.0), ground - [0.0, 0.0, lift]
+    yield Mistake("height-offset", message, advice, 8.0), ground - [0.0, 0.0, lift]
 
 
 def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> tuple[float, float]:
@@ -274,18 +281,18 @@ def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
     return None
 
 
-def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
-    degrees = 1.0 / metres_per_degree(near[None])[0]
-    place = round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1)
+def _iterate_datums(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:
+    degrees = 1.0 / metres_per_degree(expected[None])[0]
+    place = round(float(wrap_degrees(expected[0])), 1), round(float(expected[1]), 1)
     for sign, said in (
         (1.0, "refer to {} but are used as WGS84"),
         (-1.0, "were converted from {} although they were WGS84"),
     ):
         for datum in find_datum_shifts(*place):
             step = sign * np.array([datum.east_m, datum.north_m, 0.0])
-            what = f"the ground points {said.format(datum.name)} ({np.hypot(*step[:2]):.0f} m there)"
+            message = f"the ground points {said.format(datum.name)} ({np.hypot(*step[:2]):.0f} m there)"
             advice = "give the actual CRS of the coordinates"
-            yield Mistake("horizontal-datum", what, advice, 4.0), ground + step * degrees
+            yield Mistake("horizontal-datum", message, advice, 4.0), ground + step * degrees
 
 
 # ---- datums --------------------------------------------------------------------------------------------------------
@@ -315,7 +322,7 @@ def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
     """
     area = AreaOfInterest(lon_deg - 0.01, lat_deg - 0.01, lon_deg + 0.01, lat_deg + 0.01)
     place = np.array([[lon_deg, lat_deg, 0.0]])
-    factors, found = metres_per_degree(place)[0], []
+    factors, shifts = metres_per_degree(place)[0], []
     for kind in (PJType.GEOGRAPHIC_2D_CRS, PJType.PROJECTED_CRS):
         for info in pyproj.database.query_crs_info(
             auth_name="EPSG", pj_types=kind, area_of_interest=area, contains=True
@@ -324,10 +331,12 @@ def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
             if projected and ("UTM zone" not in info.name or info.name.startswith("WGS 84 /")):
                 continue
             with contextlib.suppress(InputError):
-                own = operations_of(f"EPSG:{map_epsg(lon_deg, lat_deg)}").from_wgs84(place) if projected else place
-                numbers = np.column_stack([own[:, :2], [0.0]])
+                coordinates = (
+                    operations_of(f"EPSG:{map_epsg(lon_deg, lat_deg)}").from_wgs84(place) if projected else place
+                )
+                numbers = np.column_stack([coordinates[:, :2], [0.0]])
                 lon, lat, _ = operations_of(f"EPSG:{info.code}").to_wgs84(numbers)[0]
                 east, north = wrap_degrees(np.array(lon - lon_deg)) * factors[0], (lat - lat_deg) * factors[1]
                 if DATUM.least_shift_m < np.hypot(east, north) < DATUM.largest_shift_m:
-                    found.append(DatumShift(info.name, float(east), float(north)))
-    return tuple(found)
+                    shifts.append(DatumShift(info.name, float(east), float(north)))
+    return tuple(shifts)

@@ -68,21 +68,21 @@ def find_points_outside(block: Block) -> list[Reason]:
     """Return reasons for images with points measured far outside them, or with most of their points outside."""
     measured = block.measurements
     reasons = []
-    known = np.array([image.size is not None for image in block.images])
-    if not known.any():
+    has_size = np.array([image.size is not None for image in block.images])
+    if not has_size.any():
         return []
     middle = np.array([image.centre_px for image in block.images])[measured.image]
     half = np.array([image.half_size_px + 0.5 for image in block.images])[measured.image]
     beyond = np.abs(measured.xy - middle) - half
-    far = (beyond > PLACEMENT.far_outside * 2.0 * half).any(axis=1) & known[measured.image]
-    outside = (beyond > PLACEMENT.edge_slack_px).any(axis=1) & known[measured.image]
-    count = np.bincount(measured.image, minlength=len(known))
-    many = np.bincount(measured.image[outside], minlength=len(known)) > np.maximum(
+    is_far = (beyond > PLACEMENT.far_outside * 2.0 * half).any(axis=1) & has_size[measured.image]
+    outside = (beyond > PLACEMENT.edge_slack_px).any(axis=1) & has_size[measured.image]
+    count = np.bincount(measured.image, minlength=len(has_size))
+    mostly_outside = np.bincount(measured.image[outside], minlength=len(has_size)) > np.maximum(
         PLACEMENT.many_outside * count, PLACEMENT.several_points
     )
-    wrong = far | (outside & many[measured.image])
-    for index in np.unique(measured.image[wrong]):
-        rows = wrong & (measured.image == index)
+    is_wrong = is_far | (outside & mostly_outside[measured.image])
+    for index in np.unique(measured.image[is_wrong]):
+        rows = is_wrong & (measured.image == index)
         ids = tuple(np.unique(block.points.ids[measured.point[rows]]).tolist())
         image = block.images[index]
         message = (
@@ -123,11 +123,11 @@ def find_reordered_rpcs(block: Block) -> list[Reason]:
     """
     bent: dict[str, float] = {}
     for image in block.images:
-        given = _compute_bend_px(image.rpc)
-        if given > PLACEMENT.bent_px:
-            others = [_compute_bend_px(_reorder(image.rpc, order)) for order in (A_TO_B, np.argsort(A_TO_B))]
-            if min(others) < PLACEMENT.straight_share * given:
-                bent[image.id] = given
+        bend_px = _compute_bend_px(image.rpc)
+        if bend_px > PLACEMENT.bent_px:
+            reordered_px = [_compute_bend_px(_reorder(image.rpc, order)) for order in (A_TO_B, np.argsort(A_TO_B))]
+            if min(reordered_px) < PLACEMENT.straight_share * bend_px:
+                bent[image.id] = bend_px
     if not bent:
         return []
     message = (
@@ -149,9 +149,9 @@ def _compute_bend_px(rpc: RPC) -> float:
     xy = np.array([rpc.samp_off, rpc.line_off]) + RAY_PLACES * [rpc.samp_scale, rpc.line_scale]
     heights_m = np.repeat(rpc.height_off + rpc.height_scale * np.array([-0.9, 0.0, 0.9, 0.0]), len(xy))
     ground = rpc.localize(np.concatenate([xy, xy, xy, xy + [1.0, 0.0]]), heights_m).ground
-    low, middle, high, beside = to_ecef(ground).reshape(4, -1, 3)
-    away = np.linalg.norm(np.cross(middle - low, high - low), axis=1) / np.linalg.norm(high - low, axis=1)
-    return float(np.median(away / np.linalg.norm(beside - middle, axis=1)))
+    low, middle, high, next_column = to_ecef(ground).reshape(4, -1, 3)
+    deviation = np.linalg.norm(np.cross(middle - low, high - low), axis=1) / np.linalg.norm(high - low, axis=1)
+    return float(np.median(deviation / np.linalg.norm(next_column - middle, axis=1)))
 
 
 def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
@@ -257,14 +257,14 @@ def find_duplicate_images(block: Block) -> list[Reason]:
     groups: dict[RPC, list[int]] = {}
     for index, image in enumerate(block.images):
         groups.setdefault(image.rpc, []).append(index)
-    twins = {(a, b) for same in groups.values() for a, b in pairwise(same)}
+    twins = {(a, b) for is_same in groups.values() for a, b in pairwise(is_same)}
     measured = block.measurements
     first = np.flatnonzero((measured.point[1:] == measured.point[:-1]) & (measured.image[1:] != measured.image[:-1]))
     key = measured.image[first].astype(np.int64) * len(block.images) + measured.image[first + 1]
-    same = np.all(measured.xy[first] == measured.xy[first + 1], axis=1)
-    for pair in np.unique(key[same]):
+    is_same = np.all(measured.xy[first] == measured.xy[first + 1], axis=1)
+    for pair in np.unique(key[is_same]):
         rows = key == pair
-        if rows.sum() >= PLACEMENT.several_points and same[rows].mean() > 0.5:
+        if rows.sum() >= PLACEMENT.several_points and is_same[rows].mean() > 0.5:
             twins.add((int(pair) // len(block.images), int(pair) % len(block.images)))
     return [
         Reason(
@@ -324,31 +324,34 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
     Copies of GCPs, with a little noise or surveyed again, are mostly measured at the same pixels of every image.
     """
     points = np.unique(block.measurements.point)
-    known = points[finite_rows(block.points.ground[points])]
-    role = block.points.role[known]
-    gcps, checks = known[role == Role.GCP], known[role == Role.CHECK]
+    positioned = points[finite_rows(block.points.ground[points])]
+    role = block.points.role[positioned]
+    gcps, checks = positioned[role == Role.GCP], positioned[role == Role.CHECK]
     if not (len(gcps) and len(checks)):
         return []
     ground = block.points.ground
     _, nearest = cKDTree(to_ecef(ground[gcps])).query(to_ecef(ground[checks]))
-    same = ~are_apart(ground[checks], ground[gcps[nearest]])
+    is_copy = ~are_apart(ground[checks], ground[gcps[nearest]])
     # True for check points at the same pixels as the nearest GCP, in every image that has both
-    rows, alike = block.measurements, np.zeros(len(checks), dtype=bool)
+    rows, is_alike = block.measurements, np.zeros(len(checks), dtype=bool)
     compared = np.flatnonzero(np.isin(rows.point, np.concatenate([checks, gcps])))  # without tie points, for speed
-    at: dict[int, dict[int, int]] = {}  # rows of each point, by image
+    rows_of_point: dict[int, dict[int, int]] = {}  # rows of each point, by image
     columns = compared.tolist(), rows.point[compared].tolist(), rows.image[compared].tolist()
     for row, point, image in zip(*columns, strict=True):
-        at.setdefault(point, {})[image] = row
-    for number, (one, other) in enumerate(zip(checks.tolist(), gcps[nearest].tolist(), strict=True)):
-        here, there = at[one], at[other]
-        apart = [float(np.hypot(*(rows.xy[here[k]] - rows.xy[there[k]]))) for k in here.keys() & there.keys()]
-        alike[number] = bool(apart) and max(apart) < SURVEY.same_target_px
-    if alike.mean() > SURVEY.copied_share:  # a few may be next to a GCP by chance
-        same |= alike
-    if not same.any():
+        rows_of_point.setdefault(point, {})[image] = row
+    for number, (one, gcp) in enumerate(zip(checks.tolist(), gcps[nearest].tolist(), strict=True)):
+        check_rows, gcp_rows = rows_of_point[one], rows_of_point[gcp]
+        distances = [
+            float(np.hypot(*(rows.xy[check_rows[k]] - rows.xy[gcp_rows[k]])))
+            for k in check_rows.keys() & gcp_rows.keys()
+        ]
+        is_alike[number] = bool(distances) and max(distances) < SURVEY.same_target_px
+    if is_alike.mean() > SURVEY.copied_share:  # a few may be next to a GCP by chance
+        is_copy |= is_alike
+    if not is_copy.any():
         return []
-    ids = tuple(block.points.ids[checks[same]].tolist())
-    control = block.points.ids[gcps[nearest[same]]].tolist()
+    ids = tuple(block.points.ids[checks[is_copy]].tolist())
+    control = block.points.ids[gcps[nearest[is_copy]]].tolist()
     message = (
         f"{len(ids)} of {len(checks)} check points are at the positions of GCPs ({ids[0]} at {control[0]}"
         f"{', …' if len(ids) > 1 else ''}): they are no independent measure of accuracy"

@@ -59,23 +59,23 @@ def find_relief_reasons(
     if len(ground) < RELIEF.fewest_points:
         return []
     miss = ground[:, 2] - of_dem
-    far = np.abs(miss - np.median(miss)) > RELIEF.far_off_m
-    if max(RELIEF.far_off_points, RELIEF.far_off_share * len(far)) <= far.sum() < len(far):
-        low, value, high = np.percentile(of_dem[far], [20.0, 50.0, 80.0])
-        alone = abs(value - np.median(of_dem[~far])) > RELIEF.far_off_m
+    is_far = np.abs(miss - np.median(miss)) > RELIEF.far_off_m
+    if max(RELIEF.far_off_points, RELIEF.far_off_share * len(is_far)) <= is_far.sum() < len(is_far):
+        low, value, high = np.percentile(of_dem[is_far], [20.0, 50.0, 80.0])
+        is_isolated = abs(value - np.median(of_dem[~is_far])) > RELIEF.far_off_m
     else:
-        low, value, high, alone = 0.0, 0.0, 0.0, False
-    if alone and high - low < RELIEF.same_value_m:
+        low, value, high, is_isolated = 0.0, 0.0, 0.0, False
+    if is_isolated and high - low < RELIEF.same_value_m:
         message = (
-            f"the DEM has the height {value:.0f} m at {far.sum()} of {len(far)} tie points, whose ground is at "
-            f"{np.median(ground[far, 2]):.0f} m: probably an undeclared nodata value"
+            f"the DEM has the height {value:.0f} m at {is_far.sum()} of {len(is_far)} tie points, whose ground is at "
+            f"{np.median(ground[is_far, 2]):.0f} m: probably an undeclared nodata value"
         )
         advice = "declare it (gdal_translate -a_nodata), or name a DEM without gaps"
         return [Reason("dem-unlike-ground", Level.DOUBTFUL, message, advice)]
     scatter, relief = robust_sigma(miss - np.median(miss)), robust_sigma(ground[:, 2] - np.median(ground[:, 2]))
     east, north, left = _estimate_displacement(ground, surface)
-    away = float(np.hypot(east, north))
-    if left < min(RELIEF.left_of_scatter * scatter, RELIEF.left_of_relief * relief) and away > max(
+    distance = float(np.hypot(east, north))
+    if left < min(RELIEF.left_of_scatter * scatter, RELIEF.left_of_relief * relief) and distance > max(
         RELIEF.displacement_cells * cell_size_m(surface, ground[0]), RELIEF.displacement_sigmas * sigma_plan_m
     ):
         message = (
@@ -102,24 +102,24 @@ def _estimate_displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[
     shift, step = np.zeros(2), 2.0 * cell
     best = (0.0, 0.0, np.inf)
     for _ in range(RELIEF.most_steps):
-        at = ground[:, :2] + shift * degrees
-        middle = surface_heights(surface, at)
+        shifted = ground[:, :2] + shift * degrees
+        middle = surface_heights(surface, shifted)
         sides = [
-            [surface_heights(surface, at + sign * step * np.eye(2)[axis] * degrees) for sign in (-1.0, 1.0)]
+            [surface_heights(surface, shifted + sign * step * np.eye(2)[axis] * degrees) for sign in (-1.0, 1.0)]
             for axis in (0, 1)
         ]
         gradient = np.column_stack([(high - low) / (2.0 * step) for low, high in sides])
         miss = ground[:, 2] - middle
-        known = np.isfinite(miss) & finite_rows(gradient)
-        if known.sum() < max(RELIEF.fewest_points, (1.0 - RELIEF.beyond_share) * len(known)):
+        finite = np.isfinite(miss) & finite_rows(gradient)
+        if finite.sum() < max(RELIEF.fewest_points, (1.0 - RELIEF.beyond_share) * len(finite)):
             break
-        miss = miss[known] - np.median(miss[known])
+        miss = miss[finite] - np.median(miss[finite])
         scatter = float(robust_sigma(miss))
         if scatter < best[2]:
             best = (float(shift[0]), float(shift[1]), scatter)
-        used = np.abs(miss) <= 3.0 * scatter
-        design = np.column_stack([gradient[known][used], np.ones(used.sum())])
-        solved, _, rank, _ = np.linalg.lstsq(design, miss[used], rcond=None)
+        inliers = np.abs(miss) <= 3.0 * scatter
+        design = np.column_stack([gradient[finite][inliers], np.ones(inliers.sum())])
+        solved, _, rank, _ = np.linalg.lstsq(design, miss[inliers], rcond=None)
         if rank < design.shape[1]:
             break
         shift = shift + solved[:2]

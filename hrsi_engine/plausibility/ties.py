@@ -83,10 +83,10 @@ class PairSample:
         """Indices of the two images of each pair, ``(pairs, 2)``."""
         return self.image[self.starts]
 
-    def select(self, some: np.ndarray) -> PairSample:
+    def select(self, is_selected: np.ndarray) -> PairSample:
         """Return the sample of the pairs of a mask ``(pairs,)``, renumbered."""
-        rows = some[self.pair]
-        number = np.cumsum(some) - 1
+        rows = is_selected[self.pair]
+        number = np.cumsum(is_selected) - 1
         return replace(
             self, point=self.point[rows], image=self.image[rows], xy=self.xy[rows], sigma_px=self.sigma_px[rows],
             pair=number[self.pair[rows]],
@@ -111,16 +111,16 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     per_pair = max(TIE_CHECK.fewest_of_pair, min(TIE_CHECK.sample_per_pair, TIE_CHECK.most_sampled // len(starts)))
     # every k-th point of a pair: a point is taken where rank * wanted / size passes the next integer
     rank = np.arange(len(key)) - starts[pair]
-    wanted = np.minimum(sizes, per_pair)[pair]
-    chosen = np.floor((rank + 1) * wanted / sizes[pair]) > np.floor(rank * wanted / sizes[pair])
-    rows = first[chosen]
-    known = block.points.ground[block.known, 2]
-    height = known[np.isfinite(known)] if len(known) else np.empty(0)
+    quota = np.minimum(sizes, per_pair)[pair]
+    is_sampled = np.floor((rank + 1) * quota / sizes[pair]) > np.floor(rank * quota / sizes[pair])
+    rows = first[is_sampled]
+    surveyed_heights = block.points.ground[block.known, 2]
+    height = surveyed_heights[np.isfinite(surveyed_heights)] if len(surveyed_heights) else np.empty(0)
     middle = float(np.median(height)) if len(height) else float(np.median([i.middle_height_m for i in block.images]))
     return PairSample(
         block, accuracies, measured.point[rows], np.column_stack([measured.image[rows], measured.image[rows + 1]]),
         np.stack([measured.xy[rows], measured.xy[rows + 1]], axis=1),
-        np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]), pair[chosen], middle,
+        np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]), pair[is_sampled], middle,
     )  # fmt: skip
 
 
@@ -137,10 +137,10 @@ class PairConsistency:
     good: np.ndarray
 
     @classmethod
-    def from_points(cls, pairs: PairSample, wrong: np.ndarray, good: np.ndarray) -> PairConsistency:
+    def from_points(cls, pairs: PairSample, is_wrong: np.ndarray, agreeing_share: np.ndarray) -> PairConsistency:
         """Return the result from the mask of wrong points and the pairs' shares of agreeing points."""
-        telling = np.isfinite(good)[pairs.pair]
-        return cls(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
+        telling = np.isfinite(agreeing_share)[pairs.pair]
+        return cls(is_wrong, float(is_wrong[telling].mean()) if telling.any() else 0.0, agreeing_share)
 
 
 def check_pairs(
@@ -160,7 +160,7 @@ def check_pairs(
     step = np.column_stack([flat.slope * climb[:, None], climb])
     at_height = StraightRays(move_ground(flat.ground, step), flat.slope)
     other_ends = at_height.ground.reshape(-1, 2, 3)[:, ::-1].reshape(-1, 3)  # the two points of a pair are adjacent
-    apart = at_height.distance_m(other_ends)[::2]
+    separation = at_height.distance_m(other_ends)[::2]
     slope = flat.slope[::2] - flat.slope[1::2]
     length = np.hypot(*slope.T)
     steep = np.maximum(length, TIE_CHECK.least_slope)
@@ -173,8 +173,8 @@ def check_pairs(
         else length > TIE_CHECK.least_slope
     )
     unit = np.where(weak[:, None], [0.0, 1.0], slope / steep[:, None])
-    across = unit[:, 0] * apart[:, 1] - unit[:, 1] * apart[:, 0]
-    height = pairs.height_m - np.where(weak, 0.0, np.sum(apart * unit, axis=1) / steep)
+    across = unit[:, 0] * separation[:, 1] - unit[:, 1] * separation[:, 0]
+    height = pairs.height_m - np.where(weak, 0.0, np.sum(separation * unit, axis=1) / steep)
     figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
     gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
     reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
@@ -183,25 +183,29 @@ def check_pairs(
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / steep
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
-    wrong = ~np.isfinite(across) if shifted else ~possible | ~np.isfinite(across)
+    is_wrong = ~np.isfinite(across) if shifted else ~possible | ~np.isfinite(across)
     bulk = _compute_modes(across, tolerance, starts, sizes)
-    away = across - np.repeat(bulk, sizes)
-    off = np.add.reduceat(np.abs(away) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
-    for number in np.flatnonzero(off / sizes > TIE_CHECK.off_share).tolist():
+    deviation = across - np.repeat(bulk, sizes)
+    deviating = np.add.reduceat(np.abs(deviation) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
+    for number in np.flatnonzero(deviating / sizes > TIE_CHECK.off_share).tolist():
         start = starts[number]
         rows = slice(start, start + sizes[number])
-        away[rows] = _remove_drift(away[rows], xy[rows, 0], tolerance[rows], TIE_CHECK.largest_drift * gsd[start])
-    wrong |= np.abs(away) > tolerance
+        deviation[rows] = _remove_drift(
+            deviation[rows], xy[rows, 0], tolerance[rows], TIE_CHECK.largest_drift * gsd[start]
+        )
+    is_wrong |= np.abs(deviation) > tolerance
     if not shifted:
-        wrong |= np.repeat(np.abs(bulk) > TIE_CHECK.bulk_sigmas * sigma[starts], sizes)
-    share = np.add.reduceat(wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
-    return PairConsistency.from_points(pairs, wrong, np.where(sizes >= TIE_CHECK.fewest_of_pair, 1.0 - share, np.nan))
+        is_wrong |= np.repeat(np.abs(bulk) > TIE_CHECK.bulk_sigmas * sigma[starts], sizes)
+    share = np.add.reduceat(is_wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
+    return PairConsistency.from_points(
+        pairs, is_wrong, np.where(sizes >= TIE_CHECK.fewest_of_pair, 1.0 - share, np.nan)
+    )
 
 
-def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, most: float) -> np.ndarray:
+def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, limit: float) -> np.ndarray:
     """Return the ray distances of a pair's points ``(n,)`` without RPC drift, if a drift explains nearly all of them.
 
-    A drift is linear in the position ``xy (n, 2)``, at most ``most`` (m/px). Wrong points do not follow one.
+    A drift is linear in the position ``xy (n, 2)``, at most ``limit`` (m/px). Wrong points do not follow one.
     """
     design = np.column_stack([np.ones(len(xy)), xy - np.median(xy, axis=0)])
     left, fits = away_m, np.abs(away_m) <= tolerance_m
@@ -209,7 +213,7 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, m
         if fits.sum() < TIE_CHECK.fewest_of_pair:
             return away_m
         solved, _, rank, _ = np.linalg.lstsq(design[fits], away_m[fits], rcond=None)
-        if rank < design.shape[1] or np.hypot(*solved[1:]) > most:
+        if rank < design.shape[1] or np.hypot(*solved[1:]) > limit:
             return away_m
         left = away_m - design @ solved
         fits = np.abs(left) <= tolerance_m
@@ -225,15 +229,15 @@ def _compute_modes(values: np.ndarray, tolerance: np.ndarray, starts: np.ndarray
     modes = np.zeros(len(starts))
     ordered = np.where(np.isfinite(values), values, np.inf)
     for size in np.unique(sizes).tolist():  # values that are not finite come last
-        same = np.flatnonzero(sizes == size)
-        rows = starts[same, None] + np.arange(size)
+        of_same_size = np.flatnonzero(sizes == size)
+        rows = starts[of_same_size, None] + np.arange(size)
         of_size, width = np.sort(ordered[rows], axis=1), 2.0 * tolerance[rows].min(axis=1)
         inside = of_size[:, None, :] <= (of_size + width[:, None])[:, :, None]
         count = np.where(np.isfinite(of_size), inside.sum(axis=2) - np.arange(size), 0)
-        first, own = count.argmax(axis=1), np.arange(len(same))
-        last = np.minimum(first + np.maximum(count[own, first], 1) - 1, size - 1)
-        middle = 0.5 * (of_size[own, first] + of_size[own, last])
-        modes[same] = np.where(np.isfinite(middle), middle, 0.0)
+        first, row_index = count.argmax(axis=1), np.arange(len(of_same_size))
+        last = np.minimum(first + np.maximum(count[row_index, first], 1) - 1, size - 1)
+        middle = 0.5 * (of_size[row_index, first] + of_size[row_index, last])
+        modes[of_same_size] = np.where(np.isfinite(middle), middle, 0.0)
     return modes
 
 
@@ -242,28 +246,28 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     pairs = sample_pairs(block, accuracies)
     if pairs is None:
         return []
-    given = check_pairs(pairs)
-    failing = np.flatnonzero(given.good < TIE_CHECK.agreeing_share)
-    share = 1.0 - np.sqrt(1.0 - given.share)  # share of measurements: one wrong measurement makes a pair wrong
-    if not len(failing) and (share < TIE_CHECK.doubtful_share or given.wrong.sum() < TIE_CHECK.fewest_cured):
+    consistency = check_pairs(pairs)
+    failing = np.flatnonzero(consistency.good < TIE_CHECK.agreeing_share)
+    share = 1.0 - np.sqrt(1.0 - consistency.share)  # share of measurements: one wrong measurement makes a pair wrong
+    if not len(failing) and (share < TIE_CHECK.doubtful_share or consistency.wrong.sum() < TIE_CHECK.fewest_cured):
         return []
-    suspects = _select_suspects(pairs, given, failing)
+    suspects = _select_suspects(pairs, consistency, failing)
     left = 1.0 - check_pairs(pairs, shifted=True).good[failing]  # the other pairs fit without a shift
     shifted_alike = bool(len(failing)) and float(left.mean()) < TIE_CHECK.doubtful_share
-    found = None if shifted_alike else _find_best_mistake(pairs, given, suspects)
-    if found is not None:
-        (mistake, *alike), images, cured = found
+    best_mistake = None if shifted_alike else _find_best_mistake(pairs, consistency, suspects)
+    if best_mistake is not None:
+        (mistake, *rivals), images, cured = best_mistake
         ids = tuple(block.images[index].id for index in images)
-        where = "" if len(ids) == len(block.images) else f" on image {list_ids(ids)}"
-        readings = "; or ".join(reading.what for reading in (mistake, *alike))
+        image_text = "" if len(ids) == len(block.images) else f" on image {list_ids(ids)}"
+        readings = "; or ".join(reading.what for reading in (mistake, *rivals))
         message = (
-            f"tie points{where}: {readings}; the rays of {given.share:.0%} of them do not intersect, and of "
-            f"{cured:.0%} after correction" + (" (surveyed points would show which one)" if alike else "")
+            f"tie points{image_text}: {readings}; the rays of {consistency.share:.0%} of them do not intersect, and of "
+            f"{cured:.0%} after correction" + (" (surveyed points would show which one)" if rivals else "")
         )
         return [Reason(mistake.code, Level.UNUSABLE, message, mistake.advice, ids)]
     ids = tuple(block.images[index].id for index in _select_common_images(pairs.ends[failing]))
-    wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
-    unusable = share >= TIE_CHECK.unusable_share or bool((given.good < TIE_CHECK.broken_share).any())
+    wrong_ids = tuple(np.unique(block.points.ids[pairs.point[consistency.wrong]]).tolist())
+    unusable = share >= TIE_CHECK.unusable_share or bool((consistency.good < TIE_CHECK.broken_share).any())
     message = (
         f"about {share:.0%} of the measurements of tie points are wrong: their rays do not intersect"
         + (f", mostly those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else "")
@@ -277,7 +281,7 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         "check that the tie points belong to these images, and check columns and ids of their file; or search new tie "
         "points"
     )
-    return [Reason("ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL, message, advice, ids, wrong)]
+    return [Reason("ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL, message, advice, ids, wrong_ids)]
 
 
 def _select_common_images(ends: np.ndarray) -> list[int]:
@@ -294,18 +298,20 @@ def _select_common_images(ends: np.ndarray) -> list[int]:
     return sorted(blamed)
 
 
-def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndarray) -> np.ndarray:
+def _select_suspects(pairs: PairSample, consistency: PairConsistency, failing: np.ndarray) -> np.ndarray:
     """Return the images at least half of whose pairs fail, the worst first (at most `TIE_CHECK.most_suspects`)."""
     ends, count = pairs.ends, len(pairs.block.images)
-    telling = np.isfinite(given.good)
+    telling = np.isfinite(consistency.good)
     compute_all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
     failed = np.bincount(ends[failing].ravel(), minlength=count)
-    bad = np.flatnonzero(failed >= np.maximum(0.5 * compute_all_pairs, 1))
-    return bad[np.argsort(-failed[bad] / compute_all_pairs[bad], kind="stable")][: TIE_CHECK.most_suspects]
+    suspects = np.flatnonzero(failed >= np.maximum(0.5 * compute_all_pairs, 1))
+    return suspects[np.argsort(-failed[suspects] / compute_all_pairs[suspects], kind="stable")][
+        : TIE_CHECK.most_suspects
+    ]
 
 
 def _find_best_mistake(
-    pairs: PairSample, given: PairConsistency, suspects: np.ndarray
+    pairs: PairSample, consistency: PairConsistency, suspects: np.ndarray
 ) -> tuple[list[Mistake], np.ndarray, float] | None:
     """Return the input error that explains the failing pairs, its images, and the share of points still wrong then.
 
@@ -313,62 +319,64 @@ def _find_best_mistake(
     distinguish an image from its mirror image. The likelier is the first.
     """
     best: dict[str, tuple[float, Mistake, np.ndarray]] = {}
-    for mistake, images, share in _iterate_hypotheses(pairs, given, suspects):
-        cured = (given.share - share) * len(pairs.pair) >= TIE_CHECK.fewest_cured
-        cured = cured and share * TIE_CHECK.cured_ratio < given.share
+    for mistake, images, share in _iterate_hypotheses(pairs, consistency, suspects):
+        cured = (consistency.share - share) * len(pairs.pair) >= TIE_CHECK.fewest_cured
+        cured = cured and share * TIE_CHECK.cured_ratio < consistency.share
         if share < TIE_CHECK.doubtful_share and cured and (mistake.what not in best or share < best[mistake.what][0]):
             best[mistake.what] = share, mistake, images
     if not best:
         return None
-    least = min(share for share, _, _ in best.values())
-    good = [entry for entry in best.values() if entry[0] < 2.0 * least + 0.03]
-    if len({mistake.code for _, mistake, _ in good}) > 1:
+    smallest = min(share for share, _, _ in best.values())
+    candidates = [entry for entry in best.values() if entry[0] < 2.0 * smallest + 0.03]
+    if len({mistake.code for _, mistake, _ in candidates}) > 1:
         return None
-    _, _, images = min(good, key=lambda entry: entry[0])
-    alike = [(share, mistake) for share, mistake, where in good if np.array_equal(where, images)]
-    return [mistake for _, mistake in alike], images, alike[0][0]
+    _, _, images = min(candidates, key=lambda entry: entry[0])
+    rivals = [
+        (share, mistake) for share, mistake, images_of_entry in candidates if np.array_equal(images_of_entry, images)
+    ]
+    return [mistake for _, mistake in rivals], images, rivals[0][0]
 
 
 def _iterate_hypotheses(
-    pairs: PairSample, given: PairConsistency, suspects: np.ndarray
+    pairs: PairSample, consistency: PairConsistency, suspects: np.ndarray
 ) -> Iterator[tuple[Mistake, np.ndarray, float]]:  # fmt: skip
     """Yield every input error, corrected on all or on suspected images, with the images and the share of wrong points.
 
     An error on all images makes many pairs fail; one on few images is tested in the pairs of these images only.
     """
-    if given.share >= TIE_CHECK.doubtful_share:
-        every = np.arange(len(pairs.block.images))
+    if consistency.share >= TIE_CHECK.doubtful_share:
+        all_images = np.arange(len(pairs.block.images))
         for mistake, undo in PIXEL_MISTAKES:
             yield (
                 mistake,
-                every,
-                check_pairs(pairs, xy=_undo_pixel_mistake(pairs, undo, every), stretch=mistake.length).share,
+                all_images,
+                check_pairs(pairs, xy=_undo_pixel_mistake(pairs, undo, all_images), stretch=mistake.length).share,
             )
     for images in (suspects[k : k + 1] for k in range(len(suspects))):
-        some = np.isin(pairs.ends, images).any(axis=1)
-        own = pairs.select(some)
+        size = np.isin(pairs.ends, images).any(axis=1)
+        sample = pairs.select(size)
         for mistake, undo in PIXEL_MISTAKES:
-            read = check_pairs(own, xy=_undo_pixel_mistake(own, undo, images), stretch=mistake.length)
-            yield mistake, images, _compute_share_with(pairs, given, some, read)
-    for some in (2, 3):
-        for group in combinations(suspects.tolist(), some):
-            for owners in ((group[1:] + group[:1]),) if some == 2 else (group[1:] + group[:1], group[2:] + group[:2]):
+            read = check_pairs(sample, xy=_undo_pixel_mistake(sample, undo, images), stretch=mistake.length)
+            yield mistake, images, _compute_share_with(pairs, consistency, size, read)
+    for size in (2, 3):
+        for group in combinations(suspects.tolist(), size):
+            for owners in ((group[1:] + group[:1]),) if size == 2 else (group[1:] + group[:1], group[2:] + group[:2]):
                 names = [pairs.block.images[index].id for index in group]
-                other = [pairs.block.images[index].id for index in owners]
-                text = ", ".join(f"{a} are of {b}" for a, b in zip(names, other, strict=True))
+                owner_ids = [pairs.block.images[index].id for index in owners]
+                text = ", ".join(f"{a} are of {b}" for a, b in zip(names, owner_ids, strict=True))
                 mistake = Mistake(
                     "ids-permuted", f"image ids of measurements are exchanged: those on {text}",
                     "correct the field 'image'",
                 )  # fmt: skip
                 touched = np.isin(pairs.ends, group).any(axis=1)
-                own = pairs.select(touched)
-                image = own.image.copy()
+                sample = pairs.select(touched)
+                image = sample.image.copy()
                 for label, owner in zip(group, owners, strict=True):
-                    image[own.image == label] = owner
+                    image[sample.image == label] = owner
                 yield (
                     mistake,
                     np.array(group),
-                    _compute_share_with(pairs, given, touched, check_pairs(own, image=image)),
+                    _compute_share_with(pairs, consistency, touched, check_pairs(sample, image=image)),
                 )
 
 
@@ -386,6 +394,6 @@ def _undo_pixel_mistake(pairs: PairSample, undo: Callable[..., np.ndarray], imag
     index = pairs.image.ravel()[rows]
     order = np.argsort(index, kind="stable")
     rows, index = rows[order], index[order]
-    for own in np.split(rows, np.flatnonzero(np.diff(index)) + 1) if len(rows) else ():
-        xy[own] = undo(xy[own], pairs.block.images[pairs.image.ravel()[own[0]]])
+    for image_rows in np.split(rows, np.flatnonzero(np.diff(index)) + 1) if len(rows) else ():
+        xy[image_rows] = undo(xy[image_rows], pairs.block.images[pairs.image.ravel()[image_rows[0]]])
     return xy.reshape(pairs.xy.shape)

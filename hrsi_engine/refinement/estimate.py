@@ -197,9 +197,9 @@ class ObservationEquations:
     def _normalize(self, roots: np.ndarray, by_values: np.ndarray) -> np.ndarray:
         return np.asarray((roots @ by_values).reshape(2 * len(self.control), -1) * self.sigmas)
 
-    def gradient(self, at: EquationState) -> np.ndarray:
+    def gradient(self, state: EquationState) -> np.ndarray:
         """Return the negative gradient of the cost by the scaled parameters, ``(p,)``."""
-        return np.asarray(at.matrix.T @ at.right - _scale(at.values, self.sigmas))
+        return np.asarray(state.matrix.T @ state.right - _scale(state.values, self.sigmas))
 
     def compute_hessian(self, position: EquationState) -> np.ndarray:
         """Return the Hessian ``(p, p)`` of the cost by the scaled parameters, made positive definite.

@@ -53,13 +53,13 @@ class GroundPolynomial:
         )
 
     def linearise(
-        self, constants: np.ndarray, which: ImageIndex, values: np.ndarray, ground: np.ndarray,
+        self, constants: np.ndarray, image_of_point: ImageIndex, values: np.ndarray, ground: np.ndarray,
         computed: np.ndarray, by_ground: np.ndarray,
     ) -> Equations:  # fmt: skip
         """As `image_space.ImagePolynomial.linearise`."""
         terms, (lon, lat, height) = np.empty((len(ground), len(self.powers))), ground.T
         correct_by_ground(
-            self.powers, constants, self.coefficients(values), which, lon, lat, height,
+            self.powers, constants, self.coefficients(values), image_of_point, lon, lat, height,
             *ellipsoid.metres_of_a_degree(lat, height), computed, by_ground, terms, ALL_ROWS,
         )  # fmt: skip
         by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, 2 * terms.shape[1])

@@ -67,8 +67,8 @@ def invert_2x2(matrices: np.ndarray) -> np.ndarray:
         return np.asarray(adjugate / (a * d - b * c)[:, None, None])
 
 
-def _group_by_image(which: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+def _group_by_image(image_of_row: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the index of each image and the rows of its points."""
-    order = np.argsort(which, kind="stable")
-    numbers, first = np.unique(which[order], return_index=True)
-    yield from zip(numbers.tolist(), np.split(order, first[1:]), strict=True) if len(which) else ()
+    order = np.argsort(image_of_row, kind="stable")
+    numbers, first = np.unique(image_of_row[order], return_index=True)
+    yield from zip(numbers.tolist(), np.split(order, first[1:]), strict=True) if len(image_of_row) else ()

@@ -136,15 +136,15 @@ def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
 
 
 def _image_entry(
-    result: Adjustment, left: Residuals, index: int, here: np.ndarray, refined: RefitRPC
+    result: Adjustment, left: Residuals, index: int, image_rows: np.ndarray, refined: RefitRPC
 ) -> dict[str, Any]:
     values = zip(result.model.parameters, result.values[index], result.values_sigma[index], strict=True)
     return {
-        "observations": int(result.has_residual[here].sum()),
-        "before_rmse_sample_px": rmse(left.before_px[here, 0]),
-        "before_rmse_line_px": rmse(left.before_px[here, 1]),
-        "rmse_sample_px": rmse(left.at_known_px[here, 0]),
-        "rmse_line_px": rmse(left.at_known_px[here, 1]),
+        "observations": int(result.has_residual[image_rows].sum()),
+        "before_rmse_sample_px": rmse(left.before_px[image_rows, 0]),
+        "before_rmse_line_px": rmse(left.before_px[image_rows, 1]),
+        "rmse_sample_px": rmse(left.at_known_px[image_rows, 0]),
+        "rmse_line_px": rmse(left.at_known_px[image_rows, 1]),
         "rpc_fit_max_px": refined.fit_max_px,
         "err_bias_m": refined.rpc.err_bias,
         "err_rand_m": refined.rpc.err_rand,
@@ -273,11 +273,11 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
 
 
 def _describe_fit(
-    observations: Observations, fit: TrackFit, pairs: Sequence[PairFit], tracks: np.ndarray, wrong: np.ndarray
+    observations: Observations, fit: TrackFit, pairs: Sequence[PairFit], tracks: np.ndarray, is_wrong: np.ndarray
 ) -> dict[str, Any]:
     """Return the figures of the ``tracks (m,)`` in a mask, without the ``wrong (m,)`` ones."""
     valid = tracks & np.isfinite(fit.ground).all(axis=1)
-    tracks = valid & ~wrong
+    tracks = valid & ~is_wrong
     rows = tracks[observations.point]
     distances = [pair.epipolar_px[tracks[pair.points]].ravel() for pair in pairs]
     return {
@@ -285,5 +285,5 @@ def _describe_fit(
         "observations": int(rows.sum()),
         "rmse_px": radial_rmse(fit.fit_px[rows]),
         "epipolar_rmse_px": rmse(np.concatenate([np.zeros(0), *distances])),
-        "wrong": int((valid & wrong).sum()),
+        "wrong": int((valid & is_wrong).sum()),
     }

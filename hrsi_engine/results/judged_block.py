@@ -75,14 +75,14 @@ def judge_block(
     return JudgedBlock(evidence, figures, verdict, tuple(text for text in texts if not text.startswith(messages)))
 
 
-def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
+def judge(result: Adjustment, input_reasons: Sequence[Reason] = ()) -> Verdict:
     """Return the verdict on an adjustment.
 
     Parameters
     ----------
     result : Adjustment
         A finished adjustment.
-    before : sequence of Reason
+    input_reasons : sequence of Reason
         Reasons found before it (`plausibility.check_block`).
 
     Returns
@@ -90,4 +90,4 @@ def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
     Verdict
         Level, sentence and reasons.
     """
-    return judge_block(result, reasons=before).verdict
+    return judge_block(result, reasons=input_reasons).verdict

@@ -116,9 +116,9 @@ def state_known_sigmas_px(result: Adjustment, left: Residuals) -> np.ndarray:
     return sigma
 
 
-def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield each image's index and its measurements among the ``chosen`` (mask); images without any are skipped."""
-    rows = np.flatnonzero(chosen)
+def by_image(block: Block, selected: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield each image's index and its measurements among the ``selected`` (mask); images without any are skipped."""
+    rows = np.flatnonzero(selected)
     image = block.measurements.image[rows]
     order, bounds = group_by_number(image, len(block.images))
     for index in range(len(block.images)):
@@ -186,9 +186,9 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
 
 
 def _survey_covariances(
-    result: Adjustment, at_known: np.ndarray, chosen: np.ndarray
+    result: Adjustment, at_known: np.ndarray, selected: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield covariances of the ``chosen`` residuals at known positions, for some measurements at a time.
+    """Yield covariances of the ``selected`` residuals at known positions, for some measurements at a time.
 
     Each item has rows ``(k,)``, covariances ``(k, 2, 2)`` px² and the derivatives B ``(k, 2, 3)`` by the ground. With
     the derivatives A by the image's parameters, the covariances are::
@@ -199,7 +199,7 @@ def _survey_covariances(
     """
     block, rows, cameras = result.block, result.block.measurements, result.cameras
     sigma, check = result.unit_sigma * result.sigma_px, block.points.role == Role.CHECK
-    by_images = np.flatnonzero(chosen)
+    by_images = np.flatnonzero(selected)
     by_images = by_images[np.argsort(rows.image[by_images], kind="stable")]
     for first in range(0, len(by_images), MEMORY.rows):
         rows_here = by_images[first : first + MEMORY.rows]

@@ -94,14 +94,14 @@ class VarianceFactor:
     worse: tuple[tuple[float, float], ...]
 
     @classmethod
-    def estimate(cls, rest: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
+    def estimate(cls, remaining: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
         """Return the factors of the remaining GCPs, from their sum of squares and its degrees of freedom."""
         stated = REDUNDANCY.stated
         pooled = max((max(squares, 0.0) + stated) / (freedom + stated), 1.0)
         worse = []
         for kind in (PLAN, HEIGHT, IMAGE):
-            of_kind = rest.kind == kind
-            shares, total = rest.s.diagonal()[of_kind].sum(), float(np.sum(rest.u[of_kind] ** 2))
+            of_kind = remaining.kind == kind
+            shares, total = remaining.s.diagonal()[of_kind].sum(), float(np.sum(remaining.u[of_kind] ** 2))
             if shares < 0.5:
                 continue
             ratio = (total + stated) / (shares + stated)

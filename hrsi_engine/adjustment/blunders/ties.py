@@ -197,11 +197,11 @@ class PointRays:
         self.probability = np.minimum(np.where(rays == 2, of_two, rays * special.fdtrc(2.0, freedom, 0.5 * worst)), 1.0)
         return self.probability
 
-    def judge(self, sigmas: float, limit: float, wrong: float, size: float) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, sigmas: float, limit: float, wrong_share: float, size: float) -> tuple[np.ndarray, np.ndarray]:
         """Leave out the worst measurement of each point until the others agree; return decisions and tests ``(m, k)``.
 
         A point whose worst measurement is below ``limit`` (sigmas) has no wrong one; for the others ``sigmas`` is the
-        limit. ``wrong`` is the share of wrong measurements, ``size`` the usual size of their errors, in sigmas.
+        limit. ``wrong_share`` is the share of wrong measurements, ``size`` the usual size of their errors, in sigmas.
         """
         limits = np.array([tie_test_limit(sigmas, rays) for rays in range(self.weight.shape[1] + 1)])
         pending = np.flatnonzero(self.probability < error_probability(limit))
@@ -229,7 +229,12 @@ class PointRays:
         _, squares = self._compute_tests(two_ray_points)
         agreeing = np.exp(-0.5 * squares) / np.sqrt(2.0 * np.pi)
         rays = self.weight.shape[1]
-        odds = (rays * wrong * (1.0 - wrong) + wrong**2) / (1.0 - wrong) ** 2 * (0.5 / size) / agreeing
+        odds = (
+            (rays * wrong_share * (1.0 - wrong_share) + wrong_share**2)
+            / (1.0 - wrong_share) ** 2
+            * (0.5 / size)
+            / agreeing
+        )
         two_ray_points = two_ray_points[odds > RAYS.credit]
         self._mark_doubtful(two_ray_points, self.weight[two_ray_points] > 0.0, np.full(len(two_ray_points), np.nan))
         return self.decision, self.failed

@@ -134,7 +134,7 @@ class NumpyElimination:
 
     def substitute_back(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
-        out: np.ndarray,
+        steps: np.ndarray,
     ) -> None:  # fmt: skip
         """Write the part's steps in metres to ``out (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
         weighted_change = (
@@ -142,14 +142,14 @@ class NumpyElimination:
         )
         pulled = (linear.by_ground * weighted_change[:, :, None]).sum(axis=1)
         right = normals.point_right - np.add.reduceat(pulled, self.observations.first[:-1], axis=0)
-        out[:] = np.einsum("mij,mj->mi", normals.inverse, right)
+        steps[:] = np.einsum("mij,mj->mi", normals.inverse, right)
 
     def compute_cofactors(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
-        out: Cofactors,
+        cofactors: Cofactors,
     ) -> None:  # fmt: skip
         """Write the part's cofactors from those of the coefficients, ``cameras (blocks, t t, q q)``."""
-        out.points[:] = normals.inverse
+        cofactors.points[:] = normals.inverse
         by_values = _compose_derivatives(linear)
         size = by_values.shape[2]
         cameras = cameras.reshape(len(cameras), size, size)
@@ -165,11 +165,11 @@ class NumpyElimination:
             between_images = (left @ a[:, None].swapaxes(-1, -2)).swapaxes(2, 3)  # A Q A' (m, k, 2, k, 2)
             weighted = pull * weight[chunk.rows][..., None, None]
             half = np.einsum("makbl,mblx->makx", between_images, weighted, optimize=True)
-            out.points[chunk.points] += np.einsum("makx,maky->mxy", weighted, half, optimize=True)
+            cofactors.points[chunk.points] += np.einsum("makx,maky->mxy", weighted, half, optimize=True)
             mixed = half @ b.transpose(0, 1, 3, 2)
             computed = np.einsum("makal->makl", between_images) - mixed - mixed.transpose(0, 1, 3, 2)
-            computed += b @ out.points[chunk.points][:, None] @ b.transpose(0, 1, 3, 2)
-            out.computed[chunk.rows] = computed
+            computed += b @ cofactors.points[chunk.points][:, None] @ b.transpose(0, 1, 3, 2)
+            cofactors.computed[chunk.rows] = computed
 
 
 def _compose_derivatives(linear: Linearisation) -> np.ndarray:

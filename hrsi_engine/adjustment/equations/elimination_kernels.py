@@ -165,21 +165,21 @@ def _add_pairs_of_point(
 
 @njit(**OPTIONS)
 def eliminate_points(
-    rows: Arrays, most: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, ground: np.ndarray,
+    rows: Arrays, longest: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, ground: np.ndarray,
     prior: Arrays, contributes: np.ndarray, start: np.ndarray, columns: np.ndarray,
-    blocks: np.ndarray, right: np.ndarray, out: Arrays,
+    blocks: np.ndarray, right: np.ndarray, results: Arrays,
 ) -> None:  # fmt: skip
     """Add points to ``blocks (b, t t, q q)`` and ``right (cameras, q t)``; write the results of each point.
 
-    ``out`` : residual (n, 2), inverse (m, 3, 3), point right-hand sides (m, 3) of the whole block. Only points that
+    ``results`` : residual (n, 2), inverse (m, 3, 3), point right-hand sides (m, 3) of the whole block. Only points that
     contribute enter the sums.
     """
     points, place, first, weight = rows
     residual, by_ground, terms = linear
-    all_residuals, inverse, point_right = out
+    all_residuals, inverse, point_right = results
     q = 2 if by_quantity is None else by_quantity.shape[2]
     m = terms.shape[1]
-    u, s = np.empty((most, q, 3)), np.zeros(q * q)
+    u, s = np.empty((longest, q, 3)), np.zeros(q * q)
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
         row0, count = first[point], end - begin
@@ -211,7 +211,7 @@ def eliminate_points(
 
 
 @njit(**OPTIONS)
-def solve_points(rows: Arrays, linear: Arrays, ground: np.ndarray, prior: Arrays, out: np.ndarray) -> None:
+def solve_points(rows: Arrays, linear: Arrays, ground: np.ndarray, prior: Arrays, result: np.ndarray) -> None:
     """Write the steps ``(k, 3)`` in metres of points with fixed cameras."""
     points, place, first, weight = rows
     inverse = np.empty((1, 3, 3))
@@ -220,13 +220,13 @@ def solve_points(rows: Arrays, linear: Arrays, ground: np.ndarray, prior: Arrays
         v, g = _form_point_normal(point, begin, end, first[point], weight, linear, ground, prior)
         _invert(v, inverse, 0)
         for j in range(3):
-            out[number, j] = inverse[0, j, 0] * g[0] + inverse[0, j, 1] * g[1] + inverse[0, j, 2] * g[2]
+            result[number, j] = inverse[0, j, 0] * g[0] + inverse[0, j, 1] * g[1] + inverse[0, j, 2] * g[2]
 
 
 @njit(**OPTIONS)
 def substitute_back(
     rows: Arrays, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
-    point_right: np.ndarray, step: np.ndarray, out: np.ndarray,
+    point_right: np.ndarray, step: np.ndarray, result: np.ndarray,
 ) -> None:  # fmt: skip
     """Write the points' steps (m, 3) in metres for the cameras' ``step (cameras, q t)`` of the coefficients."""
     points, place, first, weight = rows
@@ -257,13 +257,13 @@ def substitute_back(
             g2 -= by_ground[a, 0, 2] * sample + by_ground[a, 1, 2] * line
             row += 1
         for j in range(3):
-            out[point, j] = inverse[point, j, 0] * g0 + inverse[point, j, 1] * g1 + inverse[point, j, 2] * g2
+            result[point, j] = inverse[point, j, 0] * g0 + inverse[point, j, 1] * g1 + inverse[point, j, 2] * g2
 
 
 @njit(**OPTIONS)
 def compute_cofactors(
-    rows: Arrays, most: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
-    start: np.ndarray, columns: np.ndarray, cofactors: np.ndarray, out: Arrays,
+    rows: Arrays, longest: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
+    start: np.ndarray, columns: np.ndarray, cofactors: np.ndarray, results: Arrays,
 ) -> None:  # fmt: skip
     """Write cofactors of the points (m, 3, 3) and of the computed image points (n, 2, 2).
 
@@ -277,7 +277,7 @@ def compute_cofactors(
     n = 2 if by_quantity is None else by_quantity.shape[2]
     m = terms.shape[1]
     s, column = np.empty(n * n), np.empty(n)
-    q, pull, half = np.empty((2 * most, 2 * most)), np.empty((2 * most, 3)), np.empty((2 * most, 3))
+    q, pull, half = np.empty((2 * longest, 2 * longest)), np.empty((2 * longest, 3)), np.empty((2 * longest, 3))
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
         row0, count = first[point], end - begin
@@ -316,7 +316,7 @@ def compute_cofactors(
                                 total += by_quantity[begin + a, c, e] * column[e]
                         q[2 * a + c, 2 * b + d] = total
                         q[2 * b + d, 2 * a + c] = total
-        _compute_point_cofactors(point, begin, row0, count, weight, inverse, by_ground, q, pull, half, out)
+        _compute_point_cofactors(point, begin, row0, count, weight, inverse, by_ground, q, pull, half, results)
 
 
 @njit(**OPTIONS)
@@ -388,20 +388,20 @@ class NumbaElimination(NumpyElimination):
 
     def substitute_back(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
-        out: np.ndarray,
+        steps: np.ndarray,
     ) -> None:  # fmt: skip
         substitute_back(
             self._rows(part, weight), self.observations.camera, _arrays(linear), linear.by_quantity, normals.inverse,
-            normals.point_right, step, out,
+            normals.point_right, step, steps,
         )  # fmt: skip
 
     def compute_cofactors(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
-        out: Cofactors,
+        results: Cofactors,
     ) -> None:  # fmt: skip
         compute_cofactors(
             self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity,
-            normals.inverse, self.pattern.start, self.pattern.columns, cameras, tuple(out),
+            normals.inverse, self.pattern.start, self.pattern.columns, cameras, tuple(results),
         )  # fmt: skip
 
     def _rows(self, part: Portion, weight: np.ndarray) -> tuple[np.ndarray, ...]:

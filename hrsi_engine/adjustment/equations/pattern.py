@@ -69,11 +69,11 @@ class Pattern:
 
 
 def find_pattern(
-    observations: Observations, parameters: int, more: Sequence[tuple[np.ndarray, np.ndarray]] = ()
+    observations: Observations, parameters: int, extra_pairs: Sequence[tuple[np.ndarray, np.ndarray]] = ()
 ) -> Pattern:
-    """Return the pattern of the cameras of all measurements, and of ``more`` pairs (rows <= columns)."""
+    """Return the pattern of the cameras of all measurements, and of ``extra_pairs`` pairs (rows <= columns)."""
     adjacency = _count_common_points(observations)
-    for pairs in more:
+    for pairs in extra_pairs:
         adjacency += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=adjacency.shape)
     upper = sparse.triu(adjacency, format="csr")
     upper.sort_indices()

@@ -113,11 +113,11 @@ class DemHeights:
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the heights of the DEM at the points' positions."""
         height = surface_heights(self.dem, ground[self.points, :2])
-        known = np.flatnonzero(np.isfinite(height))
-        count = len(known)
+        finite = np.flatnonzero(np.isfinite(height))
+        count = len(finite)
         return HeightRows(
-            self.points[known], np.arange(count), np.ones(count), height[known], np.full(count, self.sigma_m),
-            self.tile[known],
+            self.points[finite], np.arange(count), np.ones(count), height[finite], np.full(count, self.sigma_m),
+            self.tile[finite],
         )  # fmt: skip
 
 
@@ -153,42 +153,42 @@ class HeightObservations:
     memory: GroupHistory = field(default_factory=GroupHistory)
 
     def add_to_priors(
-        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, alone: bool = False
+        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, by_cell: bool = False
     ) -> PointPriors:
         """Return the priors with the sources' heights at positions ``(m, 3)``, weighted by how well they fit.
 
-        ``cofactors (m, 3, 3)`` are those of the positions for fixed cameras, with the ``priors``. With ``alone`` each
+        ``cofactors (m, 3, 3)`` are those of the positions for fixed cameras, with the ``priors``. With ``by_cell`` each
         height has the weight of its own sigma, after the median deviation of its source is subtracted: for the
         estimation of image errors that change along the lines, by which heights deviate, but which they do not share.
         """
         count = len(ground)
         information, moment = np.zeros(count), np.zeros(count)
-        seen, held = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        is_seen, is_held = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         for one in self.fit_sources(priors, ground, cofactors):
             rows = one.rows
-            used, weights, off_m = one.factor > 0.0, one.weights, 0.0
-            if alone and len(one.difference_m):
-                used, off_m = np.ones_like(used), float(np.median(one.difference_m))
+            is_used, weights, off_m = one.factor > 0.0, one.weights, 0.0
+            if by_cell and len(one.difference_m):
+                is_used, off_m = np.ones_like(is_used), float(np.median(one.difference_m))
                 weights = 1.0 / (one.sigma_factor * rows.sigma_m) ** 2
             weight = rows.share * weights[rows.of]
-            if alone:  # the heights of one cell share their error and count as one
+            if by_cell:  # the heights of one cell share their error and count as one
                 cell = np.floor(ground[rows.point] * metres_per_degree(ground[rows.point]) / HEIGHTS.alike_m)[:, :2]
                 _, number, count_of = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
                 weight = weight / count_of[number]
             information += np.bincount(rows.point, weight, count)
             moment += np.bincount(rows.point, weight * (rows.height - off_m - ground[rows.point, 2]), count)
-            held[rows.point[used[rows.of]]] = True
-            seen[rows.point] = True
+            is_held[rows.point[is_used[rows.of]]] = True
+            is_seen[rows.point] = True
         target, weights, observed = priors.target.copy(), priors.weight.copy(), priors.observed.copy()
         free = 1.0 / FREE_POINT_SIGMA_M**2
-        gone = priors.observed[:, 2] & self.free & ~seen
-        weights[gone, 2], observed[gone, 2] = free, False
+        unobserved = priors.observed[:, 2] & self.free & ~is_seen
+        weights[unobserved, 2], observed[unobserved, 2] = free, False
         # The weak priors that keep the equations regular are moved to the points: from a distance they would bias them
         regular = ~observed & (weights == free)
         target[regular] = ground[regular]
-        target[seen, 2] = ground[seen, 2] + moment[seen] / np.maximum(information[seen], free)
-        weights[seen, 2] = np.maximum(information[seen], free)
-        observed[seen, 2] = held[seen]
+        target[is_seen, 2] = ground[is_seen, 2] + moment[is_seen] / np.maximum(information[is_seen], free)
+        weights[is_seen, 2] = np.maximum(information[is_seen], free)
+        observed[is_seen, 2] = is_held[is_seen]
         return replace(priors, target=target, weight=weights, observed=observed)
 
     def fit_sources(
@@ -220,10 +220,10 @@ class HeightObservations:
         if len(points) > 2:  # sigmas of surveys are often guesses: their scatter is used
             variance = variance * max(float(robust_sigma((miss - np.median(miss)) / np.sqrt(variance))), 1.0) ** 2
         surveys = OtherOffsets(miss, variance, CommonError(HEIGHTS.least_common_m, False))
-        off = compare_groups(
+        outlying = compare_groups(
             judged, self.memory, [surveys, *([] if self.by_rpcs is None else [self.by_rpcs.compare_with(ground)])]
         )
-        self.memory.surveys = (int(off[0].sum()) if off else 0), len(surveys.offset_m)
+        self.memory.surveys = (int(outlying[0].sum()) if outlying else 0), len(surveys.offset_m)
         for one in judged:
             one.reduce_shared_weights()
         return judged
@@ -263,16 +263,16 @@ def _summarise_source(
     one: SourceFit[HeightRows], ground: np.ndarray, total: float, of_points: np.ndarray, of_cameras: np.ndarray
 ) -> HeightAgreement:
     """Return a source's agreement; variances ``(m,)`` of the points with fixed cameras, and from the cameras."""
-    rows, used = one.rows, one.factor > 0.0
+    rows, is_used = one.rows, one.factor > 0.0
     count = len(one.difference_m)
-    at = np.bincount(rows.of, rows.share * (ground[rows.point, 2] - rows.height), count)
-    within, out = at[used], at[~used]
+    differences = np.bincount(rows.of, rows.share * (ground[rows.point, 2] - rows.height), count)
+    used_m, left_out_m = differences[is_used], differences[~is_used]
     cofactor = np.bincount(rows.of, rows.share**2 * of_points[rows.point] + rows.share * of_cameras[rows.point], count)
     return HeightAgreement(
-        source=one.source.name, observations=count, left_out=int((~used).sum()),
+        source=one.source.name, observations=count, left_out=int((~is_used).sum()),
         determines=float(np.sum(np.minimum(one.weights * cofactor, 1.0))),
-        rmse_m=float(np.sqrt(np.mean(within**2))) if within.size else float("nan"),
-        left_out_median_m=float(np.median(out)) if out.size else float("nan"),
+        rmse_m=float(np.sqrt(np.mean(used_m**2))) if used_m.size else float("nan"),
+        left_out_median_m=float(np.median(left_out_m)) if left_out_m.size else float("nan"),
         sigma_m=float(one.sigma_factor * np.median(rows.sigma_m)), sigma_factor=one.sigma_factor,
         share=one.weight / total if total > 0.0 else float("nan"), alone_m=one.offset_m, groups=tuple(one.groups),
     )  # fmt: skip

@@ -65,29 +65,31 @@ class Planes(NamedTuple):
     scatter_m: np.ndarray
 
 
-def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Planes:
-    """Return the planes through the points ``near`` (mask) at ``away_m (n, k, 2)`` from places, ``height_m (n, k)``.
+def fit_planes(away_m: np.ndarray, height_m: np.ndarray, is_near: np.ndarray) -> Planes:
+    """Return the planes through the points ``is_near`` (mask) at ``away_m (n, k, 2)`` from places, ``height_m (n, k)``.
 
     Points that deviate from the plane by more than `ROBUST.full_weight` times their scatter lose their weight.
     """
     distance = np.linalg.norm(away_m, axis=2)
     rough = (LASER_FIT.roughness * distance) ** 2
-    level = np.nanmedian(np.where(near, height_m, np.nan), axis=1)
+    level = np.nanmedian(np.where(is_near, height_m, np.nan), axis=1)
     scatter = np.full(len(level), LASER_FIT.least_scatter_m)
-    weight = np.where(near, 1.0, 0.0)
-    design = np.concatenate([np.ones((*away_m.shape[:2], 1)), np.where(near[..., None], away_m, 0.0)], axis=2)
-    height = np.where(near, height_m - level[:, None], 0.0)
+    weight = np.where(is_near, 1.0, 0.0)
+    design = np.concatenate([np.ones((*away_m.shape[:2], 1)), np.where(is_near[..., None], away_m, 0.0)], axis=2)
+    height = np.where(is_near, height_m - level[:, None], 0.0)
     prior = np.diag([1e-9, LASER_FIT.slope_sigma**-2, LASER_FIT.slope_sigma**-2])
     for _ in range(PLANE_ROUNDS):
         w = weight / (scatter[:, None] ** 2 + rough)
         normal = np.einsum("nki,nk,nkj->nij", design, w, design) + prior
         solution = np.linalg.solve(normal, np.einsum("nki,nk,nk->ni", design, w, height)[..., None])[..., 0]
         left = np.abs(height - np.einsum("nki,ni->nk", design, solution))
-        middle = np.nanmedian(np.where(near, left, np.nan), axis=1)
-        enough = near.sum(axis=1) > 3
-        scatter = np.where(enough, np.maximum(1.4826 * middle, LASER_FIT.least_scatter_m), LASER_FIT.least_scatter_m)
+        middle = np.nanmedian(np.where(is_near, left, np.nan), axis=1)
+        is_redundant = is_near.sum(axis=1) > 3
+        scatter = np.where(
+            is_redundant, np.maximum(1.4826 * middle, LASER_FIT.least_scatter_m), LASER_FIT.least_scatter_m
+        )
         t = left / np.sqrt(scatter[:, None] ** 2 + rough)
-        weight = np.where(near, (ROBUST.full_weight / np.maximum(t, ROBUST.full_weight)) ** 3, 0.0)
+        weight = np.where(is_near, (ROBUST.full_weight / np.maximum(t, ROBUST.full_weight)) ** 3, 0.0)
     covariance = np.linalg.inv(normal)[:, 1:, 1:]
     share = weight / (scatter[:, None] ** 2 + rough)
     return Planes(solution[:, 1:], covariance, share / share.sum(axis=1, keepdims=True), scatter)
@@ -149,8 +151,8 @@ class LaserHeights:
                 reason[self.chosen[rows.group == self.groups.index(group.name)]] = f"its track {MISFIT}"
         ties, residual, sigma = np.zeros(count, dtype=np.int64), np.full(count, np.nan), np.full(count, np.nan)
         ties[self.chosen] = np.bincount(rows.of, minlength=len(self.chosen))
-        off = rows.share * (rows.height - ground[rows.point, 2])
-        residual[self.chosen] = np.bincount(rows.of, off, len(self.chosen))
+        weighted_difference = rows.share * (rows.height - ground[rows.point, 2])
+        residual[self.chosen] = np.bincount(rows.of, weighted_difference, len(self.chosen))
         sigma[self.chosen] = judged.sigma_factor * rows.sigma_m
         return LaserOutcome(self.laser, reason, ties, residual, sigma)
 
@@ -210,5 +212,5 @@ class _TiesOfPoints(NamedTuple):
         """Return the distance in plan by which the tie points have moved since; infinite without tie points."""
         if not len(self.placed):
             return np.inf
-        away = (ground[self.placed, :2].mean(axis=0) - self.middle[:2]) * metres_per_degree(ground[:1])[0, :2]
-        return float(np.hypot(*away))
+        offset_m = (ground[self.placed, :2].mean(axis=0) - self.middle[:2]) * metres_per_degree(ground[:1])[0, :2]
+        return float(np.hypot(*offset_m))

@@ -83,8 +83,8 @@ class PlanObservations:
         target, weight, observed = priors.target.copy(), priors.weight.copy(), priors.observed.copy()
         for axis, one in zip(EAST_NORTH, self.fit_places(priors, ground, cofactors), strict=True):
             weight[self.points, axis] = np.maximum(one.weights, 1.0 / FREE_POINT_SIGMA_M**2)
-            observed[self.points, axis] = used = one.factor > 0.0
-            target[self.points, axis] = np.where(used, self.places.ground[:, axis], ground[self.points, axis])
+            observed[self.points, axis] = is_used = one.factor > 0.0
+            target[self.points, axis] = np.where(is_used, self.places.ground[:, axis], ground[self.points, axis])
         return replace(priors, target=target, weight=weight, observed=observed)
 
     def fit_places(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> list[SourceFit[PlaceRows]]:
@@ -95,15 +95,15 @@ class PlanObservations:
         ]
         # one ray without height has no information along it: a little of the place's own weight keeps it regular
         by_rays = np.linalg.inv(np.linalg.inv(cofactors[self.points]) - (1.0 - REDUNDANCY.tested) * weight)
-        away = np.zeros((len(self.points), 3))
-        away[:, EAST_NORTH] = self._away_m(ground)
-        miss = away + np.einsum("kij,kjl,kl->ki", by_rays, weight, away)
+        offset_m = np.zeros((len(self.points), 3))
+        offset_m[:, EAST_NORTH] = self._away_m(ground)
+        miss = offset_m + np.einsum("kij,kjl,kl->ki", by_rays, weight, offset_m)
         rows = PlaceRows(np.full(len(self.points), ORTHOIMAGE_ERRORS.independent * self.places.sigma_m), self._part)
         judged = [SourceFit(self, rows, miss[:, axis], np.maximum(by_rays[:, axis, axis], 0.0)) for axis in EAST_NORTH]
         if self.estimate:
-            both = float(np.sqrt(np.mean([estimate_sigma_factor(one) ** 2 for one in judged])))
+            common_factor = float(np.sqrt(np.mean([estimate_sigma_factor(one) ** 2 for one in judged])))
             for one in judged:
-                one.sigma_factor = both
+                one.sigma_factor = common_factor
         for one, memory in zip(judged, self.memory, strict=True):
             one.weigh_by_fit(np.ones(len(self.points), dtype=bool))
             compare_groups([one], memory)

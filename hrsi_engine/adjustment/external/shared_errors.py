@@ -159,18 +159,18 @@ def hampel_weight(t: np.ndarray) -> np.ndarray:
     return np.where(factor > REDUNDANCY.tested, factor, 0.0)
 
 
-def _find_core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
+def _find_core(difference: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
     """Return the median of the bulk of the differences, and the factor by which their sigmas are too small (1 or more).
 
     Differences far from the median are removed repeatedly: a quarter of canopy heights must not enlarge the scale.
     """
-    middle, scale = float(np.median(apart)), np.inf
-    core = np.ones(len(apart), dtype=bool)
+    middle, scale = float(np.median(difference)), np.inf
+    core = np.ones(len(difference), dtype=bool)
     for _ in range(CUTS):
-        t = (apart - middle) / sigma
+        t = (difference - middle) / sigma
         scale = max(float(robust_sigma(t[core])), 1.0)
         inside = np.abs(t) <= ROBUST.full_weight * scale
-        middle = float(np.median(apart[inside]))
+        middle = float(np.median(difference[inside]))
         if np.array_equal(inside, core):
             break
         core = inside
@@ -183,36 +183,38 @@ def estimate_sigma_factor(one: SourceFit[Any]) -> float:
     Observations are weighted by the share of their own variance, against that of the rays.
     """
     rows = one.rows
-    apart, own = np.full(len(one.difference_m), np.nan), rows.sigma_m**2
+    difference, variance = np.full(len(one.difference_m), np.nan), rows.sigma_m**2
     for group in range(len(one.source.groups)):
-        here = rows.group == group
-        if here.sum() >= SOURCE_FIT.least_of_group:
-            apart[here] = one.difference_m[here] - np.median(one.difference_m[here])
-    known = np.isfinite(apart)
-    if not known.any():
+        in_group = rows.group == group
+        if in_group.sum() >= SOURCE_FIT.least_of_group:
+            difference[in_group] = one.difference_m[in_group] - np.median(one.difference_m[in_group])
+    finite = np.isfinite(difference)
+    if not finite.any():
         return 1.0
-    telling = float(np.sum((own / (own + one.of_rays))[known] ** 2))
+    telling = float(np.sum((variance / (variance + one.of_rays))[finite] ** 2))
     low, high = SOURCE_FIT.sigma_factors
     for _ in range(HALVINGS):
         middle = float(np.sqrt(low * high))
-        wide = robust_sigma(apart[known] / np.sqrt(middle**2 * own[known] + one.of_rays[known])) < 1.0
+        wide = robust_sigma(difference[finite] / np.sqrt(middle**2 * variance[finite] + one.of_rays[finite])) < 1.0
         low, high = (low, middle) if wide else (middle, high)
     return float(np.sqrt((REDUNDANCY.common + telling * low * high) / (REDUNDANCY.common + telling)))
 
 
 def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
     """Return the offsets of the groups of a source, with at least `SOURCE_FIT.least_of_group` observations."""
-    found = []
+    offsets = []
     for group in range(len(one.source.groups)):
-        here = one.rows.group == group
-        if here.sum() < SOURCE_FIT.least_of_group:
+        in_group = one.rows.group == group
+        if in_group.sum() < SOURCE_FIT.least_of_group:
             continue
-        miss, variance = one.difference_m[here], one.variance[here]
+        miss, variance = one.difference_m[in_group], one.variance[in_group]
         middle, scale = _find_core(miss, np.sqrt(variance))
         core = np.abs(miss - middle) <= ROBUST.full_weight * scale * np.sqrt(variance)
-        own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # variance of a median
-        found.append(GroupOffset(source, group, middle, own + one.source.common_m**2, int(here.sum())))
-    return found
+        median_variance = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # variance of a median
+        offsets.append(
+            GroupOffset(source, group, middle, median_variance + one.source.common_m**2, int(in_group.sum()))
+        )
+    return offsets
 
 
 @dataclass(eq=False)
@@ -312,30 +314,32 @@ def find_outlying_groups(
     if len(offset) < 2:
         return np.zeros(len(offset), dtype=bool), np.zeros(len(offset), dtype=bool), float(offset.sum())
     variance = np.array([one.variance for one in group_offsets])
-    of = np.array([one.source for one in group_offsets])
-    tried = [chi2_at_offset(float(m), offset, variance, of, sources) for m in offset]
-    costs = np.array([cost for cost, _ in tried])
+    source_of_group = np.array([one.source for one in group_offsets])
+    trials = [chi2_at_offset(float(m), offset, variance, source_of_group, sources) for m in offset]
+    costs = np.array([cost for cost, _ in trials])
     best = int(np.argmin(costs + 1e-9 * variance))
-    wrong = tried[best][1]
-    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + SIGNIFICANCE.decisive])
-    weight = ~wrong / (variance + np.array([sources[k].sigma_m for k in of]) ** 2)
-    return wrong, decided, float(weight @ offset / weight.sum())
+    outlying_best = trials[best][1]
+    decided = np.logical_and.reduce(
+        [outlying for cost, outlying in trials if cost < costs[best] + SIGNIFICANCE.decisive]
+    )
+    weight = ~outlying_best / (variance + np.array([sources[k].sigma_m for k in source_of_group]) ** 2)
+    return outlying_best, decided, float(weight @ offset / weight.sum())
 
 
 def chi2_at_offset(
-    m: float, offset: np.ndarray, variance: np.ndarray, of: np.ndarray, sources: Sequence[CommonError]
+    m: float, offset: np.ndarray, variance: np.ndarray, source_of_group: np.ndarray, sources: Sequence[CommonError]
 ) -> tuple[float, np.ndarray]:
     """Return chi² of the group offsets for a common block offset m, and the mask of outlying groups."""
     limit, total = ROBUST.outlier**2, 0.0
-    wrong = np.zeros(len(offset), dtype=bool)
-    for number in np.unique(of):
-        here, source = np.flatnonzero(of == number), sources[number]
-        shared = np.append(0.0, offset[here] - m)
-        own = (shared / source.sigma_m) ** 2
-        penalty = np.minimum(own, limit) if source.can_be_biased_as_a_whole else own
-        squares = (offset[here] - m - shared[:, None]) ** 2 / variance[here]
+    outlying = np.zeros(len(offset), dtype=bool)
+    for number in np.unique(source_of_group):
+        rows_of_source, source = np.flatnonzero(source_of_group == number), sources[number]
+        candidates = np.append(0.0, offset[rows_of_source] - m)
+        source_squares = (candidates / source.sigma_m) ** 2
+        penalty = np.minimum(source_squares, limit) if source.can_be_biased_as_a_whole else source_squares
+        squares = (offset[rows_of_source] - m - candidates[:, None]) ** 2 / variance[rows_of_source]
         cost = penalty + np.minimum(squares, limit).sum(axis=1)
-        chosen = int(np.argmin(cost))
-        total += float(cost[chosen])
-        wrong[here] = (squares[chosen] > limit) | (own[chosen] > limit)
-    return total, wrong
+        best = int(np.argmin(cost))
+        total += float(cost[best])
+        outlying[rows_of_source] = (squares[best] > limit) | (source_squares[best] > limit)
+    return total, outlying

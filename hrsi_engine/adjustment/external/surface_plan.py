@@ -85,15 +85,15 @@ class SurfacePlan:
         kind: str, search_m: float,
     ) -> SurfacePlan | None:  # fmt: skip
         """Return the relief under ``points (k,)`` of ``ground (m, 3)``, after its search; None if there is no match."""
-        at = ground[points]
-        first = match_surface(at, surface, search_m, kind, SURFACE_FIT.noise_share * sigma_m)
+        positions = ground[points]
+        first = match_surface(positions, surface, search_m, kind, SURFACE_FIT.noise_share * sigma_m)
         if first is None:
             return None
-        relief_m = float(robust_sigma(at[:, 2] - np.median(at[:, 2])))
+        relief_m = float(robust_sigma(positions[:, 2] - np.median(positions[:, 2])))
         pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
         return cls(
-            tuple(image.id for image in images), surface, points, sigma_m, kind, search_m, pointing_m, at, first,
-            relief_m, cell_size_m(surface, at[0]),
+            tuple(image.id for image in images), surface, points, sigma_m, kind, search_m, pointing_m, positions, first,
+            relief_m, cell_size_m(surface, positions[0]),
         )  # fmt: skip
 
     @property
@@ -134,9 +134,9 @@ class SurfacePlan:
 
     def _beyond(self, pointing_m: float) -> float:
         """Return the displacement in plan in units of its standard deviation (including that of the RPCs)."""
-        away = self.first.displacement_m[:2]
+        displacement = self.first.displacement_m[:2]
         expected = self.covariance_m2[:2, :2] + pointing_m**2 * np.eye(2)
-        return float(np.sqrt(away @ np.linalg.solve(expected, away)))
+        return float(np.sqrt(displacement @ np.linalg.solve(expected, displacement)))
 
     def enter_start(self, priors: PointPriors, ground: np.ndarray) -> PointPriors:
         """Return the initial priors with the observed plan position."""
@@ -147,43 +147,49 @@ class SurfacePlan:
         if self.why_open:
             return priors
         # The points by the rays alone, and the variances of their heights
-        at, Q = ground[self.points], cofactors[self.points]
+        positions, Q = ground[self.points], cofactors[self.points]
         W = (1.0 - REDUNDANCY.tested) * priors.build_weight_matrices(self.points)
         by_rays = np.linalg.inv(np.linalg.inv(Q) - W)
-        pulled = np.einsum("kij,kjl,kl->ki", by_rays, W, priors.compute_misclosures_m(at, self.points))
-        return self._observe(priors, ground, self._match_again(*(move_ground(at, -pulled), by_rays[:, 2, 2])))
+        pulled = np.einsum("kij,kjl,kl->ki", by_rays, W, priors.compute_misclosures_m(positions, self.points))
+        return self._observe(priors, ground, self._match_again(*(move_ground(positions, -pulled), by_rays[:, 2, 2])))
 
     def _match_again(self, by_rays: np.ndarray, variance_m2: np.ndarray) -> np.ndarray:
         """Return the remaining displacement ``(3,)``; it is estimated again if the block has moved."""
         usable = finite_rows(by_rays) & (variance_m2 < self.search_m**2)
         now = np.median(by_rays, axis=0)
-        moved = np.zeros(3) if self._at is None else ground_difference_m(now[None], self._at[None])[0]
-        start = (np.zeros(3) if self._at is None else self.last.displacement_m) - moved
-        has_moved = self._at is None or np.abs(moved).max() > ITERATIONS.coarse * self.cell_m
+        block_shift = np.zeros(3) if self._at is None else ground_difference_m(now[None], self._at[None])[0]
+        start = (np.zeros(3) if self._at is None else self.last.displacement_m) - block_shift
+        has_moved = self._at is None or np.abs(block_shift).max() > ITERATIONS.coarse * self.cell_m
         if has_moved and self._matches < ITERATIONS.most:
             self._matches += 1
             noise_m = SURFACE_FIT.noise_share * self.sigma_m
             matcher = SurfaceMatcher(by_rays[usable], self.surface, self.kind, variance_m2[usable], noise_m)
-            found = matcher.refine(start, self.search_m)
-            if found is not None and not self._strays(now, found, start):
-                self.last, self._at = found, now
-                return found.displacement_m
+            new_match = matcher.refine(start, self.search_m)
+            if new_match is not None and not self._strays(now, new_match, start):
+                self.last, self._at = new_match, now
+                return new_match.displacement_m
         return start
 
-    def _strays(self, now: np.ndarray, found: SurfaceMatch, start: np.ndarray) -> bool:
+    def _strays(self, now: np.ndarray, new_match: SurfaceMatch, start: np.ndarray) -> bool:
         """Return True if a match of points with median ``now (3,)`` leaves the search range or its last minimum."""
-        away = ground_difference_m(now[None], np.median(self.before, axis=0)[None])[0] + found.displacement_m
+        total_shift = ground_difference_m(now[None], np.median(self.before, axis=0)[None])[0] + new_match.displacement_m
         expected = replace(self.last, displacement_m=start)
-        return bool(np.abs(away[:2]).max() > self.search_m + self.cell_m) or found.is_apart_from(expected, self.cell_m)
+        return bool(np.abs(total_shift[:2]).max() > self.search_m + self.cell_m) or new_match.is_apart_from(
+            expected, self.cell_m
+        )
 
     def _observe(self, priors: PointPriors, ground: np.ndarray, left_m: np.ndarray) -> PointPriors:
         """Return the priors with each point observed in plan at ``left_m (3,)`` from its present position."""
         target, weight = priors.target.copy(), priors.weight.copy()
         mixed = priors.mixed.copy() if priors.correlated else np.zeros_like(weight)
-        each = np.linalg.inv(self.covariance_m2[:2, :2]) / len(self.points)
-        moved = move_ground(ground[self.points], np.append(left_m[:2], 0.0))
-        target[self.points, :2] = moved[:, :2]
-        weight[self.points, 0], weight[self.points, 1], mixed[self.points, 0] = each[0, 0], each[1, 1], each[0, 1]
+        point_weight = np.linalg.inv(self.covariance_m2[:2, :2]) / len(self.points)
+        targets = move_ground(ground[self.points], np.append(left_m[:2], 0.0))
+        target[self.points, :2] = targets[:, :2]
+        weight[self.points, 0], weight[self.points, 1], mixed[self.points, 0] = (
+            point_weight[0, 0],
+            point_weight[1, 1],
+            point_weight[0, 1],
+        )
         return replace(priors, target=target, weight=weight, mixed=mixed)
 
     def summarise(self, points: np.ndarray) -> SurfaceOutcome:

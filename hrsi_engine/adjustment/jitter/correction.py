@@ -48,24 +48,30 @@ def adjust_without_jitter(
     is_gcp = block.points.role[block.measurements.point] == Role.GCP
     xy, ids, image = block.measurements.xy, [one.id for one in block.images], block.measurements.image
     earlier: JitterEstimate | None = None
-    done = 0.3
+    progress_share = 0.3
     for _ in range(JITTER_CURVES.most_parts if options.jitter in JITTER_CHOICES else 1):
         spacing, period = choose_spacings(result, options.jitter)
-        without, prior = xy, None  # measurements corrected by the curves so far
+        corrected_xy, prior = xy, None  # measurements corrected by the curves so far
         for number in range(ITERATIONS.most if spacing else 0):
-            problem, done_before, done = adjuster.problem, done, done + 0.3 * (1.0 - done)
-            measured = replace(block.measurements, xy=without)
+            problem, done_before, progress_share = (
+                adjuster.problem,
+                progress_share,
+                progress_share + 0.3 * (1.0 - progress_share),
+            )
+            measured = replace(block.measurements, xy=corrected_xy)
             estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)
             prior = estimate.prior
-            whole = estimate if earlier is None else earlier.add(estimate)
-            before, xy = xy, whole.displace(ids, image, block.measurements.xy, remove=True)
-            if np.sqrt(np.mean((xy - before) ** 2)) < JITTER_CURVES.settled_px and number:
-                xy = before
+            total_estimate = estimate if earlier is None else earlier.add(estimate)
+            previous_xy, xy = xy, total_estimate.displace(ids, image, block.measurements.xy, remove=True)
+            if np.sqrt(np.mean((xy - previous_xy) ** 2)) < JITTER_CURVES.settled_px and number:
+                xy = previous_xy
                 break
-            sigma_px = whole.add_sigmas(ids, image, xy, block.measurements.sigma_px, is_gcp)
+            sigma_px = total_estimate.add_sigmas(ids, image, xy, block.measurements.sigma_px, is_gcp)
             corrected = replace(block, measurements=replace(block.measurements, xy=xy, sigma_px=sigma_px))
             result, adjuster = adjust_once(
-                corrected, replace(options, jitter_estimate=whole), stage(progress, done_before, done)
+                corrected,
+                replace(options, jitter_estimate=total_estimate),
+                stage(progress, done_before, progress_share),
             )
         earlier = result.jitter
         if not spacing:
@@ -73,44 +79,47 @@ def adjust_without_jitter(
     return result
 
 
-def choose_spacings(result: Adjustment, asked: str) -> tuple[dict[int, float], float]:
+def choose_spacings(result: Adjustment, choice: str) -> tuple[dict[int, float], float]:
     """Return the lines between knots of the curves, by the exposures' numbers, and the strongest wave's period.
 
     Exposures without jitter have no entry.
 
-    asked : ``none``, ``auto`` for exposures with significant waves and those with common points, or lines for all
+    choice : ``none``, ``auto`` for exposures with significant waves and those with common points, or lines for all
     """
     images = result.block.images
     exposures = number_exposures(images)
     pixel = np.array([image.camera_pixel for image in images])
-    if asked not in JITTER_CHOICES:
+    if choice not in JITTER_CHOICES:
         try:
-            asked_lines = float(asked)
+            asked_lines = float(choice)
         except ValueError:
             asked_lines = np.nan
         if not asked_lines >= JITTER_CURVES.least_spacing:
             raise InputError(
-                f"`jitter` {asked!r}: give {', '.join(JITTER_CHOICES)} or the lines between the knots of the curves, "
+                f"`jitter` {choice!r}: give {', '.join(JITTER_CHOICES)} or the lines between the knots of the curves, "
                 f"at least {JITTER_CURVES.least_spacing:g}"
             )
         spacings = {int(one): asked_lines * float(pixel[exposures == one].min()) for one in np.unique(exposures)}
         return spacings, JITTER_CURVES.knots_in_period * min(spacings.values())
-    if asked != "auto":
+    if choice != "auto":
         return {}, np.inf
-    found = find_block_waves(collect_line_profiles(result))
-    waves = [[wave for wave in own if wave.amplitude_px >= JITTER_CURVES.least_wave_px] for own in found]
-    shortest = pixel * [min((wave.period_lines for wave in own), default=np.inf) for own in waves]
+    waves_of_images = find_block_waves(collect_line_profiles(result))
+    waves = [
+        [wave for wave in image_waves if wave.amplitude_px >= JITTER_CURVES.least_wave_px]
+        for image_waves in waves_of_images
+    ]
+    shortest = pixel * [min((wave.period_lines for wave in image_waves), default=np.inf) for image_waves in waves]
     if not np.isfinite(shortest).any():
         return {}, np.inf
     strongest = max(
-        ((wave.amplitude_px * size, wave.period_lines * size) for own, size in zip(waves, pixel, strict=True)
-         for wave in own)
+        ((wave.amplitude_px * size, wave.period_lines * size) for image_waves, size in zip(waves, pixel, strict=True)
+         for wave in image_waves)
     )[1]  # fmt: skip
     # A wave of one image also appears in those with common points, and the spectrum does not show which one has it
     rows, count = result.block.measurements, len(result.block.points)
-    seen = sparse.csr_matrix((np.ones(len(rows)), (rows.image, rows.point)), (len(images), count))
-    joined = (seen @ seen.T).tocsr()
-    period = np.array([shortest[joined[number].indices].min(initial=np.inf) for number in range(len(images))])
+    incidence = sparse.csr_matrix((np.ones(len(rows)), (rows.image, rows.point)), (len(images), count))
+    are_connected = (incidence @ incidence.T).tocsr()
+    period = np.array([shortest[are_connected[number].indices].min(initial=np.inf) for number in range(len(images))])
     finest = {int(one): float(period[exposures == one].min()) for one in np.unique(exposures)}
     spacings = {one: lines / JITTER_CURVES.knots_in_period for one, lines in finest.items() if np.isfinite(lines)}
     return spacings, strongest

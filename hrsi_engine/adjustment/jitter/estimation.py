@@ -120,7 +120,7 @@ def estimate_jitter(
         variance = fit.variance
         fits.append((fit.compute_log_likelihood(), weighted.noise, fit))
     _, weighted.noise, likely = max(fits, key=lambda one: one[0])
-    mean, drawn = likely.solved, likely.draw(JITTER_CURVES.samples)
+    mean, sampled_curves = likely.solved, likely.draw(JITTER_CURVES.samples)
     curves: dict[str, JitterCurve] = {}
     samples: list[dict[str, JitterCurve]] = [{} for _ in range(JITTER_CURVES.samples)]
     exposures = number_exposures(problem.observations.images)
@@ -129,9 +129,12 @@ def estimate_jitter(
             continue
         first, last = _lines_of(image)
         matrix = places[exposure].spline.make_matrix(_scene_lines(image, np.arange(first, last + 1)))
-        both = slice(places[exposure].start, places[exposure].stop)
-        shift = np.stack([matrix @ axis for axis in np.split(mean[both], 2)], axis=1) / image.camera_pixel
-        errors = np.stack([matrix @ axis for axis in np.split(drawn[both], 2)], axis=1) / image.camera_pixel
+        unknown_slice = slice(places[exposure].start, places[exposure].stop)
+        shift = np.stack([matrix @ axis for axis in np.split(mean[unknown_slice], 2)], axis=1) / image.camera_pixel
+        errors = (
+            np.stack([matrix @ axis for axis in np.split(sampled_curves[unknown_slice], 2)], axis=1)
+            / image.camera_pixel
+        )
         sigma = np.sqrt(np.mean(errors**2, axis=2))
         curves[image.id] = JitterCurve(first, shift, sigma)
         for number, sample in enumerate(samples):
@@ -162,8 +165,10 @@ def _place_splines(problem: Problem, spacing: Mapping[int, float], period: float
     for exposure, lines in spacing.items():
         measured = [
             _scene_lines(image, observations.xy[rows, 1])
-            for image, own, rows in zip(observations.images, exposures.tolist(), observations.by_image, strict=True)
-            if own == exposure
+            for image, exposure_of_image, rows in zip(
+                observations.images, exposures.tolist(), observations.by_image, strict=True
+            )
+            if exposure_of_image == exposure
         ]
         reach = np.concatenate(measured)
         if len(reach) < 2 or np.ptp(reach) < lines:
@@ -228,41 +233,41 @@ def _form_rows(
     usable &= np.logical_or.reduceat(splines.any(axis=1), observations.first[:-1])
     priors, heights = solution.weighting.points, problem.height_observations
     if heights is not None:  # jitter displaces the points, so that most heights deviate
-        priors = heights.add_to_priors(priors, ground, solution.normals.inverse, alone=True)
-    chosen = np.flatnonzero(usable & ((np.diff(observations.first) > 1) | priors.held))
-    chosen = chosen[:: max(-(-len(chosen) // JITTER_CURVES.most_points), 1)]
+        priors = heights.add_to_priors(priors, ground, solution.normals.inverse, by_cell=True)
+    selected = np.flatnonzero(usable & ((np.diff(observations.first) > 1) | priors.held))
+    selected = selected[:: max(-(-len(selected) // JITTER_CURVES.most_points), 1)]
     matrices, rights, points = [sparse.csr_matrix((0, unknowns))], [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
-    lengths = np.diff(observations.first)[chosen]
-    squares, vectors = np.linalg.eigh(priors.build_weight_matrices(chosen, observed=True))
+    lengths = np.diff(observations.first)[selected]
+    squares, vectors = np.linalg.eigh(priors.build_weight_matrices(selected, observed=True))
     roots = np.sqrt(np.maximum(squares, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
     ranks = (squares > 1e-9 * np.maximum(squares[:, 2:], 1e-300)).sum(axis=1)  # observed coordinates come last
-    misses = priors.compute_misclosures_m(ground[chosen], chosen)
+    misses = priors.compute_misclosures_m(ground[selected], selected)
     for k in np.unique(lengths).tolist():
         for rank in range(4):
-            which = np.flatnonzero((lengths == k) & (ranks == rank))
-            here = chosen[which]
-            rows = observations.first[here][:, None] + np.arange(k)
-            of_prior = roots[which, 3 - rank :]
-            jacobian = np.concatenate([by_ground[rows].reshape(len(here), 2 * k, 3), of_prior], axis=1)
-            observed = np.einsum("mij,mj->mi", of_prior, misses[which])
-            y = np.concatenate([right[rows].reshape(len(here), 2 * k), observed], axis=1)
-            if not len(here) or jacobian.shape[1] <= 3:
+            rows_of_kind = np.flatnonzero((lengths == k) & (ranks == rank))
+            points_of_kind = selected[rows_of_kind]
+            rows = observations.first[points_of_kind][:, None] + np.arange(k)
+            of_prior = roots[rows_of_kind, 3 - rank :]
+            jacobian = np.concatenate([by_ground[rows].reshape(len(points_of_kind), 2 * k, 3), of_prior], axis=1)
+            observed = np.einsum("mij,mj->mi", of_prior, misses[rows_of_kind])
+            y = np.concatenate([right[rows].reshape(len(points_of_kind), 2 * k), observed], axis=1)
+            if not len(points_of_kind) or jacobian.shape[1] <= 3:
                 continue
             basis = np.linalg.qr(jacobian, mode="complete")[0][:, :, 3:]
             count = basis.shape[2]
-            of_rays = basis[:, : 2 * k].reshape(len(here), k, 2, count)
+            of_rays = basis[:, : 2 * k].reshape(len(points_of_kind), k, 2, count)
             by_spline = np.einsum("mkar,mkj->mrkaj", of_rays, splines[rows])
             by_camera = np.einsum("mkar,mkap->mrkp", of_rays, by_values[rows])
             columns = np.broadcast_to(start[rows][:, None, :, :, None] + np.arange(4), by_spline.shape)
             cameras = first_camera + p * observations.camera[rows][:, None, :, None] + np.arange(p)
             data = np.concatenate([by_spline.reshape(-1, 8 * k), by_camera.reshape(-1, k * p)], axis=1)
-            where = np.concatenate(
+            column_indices = np.concatenate(
                 [columns.reshape(-1, 8 * k), np.broadcast_to(cameras, by_camera.shape).reshape(-1, k * p)], axis=1
             )
             pointers = np.arange(0, data.size + 1, data.shape[1])
-            matrices.append(sparse.csr_matrix((data.ravel(), where.ravel(), pointers), (len(data), unknowns)))
+            matrices.append(sparse.csr_matrix((data.ravel(), column_indices.ravel(), pointers), (len(data), unknowns)))
             rights.append(np.einsum("mir,mi->mr", basis, y).ravel())
-            points.append(np.repeat(here, count))
+            points.append(np.repeat(points_of_kind, count))
     drifts = _form_drift_rows(problem, solution, first_camera, unknowns)
     return _Rows(
         sparse.vstack([*matrices, drifts.matrix]).tocsr(), np.concatenate([*rights, drifts.right]),
@@ -359,28 +364,28 @@ class _Fit:
         for step in range(robust + ITERATIONS.most):
             self._factorise()
             residual = weighted.rows.right - weighted.rows.matrix @ self.solved
-            drawn, squares = self.draw(8), list[float]()
+            samples, squares = self.draw(8), list[float]()
             for number, (place, along) in enumerate(zip(self.places, self.along, strict=True)):
-                axes, kept = np.split(np.arange(place.start, place.stop), 2), self.kept[2 * number : 2 * number + 2]
-                found, unsure = (
-                    [float(np.mean((along @ x[axis]) ** 2)) / share for axis, share in zip(axes, kept, strict=True)]
-                    for x in (self.solved, drawn)
+                axes, shares = np.split(np.arange(place.start, place.stop), 2), self.kept[2 * number : 2 * number + 2]
+                estimated, unsure = (
+                    [float(np.mean((along @ x[axis]) ** 2)) / share for axis, share in zip(axes, shares, strict=True)]
+                    for x in (self.solved, samples)
                 )
-                squares.append(sum(min(zip(unsure, found, strict=True))))
+                squares.append(sum(min(zip(unsure, estimated, strict=True))))
                 if step < robust:
                     weighted.weak |= {
                         int(axis[0]): of_prior > JITTER_CURVES.weak * self.variance
                         for axis, of_prior in zip(axes, unsure, strict=True)
                     }
-            before, self.variance = self.variance, max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
-            unsure_rows = float(np.mean(np.sum((weighted.root @ drawn) ** 2, axis=0)))
+            last_variance, self.variance = self.variance, max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
+            unsure_rows = float(np.mean(np.sum((weighted.root @ samples) ** 2, axis=0)))
             weight = weighted.weight
             # Noise is at least 1: dense matches agree better than stated, which does not improve GCPs and heights
             weighted.noise = max(float(weight @ residual**2 + unsure_rows) / float(weight.sum()), 1.0)
             if step < robust:
                 weighted.weigh(residual)
                 self.set_low_degrees()
-            elif abs(np.log(self.variance / before)) < JITTER_CURVES.settled_variance:
+            elif abs(np.log(self.variance / last_variance)) < JITTER_CURVES.settled_variance:
                 break
         self._factorise()
 

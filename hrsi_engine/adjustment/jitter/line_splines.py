@@ -98,8 +98,8 @@ class LineSpline:
 
     def compute_mean_variance(self, prior: SuperLU, low: np.ndarray) -> float:
         """Return the mean variance over the lines of curves with ``low (d, size) @ x = 0``, ``prior`` factors R."""
-        at = self.make_matrix(self.first + self.spacing * self.intervals * (np.arange(NODES) + 0.5) / NODES)
-        spread = prior.solve(at.T.toarray())
-        shown = low @ spread
-        taken = np.sum(shown * np.linalg.solve(low @ prior.solve(low.T.copy()), shown))
-        return float(np.sum(at.T.multiply(spread)) - taken) / NODES
+        basis = self.make_matrix(self.first + self.spacing * self.intervals * (np.arange(NODES) + 0.5) / NODES)
+        spread = prior.solve(basis.T.toarray())
+        projected = low @ spread
+        absorbed = np.sum(projected * np.linalg.solve(low @ prior.solve(low.T.copy()), projected))
+        return float(np.sum(basis.T.multiply(spread)) - absorbed) / NODES

@@ -148,15 +148,15 @@ def collect_line_profiles(result: Adjustment) -> list[LineProfile]:
     not.
     """
     rows, residual, share = result.block.measurements, result.tested_residual_px, result.redundancy_numbers
-    used = (result.decision == int(Decision.KEPT)) & (result.weight > 0.0)
+    is_used = (result.decision == int(Decision.KEPT)) & (result.weight > 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        seen = used[:, None] & np.isfinite(residual) & (share >= WAVES.least_redundancy)
-        shift = np.where(seen, residual / share, np.nan)
-        weight = np.where(seen, share / result.sigma_px[:, None] ** 2, 0.0)
-    chosen = np.flatnonzero(seen.any(axis=1))
-    chosen = chosen[np.argsort(rows.image[chosen], kind="stable")]
-    bounds = np.searchsorted(rows.image[chosen], np.arange(len(result.block.images) + 1))
-    parts = [chosen[first:last] for first, last in pairwise(bounds.tolist())]
+        is_observed = is_used[:, None] & np.isfinite(residual) & (share >= WAVES.least_redundancy)
+        shift = np.where(is_observed, residual / share, np.nan)
+        weight = np.where(is_observed, share / result.sigma_px[:, None] ** 2, 0.0)
+    observed = np.flatnonzero(is_observed.any(axis=1))
+    observed = observed[np.argsort(rows.image[observed], kind="stable")]
+    bounds = np.searchsorted(rows.image[observed], np.arange(len(result.block.images) + 1))
+    parts = [observed[first:last] for first, last in pairwise(bounds.tolist())]
     return [
         LineProfile(image.id, number, rows.xy[part, 1], rows.xy[part, 0], shift[part], weight[part])
         for number, (image, part) in enumerate(zip(result.block.images, parts, strict=True))
@@ -170,15 +170,17 @@ def estimate_spectrum(profile: LineProfile, axis: str) -> Spectrum | None:
     if cells is None or frequencies is None:
         return None
     trend = cells.make_trend()
-    power, rest = _scan_powers(cells, trend, frequencies)
+    power, residual_square = _scan_powers(cells, trend, frequencies)
     # A sine of amplitude A explains A² sum(w) / 2 of the weighted sum of squares
-    amplitude = np.sqrt(2.0 * power * rest / cells.weight.sum())
+    amplitude = np.sqrt(2.0 * power * residual_square / cells.weight.sum())
     levels = np.linspace(0.0, 1.0, 2001)[1:-1]
     chance = _compute_false_alarm(levels, cells, trend.shape[1], frequencies)
     level = (
         levels[np.argmax(chance < SIGNIFICANCE.false_alarm)] if (chance < SIGNIFICANCE.false_alarm).any() else np.inf
     )
-    return Spectrum(1.0 / frequencies, amplitude, power, float(np.sqrt(2.0 * level * rest / cells.weight.sum())))
+    return Spectrum(
+        1.0 / frequencies, amplitude, power, float(np.sqrt(2.0 * level * residual_square / cells.weight.sum()))
+    )
 
 
 def find_waves(profile: LineProfile, tests: int = 1) -> tuple[Wave, ...]:
@@ -186,8 +188,8 @@ def find_waves(profile: LineProfile, tests: int = 1) -> tuple[Wave, ...]:
 
     tests : number of images and axes that are examined together, by which the probabilities are multiplied
     """
-    found = [wave for axis in WAVE_AXES for wave in _find_waves_along(profile, axis, tests)]
-    return tuple(sorted(found, key=lambda wave: -wave.amplitude_px))
+    waves = [wave for axis in WAVE_AXES for wave in _find_waves_along(profile, axis, tests)]
+    return tuple(sorted(waves, key=lambda wave: -wave.amplitude_px))
 
 
 def find_block_waves(profiles: Sequence[LineProfile]) -> list[tuple[Wave, ...]]:
@@ -201,10 +203,10 @@ def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]
     frequencies = None if cells is None else _choose_frequencies(cells)
     if cells is None or frequencies is None:
         return []
-    columns, taken, chances = cells.make_trend(), list[float](), list[float]()
+    columns, frequencies_found, chances = cells.make_trend(), list[float](), list[float]()
     for _ in range(ITERATIONS.most):
         power, _ = _scan_powers(cells, columns, frequencies)
-        for one in taken:  # no second wave that the lines cannot separate
+        for one in frequencies_found:  # no second wave that the lines cannot separate
             power[np.abs(frequencies - one) < 1.0 / np.ptp(cells.line)] = 0.0
         # Most images have no wave: the exact peak is computed only if the scan may have missed a significant one
         highest = np.minimum(power.max(keepdims=True) / WAVES.scanned_share, 1.0)
@@ -213,17 +215,19 @@ def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]
             < SIGNIFICANCE.false_alarm
         ):
             break
-        near = frequencies[int(np.argmax(power))] + (frequencies[1] - frequencies[0]) * np.linspace(-1.0, 1.0, 21)
-        near = np.clip(near, frequencies[0], frequencies[-1])
-        without = _remove_columns(cells, columns)
-        z, frequency = max((_compute_power(cells, *without, one), one) for one in near.tolist())
+        fine_frequencies = frequencies[int(np.argmax(power))] + (frequencies[1] - frequencies[0]) * np.linspace(
+            -1.0, 1.0, 21
+        )
+        fine_frequencies = np.clip(fine_frequencies, frequencies[0], frequencies[-1])
+        reduced = _remove_columns(cells, columns)
+        z, frequency = max((_compute_power(cells, *reduced, one), one) for one in fine_frequencies.tolist())
         chance = tests * float(_compute_false_alarm(np.array([z]), cells, columns.shape[1], frequencies)[0])
         if not chance < SIGNIFICANCE.false_alarm or not _compare_strips(cells, columns, frequency) < SIGNIFICANCE.level:
             break
         columns = np.column_stack([columns, cells.make_sines(frequency)])
-        taken.append(frequency)
+        frequencies_found.append(frequency)
         chances.append(chance)
-    if not taken:
+    if not frequencies_found:
         return []
     # All waves and the trend together
     root = cells.root
@@ -231,10 +235,10 @@ def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]
     solved = np.linalg.lstsq(design, value, rcond=None)[0]
     variance = float(np.sum((value - design @ solved) ** 2)) / max(len(value) - design.shape[1], 1)
     sigma = float(np.sqrt(2.0 * variance / cells.weight.sum()))
-    pairs = solved[-2 * len(taken) :].reshape(-1, 2)
+    pairs = solved[-2 * len(frequencies_found) :].reshape(-1, 2)
     return [
         Wave(axis, 1.0 / frequency, float(np.hypot(a, b)), float(np.arctan2(a, b)), sigma, chance)
-        for frequency, (a, b), chance in zip(taken, pairs.tolist(), chances, strict=True)
+        for frequency, (a, b), chance in zip(frequencies_found, pairs.tolist(), chances, strict=True)
     ]
 
 
@@ -242,12 +246,12 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     """Return the means of the cells of a profile, None where they are too few."""
     column = WAVE_AXES.index(axis)
     weight, shift = profile.weight[:, column], profile.shift_px[:, column]
-    used = np.flatnonzero((weight > 0.0) & np.isfinite(shift))
-    if len(used) < SAMPLES.fewest:
+    usable = np.flatnonzero((weight > 0.0) & np.isfinite(shift))
+    if len(usable) < SAMPLES.fewest:
         return None
-    off = shift[used] - np.median(shift[used])
-    used = used[np.abs(off) <= WAVES.outlier * max(float(robust_sigma(off)), 1e-12)]
-    line, sample, weight, shift = profile.line[used], profile.sample[used], weight[used], shift[used]
+    deviation = shift[usable] - np.median(shift[usable])
+    usable = usable[np.abs(deviation) <= WAVES.outlier * max(float(robust_sigma(deviation)), 1e-12)]
+    line, sample, weight, shift = profile.line[usable], profile.sample[usable], weight[usable], shift[usable]
     # Strips with equal numbers of measurements
     limits = np.quantile(sample, np.arange(1, WAVES.strips) / WAVES.strips)
     strip = np.searchsorted(limits, sample)
@@ -278,30 +282,32 @@ def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) ->
     It uses fast Fourier transforms of sums over the cells of some lines, with a common line for each sum.
     """
     root = cells.root
-    basis, value, rest = _remove_columns(cells, columns)
+    basis, value, residual_square = _remove_columns(cells, columns)
     bins = np.rint((cells.line - cells.line.min()) / _CELL_LINES).astype(np.int64)
     count = int(np.rint(1.0 / ((frequencies[1] - frequencies[0]) * _CELL_LINES)))
-    chosen = np.rint(frequencies * count * _CELL_LINES).astype(np.int64)
+    bin_numbers = np.rint(frequencies * count * _CELL_LINES).astype(np.int64)
 
     summed = cells.weight, root * value, *(root * column for column in basis.T)
-    of_weight, *others = fft.rfft([np.bincount(bins, one, count) for one in summed])
-    of_value, of_basis = others[0][chosen], np.stack(others[1:])[:, chosen]
+    of_weight, *transforms = fft.rfft([np.bincount(bins, one, count) for one in summed])
+    of_value, of_basis = transforms[0][bin_numbers], np.stack(transforms[1:])[:, bin_numbers]
     # Normal equations of cosine and sine, reduced by the columns; none if these explain nearly all of a sine
-    twice, total = of_weight[2 * chosen], of_weight[0].real
-    cc = 0.5 * (total + twice.real) - np.sum(of_basis.real**2, axis=0)
-    ss = 0.5 * (total - twice.real) - np.sum(of_basis.imag**2, axis=0)
-    cs = 0.5 * twice.imag - np.sum(of_basis.real * of_basis.imag, axis=0)
+    doubled, total = of_weight[2 * bin_numbers], of_weight[0].real
+    cc = 0.5 * (total + doubled.real) - np.sum(of_basis.real**2, axis=0)
+    ss = 0.5 * (total - doubled.real) - np.sum(of_basis.imag**2, axis=0)
+    cs = 0.5 * doubled.imag - np.sum(of_basis.real * of_basis.imag, axis=0)
     c, s, determinant = of_value.real, of_value.imag, cc * ss - cs**2
     sound = determinant > (WAVES.least_free * total) ** 2
     explained = (ss * c**2 - 2.0 * cs * c * s + cc * s**2) / np.where(sound, determinant, 1.0)
-    return np.where(sound, np.clip(explained / rest, 0.0, 1.0), 0.0), rest
+    return np.where(sound, np.clip(explained / residual_square, 0.0, 1.0), 0.0), residual_square
 
 
-def _compute_power(cells: _Cells, basis: np.ndarray, value: np.ndarray, rest: float, frequency: float) -> float:
+def _compute_power(
+    cells: _Cells, basis: np.ndarray, value: np.ndarray, residual_square: float, frequency: float
+) -> float:
     """Return z of a sine as `_scan_powers`, but exactly, at any frequency; other arguments are of `_remove_columns`."""
     sines = cells.make_sines(frequency) * cells.root[:, None]
     sines -= basis @ (basis.T @ sines)
-    return 1.0 - float(np.sum((value - sines @ np.linalg.lstsq(sines, value, rcond=None)[0]) ** 2)) / rest
+    return 1.0 - float(np.sum((value - sines @ np.linalg.lstsq(sines, value, rcond=None)[0]) ** 2)) / residual_square
 
 
 def _remove_columns(cells: _Cells, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -318,9 +324,9 @@ def _compute_false_alarm(power: np.ndarray, cells: _Cells, columns: int, frequen
     if free < 4:
         return np.ones_like(power)
     width = (frequencies[-1] - frequencies[0]) * np.sqrt(4.0 * np.pi * np.var(cells.line))
-    rest = np.maximum(1.0 - power, 1e-300)
-    single = rest ** ((free - 2) / 2.0)
-    return np.asarray(np.minimum(single * (1.0 + width * np.sqrt(free * power / 2.0) / np.sqrt(rest)), 1.0))
+    remainder = np.maximum(1.0 - power, 1e-300)
+    single = remainder ** ((free - 2) / 2.0)
+    return np.asarray(np.minimum(single * (1.0 + width * np.sqrt(free * power / 2.0) / np.sqrt(remainder)), 1.0))
 
 
 def _compare_strips(cells: _Cells, columns: np.ndarray, frequency: float) -> float:
@@ -329,15 +335,15 @@ def _compare_strips(cells: _Cells, columns: np.ndarray, frequency: float) -> flo
     strips = np.flatnonzero(counts >= SAMPLES.fewest)
     if len(strips) < 2:
         return 1.0
-    used = np.isin(cells.strip, strips)
-    root = cells.root[used, None]
-    value = cells.value[used] * root[:, 0]
-    sines = cells.make_sines(frequency)[used]
-    each = np.concatenate([sines * (cells.strip[used] == strip)[:, None] for strip in strips], axis=1)
-    rest = [
+    is_used = np.isin(cells.strip, strips)
+    root = cells.root[is_used, None]
+    value = cells.value[is_used] * root[:, 0]
+    sines = cells.make_sines(frequency)[is_used]
+    strip_sines = np.concatenate([sines * (cells.strip[is_used] == strip)[:, None] for strip in strips], axis=1)
+    squares = [
         float(np.sum((value - design @ np.linalg.lstsq(design, value, rcond=None)[0]) ** 2))
-        for design in (root * np.column_stack([columns[used], *more]) for more in ([], [sines], [each]))
+        for design in (root * np.column_stack([columns[is_used], *extra]) for extra in ([], [sines], [strip_sines]))
     ]
     freedom = 2 * (len(strips) - 1)
-    ratio = (rest[0] - rest[1]) / 2.0 / max((rest[1] - rest[2]) / freedom, 1e-30)
+    ratio = (squares[0] - squares[1]) / 2.0 / max((squares[1] - squares[2]) / freedom, 1e-30)
     return float(special.fdtrc(2, freedom, ratio))

@@ -175,20 +175,20 @@ def _compare_pair(problem: Problem, is_used: np.ndarray, pair: list[int]) -> tup
     """Return chi² of the difference of two GCPs on their common images, divided by its limit, and that difference."""
     observations = problem.observations
     images: list[Image] = []
-    apart: list[np.ndarray] = []
+    differences: list[np.ndarray] = []
     slopes: list[np.ndarray] = []
     noise: list[float] = []  # variances of the two coordinates of each image
     drifts: list[float] = []
     for index in np.unique(observations.image[is_used]).tolist():
-        both = [
+        rows_of_pair = [
             np.flatnonzero(is_used & (observations.image == index) & (observations.point == point)) for point in pair
         ]
-        if not all(map(len, both)):
+        if not all(map(len, rows_of_pair)):
             continue
-        image, rows = observations.images[index], [of_point[0] for of_point in both]
+        image, rows = observations.images[index], [of_point[0] for of_point in rows_of_pair]
         projected, by_ground = image.rpc.project_with_metric_jacobian(observations.survey[pair])
         images.append(image)
-        apart.append(np.subtract(*(observations.xy[rows] - projected)))
+        differences.append(np.subtract(*(observations.xy[rows] - projected)))
         slopes.append(by_ground)
         noise += [np.sum(observations.sigma_px[rows] ** 2)] * 2
         drifts += [(estimate_pointing(image).drift * np.hypot(*np.subtract(*observations.xy[rows]))) ** 2] * 2
@@ -196,7 +196,7 @@ def _compare_pair(problem: Problem, is_used: np.ndarray, pair: list[int]) -> tup
         return 0.0, None
     slope = np.concatenate(slopes, axis=1)  # (2, 2 images, 3)
     stated = np.diag(noise) + np.sum((slope / observations.survey_weight[pair][:, None]) @ slope.swapaxes(1, 2), axis=0)
-    difference = np.concatenate(apart)
+    difference = np.concatenate(differences)
     covariance = stated + np.diag(drifts)
     displaced = np.linalg.solve(covariance, slope[0]).T  # a point moved on the ground: equal for all images
     by_ground = float(displaced @ difference @ np.linalg.pinv(displaced @ slope[0]) @ displaced @ difference)
@@ -206,8 +206,8 @@ def _compare_pair(problem: Problem, is_used: np.ndarray, pair: list[int]) -> tup
         one / special.chdtri(freedom, SIGNIFICANCE.false_alarm) for one, freedom in ((by_ground, 3.0), (single, 2.0))
     )
     factor = float(np.sqrt(difference @ np.linalg.solve(stated, difference) / len(difference)))
-    worst = int(np.argmax(np.linalg.norm(apart, axis=1)))
-    metres = float(np.hypot(*np.linalg.solve(slopes[worst][0][:, :2], apart[worst])))
+    worst = int(np.argmax(np.linalg.norm(differences, axis=1)))
+    metres = float(np.hypot(*np.linalg.solve(slopes[worst][0][:, :2], differences[worst])))
     name_a, name_b = (str(problem.block.points.ids[observations.points[point]]) for point in pair)
     description = ContradictingGcps(
         (name_a, name_b), images[worst].id, metres, float(np.sqrt(max(by_ground, single))), factor

@@ -272,12 +272,12 @@ def _describe_measurements(
     }
 
 
-def _expand_rows(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
-    """Return an array of ``length`` rows with ``values`` at ``where``; the values themselves if they are all rows."""
+def _expand_rows(length: int, rows: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
+    """Return an array of ``length`` rows with ``values`` at ``rows``; the values themselves if they are all rows."""
     if len(values) == length:
         return values
     result = np.full((length, *values.shape[1:]), empty, dtype=values.dtype)
-    result[where] = values
+    result[rows] = values
     return result
 
 

@@ -86,17 +86,17 @@ def warn_of_parts(
     if single:
         warnings.append(f"no GCP and no tie point on {list_ids(single)}: the RPC is not changed")
     if len(is_used) > 1:
-        listed = "; ".join(
+        part_texts = "; ".join(
             f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in is_used[:IDS_NAMED]
         )
-        warnings.append(f"the block falls into {len(is_used)} parts without common points: {listed}")
+        warnings.append(f"the block falls into {len(is_used)} parts without common points: {part_texts}")
     if free:
-        listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
+        part_texts = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
         reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)
         has_heights = options.laser is not None or (options.dem is not None and options.sigma_dem_m is not None)
         subject = "position in plan" if has_heights else "position"
         warnings.append(
-            f"no GCP on {listed}: the {subject} follows from the RPCs and their a priori accuracy "
+            f"no GCP on {part_texts}: the {subject} follows from the RPCs and their a priori accuracy "
             f"({' | '.join([*reasons][:3])})"
         )
     return warnings

@@ -91,26 +91,31 @@ class CommonDrift:
         full = np.empty((k, k, p, p))
         full[rows, columns] = cofactors[pattern.find_blocks(*self.pairs)]
         full[columns, rows] = full[rows, columns].transpose(0, 2, 1)
-        chosen = np.flatnonzero(self.free)
-        own = full.transpose(0, 2, 1, 3).reshape(k * p, k * p)[np.ix_(chosen, chosen)]
-        return own / self.prior_sigma[:, None] / self.prior_sigma, values[self.place] / self.prior_sigma
+        selected = np.flatnonzero(self.free)
+        drift_cofactors = full.transpose(0, 2, 1, 3).reshape(k * p, k * p)[np.ix_(selected, selected)]
+        return drift_cofactors / self.prior_sigma[:, None] / self.prior_sigma, values[self.place] / self.prior_sigma
 
     def predict_differences(
-        self, then: CommonDrift, cofactors: np.ndarray, values: np.ndarray, held: np.ndarray, weight: np.ndarray
+        self,
+        next_drift: CommonDrift,
+        cofactors: np.ndarray,
+        values: np.ndarray,
+        prior_weight: np.ndarray,
+        weight: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return squares and redundancies ``(n,)`` of the drifts without the common ones, for other priors.
 
         ``cofactors`` and ``values`` are the results of `select_drifts`; ``held (n,)`` are the drifts' prior weights of
-        the solution, ``weight (n,)`` the new ones, and ``then`` has the new weights of the common drifts.
+        the solution, ``weight (n,)`` the new ones, and ``next_drift`` has the new weights of the common drifts.
         """
         weight = weight * self.prior_sigma**2
-        grown = np.diag(weight - held * self.prior_sigma**2)
-        grown += self.basis @ (then.weight - self.weight) @ self.basis.T
-        known = np.column_stack([cofactors, values])
-        ahead = np.linalg.solve(np.eye(len(values)) + cofactors @ grown, known)
-        rest = np.eye(len(values)) - self.basis @ self.basis.T
-        share = np.einsum("ij,jk,ki->i", rest, ahead[:, :-1], rest)
-        return (rest @ ahead[:, -1]) ** 2, np.clip(rest.diagonal() - weight * share, 0.0, 1.0)
+        weight_change = np.diag(weight - prior_weight * self.prior_sigma**2)
+        weight_change += self.basis @ (next_drift.weight - self.weight) @ self.basis.T
+        right_sides = np.column_stack([cofactors, values])
+        ahead = np.linalg.solve(np.eye(len(values)) + cofactors @ weight_change, right_sides)
+        complement = np.eye(len(values)) - self.basis @ self.basis.T
+        share = np.einsum("ij,jk,ki->i", complement, ahead[:, :-1], complement)
+        return (complement @ ahead[:, -1]) ** 2, np.clip(complement.diagonal() - weight * share, 0.0, 1.0)
 
     def reorder(self, order: np.ndarray) -> CommonDrift:
         """Return the same common drifts for cameras with their parameters in another order."""
@@ -139,8 +144,8 @@ class CommonDrift:
 
     def count_parameters(self, cofactors: np.ndarray, pattern: Pattern) -> float:
         """Return the number of parameters that the prior determines, for ``cofactors`` on the pattern."""
-        own, _ = self.select_drifts(cofactors, np.zeros((pattern.cameras, pattern.parameters)), pattern)
-        return float(np.sum(self.weight * (self.basis.T @ own @ self.basis)))
+        drift_cofactors, _ = self.select_drifts(cofactors, np.zeros((pattern.cameras, pattern.parameters)), pattern)
+        return float(np.sum(self.weight * (self.basis.T @ drift_cofactors @ self.basis)))
 
     def _measure_modes(self, values: np.ndarray) -> np.ndarray:
         return np.asarray(self.basis.T @ (values[self.place] / self.prior_sigma))
@@ -156,8 +161,8 @@ def find_common_drift(
     priori standard deviations; ``only_ties`` : only tie points and RPCs determine the cameras.
     """
     camera = np.unique(observations.camera_of_image[images])
-    own, sigma = free[camera], sigma[camera]
-    if len(camera) > SAMPLES.dense or not own.any():
+    is_free, sigma = free[camera], sigma[camera]
+    if len(camera) > SAMPLES.dense or not is_free.any():
         return None
     equations: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
     for index, by_values, by_fields in _derive_fields(observations, model, images):
@@ -168,8 +173,8 @@ def find_common_drift(
         np.linalg.lstsq(
             np.concatenate([by_values for by_values, _ in equations[place]]),
             np.concatenate([by_fields for _, by_fields in equations[place]]), rcond=1e-9,
-        )[0][chosen]
-        for place, chosen in enumerate(own)
+        )[0][is_selected]
+        for place, is_selected in enumerate(is_free)
     ])  # fmt: skip
     basis, size, _ = np.linalg.svd(modes, full_matrices=False)
     basis = basis[:, size > REDUNDANCY.tested * size[0]]
@@ -179,7 +184,9 @@ def find_common_drift(
         points += len(xy)
         patches += len(np.unique(np.floor(xy / COMMON_DRIFT.patch_px), axis=0))
     points_per_error = max(points / max(patches, 1), 1.0)
-    return CommonDrift(camera, own, sigma[own], basis, points_per_error, np.zeros((basis.shape[1], basis.shape[1])))
+    return CommonDrift(
+        camera, is_free, sigma[is_free], basis, points_per_error, np.zeros((basis.shape[1], basis.shape[1]))
+    )
 
 
 def count_points_per_error(cameras: int, common: Sequence[CommonDrift]) -> np.ndarray:
@@ -210,7 +217,7 @@ def _derive_fields(
         xy, ground = xy[np.isfinite(ground[:, 0])], ground[np.isfinite(ground[:, 0])]
         away_m = ground_difference_m(ground, np.broadcast_to(middle, ground.shape))[:, :2]
         reach_m = reach_m or float(np.abs(away_m).max())
-        at = model.equations(image, xy)(np.zeros(len(model.parameters)), ground)
+        linearised = model.equations(image, xy)(np.zeros(len(model.parameters)), ground)
         monomials = np.stack([np.prod((away_m / reach_m) ** power, axis=1) for power in powers], axis=1)
-        fields = at.by_ground[:, :, :, None] * monomials[:, None, None, :]
-        yield index, at.by_values.reshape(2 * len(xy), -1), -fields.reshape(2 * len(xy), -1)
+        fields = linearised.by_ground[:, :, :, None] * monomials[:, None, None, :]
+        yield index, linearised.by_values.reshape(2 * len(xy), -1), -fields.reshape(2 * len(xy), -1)

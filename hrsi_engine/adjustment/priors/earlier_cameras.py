@@ -56,15 +56,15 @@ class JointPrior:
     camera: np.ndarray
 
     @classmethod
-    def select_cameras(cls, known: JointCameras, observations: Observations) -> JointPrior:
+    def select_cameras(cls, earlier: JointCameras, observations: Observations) -> JointPrior:
         """Return the prior for a block; raise `InputError` if images of the earlier adjustment are missing in it."""
         place = {image.id: index for index, image in enumerate(observations.images)}
-        missing = [name for name in known.images if name not in place]
+        missing = [name for name in earlier.images if name not in place]
         if missing:
             raise InputError(f"the block has no image {list_ids(missing)}, which the earlier adjustment contains")
-        camera = np.empty(len(known.values), dtype=np.int64)
-        camera[known.camera] = observations.camera_of_image[[place[name] for name in known.images]]
-        return cls(known, camera)
+        camera = np.empty(len(earlier.values), dtype=np.int64)
+        camera[earlier.camera] = observations.camera_of_image[[place[name] for name in earlier.images]]
+        return cls(earlier, camera)
 
     @property
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,8 +89,8 @@ class JointPrior:
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
         """Add the prior at ``values (cameras, p)`` to the reduced normal equations."""
-        known, (rows, columns), blocks = self.known, self.pairs, self._turn_blocks()
-        merged = (rows == columns) & (known.rows != known.columns)  # two cameras that share parameters now
+        earlier, (rows, columns), blocks = self.known, self.pairs, self._turn_blocks()
+        merged = (rows == columns) & (earlier.rows != earlier.columns)  # two cameras that share parameters now
         blocks[merged] += blocks[merged].transpose(0, 2, 1)
         np.add.at(normals.blocks, pattern.find_blocks(rows, columns), blocks)
         np.subtract.at(normals.right, self.camera, self._gradient(values))
@@ -101,10 +101,10 @@ class JointPrior:
 
     def count_parameters(self, cofactors: np.ndarray, pattern: Pattern) -> float:
         """Return the number of parameters determined by the prior: trace of S Q, for ``cofactors`` on the pattern."""
-        known = self.known
+        earlier = self.known
         rows, columns = self.pairs
-        both = np.einsum("bij,bij->b", self._turn_blocks(), cofactors[pattern.find_blocks(rows, columns)])
-        return float(np.sum(np.where(known.rows == known.columns, both, 2.0 * both)))
+        traces = np.einsum("bij,bij->b", self._turn_blocks(), cofactors[pattern.find_blocks(rows, columns)])
+        return float(np.sum(np.where(earlier.rows == earlier.columns, traces, 2.0 * traces)))
 
     def _turn_blocks(self) -> np.ndarray:
         """Return the blocks of S in the order of `pairs`."""
@@ -113,10 +113,10 @@ class JointPrior:
 
     def _gradient(self, values: np.ndarray) -> np.ndarray:
         """Return S (x - c), ``(c, p)``."""
-        known, away = self.known, values[self.camera] - self.known.values
-        size, cameras = known.values.size, len(known.values)
-        start = np.searchsorted(known.rows, np.arange(cameras + 1))
-        upper = sparse.bsr_matrix((known.blocks, known.columns, start), shape=(size, size))
-        above = np.where((known.rows == known.columns)[:, None, None], 0.0, known.blocks)
-        lower = sparse.bsr_matrix((above, known.columns, start), shape=(size, size)).T
-        return np.asarray(upper @ away.ravel() + lower @ away.ravel()).reshape(away.shape)
+        earlier, difference = self.known, values[self.camera] - self.known.values
+        size, cameras = earlier.values.size, len(earlier.values)
+        start = np.searchsorted(earlier.rows, np.arange(cameras + 1))
+        upper = sparse.bsr_matrix((earlier.blocks, earlier.columns, start), shape=(size, size))
+        above = np.where((earlier.rows == earlier.columns)[:, None, None], 0.0, earlier.blocks)
+        lower = sparse.bsr_matrix((above, earlier.columns, start), shape=(size, size)).T
+        return np.asarray(upper @ difference.ravel() + lower @ difference.ravel()).reshape(difference.shape)

@@ -62,17 +62,17 @@ class Parallaxes(NamedTuple):
 
 
 def find_agreeing_measurements(
-    equations: NormalEquations, observations: Observations, state: State, used: np.ndarray
+    equations: NormalEquations, observations: Observations, state: State, is_used: np.ndarray
 ) -> np.ndarray:
     """Return True for measurements that agree with the others of their points, ``(n,)``.
 
     state : initial cameras and points, which may have errors of tens of pixels
-    used : (m,) mask of the points to compare; the measurements of all others count as agreeing
+    is_used : (m,) mask of the points to compare; the measurements of all others count as agreeing
     """
     agreeing = np.ones(observations.count, dtype=bool)
     parts: list[np.ndarray] = []  # points with equal numbers of measurements, two or more
     for length, points in observations.by_length.items():
-        compared_points = points[used[points]]
+        compared_points = points[is_used[points]]
         if length >= 2 and len(compared_points):
             parts += np.array_split(compared_points, 1 + len(compared_points) * length // (2 * POINTS_AT_ONCE))
     with ThreadPoolExecutor(thread_count(0)) as pool:
@@ -104,17 +104,17 @@ def _compute_parallaxes(
     swapped = by_ground[:, :, ::-1] * np.array([[1.0], [-1.0]])
     sigma = observations.sigma_px[rows]
     columns: list[tuple[np.ndarray, ...]] = []
-    for one, other in list_ray_pairs(length):
+    for one, second_ray in list_ray_pairs(length):
         # n: the 3 x 3 minors of (B_1; B_2), each without one row
-        on_one = np.einsum("mci,mi->mc", swapped[:, one], ray[:, other])
-        on_other = np.einsum("mci,mi->mc", swapped[:, other], ray[:, one])
+        on_one = np.einsum("mci,mi->mc", swapped[:, one], ray[:, second_ray])
+        on_other = np.einsum("mci,mi->mc", swapped[:, second_ray], ray[:, one])
         squares_one, squares_other = (np.einsum("mc,mc->m", n, n) for n in (on_one, on_other))
         length_of_n = np.sqrt(squares_one + squares_other)
         # an image given twice has parallel rays, which have no epipolar plane
-        crossing = length_of_n > PARALLEL * scale_of_one[:, one] * scale_of_other[:, other]
-        y = np.einsum("mc,mc->m", on_one, residual[:, one]) + np.einsum("mc,mc->m", on_other, residual[:, other])
-        spread = np.sqrt(squares_one * sigma[:, one] ** 2 + squares_other * sigma[:, other] ** 2)
-        columns_of_pair = rows[:, one], rows[:, other], y, spread, length_of_n
+        crossing = length_of_n > PARALLEL * scale_of_one[:, one] * scale_of_other[:, second_ray]
+        y = np.einsum("mc,mc->m", on_one, residual[:, one]) + np.einsum("mc,mc->m", on_other, residual[:, second_ray])
+        spread = np.sqrt(squares_one * sigma[:, one] ** 2 + squares_other * sigma[:, second_ray] ** 2)
+        columns_of_pair = rows[:, one], rows[:, second_ray], y, spread, length_of_n
         first, second, y, spread, length_of_n = (column[crossing] for column in columns_of_pair)
         columns.append((first, second, y / length_of_n, spread / length_of_n))
     return Parallaxes(*(np.concatenate(column) for column in zip(*columns, strict=True)))
@@ -181,7 +181,7 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
 
 
 def _fit_planes(
-    three: np.ndarray | None, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
+    three: np.ndarray | None, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, ranks: np.ndarray
 ) -> np.ndarray:
     """Return the plane ``(p, 3)`` nearest to most of the parallaxes ``(p, s)`` of each image pair.
 
@@ -203,12 +203,12 @@ def _fit_planes(
         through[~spread] = 0.0
         through[~spread, 0] = y_of_three[~spread, 0]
         candidates = np.concatenate([candidates, through], axis=1)
-    plane = candidates[np.arange(len(y)), _find_nearest_planes(terms, y, sigma, candidates, kept)]
+    plane = candidates[np.arange(len(y)), _find_nearest_planes(terms, y, sigma, candidates, ranks)]
     flat = REDUNDANCY.regularised * np.array([0.0, 1.0, 1.0])[: terms.shape[2]]
     for _ in range(PLANE_STEPS):
         # Parallaxes farther away than the one with rank ``kept`` have no weight
         distance = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
-        limit = np.take_along_axis(np.sort(distance, axis=1), kept[:, None], axis=1)
+        limit = np.take_along_axis(np.sort(distance, axis=1), ranks[:, None], axis=1)
         weight = np.where(distance <= limit, 1.0 / sigma**2, 0.0)
         normal = (terms * weight[..., None]).swapaxes(1, 2) @ terms
         normal[:, range(len(flat)), range(len(flat))] += flat * weight.sum(axis=1)[:, None]
@@ -223,17 +223,17 @@ def _multiply_as_vectors(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _find_nearest_planes(
-    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, candidates: np.ndarray, kept: np.ndarray
+    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, candidates: np.ndarray, ranks: np.ndarray
 ) -> np.ndarray:
-    """Return the index ``(p,)`` of the plane whose distance of rank ``kept`` (0: the smallest) is the least.
+    """Return the index ``(p,)`` of the plane whose distance of rank ``ranks`` (0: the smallest) is the least.
 
     terms, y, sigma : (p, s, c), (p, s) and (p, s) of the parallaxes
     candidates : (p, t, c) planes, c of 3 or 1 for level ones
-    kept : (p,) ranks
+    ranks : (p,) ranks
     """
     distance = np.abs(y[:, None] - candidates @ terms.swapaxes(1, 2)) / sigma[:, None]
-    distance.partition(np.unique(kept), axis=2)
-    reach = np.take_along_axis(distance, kept[:, None, None], axis=2)[:, :, 0]
+    distance.partition(np.unique(ranks), axis=2)
+    reach = np.take_along_axis(distance, ranks[:, None, None], axis=2)[:, :, 0]
     return np.asarray(reach.argmin(axis=1))
 
 

@@ -65,12 +65,12 @@ def compute_precision(loop: GaussNewton, solution: Solution) -> Precision:
     """Return all cofactors at a solution."""
     cameras = loop.compute_camera_cofactors(solution)
     spread = loop.equations.compute_cofactors(solution.state, solution.weight, solution.normals, cameras)
-    own = cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
+    variances = cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
     residuals = np.negative(spread.computed, out=spread.computed)
     weight = solution.weight
     with np.errstate(divide="ignore"):
         residuals[:, [0, 1], [0, 1]] += np.where(weight > 0.0, 1.0 / weight, np.nan)[:, None]
-    return Precision(own, spread.points, residuals, cameras)
+    return Precision(variances, spread.points, residuals, cameras)
 
 
 def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -110,12 +110,12 @@ def predict_accuracy(
     with np.errstate(invalid="ignore"):
         rmse = np.sqrt(np.where(compared, variance * share, 0.0).sum(axis=0) / share.sum(axis=0))
     names = ("rmse_east_m", "rmse_north_m", "rmse_height_m")
-    found = {name: float(value) if np.isfinite(value) else None for name, value in zip(names, rmse, strict=True)}
+    figures = {name: float(value) if np.isfinite(value) else None for name, value in zip(names, rmse, strict=True)}
     directions = (np.arange(DIRECTIONS) + 0.5) * (np.pi / DIRECTIONS)
     major, minor = np.maximum(compute_semi_axes(covariance[plan]), LEAST_SIGMA_M)
     along = np.hypot(major[:, None] * np.cos(directions), minor[:, None] * np.sin(directions))
     sigma = np.maximum(np.sqrt(variance[height, 2]), LEAST_SIGMA_M)
-    return found | {
+    return figures | {
         "ce90_m": _find_quantile_90(lambda r: np.exp(-0.5 * (r / along) ** 2).mean(axis=1), major, share[plan, 0]),
         "le90_m": _find_quantile_90(lambda r: special.erfc(r / sigma / np.sqrt(2.0)), sigma, share[height, 2]),
     }

@@ -44,19 +44,21 @@ def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray
     surveyed : (m,) mask of the points with a survey
     shifts_m : (m, 3, k) east, north and up of each point's survey, for k shifts
     """
-    priors, moved = solution.weighting.points, np.zeros_like(shifts_m)
-    given = solution.state, solution.weight, priors, solution.weighting.contributes
-    unmoved = loop.equations.form_normals(*given)
+    priors, point_shifts = solution.weighting.points, np.zeros_like(shifts_m)
+    arguments = solution.state, solution.weight, priors, solution.weighting.contributes
+    unmoved = loop.equations.form_normals(*arguments)
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
     for column in range(shifts_m.shape[2]):
         step = np.where(surveyed[:, None] & priors.observed, shifts_m[:, :, column], 0.0)
         if step.any():
             shifted = replace(priors, target=move_ground(priors.target, step))
-            there = loop.equations.form_normals(*given[:2], shifted, given[3])
-            cameras = loop.system.solve(there.right - unmoved.right)
-            change = replace(unmoved, point_right=there.point_right - unmoved.point_right)
-            moved[:, :, column] = loop.equations.compute_point_steps(solution.state, solution.weight, change, cameras)
-    return moved
+            shifted_normals = loop.equations.form_normals(*arguments[:2], shifted, arguments[3])
+            cameras = loop.system.solve(shifted_normals.right - unmoved.right)
+            change = replace(unmoved, point_right=shifted_normals.point_right - unmoved.point_right)
+            point_shifts[:, :, column] = loop.equations.compute_point_steps(
+                solution.state, solution.weight, change, cameras
+            )
+    return point_shifts
 
 
 @thresholds
@@ -79,8 +81,8 @@ def propagate_pointing(
     Result: movement of each point by the common error, east, north, up, (m, 3, parameters); and the excess of the own
     errors in C, (m, 3, 3).
     """
-    given = solution.state, solution.weight, solution.weighting.points, solution.weighting.contributes
-    unmoved = loop.equations.form_normals(*given)
+    arguments = solution.state, solution.weight, solution.weighting.points, solution.weighting.contributes
+    unmoved = loop.equations.form_normals(*arguments)
     change = replace(unmoved, point_right=np.zeros_like(unmoved.point_right))
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
 
@@ -95,12 +97,12 @@ def propagate_pointing(
     excess = np.zeros((len(common), 3, 3))
     if len(cameras) > SAMPLES.dense:  # C contains 1/k of the common variance
         return np.sqrt(1.0 - 1.0 / len(cameras)) * common, excess
-    shared = 1.0 - PASS_POINTING.own_share**2
+    shared_share = 1.0 - PASS_POINTING.own_share**2
     for parameter in parameters.tolist():
         for camera in cameras.tolist():
-            own = move(np.array([camera]), parameter)
-            excess += shared * own[:, :, None] * own[:, None, :]
-    return np.sqrt(shared) * common, excess
+            single_shift = move(np.array([camera]), parameter)
+            excess += shared_share * single_shift[:, :, None] * single_shift[:, None, :]
+    return np.sqrt(shared_share) * common, excess
 
 
 def propagate_jitter(
@@ -111,7 +113,7 @@ def propagate_jitter(
     A variance from k samples has k degrees of freedom: the samples are scaled by Student's factor at 90 %.
     """
     observations, size, (values, ground) = loop.equations.observations, len(jitter.samples), solution.state
-    at = linearise_images(
+    linearised = linearise_images(
         camera, observations.images, observations.image, observations.xy, values[observations.camera_of_image],
         ground[observations.point],
     )  # fmt: skip
@@ -121,16 +123,19 @@ def propagate_jitter(
             line = observations.xy[rows, 1]
             shift[rows] = np.stack([curves[image.id].evaluate(line) for curves in jitter.samples], axis=2)
     shift *= float(stdtrit(size, 0.95) / ndtri(0.95)) / np.sqrt(size)
-    weighted = solution.weight[:, None, None] * at.by_ground
+    weighted = solution.weight[:, None, None] * linearised.by_ground
 
     def intersect(moved: np.ndarray) -> np.ndarray:
         """Return the points' steps for movements of their image points, with fixed cameras."""
         pulled = np.add.reduceat(weighted.swapaxes(1, 2) @ moved, observations.first[:-1])
         return np.asarray(solution.normals.inverse @ pulled)
 
-    used = solution.weight * solution.weighting.contributes[observations.point]
-    left = used[:, None, None] * (shift - at.by_ground @ intersect(shift)[observations.point])
-    pulls, right = at.by_values.swapaxes(1, 2) @ left, np.zeros((observations.cameras, at.by_values.shape[2], size))
+    used_weight = solution.weight * solution.weighting.contributes[observations.point]
+    left = used_weight[:, None, None] * (shift - linearised.by_ground @ intersect(shift)[observations.point])
+    pulls, right = (
+        linearised.by_values.swapaxes(1, 2) @ left,
+        np.zeros((observations.cameras, linearised.by_values.shape[2], size)),
+    )
     np.add.at(right, observations.camera, pulls)
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
-    return intersect(shift - at.by_values @ loop.system.solve(right)[observations.camera])
+    return intersect(shift - linearised.by_values @ loop.system.solve(right)[observations.camera])

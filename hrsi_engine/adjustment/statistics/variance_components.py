@@ -57,12 +57,14 @@ def group_by_sensor(images: Sequence[Image], groups: Sequence[Sequence[str]] = (
     for group, ids in enumerate(groups):
         number[[place[name] for name in ids]] = group
     names = ["+".join(ids) for ids in groups]
-    rest = np.flatnonzero(number < 0)
-    size = compute_gsds_m([images[index] for index in rest.tolist()])
+    remaining = np.flatnonzero(number < 0)
+    size = compute_gsds_m([images[index] for index in remaining.tolist()])
     order = np.argsort(size)
-    another = np.r_[True, size[order][1:] > EQUALITY.size * size[order][:-1]][: len(rest)]
-    number[rest[order]] = len(groups) - 1 + np.cumsum(another)
-    names += [f"{np.median(size[order][p]):.2g} m" for p in np.split(np.arange(len(rest)), np.flatnonzero(another))[1:]]
+    another = np.r_[True, size[order][1:] > EQUALITY.size * size[order][:-1]][: len(remaining)]
+    number[remaining[order]] = len(groups) - 1 + np.cumsum(another)
+    names += [
+        f"{np.median(size[order][p]):.2g} m" for p in np.split(np.arange(len(remaining)), np.flatnonzero(another))[1:]
+    ]
     return number, names if len(names) > 1 else [""]
 
 
@@ -115,21 +117,23 @@ class Groups:
         """Return the groups: image points by an entry of `GROUPINGS`, followed by `SURVEY_GROUPS`."""
         number, names = np.zeros(observations.count, dtype=np.int64), [""]
         for split in GROUPINGS[grouping]:
-            another, more = split(block, observations.rows, sensor_groups)
-            number = number * len(more) + another
-            names = [", ".join(filter(None, (name, extra))) for name in names for extra in more]
-        known = (block.points.role != Role.TIE)[block.measurements.point[observations.rows]]
-        number = number * 2 + known
+            another, subgroups = split(block, observations.rows, sensor_groups)
+            number = number * len(subgroups) + another
+            names = [", ".join(filter(None, (name, extra))) for name in names for extra in subgroups]
+        is_surveyed = (block.points.role != Role.TIE)[block.measurements.point[observations.rows]]
+        number = number * 2 + is_surveyed
         has_ties = np.bincount(number, minlength=2 * len(names))[::2] > 0
         titles = [
-            f"{what}: {name}" if name else what
-            for name, beside in zip(names, has_ties.tolist(), strict=True)
-            for what in ("image points", OF_GCPS if beside else "image points")
+            f"{prefix}: {name}" if name else prefix
+            for name, with_ties in zip(names, has_ties.tolist(), strict=True)
+            for prefix in ("image points", OF_GCPS if with_ties else "image points")
         ]
         kind = block.measurements.kind[observations.rows]
-        others = (kind != LASER_KIND) & (kind != REFERENCE_KIND)
-        count = np.bincount(number, others, minlength=len(titles))
-        cautious = frozenset(title for title, rest in zip(titles, count.tolist(), strict=True) if not rest)
+        is_image_kind = (kind != LASER_KIND) & (kind != REFERENCE_KIND)
+        count = np.bincount(number, is_image_kind, minlength=len(titles))
+        cautious = frozenset(
+            title for title, other_count in zip(titles, count.tolist(), strict=True) if not other_count
+        )
         splits, sensor = GROUPINGS[grouping], np.zeros(len(block.images), dtype=np.int64)
         if _number_images in splits:
             sensor = np.arange(len(block.images))
@@ -139,16 +143,16 @@ class Groups:
 
     def find_median_sigmas(self, observations: Observations) -> np.ndarray:
         """Return the median of each group's given sigmas, NaN for groups without observations."""
-        given = np.full(len(self.names), np.nan)
+        median_sigmas = np.full(len(self.names), np.nan)
         order = np.lexsort((observations.sigma_px, self.of_image_point))
-        count = np.bincount(self.of_image_point, minlength=len(given) - SURVEYS)
+        count = np.bincount(self.of_image_point, minlength=len(median_sigmas) - SURVEYS)
         middle = np.cumsum(count) - count + count // 2
-        given[:-SURVEYS][count > 0] = observations.sigma_px[order][middle[count > 0]]
+        median_sigmas[:-SURVEYS][count > 0] = observations.sigma_px[order][middle[count > 0]]
         surveyed = observations.survey_weight > 0.0
         for group in range(SURVEYS):
-            chosen = observations.survey_weight[surveyed & (number_survey_groups(observations) == group)]
-            given[group - SURVEYS] = np.median(1.0 / np.sqrt(chosen)) if chosen.size else np.nan
-        return given
+            weights = observations.survey_weight[surveyed & (number_survey_groups(observations) == group)]
+            median_sigmas[group - SURVEYS] = np.median(1.0 / np.sqrt(weights)) if weights.size else np.nan
+        return median_sigmas
 
 
 def compute_group_sums(
@@ -156,12 +160,12 @@ def compute_group_sums(
 ) -> np.ndarray:
     """Return weighted squares, redundancy and number of observations of each group, ``(groups, 3)``."""
     weighting, weight = solution.weighting, solution.weight
-    used = (weight > 0.0) & weighting.contributes[observations.point]
+    is_used = (weight > 0.0) & weighting.contributes[observations.point]
     result = np.zeros((len(groups.names), 3))
     squares = weight * np.einsum("nc,nc->n", solution.normals.residual, solution.normals.residual)
     freedom = weight * np.trace(precise.residuals, axis1=1, axis2=2)
     for column, values in enumerate((squares, freedom, np.full(len(weight), 2.0))):
-        sums = np.bincount(groups.of_image_point[used], values[used], minlength=len(groups.names) - SURVEYS)
+        sums = np.bincount(groups.of_image_point[is_used], values[is_used], minlength=len(groups.names) - SURVEYS)
         result[:-SURVEYS, column] = sums
     points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed)
     priors = weighting.points
@@ -173,22 +177,26 @@ def compute_group_sums(
     squares, share = np.where(informed, squares, 0.0), np.where(informed, 1.0 - decided, 0.0)
     of_group = number_survey_groups(observations)[points]
     for group in range(SURVEYS):
-        here = of_group == group
-        result[group - SURVEYS] = squares[here].sum(), share[here].sum(), observed[here].sum()
+        in_group = of_group == group
+        result[group - SURVEYS] = squares[in_group].sum(), share[in_group].sum(), observed[in_group].sum()
     return result
 
 
 def compute_image_sums(
-    observations: Observations, solution: Solution, precise: Precision, grown: np.ndarray
+    observations: Observations, solution: Solution, precise: Precision, sigma_ratio: np.ndarray
 ) -> np.ndarray:
     """Return squares and redundancy of the image points of each image ``(images, 2)``.
 
     The squares are those with sigmas that are ``grown (n,)`` times as large as those of the solution.
     """
-    used = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[observations.point])
-    weight, residual, image = solution.weight[used], solution.normals.residual[used], observations.image[used]
-    squares = np.einsum("nc,nc->n", residual, residual) / grown[used] ** 2
-    columns = squares, np.trace(precise.residuals[used], axis1=1, axis2=2)
+    used_rows = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[observations.point])
+    weight, residual, image = (
+        solution.weight[used_rows],
+        solution.normals.residual[used_rows],
+        observations.image[used_rows],
+    )
+    squares = np.einsum("nc,nc->n", residual, residual) / sigma_ratio[used_rows] ** 2
+    columns = squares, np.trace(precise.residuals[used_rows], axis1=1, axis2=2)
     count = len(observations.images)
     return np.column_stack([np.bincount(image, weight * values, minlength=count) for values in columns])
 
@@ -216,39 +224,45 @@ class Sigmas:
     @classmethod
     def start_groups(cls, groups: Groups, observations: Observations) -> Sigmas:
         """Return the given sigmas (factors of 1), none of them free."""
-        given, count = groups.find_median_sigmas(observations), len(groups.names)
-        least = np.zeros(count)
-        least[:-SURVEYS] = np.minimum(VARIANCE.least_matched_px / given[:-SURVEYS], 1.0)
+        median_sigmas, count = groups.find_median_sigmas(observations), len(groups.names)
+        smallest = np.zeros(count)
+        smallest[:-SURVEYS] = np.minimum(VARIANCE.least_matched_px / median_sigmas[:-SURVEYS], 1.0)
         images = np.ones(len(observations.images))
-        return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(least), images)
+        return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(smallest), images)
 
     def correct_factors(self, sums: np.ndarray) -> float:
         """Correct the factors of the groups by their `compute_group_sums`; return the largest relative change."""
         squares, freedom = sums[:, 0] * self.factor**2, sums[:, 1]  # for the given sigmas
         usable = (freedom >= REDUNDANCY.estimated) & (squares > 0.0) & self.free
-        wanted = np.where(usable, squares / np.maximum(freedom, REDUNDANCY.estimated), self.factor**2)
+        variance_factors = np.where(usable, squares / np.maximum(freedom, REDUNDANCY.estimated), self.factor**2)
         # image points of GCPs (odd indices) are measured on the same images as the tie points (index before)
         ties, gcps = slice(0, -SURVEYS, 2), slice(1, -SURVEYS, 2)
-        few = REDUNDANCY.stated * (self.free[gcps] & (freedom[ties] >= REDUNDANCY.estimated))
-        pooled = (few * wanted[ties] + squares[gcps]) / np.maximum(few + freedom[gcps], REDUNDANCY.stated)
-        wanted[gcps] = np.where((few > 0.0) & (sums[gcps, 2] > 0.0), pooled, wanted[gcps])
+        weight_of_ties = REDUNDANCY.stated * (self.free[gcps] & (freedom[ties] >= REDUNDANCY.estimated))
+        pooled = (weight_of_ties * variance_factors[ties] + squares[gcps]) / np.maximum(
+            weight_of_ties + freedom[gcps], REDUNDANCY.stated
+        )
+        variance_factors[gcps] = np.where(
+            (weight_of_ties > 0.0) & (sums[gcps, 2] > 0.0), pooled, variance_factors[gcps]
+        )
         survey = slice(-SURVEYS, None)
         if self.free[survey].all() and freedom[survey].sum() >= REDUNDANCY.estimated:
             surveyor = squares[survey].sum() / freedom[survey].sum()
-            wanted[survey] = (REDUNDANCY.stated * surveyor + squares[survey]) / (REDUNDANCY.stated + freedom[survey])
-        ratio = np.clip(np.maximum(np.sqrt(wanted), self.least) / self.factor, 0.2, 5.0)
+            variance_factors[survey] = (REDUNDANCY.stated * surveyor + squares[survey]) / (
+                REDUNDANCY.stated + freedom[survey]
+            )
+        ratio = np.clip(np.maximum(np.sqrt(variance_factors), self.least) / self.factor, 0.2, 5.0)
         self.factor = self.factor * ratio
         return float(np.abs(ratio - 1.0).max())
 
     def correct_images(self, sums: np.ndarray, sensor: np.ndarray) -> None:
         """Correct the factors of the images of each ``sensor (images,)`` by their `compute_image_sums`."""
         if self.free[:-SURVEYS].any():
-            own = REDUNDANCY.common + sums[:, 0] * self.of_image**2
+            image_squares = REDUNDANCY.common + sums[:, 0] * self.of_image**2
             weight = REDUNDANCY.common + sums[:, 1]
-            told = 0.5 * np.log(own / weight)
+            log_factor = 0.5 * np.log(image_squares / weight)
             # a factor common to all images of a sensor belongs to their groups
-            mean = np.bincount(sensor, weight * told) / np.maximum(np.bincount(sensor, weight), 1e-300)
-            self.of_image = np.exp(told - mean[sensor])
+            mean = np.bincount(sensor, weight * log_factor) / np.maximum(np.bincount(sensor, weight), 1e-300)
+            self.of_image = np.exp(log_factor - mean[sensor])
 
     def predict_survey_factors(self, sums: np.ndarray) -> np.ndarray:
         """Return the surveys' factors for the sigmas of new points, including the uncertainty of estimated ones.
@@ -272,9 +286,9 @@ class Sigmas:
         """Return the factors of the image points ``(n,)``."""
         return np.asarray(self.factor[groups.of_image_point] * self.of_image[observations.image])
 
-    def survey_weight(self, observations: Observations, given: np.ndarray) -> np.ndarray:
-        """Return the weights of the surveys, from their ``given`` ones ``(m, 3)``."""
-        return given / self.of_surveys[number_survey_groups(observations)] ** 2
+    def survey_weight(self, observations: Observations, given_weight: np.ndarray) -> np.ndarray:
+        """Return the weights of the surveys, from their ``given_weight`` ones ``(m, 3)``."""
+        return given_weight / self.of_surveys[number_survey_groups(observations)] ** 2
 
 
 def list_components(
@@ -292,24 +306,26 @@ def list_components(
     )  # fmt: skip
 
 
-def describe_wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozenset[str] = frozenset()) -> list[str]:
+def describe_wrong_sigmas(
+    components_found: Sequence[VarianceComponent], cautious: frozenset[str] = frozenset()
+) -> list[str]:
     """Return messages on given sigmas that are wrong by half or more, the worst first, at most 8 of them.
 
     For ``cautious`` groups, sigmas that are too large are intended and not reported.
     """
-    wrong = [
-        part for part in found
+    wrong_components = [
+        part for part in components_found
         if part.estimated and (part.factor >= 1.5 or (part.factor <= 0.67 and part.group not in cautious))
     ]  # fmt: skip
-    wrong.sort(key=lambda part: -abs(np.log(part.factor)))
+    wrong_components.sort(key=lambda part: -abs(np.log(part.factor)))
     said = [
         f"{part.group}: the given sigma is {'too small' if part.factor > 1.0 else 'too large'}: from the residuals it "
         f"is {part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
-        for part in wrong[:8]
+        for part in wrong_components[:8]
     ]
-    more = len(wrong) - len(said)
+    omitted = len(wrong_components) - len(said)
     return (
-        [*said, f"the given sigmas of {more} more groups are wrong: see variance_components in the report"]
-        if more
+        [*said, f"the given sigmas of {omitted} more groups are wrong: see variance_components in the report"]
+        if omitted
         else said
     )

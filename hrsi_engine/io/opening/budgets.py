@@ -156,9 +156,9 @@ RPC_RANGES = {
 def require_size(path: str, kind: str) -> None:
     """Raise `InputError` if a file is larger than any of its ``kind``, a key of `MOST_BYTES`, or is no regular file."""
     require_plain(path)
-    size, most = file_bytes(path), MOST_BYTES[kind]
-    if size is not None and size > most:
-        raise InputError(f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({most // MIB}): "
+    size, limit = file_bytes(path), MOST_BYTES[kind]
+    if size is not None and size > limit:
+        raise InputError(f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({limit // MIB}): "
                          "name another file")  # fmt: skip
 
 
@@ -228,24 +228,26 @@ def list_archive(path: str) -> list[tuple[str, int]]:
                 raise InputError(f"{path}: has a directory of {size // MIB} MiB: unpack it, and name the images")
             with zipfile.ZipFile(path) as archive:
                 return [(part.filename, part.file_size) for part in archive.infolist()]
-        found: list[tuple[str, int]] = []
+        members: list[tuple[str, int]] = []
         with tarfile.open(path) as tar:
             for member in tar:
-                found.append((member.name, member.size))
+                members.append((member.name, member.size))
                 tar.members.clear()  # type: ignore[attr-defined]  # TarFile keeps all of them
                 unfolded = member.offset_data + member.size
-                if len(found) > FILE_BUDGETS.delivery_files:
+                if len(members) > FILE_BUDGETS.delivery_files:
                     raise InputError(f"{path}: contains more than {FILE_BUDGETS.delivery_files} files: name its images")
                 if unfolded > FILE_BUDGETS.unfolded_bytes and unfolded > os.path.getsize(path):  # a compressed one
                     raise InputError(
                         f"{path}: unfolds to more than {unfolded // MIB} MiB: unpack it, and name the folder"
                     )
-        return found
+        return members
     except (
         OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile, tarfile.TarError, NotImplementedError,
     ) as error:  # fmt: skip
-        why = (str(error).splitlines() or [type(error).__name__])[0].rstrip(":")  # tarfile adds a line for each method
-        raise InputError(f"{path}: is a damaged archive ({why}): obtain it again") from None
+        cause = (str(error).splitlines() or [type(error).__name__])[0].rstrip(
+            ":"
+        )  # tarfile adds a line for each method
+        raise InputError(f"{path}: is a damaged archive ({cause}): obtain it again") from None
 
 
 def require_delivery(name: str, count: int, most: int = FILE_BUDGETS.delivery_files, what: str = "files") -> None:

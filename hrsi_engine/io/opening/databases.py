@@ -40,9 +40,9 @@ def require_sound(path: str) -> None:
     if not is_database(path):
         return
     with sound_database(path) as database:
-        found = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
-        if found != ["ok"]:
-            raise sqlite3.DatabaseError(" ".join(" ".join(found).split()))
+        answers = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
+        if answers != ["ok"]:
+            raise sqlite3.DatabaseError(" ".join(" ".join(answers).split()))
 
 
 def widths(path: str, table: str, columns: Sequence[str]) -> tuple[int, dict[str, int]]:
@@ -51,10 +51,10 @@ def widths(path: str, table: str, columns: Sequence[str]) -> tuple[int, dict[str
     Raises `InputError` if the database is damaged, or a view takes too long.
     """
     places = {f"column_{number}": column for number, column in enumerate(columns)}
-    asked = ", ".join(["SELECT count(*)", *(f"max(length(CAST({{{place}}} AS BLOB)))" for place in places)])
+    query = ", ".join(["SELECT count(*)", *(f"max(length(CAST({{{place}}} AS BLOB)))" for place in places)])
     with sound_database(path) as database:
-        found = database.execute(sql_text(asked + " FROM {table}", table=table, **places)).fetchone()
-    return int(found[0]), {column: int(size or 0) for column, size in zip(columns, found[1:], strict=True)}
+        row = database.execute(sql_text(query + " FROM {table}", table=table, **places)).fetchone()
+    return int(row[0]), {column: int(size or 0) for column, size in zip(columns, row[1:], strict=True)}
 
 
 @contextlib.contextmanager
@@ -64,8 +64,8 @@ def sound_database(path: str) -> Iterator[sqlite3.Connection]:
     A database in WAL mode without a log file (QGIS has closed it) is opened as immutable: SQLite would otherwise create
     a log next to it, or fail in a read-only folder.
     """
-    most = database_seconds(file_bytes(path) or 0)
-    end = time.thread_time() + most
+    limit_s = database_seconds(file_bytes(path) or 0)
+    end = time.thread_time() + limit_s
     try:
         address = f"file:{quote(os.path.abspath(path))}?mode=ro"
         with open(path, "rb") as file:
@@ -77,7 +77,7 @@ def sound_database(path: str) -> Iterator[sqlite3.Connection]:
             database.set_progress_handler(lambda: time.thread_time() > end, 100_000)  # steps between two checks
             yield database
     except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
-        said = f"no answer after {most:.0f} s" if "interrupt" in str(error) else str(error)
+        said = f"no answer after {limit_s:.0f} s" if "interrupt" in str(error) else str(error)
         raise InputError(
             f"{path}: is a damaged database ({said}): obtain it again, or try sqlite3's .recover"
         ) from None
@@ -89,8 +89,8 @@ def sql_text(template: str, **names: str | Sequence[str]) -> str:
     The template is a constant text; names are those of tables, columns or triggers, and a sequence of names becomes a
     list with commas. Raises `OutputError` for a name that SQLite does not allow.
     """
-    lists = {place: [given] if isinstance(given, str) else given for place, given in names.items()}
-    return template.format(**{place: ", ".join(map(_quote, listed)) for place, listed in lists.items()})
+    lists = {place: [value] if isinstance(value, str) else value for place, value in names.items()}
+    return template.format(**{place: ", ".join(map(_quote, identifiers)) for place, identifiers in lists.items()})
 
 
 def insert_text(table: str, columns: Sequence[str], template: str = "INSERT INTO {table} ({columns})") -> str:

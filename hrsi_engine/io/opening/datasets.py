@@ -103,12 +103,12 @@ def call_quiet(function: Callable[..., Told], *words: Any) -> Told:
 @contextmanager
 def config_option(name: str, value: str) -> Iterator[None]:
     """Set a GDAL configuration option in the calling thread, and restore it at the end."""
-    before = gdal.GetThreadLocalConfigOption(name)
+    previous = gdal.GetThreadLocalConfigOption(name)
     gdal.SetThreadLocalConfigOption(name, value)
     try:
         yield
     finally:
-        gdal.SetThreadLocalConfigOption(name, before)
+        gdal.SetThreadLocalConfigOption(name, previous)
 
 
 def open_dataset(path: str) -> tuple[gdal.Dataset | None, str]:
@@ -129,8 +129,10 @@ def metadata_of(dataset: gdal.Dataset, domain: str = "") -> dict[str, str]:
         metadata = dataset.GetMetadata(domain)
     if not isinstance(metadata, dict):
         return {}
-    told = [[one.decode("latin-1") if isinstance(one, bytes) else one for one in entry] for entry in metadata.items()]
-    return {key: value for key, value in told}
+    entries = [
+        [one.decode("latin-1") if isinstance(one, bytes) else one for one in entry] for entry in metadata.items()
+    ]
+    return {key: value for key, value in entries}
 
 
 VIRTUAL = "/vsi"
@@ -146,13 +148,13 @@ def virtual_status(path: str) -> Any | None:
             return None
 
 
-def read_virtual(path: str, most: int | None = None) -> bytes | None:
-    """Return the content of a file, or its first ``most`` bytes; None if it cannot be read."""
-    if most is None:
+def read_virtual(path: str, limit: int | None = None) -> bytes | None:
+    """Return the content of a file, or its first ``limit`` bytes; None if it cannot be read."""
+    if limit is None:
         status = virtual_status(path)
         if status is None:
             return None
-        most = status.size
+        limit = status.size
     with quiet():
         try:
             handle = gdal.VSIFOpenL(path, "rb")
@@ -160,7 +162,7 @@ def read_virtual(path: str, most: int | None = None) -> bytes | None:
             return None
         if handle is None:
             return None
-        content = bytes(gdal.VSIFReadL(1, most, handle) or b"")
+        content = bytes(gdal.VSIFReadL(1, limit, handle) or b"")
         gdal.VSIFCloseL(handle)
     return content
 
@@ -182,13 +184,13 @@ def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
 
 def write_virtual(path: str, blocks: Iterable[bytes]) -> None:
     """Write a file from blocks of bytes; raise `OutputError` if that fails."""
-    written = False
+    is_complete = False
     with gdal_messages() as messages:
         handle = gdal.VSIFOpenL(path, "wb")
         if handle is not None:
-            written = all(gdal.VSIFWriteL(block, 1, len(block), handle) == len(block) for block in blocks)
-            written &= gdal.VSIFCloseL(handle) == 0
-    if not written:
+            is_complete = all(gdal.VSIFWriteL(block, 1, len(block), handle) == len(block) for block in blocks)
+            is_complete &= gdal.VSIFCloseL(handle) == 0
+    if not is_complete:
         reason = messages[-1] if messages else "it takes no new files"
         raise OutputError(f"{path}: cannot be written ({reason}): choose another `output_dir`")
 

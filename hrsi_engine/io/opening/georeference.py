@@ -32,7 +32,7 @@ class Georeference:
     """
 
     def __init__(
-        self, dataset: gdal.Dataset, path: str, what: str, endless: bool = False, epoch: float | None = None
+        self, dataset: gdal.Dataset, path: str, noun: str, endless: bool = False, epoch: float | None = None
     ) -> None:
         wkt = dataset.GetProjection()
         if not wkt:
@@ -40,12 +40,12 @@ class Georeference:
         try:
             self.crs = pyproj.CRS.from_wkt(wkt)
         except (pyproj.exceptions.CRSError, UnicodeError) as error:
-            told = f"PROJ does not understand its CRS ({error}): assign one with gdal_edit.py"
-            raise InputError(f"{path}: {told}") from None
+            message = f"PROJ does not understand its CRS ({error}): assign one with gdal_edit.py"
+            raise InputError(f"{path}: {message}") from None
         geotransform = dataset.GetGeoTransform(can_return_null=True)
         inverse = None if geotransform is None else gdal.InvGeoTransform(geotransform)
         if geotransform is None or inverse is None:
-            raise InputError(f"{path}: has no geotransform, so its cells have no place: georeference the {what}")
+            raise InputError(f"{path}: has no geotransform, so its cells have no place: georeference the {noun}")
         self._geotransform, self._inverse = geotransform, inverse
         self.horizontal = without_heights(self.crs)
         self._geographic = bool(self.horizontal.is_geographic)
@@ -67,8 +67,8 @@ class Georeference:
         self._middle_x, self._half_width = float(middle), min(180.0, 0.5 * abs(float(east - west)))
         # Columns of a whole turn, 0 for a raster that has an edge
         columns = 360.0 / geotransform[1] if endless and self._geographic and geotransform[1] > 0.0 else 0.0
-        whole = abs(columns - round(columns)) < MAP_GRID.turn_columns and round(columns) <= dataset.RasterXSize
-        self.turn = round(columns) if whole else 0
+        is_full_turn = abs(columns - round(columns)) < MAP_GRID.turn_columns and round(columns) <= dataset.RasterXSize
+        self.turn = round(columns) if is_full_turn else 0
         self._placed = not self.turn
         self._lock = threading.Lock()
 
@@ -87,11 +87,11 @@ class Georeference:
     def _begin_opposite(self, lon_deg: np.ndarray) -> None:
         """Set the first column opposite to the first finite longitude."""
         with self._lock:
-            known = lon_deg[np.isfinite(lon_deg)]
-            if self._placed or not len(known):
+            finite = lon_deg[np.isfinite(lon_deg)]
+            if self._placed or not len(finite):
                 return
             x0, dx_column = self._inverse[:2]
-            self.first = round(x0 + dx_column * float(known[0]) - 0.5 * self.turn)
+            self.first = round(x0 + dx_column * float(finite[0]) - 0.5 * self.turn)
             self._middle_x = float((self.first + 0.5 * self.turn - x0) / dx_column)
             self._half_width = 180.0
             self._placed = True

@@ -29,15 +29,15 @@ class StacItem:
     @property
     def platform(self) -> str:
         """Name of the satellite; empty where the item states none."""
-        told = self.properties.get("platform")
-        return told if isinstance(told, str) else ""
+        value = self.properties.get("platform")
+        return value if isinstance(value, str) else ""
 
     def sun_text(self) -> str:
         """Return sun angles and acquisition time as text, in the keywords of a delivery's metadata."""
         names = {"view:sun_azimuth": "sun_azimuth", "view:sun_elevation": "sun_elevation", "datetime": "acquired",
                  "start_datetime": "acquired"}  # fmt: skip
-        told = ((word, self.properties.get(key)) for key, word in names.items())
-        return "\n".join(f"{word}={value}" for word, value in told if value is not None)
+        pairs = ((word, self.properties.get(key)) for key, word in names.items())
+        return "\n".join(f"{word}={value}" for word, value in pairs if value is not None)
 
 
 class ItemImage(str):
@@ -47,9 +47,9 @@ class ItemImage(str):
 
     def __new__(cls, path: str, item: StacItem) -> ItemImage:
         """Create the path with its item."""
-        made = super().__new__(cls, path)
-        made.item = item
-        return made
+        path_with_item = super().__new__(cls, path)
+        path_with_item.item = item
+        return path_with_item
 
     def __getnewargs__(self) -> tuple[str, StacItem]:  # type: ignore[override]
         return str(self), self.item

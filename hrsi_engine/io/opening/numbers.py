@@ -29,13 +29,13 @@ def parse_angle(text: str) -> float | None:
 
     ``43°31'30.5"N``, ``43:31:30.5``, ``W 5 26 24``: with a sign of degrees, colons, or a letter of the hemisphere.
     """
-    found = _ANGLE.fullmatch(text.replace(",", "."))
-    if found is None or not (found[1] or found[6] or any(sign in text for sign in "°º:")) or (found[1] and found[6]):
+    match = _ANGLE.fullmatch(text.replace(",", "."))
+    if match is None or not (match[1] or match[6] or any(sign in text for sign in "°º:")) or (match[1] and match[6]):
         return None
-    degrees, minutes, seconds = (float(part or 0.0) for part in found.group(3, 4, 5))
+    degrees, minutes, seconds = (float(part or 0.0) for part in match.group(3, 4, 5))
     if minutes >= 60.0 or seconds >= 60.0:
         return None
-    negative = found[2] == "-" or (found[1] or found[6]).upper() in ("S", "W")
+    negative = match[2] == "-" or (match[1] or match[6]).upper() in ("S", "W")
     return (-1.0 if negative else 1.0) * (degrees + minutes / 60.0 + seconds / 3600.0)
 
 

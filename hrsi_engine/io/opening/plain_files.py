@@ -28,8 +28,8 @@ def require_plain(path: str) -> None:
     try:
         path.encode()
     except UnicodeEncodeError:
-        shown = path.encode("utf-8", "backslashreplace").decode()
-        raise InputError(f"{shown}: its name is no UTF-8, which GDAL and all results need: rename it") from None
+        printable = path.encode("utf-8", "backslashreplace").decode()
+        raise InputError(f"{printable}: its name is no UTF-8, which GDAL and all results need: rename it") from None
     if "\0" in path:
         raise InputError(f"{path!r}: no file has such a name: correct it")
     way = next((way for way in ("/vsizip/", "/vsitar/", "/vsigzip/") if path.startswith(way)), "")
@@ -54,10 +54,10 @@ def require_plain_around(path: str) -> None:
     except OSError:  # not a folder on disk
         return
     stem = os.path.splitext(name)[0].lower()
-    for other in names:
+    for neighbour in names:
         # GDAL looks for files with these endings under names that differ from the image's
-        if stem in other.lower() or other.lower().endswith((".xml", ".dim", ".imd")):
-            require_plain(os.path.join(folder, other))
+        if stem in neighbour.lower() or neighbour.lower().endswith((".xml", ".dim", ".imd")):
+            require_plain(os.path.join(folder, neighbour))
 
 
 def _require_plain_sources(path: str, folder: str, depth: int) -> None:

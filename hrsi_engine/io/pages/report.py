@@ -53,10 +53,10 @@ def write_report_html(path: str, report: Mapping[str, Any], drawings: Mapping[st
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explain_codes(reason["code"] for reason in reasons)
     # Plots of both axes of the images with profiles along the lines, images with waves first
-    told = sorted(report.get("line_profiles", {}).items(), key=lambda item: not item[1]["waves"])
+    profiles_sorted = sorted(report.get("line_profiles", {}).items(), key=lambda item: not item[1]["waves"])
     profiles = [
         (name, axis, draw_line_profile(name, axis, entry[axis], [w for w in entry["waves"] if w["axis"] == axis]))
-        for name, entry in told
+        for name, entry in profiles_sorted
         for axis in ("across", "along")
         if axis in entry
     ]
@@ -264,8 +264,8 @@ def _encode_jpeg(grey: np.ndarray) -> bytes | None:
     with gdal_messages():
         memory = gdal.GetDriverByName("MEM").Create("", samples, lines, 1, gdal.GDT_Byte)
         memory.GetRasterBand(1).WriteArray(grey)
-        made = driver.CreateCopy(name, memory, options=[f"QUALITY={PAGE_NUMBERS.jpeg_quality}"])
-        del made
+        copy = driver.CreateCopy(name, memory, options=[f"QUALITY={PAGE_NUMBERS.jpeg_quality}"])
+        del copy
         content = read_virtual(name)
         gdal.Unlink(name)
         gdal.Unlink(f"{name}.aux.xml")

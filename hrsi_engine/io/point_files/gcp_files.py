@@ -211,7 +211,7 @@ def read_qgis_points(path: str, _layer: str = "") -> PointTable:
         return parse_numbers(texts, lambda at: f"{path}, point {body[at][0]}, field {aliases[0]!r}")
 
     body = [(number, row) for number, row in enumerate(rows[1:], 1) if get_text(row, "enable").strip() != "0"]
-    off = len(rows) - 1 - len(body)
+    disabled = len(rows) - 1 - len(body)
     image = image_id(os.path.splitext(path)[0])
     geometry = np.column_stack([get_column("mapx"), get_column("mapy"), np.full(len(body), np.nan)])
     columns = {
@@ -220,7 +220,7 @@ def read_qgis_points(path: str, _layer: str = "") -> PointTable:
         "sample": get_column("sourcex", "pixelx") - 0.5,  # since QGIS 3.26, and before
         "line": -get_column("sourcey", "pixely") - 0.5,
     }
-    notes = (f"{path}: {off} points are switched off and left out",) if off > 0 else ()
+    notes = (f"{path}: {disabled} points are switched off and left out",) if disabled > 0 else ()
     return PointTable(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs, notes)
 
 

@@ -88,12 +88,12 @@ def _require_text(table: PointTable, field: str, rows: np.ndarray | None = None)
         raise InputError(f"{table.source}, {table.row_name(int(empty[0]))}: field {field!r} is empty: fill it in")
 
 
-def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> ImagePoints | None:
+def _image_points(table: PointTable, with_positions: bool, image_ids: Sequence[str]) -> ImagePoints | None:
     """Return the rows that have sample and line; rows without are allowed only in a table with ground points."""
     xy = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
     empty = np.isnan(xy)
     subset = any_of_rows(empty)
-    faulty = subset & ~empty.all(axis=1) if known else subset
+    faulty = subset & ~empty.all(axis=1) if with_positions else subset
     if faulty.any():
         row = np.flatnonzero(faulty)[0]
         field = "sample" if empty[row, 0] else "line"

@@ -152,11 +152,11 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
     return np.column_stack([x, y, z]), crs, warnings
 
 
-def _parse_crs(crs: str, what: str) -> pyproj.CRS:
+def _parse_crs(crs: str, noun: str) -> pyproj.CRS:
     try:
         return pyproj.CRS.from_user_input(crs)
     except (pyproj.exceptions.CRSError, UnicodeError):
-        raise InputError(f"{what} {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
+        raise InputError(f"{noun} {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
 
 
 def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:

@@ -174,7 +174,7 @@ def parse_numbers(
     return np.array(one_by_one, dtype=np.float64)
 
 
-def _parse_number(text: str, index: int, where: Callable[[int], str], decimal_comma: bool, infinite: bool) -> float:
+def _parse_number(text: str, index: int, place_of: Callable[[int], str], decimal_comma: bool, infinite: bool) -> float:
     text = text.strip()
     if text.lower() in ("", "-", "null", "none", "na", "n/a", "nan"):
         return np.nan
@@ -188,5 +188,5 @@ def _parse_number(text: str, index: int, where: Callable[[int], str], decimal_co
             advice = "write degrees as 43.525 or 43°31'30\"N"
         elif "," in text and parse_finite(text.replace(",", ".")) is not None:
             advice = "write decimals with a point, or let semicolons part the columns"
-        raise InputError(f"{where(index)}: {text[:40]!r} is not a number: {advice}")
+        raise InputError(f"{place_of(index)}: {text[:40]!r} is not a number: {advice}")
     return value

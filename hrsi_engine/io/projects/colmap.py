@@ -57,8 +57,8 @@ def plan_colmap_project(project: BlockProject) -> PlannedProject:
         x, y, z, w = Rotation.from_matrix(camera.rotation).as_quat().tolist()
         pose = " ".join(map(repr, (w, x, y, z, *camera.translation.tolist())))
         images.append(f"{number} {pose} {number} {view.image.id}.png")
-        seen = zip((xy + _CORNER).tolist(), view.point.tolist(), strict=True)
-        images.append(" ".join(f"{x!r} {y!r} {row + 1}" for (x, y), row in seen))
+        observations = zip((xy + _CORNER).tolist(), view.point.tolist(), strict=True)
+        images.append(" ".join(f"{x!r} {y!r} {row + 1}" for (x, y), row in observations))
     points = [
         f"{row + 1} {' '.join(map(repr, local[row].tolist()))} 128 128 128 {np.mean(misses[row]):.4f} {' '.join(track)}"
         for row, track in sorted(tracks.items())
@@ -110,9 +110,9 @@ def write_shear(one: PerspectiveView, path: str) -> None:
     (width, height), shear = one.size, one.camera.shear
     source = open_window(one.view.image.path, one.view.window, "cubic")
     bands = [1, 2, 3] if source.RasterCount >= 3 else [1]
-    shown = one.view.image.pixels.read(*one.view.window.bounds)
-    low, high = np.percentile(shown[0][shown[1]], PROJECTS.stretch_percent) if shown[1].any() else (0.0, 1.0)
-    made = None
+    pixels = one.view.image.pixels.read(*one.view.window.bounds)
+    low, high = np.percentile(pixels[0][pixels[1]], PROJECTS.stretch_percent) if pixels[1].any() else (0.0, 1.0)
+    copy = None
     with gdal_messages() as messages, config_option("GDAL_PAM_ENABLED", "NO"):
         begin = shear * (one.camera.principal[1] + _CORNER) - one.camera.left
         source.SetGeoTransform((begin, 1.0, -shear, 0.0, 0.0, -1.0))
@@ -124,6 +124,6 @@ def write_shear(one: PerspectiveView, path: str) -> None:
             "", stretched, format="MEM", outputBounds=(0.0, -height, width, 0.0), width=width, height=height,
             resampleAlg="cubic",
         )  # fmt: skip
-        made = sheared and gdal.GetDriverByName("PNG").CreateCopy(path, sheared)
-    if made is None:
+        copy = sheared and gdal.GetDriverByName("PNG").CreateCopy(path, sheared)
+    if copy is None:
         raise OutputError(f"{path}: cannot be written ({messages.reason})")

@@ -28,7 +28,7 @@ def plan_nerf_project(project: BlockProject) -> PlannedProject:
     files: dict[str, FileContent] = {f"{view.image.id}.tif": partial(write_crop, view) for view in views}
     for view in views:
         sun, time = project.suns[view.image.id], project.times[view.image.id]
-        told = {
+        camera = {
             "img": f"{view.image.id}.tif", "width": view.window.size[0], "height": view.window.size[1],
             "window": view.window.bounds,
             "rpc": json_members(view.rpc, RPCM_NAMES),
@@ -38,14 +38,14 @@ def plan_nerf_project(project: BlockProject) -> PlannedProject:
             "geojson": project.outline | {"center": list(centre[:2])},
             "keypoints": {"2d_coordinates": view.xy.tolist(), "pts3d_indices": view.point.tolist()},
         }  # fmt: skip
-        files[f"{view.image.id}.json"] = json_text(told, indent=1) + "\n"
+        files[f"{view.image.id}.json"] = json_text(camera, indent=1) + "\n"
         middle = np.array([view.window.size]) / 2.0
         upper, lower = (to_ecef(view.rpc.localize(middle, height).ground) for height in (high, low))
         rays[view.image.id] = {"near_m": 0.0, "far_m": float(np.linalg.norm(upper - lower))}
     files["pts3d.npy"] = partial(np.save, arr=to_ecef(project.points.ground))
     names = [f"{view.image.id}.json" for view in views]
-    for file, listed in zip(("train.txt", "test.txt"), split_views(names, PROJECTS.held_out_of), strict=True):
-        files[file] = "".join(f"{name}\n" for name in listed)
+    for file, view_names in zip(("train.txt", "test.txt"), split_views(names, PROJECTS.held_out_of), strict=True):
+        files[file] = "".join(f"{name}\n" for name in view_names)
     radius = float(np.linalg.norm(frame.from_ground(volume), axis=1).max())
     scene = {"origin": list(centre), "axes": "east, north, up (m)", "radius_m": radius, "rays": rays}
     files["scene.json"] = json_text(scene, indent=1) + "\n"

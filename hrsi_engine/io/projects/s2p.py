@@ -19,10 +19,10 @@ def plan_s2p_project(project: BlockProject) -> PlannedProject:
     for pair in project.pairs:
         score.update({pair.left: pair.score, pair.right: pair.score})
     reference = max(score, key=lambda name: score[name])
-    own = [pair for pair in project.pairs if reference in (pair.left, pair.right)]
-    others = [pair.right if pair.left == reference else pair.left for pair in own]
-    left_out = len(project.pairs) - len(own)
-    names, files = plan_images(project, [images[name] for name in (reference, *others)], project.copy)
+    reference_pairs = [pair for pair in project.pairs if reference in (pair.left, pair.right)]
+    partners = [pair.right if pair.left == reference else pair.left for pair in reference_pairs]
+    left_out = len(project.pairs) - len(reference_pairs)
+    names, files = plan_images(project, [images[name] for name in (reference, *partners)], project.copy)
     x, y, w, h = find_window(images[reference], project.area, project.surface)
     configuration = {
         "out_dir": "out", "temporary_dir": "tmp", "images": [{"img": file} for file in names.values()],

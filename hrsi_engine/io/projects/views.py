@@ -46,12 +46,12 @@ def find_views(project: BlockProject) -> list[CropView]:
         window = CropWindow(
             bounds, (max(1, round(project.factor * bounds[2])), max(1, round(project.factor * bounds[3])))
         )
-        own = project.measured.select(project.measured.image_ids == image.id)
-        own = own.select(np.array([name in rows for name in own.ids.tolist()], dtype=bool))
-        xy = window.place.from_scene(own.xy)
-        shown = ((xy >= -0.5) & (xy <= np.array(window.size) - 0.5)).all(axis=1)
-        point = np.array([rows[name] for name in own.ids[shown].tolist()], dtype=np.int64)
-        views.append(CropView(image, crop_rpc(image.rpc, window.place, window.size), window, xy[shown], point))
+        image_points = project.measured.select(project.measured.image_ids == image.id)
+        image_points = image_points.select(np.array([name in rows for name in image_points.ids.tolist()], dtype=bool))
+        xy = window.place.from_scene(image_points.xy)
+        is_inside = ((xy >= -0.5) & (xy <= np.array(window.size) - 0.5)).all(axis=1)
+        point = np.array([rows[name] for name in image_points.ids[is_inside].tolist()], dtype=np.int64)
+        views.append(CropView(image, crop_rpc(image.rpc, window.place, window.size), window, xy[is_inside], point))
     return views
 
 
@@ -71,7 +71,7 @@ def write_crop(view: CropView, path: str) -> None:
     save_image(pixels, path, view.rpc, _FORMAT, 0, NO_LINEAGE, silent)
 
 
-def split_views(names: list[str], every: int) -> tuple[list[str], list[str]]:
-    """Return the training views and the held-out views: one of ``every``, beginning in the middle of the first run."""
-    held = names[every // 2 :: every] if len(names) > every // 2 else names[-1:]
-    return [name for name in names if name not in held], held
+def split_views(names: list[str], step: int) -> tuple[list[str], list[str]]:
+    """Return the training views and the held-out views: one of ``step``, beginning in the middle of the first run."""
+    held_out = names[step // 2 :: step] if len(names) > step // 2 else names[-1:]
+    return [name for name in names if name not in held_out], held_out

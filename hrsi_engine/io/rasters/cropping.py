@@ -47,8 +47,8 @@ def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
     Overviews of the image are not used: their resampling is unknown, and averages of averages are displaced.
     """
     path = os.path.abspath(path) if os.path.exists(path) else path  # absolute, so that a VRT finds it from any folder
-    whole = source = open_raster(path)
-    if window.size != window.bounds[2:] and whole.GetRasterBand(1).GetOverviewCount():
+    original = source = open_raster(path)
+    if window.size != window.bounds[2:] and original.GetRasterBand(1).GetOverviewCount():
         source = gdal.OpenEx(path, gdal.OF_RASTER, open_options=["OVERVIEW_LEVEL=NONE"])
     virtual = None
     with gdal_messages() as messages:
@@ -58,9 +58,9 @@ def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
         )  # fmt: skip
     if virtual is None:
         raise InputError(f"{path}: cannot be read ({messages.reason}): obtain the file again")
-    virtual.SetMetadata(metadata_of(whole, "IMAGERY"), "IMAGERY")  # vendor's text on sensor and time
-    for number in range(1, whole.RasterCount + 1):  # without overviews GDAL loses band names
-        virtual.GetRasterBand(number).SetDescription(whole.GetRasterBand(number).GetDescription())
+    virtual.SetMetadata(metadata_of(original, "IMAGERY"), "IMAGERY")  # vendor's text on sensor and time
+    for number in range(1, original.RasterCount + 1):  # without overviews GDAL loses band names
+        virtual.GetRasterBand(number).SetDescription(original.GetRasterBand(number).GetDescription())
     return virtual
 
 
@@ -71,14 +71,17 @@ def join_images(paths: Sequence[str], first: np.ndarray, size: tuple[int, int]) 
     """
     paths = [os.path.abspath(path) if os.path.exists(path) else path for path in paths]
     datasets = [open_raster(path) for path in paths]
-    bands = [[own.GetRasterBand(number + 1).DataType for number in range(own.RasterCount)] for own in datasets]
-    for path, own in zip(paths, bands, strict=True):
-        if own != bands[0]:
+    bands = [
+        [band_types.GetRasterBand(number + 1).DataType for number in range(band_types.RasterCount)]
+        for band_types in datasets
+    ]
+    for path, band_types in zip(paths, bands, strict=True):
+        if band_types != bands[0]:
             raise InputError(f"{path}: its bands are not those of {paths[0]}: give parts of one image")
     # Metadata that all images share are kept
-    told = set.intersection(*(set(metadata_of(dataset).items()) for dataset in datasets))
+    common_metadata = set.intersection(*(set(metadata_of(dataset).items()) for dataset in datasets))
     virtual = gdal.GetDriverByName("VRT").Create("", *size, 0)
-    virtual.SetMetadata(dict(told))
+    virtual.SetMetadata(dict(common_metadata))
     virtual.SetMetadata(metadata_of(datasets[0], "IMAGERY"), "IMAGERY")
     places = list(zip(paths, datasets, first.tolist(), strict=True))
     for number, kind in enumerate(bands[0], 1):
@@ -116,11 +119,11 @@ def read_lineage(image: Image) -> Lineage:
         items[SENSOR_ITEM] = image.sensor
     if image.stated_height_m is not None:
         items[HEIGHT_ITEM] = f"{image.stated_height_m:g}"
-    kept = metadata_of(dataset, tiff_tag.ORIGINAL_DOMAIN)
-    numbers = tiff_tag.parse_original(path, kept)
+    original_items = metadata_of(dataset, tiff_tag.ORIGINAL_DOMAIN)
+    numbers = tiff_tag.parse_original(path, original_items)
     if numbers is not None:
         return Lineage(items, rpc_from_numbers(path, numbers))
-    return Lineage(items, rpc_from_gdal(path, kept) if "LINE_NUM_COEFF" in kept else None)
+    return Lineage(items, rpc_from_gdal(path, original_items) if "LINE_NUM_COEFF" in original_items else None)
 
 
 def save_image(
@@ -146,8 +149,8 @@ def pixel_view(path: str) -> str:
     It is in memory, for this process only. Raises `InputError` if the image cannot be opened.
     """
     name = f"/vsimem/hrsi/{hashlib.sha256(path.encode('utf-8')).hexdigest()}.vrt"
-    made = gdal.VSIStatL(name)  # requested with every click
-    if made is not None and os.path.exists(path) and made.mtime > os.path.getmtime(path):
+    status = gdal.VSIStatL(name)  # requested with every click
+    if status is not None and os.path.exists(path) and status.mtime > os.path.getmtime(path):
         return name
     source = open_raster(path)
     view = None

@@ -26,21 +26,24 @@ def rewrite_without_jitter(source_path: str, path: str, curve: JitterCurve, prog
         advance(progress, first / lines, "resampling lines")
         line = np.arange(first, min(first + LINES_AT_ONCE, lines))
         shift = curve.evaluate(line)
-        at = line + shift[:, 1]
-        low, high = int(np.floor(at.min())) - 1, int(np.floor(at.max())) + 3
+        source_line = line + shift[:, 1]
+        low, high = int(np.floor(source_line.min())) - 1, int(np.floor(source_line.max())) + 3
         top, bottom = max(low, 0), min(max(high, 1), lines)
         top = min(top, bottom - 1)
         for number in range(1, source.RasterCount + 1):
             band = source.GetRasterBand(number)
             grey = band.ReadAsArray(0, top, samples, bottom - top)
-            row = np.clip(np.floor(at).astype(np.int64)[:, None] + np.arange(-1, 3), top, bottom - 1) - top
-            values = _resample(grey.astype(np.float64), row, at - np.floor(at), shift[:, 0])
+            row = np.clip(np.floor(source_line).astype(np.int64)[:, None] + np.arange(-1, 3), top, bottom - 1) - top
+            values = _resample(grey.astype(np.float64), row, source_line - np.floor(source_line), shift[:, 0])
             if np.issubdtype(grey.dtype, np.integer):
                 limits = np.iinfo(grey.dtype)
                 values = np.clip(np.rint(values), limits.min, limits.max)
             nodata = band.GetNoDataValue()
             if nodata is not None and (empty := grey == nodata).any():
-                values[_resample(empty.astype(np.float64), row, at - np.floor(at), shift[:, 0], True) > 0.0] = nodata
+                values[
+                    _resample(empty.astype(np.float64), row, source_line - np.floor(source_line), shift[:, 0], True)
+                    > 0.0
+                ] = nodata
             target.GetRasterBand(number).WriteArray(values.astype(grey.dtype), 0, first)
     overviews = target.GetRasterBand(1)
     sizes = [overviews.GetOverview(k).XSize for k in range(overviews.GetOverviewCount())]
@@ -61,11 +64,11 @@ def _resample(
         down, across = np.abs(down), np.abs(across)
     lines = sum(down[:, k, None] * grey[row[:, k]] for k in range(4))
     column = np.arange(grey.shape[1]) + np.floor(shift).astype(np.int64)[:, None]
-    found = np.zeros_like(lines)
+    resampled = np.zeros_like(lines)
     for k in range(4):
-        taken = np.clip(column + k - 1, 0, grey.shape[1] - 1)
-        found += across[:, k, None] * np.take_along_axis(lines, taken, axis=1)
-    return found
+        source_column = np.clip(column + k - 1, 0, grey.shape[1] - 1)
+        resampled += across[:, k, None] * np.take_along_axis(lines, source_column, axis=1)
+    return resampled
 
 
 def _weigh(t: np.ndarray) -> np.ndarray:

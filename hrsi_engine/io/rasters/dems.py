@@ -74,19 +74,19 @@ def _find_heights(
         )
     if height_datum == "layer":
         try:
-            own = operations_of(place.crs.to_wkt(), flat.epoch)
+            operations = operations_of(place.crs.to_wkt(), flat.epoch)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
         def find_offsets(xy: np.ndarray) -> np.ndarray:
-            found = own.height_offsets(xy)
-            if not np.isfinite(found).all():
+            offsets = operations.height_offsets(xy)
+            if not np.isfinite(offsets).all():
                 raise InputError(
-                    f"{path}: the grid for {own.vertical_name!r} does not cover all points: use another datum"
+                    f"{path}: the grid for {operations.vertical_name!r} does not cover all points: use another datum"
                 )
-            return found
+            return offsets
 
-        return find_offsets, own.uses_at(path, place.nodes_lonlat())
+        return find_offsets, operations.uses_at(path, place.nodes_lonlat())
     uses = flat.uses_at(path, place.nodes_lonlat())
     if height_datum == "ellipsoidal":
         return None, uses
@@ -108,8 +108,8 @@ class _DemReader:
             raise InputError(
                 f"{path}: heights are in {unit!r}, which is no unit of length known here: convert to metres"
             )
-        own = not unit and len(parts) > 1
-        self._metres = float(parts[1].axis_info[0].unit_conversion_factor) if own else HEIGHT_UNITS_M[unit]
+        has_own_unit = not unit and len(parts) > 1
+        self._metres = float(parts[1].axis_info[0].unit_conversion_factor) if has_own_unit else HEIGHT_UNITS_M[unit]
 
     def read(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
         """Return the ellipsoidal heights of a window, NaN where there are none.
@@ -121,15 +121,15 @@ class _DemReader:
             heights = self._read_heights(row, column, rows, columns)
         else:  # around the Earth: the window may continue at the first column
             begin %= turn
-            before = min(columns, turn - begin)
-            heights = self._read_heights(row, begin, rows, before)
-            if before < columns:
-                heights = np.hstack([heights, self._read_heights(row, 0, rows, columns - before)])
-        known = np.isfinite(heights)
-        if self._undulations is not None and known.any():
-            i, j = np.nonzero(known)
+            columns_before = min(columns, turn - begin)
+            heights = self._read_heights(row, begin, rows, columns_before)
+            if columns_before < columns:
+                heights = np.hstack([heights, self._read_heights(row, 0, rows, columns - columns_before)])
+        finite = np.isfinite(heights)
+        if self._undulations is not None and finite.any():
+            i, j = np.nonzero(finite)
             cells = np.column_stack([column + j, row + i]).astype(np.float64)
-            heights[known] += self._undulations(self._place.to_map(cells))
+            heights[finite] += self._undulations(self._place.to_map(cells))
         return heights
 
     def _read_heights(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
@@ -179,13 +179,13 @@ def fill_gaps(surface: GridSurface, cells: int) -> GridSurface:
         low = np.array([column - cells, row - cells])
         high = np.array([column + columns - 1 + cells, row + rows - 1 + cells])
         first_row, first_column, heights = surface.window(low, high)
-        known = np.isfinite(heights)
-        if known.any() and not known.all():
+        finite = np.isfinite(heights)
+        if finite.any() and not finite.all():
             dataset = gdal.GetDriverByName("MEM").Create("", *heights.shape[::-1], 2, gdal.GDT_Float64)
             band, mask = dataset.GetRasterBand(1), dataset.GetRasterBand(2)
             band.SetNoDataValue(np.nan)
             band.WriteArray(heights)
-            mask.WriteArray(known.astype(np.float64))
+            mask.WriteArray(finite.astype(np.float64))
             gdal.FillNodata(band, mask, cells, 0)
             heights = np.asarray(band.ReadAsArray(), dtype=np.float64)
         top, left = row - first_row, column - first_column

@@ -68,9 +68,9 @@ class ImageInMemory(InMemory):
 
     def __new__(cls, image: Image) -> ImageInMemory:
         """Create the image with its name."""
-        made = super().__new__(cls, image.path or image.id)
-        made.image = image
-        return made
+        instance = super().__new__(cls, image.path or image.id)
+        instance.image = image
+        return instance
 
 
 def image_id(path: str) -> str:
@@ -136,18 +136,20 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     if isinstance(path, ImageInMemory):
         return path.image, FoundRpc(path.image.rpc, "in memory", size=path.image.size)
     path = os.fspath(path)
-    alone = read_rpc_file(path)
-    if alone is not None:
+    rpc_file = read_rpc_file(path)
+    if rpc_file is not None:
         return Image(
-            image_id(path), alone.rpc, alone.size, path, stated_height_m=alone.height_m, sensor=alone.sensor
-        ), alone
+            image_id(path), rpc_file.rpc, rpc_file.size, path, stated_height_m=rpc_file.height_m, sensor=rpc_file.sensor
+        ), rpc_file
     raster = GdalRaster(path)
-    found = rpc_of_dataset(path, raster.dataset)
-    raster.found = found
+    rpc_source = rpc_of_dataset(path, raster.dataset)
+    raster.found = rpc_source
     item = item_of(path)
-    sensor = found.sensor or ("" if item is None else item.platform)
-    image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, sensor)
-    return image, found
+    sensor = rpc_source.sensor or ("" if item is None else item.platform)
+    image = Image(
+        image_id(path), rpc_source.rpc, raster.size, path, raster, rpc_source.tile, rpc_source.height_m, sensor
+    )
+    return image, rpc_source
 
 
 def placement_doubt(image: Image) -> PlacementDoubt | None:
@@ -245,9 +247,9 @@ class GdalRaster:
             return grey, valid
         down, right = first_line - line, first_sample - sample
         place = np.s_[down : down + height, right : right + width]
-        whole, mask = np.zeros((lines, samples), dtype=grey.dtype), np.zeros((lines, samples), dtype=bool)
-        whole[place], mask[place] = grey, valid
-        return whole, mask
+        complete, mask = np.zeros((lines, samples), dtype=grey.dtype), np.zeros((lines, samples), dtype=bool)
+        complete[place], mask[place] = grey, valid
+        return complete, mask
 
     def content_mark(self) -> str:
         """Return the fingerprint of the file and its side files: `content_marks.content_mark`."""
@@ -272,6 +274,9 @@ class GdalRaster:
                 self.path, dataset, [self._band], window, masked, buf_xsize=samples, buf_ysize=count, **means
             )
             dataset.FlushCache()
-            known = np.isfinite(part) if mask is None else np.isfinite(part) & (mask >= 254.5)
-            grey[first : first + count], valid[first : first + count] = np.where(known, part, np.float32(0.0)), known
+            is_valid = np.isfinite(part) if mask is None else np.isfinite(part) & (mask >= 254.5)
+            grey[first : first + count], valid[first : first + count] = (
+                np.where(is_valid, part, np.float32(0.0)),
+                is_valid,
+            )
         return grey, valid

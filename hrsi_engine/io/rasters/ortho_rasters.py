@@ -75,12 +75,12 @@ def offset_of(first: OrthoRaster, second: OrthoRaster) -> tuple[int, int] | None
     if not pyproj.CRS.from_wkt(first.crs).equals(pyproj.CRS.from_wkt(second.crs), ignore_axis_order=True):
         return None
     size = np.array([first.geotransform[1], first.geotransform[5]])
-    other = np.array([second.geotransform[1], second.geotransform[5]])
-    if np.abs(other / size - 1.0).max() > 1e-7:
+    second_size = np.array([second.geotransform[1], second.geotransform[5]])
+    if np.abs(second_size / size - 1.0).max() > 1e-7:
         return None
     offset = np.array([second.geotransform[k] - first.geotransform[k] for k in (0, 3)]) / size
-    whole = np.rint(offset)
-    return (int(whole[0]), int(whole[1])) if np.abs(offset - whole).max() <= 0.01 else None  # equal grids
+    rounded = np.rint(offset)
+    return (int(rounded[0]), int(rounded[1])) if np.abs(offset - rounded).max() <= 0.01 else None  # equal grids
 
 
 def resample_to_grid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
@@ -117,9 +117,9 @@ class BandMean:
         """As `Raster.read`."""
         total, valid = np.zeros((lines, samples), dtype=np.float32), np.ones((lines, samples), dtype=bool)
         for band in self.bands:
-            grey, known = band.read(sample, line, samples, lines)
-            total += np.where(known, grey, 0)
-            valid &= known
+            grey, is_valid = band.read(sample, line, samples, lines)
+            total += np.where(is_valid, grey, 0)
+            valid &= is_valid
         return np.where(valid, total / np.float32(len(self.bands)), np.float32(0.0)), valid
 
 
@@ -135,8 +135,8 @@ def open_reference(path: str, band: int | None = None, epoch: float | None = Non
     first = GdalRaster(path, band or 1)
     place = Georeference(first.dataset, path, "orthoimage", epoch=epoch)
     meanings = [first.dataset.GetRasterBand(n + 1).GetColorInterpretation() for n in range(first.dataset.RasterCount)]
-    shown = [number for number, meaning in enumerate(meanings, 1) if meaning != gdal.GCI_AlphaBand]
-    several = band is None and len(shown) > 1
-    raster = BandMean(tuple(GdalRaster(path, number) for number in shown)) if several else first
+    colour_bands = [number for number, meaning in enumerate(meanings, 1) if meaning != gdal.GCI_AlphaBand]
+    several = band is None and len(colour_bands) > 1
+    raster = BandMean(tuple(GdalRaster(path, number) for number in colour_bands)) if several else first
     uses = place.operations.uses_at(path, place.nodes_lonlat())
     return Orthoimage(raster, place.to_grid, place.to_lonlat, path, uses)

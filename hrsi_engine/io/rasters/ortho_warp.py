@@ -137,8 +137,8 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
     if not (extent > 0.0).all():
         return None
     sample, line, samples, lines = np.r_[first, extent].astype(int).tolist()
-    whole = not source.has_gaps and mapping.is_complete
-    whole = whole and bool((low >= 0.0).all() and (high <= np.array(source.size) - 1.0).all())
+    is_complete = not source.has_gaps and mapping.is_complete
+    is_complete = is_complete and bool((low >= 0.0).all() and (high <= np.array(source.size) - 1.0).all())
     # A window of the image as a dataset in memory, with its mask as an alpha band
     bands, mask = source.read(sample, line, samples, lines)
     image = gdal.GetDriverByName("MEM").Create("", samples, lines, len(bands), source.data_type)
@@ -149,7 +149,7 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
         opaque = 1 if source.data_type != gdal.GDT_Byte else 255
         image.GetRasterBand(len(bands) + 1).WriteArray((mask != 0) * opaque)
         image.GetRasterBand(len(bands) + 1).SetColorInterpretation(gdal.GCI_AlphaBand)
-    target = _make_target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, whole))
+    target = _make_target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, is_complete))
     table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
     try:
         with gdal_messages() as messages, config_option("CPL_TMPDIR", "/vsimem"):
@@ -161,38 +161,38 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
                 "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
             }  # fmt: skip
             target.SetMetadata(nodes, "GEOLOCATION")
-            done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
-        if not done:
+            warped = gdal.Warp(target, image, options=_warp_options(source, warp, is_complete))
+        if not warped:
             raise OutputError(f"{source.path}: GDAL cannot warp it ({messages.reason})")
         count = len(source.bands)
         values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
-        valid = values[count] != 0 if _with_alpha(source, warp, whole) else None
+        valid = values[count] != 0 if _with_alpha(source, warp, is_complete) else None
         values = values[:count]
         if warp.nodata is None:
             return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
-        if (whole or valid is not None) and not np.isnan(warp.nodata):
+        if (is_complete or valid is not None) and not np.isnan(warp.nodata):
             # Change grey values of valid pixels that equal nodata by the smallest step
-            same = values == warp.nodata
+            is_nodata_value = values == warp.nodata
             if valid is not None:
-                same &= valid
-            if same.any():
+                is_nodata_value &= valid
+            if is_nodata_value.any():
                 dtype = values.dtype  # by the smallest step that it has
                 if np.issubdtype(dtype, np.integer):
-                    values[same] = warp.nodata - 1 if warp.nodata == np.iinfo(dtype).max else warp.nodata + 1
+                    values[is_nodata_value] = warp.nodata - 1 if warp.nodata == np.iinfo(dtype).max else warp.nodata + 1
                 else:
-                    values[same] = np.nextafter(dtype.type(warp.nodata), dtype.type(np.inf))
+                    values[is_nodata_value] = np.nextafter(dtype.type(warp.nodata), dtype.type(np.inf))
         return Pixels(values, None)
     finally:
         gdal.Unlink(table)
 
 
-def _with_alpha(source: OrthoSource, warp: Warp, whole: bool) -> bool:
+def _with_alpha(source: OrthoSource, warp: Warp, is_complete: bool) -> bool:
     """Return whether an alpha band of GDAL marks the pixels of a chunk that the image covers.
 
     This is so for an orthoimage with a mask, and if only the border of the image excludes pixels: GDAL's kernels are
     several times as fast without nodata values.
     """
-    return not whole and (warp.nodata is None or not source.has_gaps)
+    return not is_complete and (warp.nodata is None or not source.has_gaps)
 
 
 def _make_target(source: OrthoSource, columns: int, rows: int, nodata: float, with_alpha: bool) -> gdal.Dataset:
@@ -220,7 +220,7 @@ def _write_table(path: str, positions: np.ndarray, origin: np.ndarray, is_comple
     del dataset  # closed here, not at the return: Dask's profiler, for example, may keep a reference to this frame
 
 
-def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarpAppOptions:
+def _warp_options(source: OrthoSource, warp: Warp, is_complete: bool) -> gdal.GDALWarpAppOptions:
     """Return GDAL's options.
 
     The scale is that of the complete orthoimage: GDAL's own estimate, from the extents of the windows, differs between
@@ -235,12 +235,12 @@ def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarp
     if source.masked:
         options.append(f"SRC_ALPHA_MAX={255 if source.data_type == gdal.GDT_Byte else 1}")
     nodata = [value for value in source.nodata if value is not None]
-    with_alpha = _with_alpha(source, warp, whole)
+    with_alpha = _with_alpha(source, warp, is_complete)
     return gdal.WarpOptions(
         transformerOptions=[
             "SRC_METHOD=NO_GEOTRANSFORM", "DST_METHOD=GEOLOC_ARRAY", "GEOLOC_BACKMAP_OVERSAMPLE_FACTOR=0.1",
         ],
         warpOptions=options, errorThreshold=0.0, resampleAlg=warp.resampling, warpMemoryLimit=2000,
         srcNodata=" ".join(repr(value) for value in nodata) if len(nodata) == len(source.bands) else None,
-        dstNodata=None if with_alpha or whole else repr(warp.nodata), srcAlpha=source.masked, dstAlpha=with_alpha,
+        dstNodata=None if with_alpha or is_complete else repr(warp.nodata), srcAlpha=source.masked, dstAlpha=with_alpha,
     )  # fmt: skip

@@ -92,10 +92,10 @@ class OrthoFormat:
         Result: texts ``NAME=VALUE``.
         """
         driver, options = FORMATS[self.name]
-        found = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
+        creation = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
         if self.compression != "none":
-            found.append("PREDICTOR=YES" if driver == "COG" else f"PREDICTOR={2 if is_integer else 3}")
-        return found
+            creation.append("PREDICTOR=YES" if driver == "COG" else f"PREDICTOR={2 if is_integer else 3}")
+        return creation
 
 
 @dataclass
@@ -162,8 +162,8 @@ def write_orthoimage(
 
     def fill(dataset: gdal.Dataset, part: Progress) -> None:
         total = sum(1 for _ in chunk_windows(grid, warp))
-        for done, chunk in enumerate(islice(chunks, total)):
-            advance(part, done / total, f"warping {os.path.basename(source.path)}")
+        for chunks_done, chunk in enumerate(islice(chunks, total)):
+            advance(part, chunks_done / total, f"warping {os.path.basename(source.path)}")
             figures.unknown += chunk.unknown
             figures.errors_px.append(chunk.errors_px)
             if chunk.pixels is not None:
@@ -172,11 +172,11 @@ def write_orthoimage(
         dataset.SetMetadata({FINGERPRINT: fingerprint(made_from), FIGURES: figures_text, **(lineage or {})})
 
     options = form.creation_options(source.is_integer, threads)
-    with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden, replacing(path) as temporary:
+    with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden_folder, replacing(path) as temporary:
         if FORMATS[form.name][0] == "GTiff":
             _write_tiles(temporary, path, options, source, grid, warp, lambda dataset: fill(dataset, progress))
         else:
-            plain = os.path.join(hidden, "chunks.tif")
+            plain = os.path.join(hidden_folder, "chunks.tif")
             part = stage(progress, 0.0, CHUNKS.warped_share)
             _write_tiles(plain, path, [*TILED, "SPARSE_OK=TRUE"], source, grid, warp, lambda it: fill(it, part))
             _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))

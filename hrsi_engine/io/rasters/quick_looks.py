@@ -27,8 +27,8 @@ def write_quick_look(image: Image, rpc: RPC, height_m: float, path: str) -> None
         small = gdal.Translate("", source, format="MEM", width=columns, height=rows, bandList=[1])
         grey = small.ReadAsArray().astype(np.float64)
         nodata = small.GetRasterBand(1).GetNoDataValue()
-        shown = grey[np.isfinite(grey) & (grey != (0.0 if nodata is None else nodata))]
-        black, white = np.percentile(shown, STRETCH_PERCENT) if shown.size else (0.0, 1.0)
+        valid_values = grey[np.isfinite(grey) & (grey != (0.0 if nodata is None else nodata))]
+        black, white = np.percentile(valid_values, STRETCH_PERCENT) if valid_values.size else (0.0, 1.0)
         stretched = np.clip(np.nan_to_num((grey - black) / max(white - black, 1e-9)), 0.0, 1.0)
         bytes_ = gdal.GetDriverByName("MEM").Create("", columns, rows, 1, gdal.GDT_Byte)
         bytes_.GetRasterBand(1).WriteArray((1.0 + 254.0 * stretched).astype(np.uint8))

@@ -90,8 +90,8 @@ def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
 
 def read_time(path: str) -> datetime | None:
     """Return the acquisition time (UTC) from the delivery or the file's name; None if neither states it."""
-    told = (_time_in(text) for _source, text in _read_texts(path))
-    return next((time for time in told if time is not None), None) or _time_of_name(path)
+    times = (_time_in(text) for _source, text in _read_texts(path))
+    return next((time for time in times if time is not None), None) or _time_of_name(path)
 
 
 def read_line_rate(path: str) -> float | None:
@@ -100,8 +100,8 @@ def read_line_rate(path: str) -> float | None:
     Maxar states a rate (`avgLineRate`), Airbus the time of a line (`LINE_PERIOD`, in s for SPOT 5, else in ms).
     """
     for _source, text in _read_texts(path):
-        if (found := _LINE_RATE.search(text)) and (value := float(found[2])) > 0.0:
-            period = found[1].lower() == "line_period"
+        if (match := _LINE_RATE.search(text)) and (value := float(match[2])) > 0.0:
+            period = match[1].lower() == "line_period"
             return (1.0 if value < _LONGEST_LINE_S else 1000.0) / value if period else value
     return None
 
@@ -113,10 +113,10 @@ def _read_texts(path: str) -> Iterator[tuple[str, str]]:
     dataset, _message = open_dataset(path)
     if dataset is not None:
         for domain in ("", "IMD", "IMAGERY"):
-            told = metadata_of(dataset, domain)
-            if told:
-                where = f"{domain or 'default'} metadata of {os.path.basename(path)}"
-                yield where, "\n".join(f"{name}={value}" for name, value in told.items())
+            metadata = metadata_of(dataset, domain)
+            if metadata:
+                source_text = f"{domain or 'default'} metadata of {os.path.basename(path)}"
+                yield source_text, "\n".join(f"{name}={value}" for name, value in metadata.items())
     files = siblings(path)
     # Names, in lower case, of side files that may contain the sun angles
     stem = os.path.splitext(os.path.basename(path))[0].lower()
@@ -145,18 +145,18 @@ def _read_angles(text: str) -> SunAngles | None:
 
 def _time_in(text: str) -> datetime | None:
     for rule in _TIMES:
-        if found := rule.search(text):
-            return _parse_time(*found.groups())
+        if match := rule.search(text):
+            return _parse_time(*match.groups())
     return None
 
 
 def _time_of_name(path: str) -> datetime | None:
     name = os.path.basename(path)
     for rule in _TIMES_IN_NAMES:
-        if found := rule.search(name):
-            return _parse_time(*found.groups())
-    if (found := _MAXAR_NAME.search(name)) and found[2] in _MONTHS:
-        return _parse_time(f"20{found[1]}", str(_MONTHS.index(found[2]) + 1), *found.groups()[2:])
+        if match := rule.search(name):
+            return _parse_time(*match.groups())
+    if (match := _MAXAR_NAME.search(name)) and match[2] in _MONTHS:
+        return _parse_time(f"20{match[1]}", str(_MONTHS.index(match[2]) + 1), *match.groups()[2:])
     return None
 
 

@@ -39,10 +39,10 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
 Text = str | Sequence[str]
 
 
-def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[str, str] | None = None) -> RPC:
+def rpc_from_text(source: str, values: Mapping[str, Text | None], names: Mapping[str, str] | None = None) -> RPC:
     """Return an RPC from numbers in text form.
 
-    where : the file, in error messages
+    source : the file, in error messages
     values : RPC field name -> text of the number (a unit may follow), or the 20 texts of a polynomial; ``err_bias`` and
     ``err_rand`` may be missing
     names : RPC field name -> its name in the file, for messages (default: GDAL's names)
@@ -53,27 +53,27 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
     names = names or GDAL_NAMES
     numbers: dict[str, float | np.ndarray | None] = {}
     for field in SCALARS:
-        numbers[field] = _parse_number(where, names[field], values.get(field))
+        numbers[field] = _parse_number(source, names[field], values.get(field))
     for field in POLYNOMIALS:
         name = names[field]
         texts = values.get(field)
-        found = 0 if texts is None else len(texts)
-        if texts is None or isinstance(texts, str) or found != 20:
-            raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: obtain the file again")
+        count = 0 if texts is None else len(texts)
+        if texts is None or isinstance(texts, str) or count != 20:
+            raise InputError(f"{source}: {name} has {count} coefficients, 20 are needed: obtain the file again")
         if all(map(_PLAIN_NUMBER.fullmatch, texts)):  # nearly always, and faster than one by one
             numbers[field] = np.array([*map(float, texts)])
         else:
-            numbers[field] = np.array([_parse_number(where, f"{name} {i}", text) for i, text in enumerate(texts, 1)])
+            numbers[field] = np.array([_parse_number(source, f"{name} {i}", text) for i, text in enumerate(texts, 1)])
     for field in ERRORS:
         text = values.get(field)
         is_told = isinstance(text, str) and text.strip()
-        numbers[field] = _error_or_none(_parse_number(where, names[field], text)) if is_told else None
-    return check_rpc(where, RPC(**numbers), names)  # type: ignore[arg-type]
+        numbers[field] = _error_or_none(_parse_number(source, names[field], text)) if is_told else None
+    return check_rpc(source, RPC(**numbers), names)  # type: ignore[arg-type]
 
 
-def rpc_from_json(where: str, members: Mapping[str, Any], names: Mapping[str, str]) -> RPC:
+def rpc_from_json(source: str, members: Mapping[str, Any], names: Mapping[str, str]) -> RPC:
     """Return the RPC of a JSON object, whose members have these ``names`` by RPC field; raises as `rpc_from_text`."""
-    return rpc_from_text(where, {name: _json_text(members.get(key)) for name, key in names.items()}, names)
+    return rpc_from_text(source, {name: _json_text(members.get(key)) for name, key in names.items()}, names)
 
 
 def _json_text(value: Any) -> Text | None:
@@ -85,16 +85,16 @@ def _json_text(value: Any) -> Text | None:
 
 def json_members(rpc: RPC, names: Mapping[str, str]) -> dict[str, Any]:
     """Return an RPC as members of a JSON object, with all digits; unknown errors are omitted."""
-    told = {names[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
-    return told | {names[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
+    members = {names[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
+    return members | {names[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
 
 
-def rpc_from_numbers(where: str, numbers: Sequence[float]) -> RPC:
+def rpc_from_numbers(source: str, numbers: Sequence[float]) -> RPC:
     """Return the RPC of the 92 doubles of GeoTIFF tag 50844; raise `InputError` if they are no valid RPC."""
     scalars = dict(zip(SCALARS, numbers[2:12], strict=True))
     polynomials = {name: np.array(numbers[12 + 20 * i : 32 + 20 * i]) for i, name in enumerate(POLYNOMIALS)}
     errors = {name: _error_or_none(value) for name, value in zip(ERRORS, numbers[:2], strict=True)}
-    return check_rpc(where, RPC(**scalars, **polynomials, **errors), GDAL_NAMES)  # type: ignore[arg-type]
+    return check_rpc(source, RPC(**scalars, **polynomials, **errors), GDAL_NAMES)  # type: ignore[arg-type]
 
 
 def numbers_of(rpc: RPC) -> list[float]:
@@ -111,9 +111,9 @@ def gdal_metadata(rpc: RPC) -> dict[str, str]:
     return metadata | {GDAL_NAMES[name]: " ".join(map(repr, getattr(rpc, name).tolist())) for name in POLYNOMIALS}
 
 
-def rpc_from_gdal(where: str, metadata: Mapping[str, str]) -> RPC:
+def rpc_from_gdal(source: str, metadata: Mapping[str, str]) -> RPC:
     """Return the RPC of GDAL's RPC metadata domain; raise `InputError` with the field that is wrong."""
-    return rpc_from_entries(where, metadata, GDAL_NAMES)
+    return rpc_from_entries(source, metadata, GDAL_NAMES)
 
 
 def rpc_from_entries(
@@ -135,52 +135,54 @@ def rpc_from_entries(
     return rpc_from_text(where, values, names)
 
 
-def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
+def check_rpc(source: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
     """Return ``rpc``; raise `InputError` for numbers by which no point can be projected."""
     for field in SCALARS:
         value = getattr(rpc, field)
         if not math.isfinite(value):
-            raise InputError(f"{where}: {names[field]} is {value}: a finite number is needed")
+            raise InputError(f"{source}: {names[field]} is {value}: a finite number is needed")
         if field.endswith("_scale") and value == 0.0:
-            raise InputError(f"{where}: {names[field]} is 0: the RPC is damaged, obtain the file again")
+            raise InputError(f"{source}: {names[field]} is 0: the RPC is damaged, obtain the file again")
     for field, (low, high) in RPC_RANGES.items():
         value = getattr(rpc, field)
         if not low <= abs(value) <= high:
             raise InputError(
-                f"{where}: {names[field]} is {value:g}, which is not possible for an RPC: obtain the file again"
+                f"{source}: {names[field]} is {value:g}, which is not possible for an RPC: obtain the file again"
             )
     for field in POLYNOMIALS:
         values = getattr(rpc, field)
         largest, first = float(np.abs(values).max()), float(values[0])  # a maximum keeps NaN
         if not math.isfinite(largest):
-            raise InputError(f"{where}: {names[field]} contains a number that is not finite: obtain the file again")
+            raise InputError(f"{source}: {names[field]} contains a number that is not finite: obtain the file again")
         if largest > RPC_BUDGETS.coefficient:
             raise InputError(
-                f"{where}: {names[field]} has {values[np.abs(values).argmax()]:g}, which is not possible for an RPC: "
+                f"{source}: {names[field]} has {values[np.abs(values).argmax()]:g}, which is not possible for an RPC: "
                 "obtain the file again"
             )
         if field.endswith("_den") and largest == 0.0:
-            raise InputError(f"{where}: all coefficients of {names[field]} are 0: obtain the file again")
+            raise InputError(f"{source}: all coefficients of {names[field]} are 0: obtain the file again")
         if field.endswith("_den") and largest > RPC_BUDGETS.denominator * abs(first):
-            raise InputError(f"{where}: {names[field]} starts with {first:g}, others are larger: obtain the file again")
+            raise InputError(
+                f"{source}: {names[field]} starts with {first:g}, others are larger: obtain the file again"
+            )
     # At the centre of the RPC all terms except the constant ones are 0.
     samp = float(rpc.samp_num[0]) / float(rpc.samp_den[0]) * rpc.samp_scale + rpc.samp_off
     line = float(rpc.line_num[0]) / float(rpc.line_den[0]) * rpc.line_scale + rpc.line_off
     if not (math.isfinite(samp) and math.isfinite(line)):
-        raise InputError(f"{where}: has no image position for the centre of its area: obtain the file again")
+        raise InputError(f"{source}: has no image position for the centre of its area: obtain the file again")
     return rpc
 
 
-def _parse_number(where: str, name: str, text: Text | None) -> float:
+def _parse_number(source: str, name: str, text: Text | None) -> float:
     """Return the number at the start of ``text``; a unit (``pixels``, ``degrees``) may follow it."""
     if not isinstance(text, str) or not text.strip():
-        raise InputError(f"{where}: {name} is missing: this is not a whole RPC, obtain the file again")
+        raise InputError(f"{source}: {name} is missing: this is not a whole RPC, obtain the file again")
     match, unit = _NUMBER.match(text.strip()), r"\s*[,;]?(\s+[^\d\s.+-].*)?"
     is_number = match is not None and re.fullmatch(unit, text.strip()[match.end() :], re.ASCII)
     value = _parse_double(match.group()) if match is not None and is_number else math.nan
     if not math.isfinite(value):
         advice = ", with a point before its decimals" if "," in text else ""
-        raise InputError(f"{where}: {name} is {shorten(text)!r}: a number is needed{advice}")
+        raise InputError(f"{source}: {name} is {shorten(text)!r}: a number is needed{advice}")
     return value
 
 
@@ -188,7 +190,7 @@ def _error_or_none(value: float) -> float | None:
     return value if math.isfinite(value) and value >= 0.0 else None
 
 
-def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[str]) -> dict[str, str]:
+def entries_of(source: str, pairs: Iterable[tuple[str, str]], names: Collection[str]) -> dict[str, str]:
     """Return name -> text of its value; of a repeated name the first one.
 
     A name among ``names`` (coefficients without their number) may be repeated with the same numbers only: which of two
@@ -196,11 +198,15 @@ def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[s
     """
     entries: dict[str, str] = {}
     for name, value in pairs:
-        before = entries.setdefault(name, value)
-        if before is value or re.sub(r"_\d+$", "", name) not in names or _find_numbers(before) == _find_numbers(value):
+        first_value = entries.setdefault(name, value)
+        if (
+            first_value is value
+            or re.sub(r"_\d+$", "", name) not in names
+            or _find_numbers(first_value) == _find_numbers(value)
+        ):
             continue
         raise InputError(
-            f"{where}: {name} occurs twice, as {shorten(before)} and as {shorten(value)}: obtain the file again"
+            f"{source}: {name} occurs twice, as {shorten(first_value)} and as {shorten(value)}: obtain the file again"
         )
     return entries
 
@@ -215,10 +221,10 @@ def _parse_double(number: str) -> float:
     return float(number.replace("d", "e").replace("D", "e"))
 
 
-def shorten(text: object, most: int = 40) -> str:
+def shorten(text: object, limit: int = 40) -> str:
     """Return ``text`` shortened for an error message of one line."""
     line = " ".join(str(text).split())
-    return line if len(line) <= most else line[: most - 1] + "…"
+    return line if len(line) <= limit else line[: limit - 1] + "…"
 
 
 # ---- readers -------------------------------------------------------------------------------------------------------

@@ -79,8 +79,8 @@ def read_rpc(path: str) -> FoundRpc:
         The file is missing, is neither an image nor an RPC file, has no RPC, or the source with precedence is damaged.
     """
     path = os.fspath(path)
-    found = read_rpc_file(path)
-    return found if found is not None else rpc_of_dataset(path, open_raster(path))
+    rpc_source = read_rpc_file(path)
+    return rpc_source if rpc_source is not None else rpc_of_dataset(path, open_raster(path))
 
 
 def read_rpc_file(path: str) -> FoundRpc | None:
@@ -130,33 +130,37 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
             f"{path}: has no RPC: copy its _RPC.TXT, .RPB, XML or .geom file into the same folder, with the same name, "
             "if the image was not cut or resampled; otherwise make it again from the original with 'crop'"
         )
-    found = _compare_sources(path, dataset, [read for _, read in sources])
-    ignored = tuple(title + _describe_difference(found.rpc, read) for title, read in sources[1:])
-    told, by_gdal = metadata_of(dataset), metadata_of(dataset, "RPC")
+    rpc_source = _compare_sources(path, dataset, [read for _, read in sources])
+    ignored = tuple(title + _describe_difference(rpc_source.rpc, read) for title, read in sources[1:])
+    metadata, by_gdal = metadata_of(dataset), metadata_of(dataset, "RPC")
     if by_gdal and not item_of(path):
         # GDAL 3.6 subtracts FIRST_COL of Pleiades Neo, which later versions and other programs do not
-        difference = _describe_difference(found.rpc, lambda: FoundRpc(fields.rpc_from_gdal(path, by_gdal), ""))
+        difference = _describe_difference(rpc_source.rpc, lambda: FoundRpc(fields.rpc_from_gdal(path, by_gdal), ""))
         ignored += (f"what GDAL {gdal.__version__} reads{difference}",) if difference else ()
     elif not by_gdal and any(side_files(path).values()):
-        found = replace(found, source=f"{found.source}, which GDAL does not read with {dataset.GetDriver().ShortName}")
-    sensor = found.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "") or told.get(SENSOR_ITEM, "")
-    height_m = finite_number(told.get(HEIGHT_ITEM)) if found.height_m is None else found.height_m
+        rpc_source = replace(
+            rpc_source, source=f"{rpc_source.source}, which GDAL does not read with {dataset.GetDriver().ShortName}"
+        )
+    sensor = (
+        rpc_source.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "") or metadata.get(SENSOR_ITEM, "")
+    )
+    height_m = finite_number(metadata.get(HEIGHT_ITEM)) if rpc_source.height_m is None else rpc_source.height_m
     size = (dataset.RasterXSize, dataset.RasterYSize)
-    return replace(found, ignored=ignored, size=size, sensor=sensor, height_m=height_m)
+    return replace(rpc_source, ignored=ignored, size=size, sensor=sensor, height_m=height_m)
 
 
 def _compare_sources(path: str, dataset: gdal.Dataset, readers: Sequence[Callable[[], FoundRpc]]) -> FoundRpc:
     """Return the RPC of the first source, moved to where the image was cut if another source shows that."""
-    found, size = readers[0](), (dataset.RasterXSize, dataset.RasterYSize)
-    if len(readers) < 2 or found.is_placed or not find_placement_doubt(path, dataset, found):
-        return found
+    first_source, size = readers[0](), (dataset.RasterXSize, dataset.RasterYSize)
+    if len(readers) < 2 or first_source.is_placed or not find_placement_doubt(path, dataset, first_source):
+        return first_source
     for read in readers[1:]:
         with suppress(InputError):
-            other = read()
-            place = place_by_other_rpc(found.rpc, other.rpc)
-            if place is not None and place.moves and not find_placement_doubt(path, dataset, other):
-                return replace(_move_to(found, place, size), doubt=None)
-    return found
+            second_source = read()
+            place = place_by_other_rpc(first_source.rpc, second_source.rpc)
+            if place is not None and place.moves and not find_placement_doubt(path, dataset, second_source):
+                return replace(_move_to(first_source, place, size), doubt=None)
+    return first_source
 
 
 def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
@@ -172,21 +176,21 @@ def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
 
 def read_rpc_or_none(path: str) -> FoundRpc | None:
     """Return the RPC as `read_rpc` does; None for an image without an RPC."""
-    found = read_rpc_file(path)
-    if found is not None:
-        return found
+    rpc_source = read_rpc_file(path)
+    if rpc_source is not None:
+        return rpc_source
     dataset = open_raster(path)
     return rpc_of_dataset(path, dataset) if _rank_sources(path, dataset) else None
 
 
 def rpc_in_folder(folder: str, image_path: str) -> str:
     """Return the RPC file in a folder that has the name of an image; raise `InputError` if there is none."""
-    beside = side_files(os.path.join(folder, os.path.basename(image_path)))
-    found = [file for files in beside.values() for file in files]
-    if not found:
+    files_by_reader = side_files(os.path.join(folder, os.path.basename(image_path)))
+    rpc_files = [file for files in files_by_reader.values() for file in files]
+    if not rpc_files:
         stem = os.path.splitext(os.path.basename(image_path))[0]
         raise InputError(f"{folder}: contains no RPC file for {stem} ({stem}_RPC.TXT, {stem}.RPB …): check the folder")
-    return found[0]
+    return rpc_files[0]
 
 
 def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
@@ -204,43 +208,45 @@ def side_files(path: str) -> dict[str, list[str]]:
     """Return the RPC files next to an image that have its name, by format in the order of `RPC_READERS`."""
     files = siblings(path)
     stem = os.path.splitext(os.path.basename(path))[0].lower()
-    found: dict[str, list[str]] = {key: [] for key in RPC_READERS}
+    files_by_reader: dict[str, list[str]] = {key: [] for key in RPC_READERS}
     for key, reader in RPC_READERS.items():
         for name in reader.beside(stem):
             file = files.get(name, path)
             is_there = file != path and (path.startswith("/vsi") or os.path.isfile(file))
             if is_there and reader.recognises(name, read_head(file)):
-                found[key].append(file)
-    return found
+                files_by_reader[key].append(file)
+    return files_by_reader
 
 
 def _rank_sources(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return all sources of an image's RPC by precedence: that of its STAC item first, if it has one."""
-    named: list[Source] = []
+    leading: list[Source] = []
     item = item_of(path)
     if item is not None and item.rpc_fields:
-        title, where = f"rpc: fields of the STAC item {item.id}", f"{item.source}, item {item.id!r}"
-        named = [(title, lambda: FoundRpc(fields.rpc_from_json(where, item.rpc_fields, fields.STAC_NAMES), title))]
+        title, item_text = f"rpc: fields of the STAC item {item.id}", f"{item.source}, item {item.id!r}"
+        leading = [
+            (title, lambda: FoundRpc(fields.rpc_from_json(item_text, item.rpc_fields, fields.STAC_NAMES), title))
+        ]
     elif item is not None:
         readers = ((_reader_by_head(file)[0], file) for file in item.rpc_files)
         sources = (_side_source(reader, file, path, dataset) for reader, file in readers if reader is not None)
-        named = [*islice(sources, 1)]
+        leading = [*islice(sources, 1)]
     is_tiff = dataset.GetDriver().ShortName == "GTiff"
-    found = _rank_of_tiff(path, dataset) if is_tiff else _rank_as_gdal(path, dataset)
-    return [*named, *(source for source in found if source[0] not in dict(named))]
+    ranked = _rank_of_tiff(path, dataset) if is_tiff else _rank_as_gdal(path, dataset)
+    return [*leading, *(source for source in ranked if source[0] not in dict(leading))]
 
 
 def _rank_of_tiff(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return the sources in a GeoTIFF and next to it, by precedence."""
-    before: list[Source] = []
-    after: list[Source] = []
+    earlier: list[Source] = []
+    later: list[Source] = []
     for key, files in side_files(path).items():
-        ranked = before if key in ("rpb", "isd", "rpc-txt", "dimap", "kompsat") else after  # … before the tag inside
+        ranked = earlier if key in ("rpb", "isd", "rpc-txt", "dimap", "kompsat") else later  # … before the tag inside
         ranked += [_side_source(RPC_READERS[key], file, path, dataset) for file in files]
     inside = _sources_inside(path, dataset)
-    if before:  # what GDAL reports is then that of the first side file
+    if earlier:  # what GDAL reports is then that of the first side file
         inside = [source for source in inside if not source[0].startswith("GTiff ")]
-    return [*before, *inside, *after]
+    return [*earlier, *inside, *later]
 
 
 def _rank_as_gdal(path: str, dataset: gdal.Dataset) -> list[Source]:
@@ -251,7 +257,7 @@ def _rank_as_gdal(path: str, dataset: gdal.Dataset) -> list[Source]:
     product, _head = _reader_by_head(path) if os.path.isfile(path) or path.startswith("/vsi") else (None, b"")
     if product is not None:
         return [_side_source(product, path, path, dataset)]
-    files = [(RPC_READERS[key], file) for key, listed in side_files(path).items() for file in listed]
+    files = [(RPC_READERS[key], file) for key, files_of_reader in side_files(path).items() for file in files_of_reader]
     sources = [_side_source(reader, file, path, dataset) for reader, file in files]
     metadata = metadata_of(dataset, "RPC")
     if not metadata:
@@ -276,45 +282,49 @@ def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: g
     """Return the RPC of a side file, moved from the scene to the crop or tile that the image shows."""
     reading = reader.read(file) if reader.read_beside is None else reader.read_beside(path, file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
-    found = FoundRpc(reading.rpc, title, height_m=reading.height_m, sensor=reading.sensor, stated_size=reading.size)
+    rpc_source = FoundRpc(
+        reading.rpc, title, height_m=reading.height_m, sensor=reading.sensor, stated_size=reading.size
+    )
     try:
-        found = _move(found, dataset, inside=False)
-        origin = None if found.is_placed or found.doubt else reader.tile_origin(path, file)
+        rpc_source = _move(rpc_source, dataset, inside=False)
+        origin = None if rpc_source.is_placed or rpc_source.doubt else reader.tile_origin(path, file)
         if origin is None or reading.size == size:
-            return found
-        found = replace(found, tile=Tile(os.path.abspath(file), origin, reading.size), stated_size=None, is_placed=True)
-        return _move_to(found, crop.CropPlace(np.eye(2), np.array(origin)), size) if any(origin) else found
+            return rpc_source
+        rpc_source = replace(
+            rpc_source, tile=Tile(os.path.abspath(file), origin, reading.size), stated_size=None, is_placed=True
+        )
+        return _move_to(rpc_source, crop.CropPlace(np.eye(2), np.array(origin)), size) if any(origin) else rpc_source
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def _move(found: FoundRpc, dataset: gdal.Dataset, inside: bool) -> FoundRpc:
+def _move(rpc_source: FoundRpc, dataset: gdal.Dataset, inside: bool) -> FoundRpc:
     """Return an RPC moved to the place in its scene that an image's geotransform gives, or with the doubt about it."""
-    place, doubt = place_in_scene(dataset, found.rpc, found.stated_size, inside)
+    place, doubt = place_in_scene(dataset, rpc_source.rpc, rpc_source.stated_size, inside)
     if place is None:
-        return replace(found, doubt=doubt)
-    return _move_to(found, place, (dataset.RasterXSize, dataset.RasterYSize))
+        return replace(rpc_source, doubt=doubt)
+    return _move_to(rpc_source, place, (dataset.RasterXSize, dataset.RasterYSize))
 
 
-def _move_to(found: FoundRpc, place: crop.CropPlace, size: tuple[int, int]) -> FoundRpc:
-    source = f"{found.source}, moved to the crop {place}"
-    rpc = crop.crop_rpc(found.rpc, place, size)
-    return replace(found, rpc=rpc, source=source, stated_size=None, is_placed=True)
+def _move_to(rpc_source: FoundRpc, place: crop.CropPlace, size: tuple[int, int]) -> FoundRpc:
+    source = f"{rpc_source.source}, moved to the crop {place}"
+    rpc = crop.crop_rpc(rpc_source.rpc, place, size)
+    return replace(rpc_source, rpc=rpc, source=source, stated_size=None, is_placed=True)
 
 
 def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return the RPC in the image itself (tag, NITF, VRT …) and that of its ``.aux.xml``."""
     name = os.path.basename(path)
-    found: list[Source] = []
+    inside_sources: list[Source] = []
     directory = tiff_tag.read_directory(path)
     if directory is not None and directory.entry(tiff_tag.TAG_RPC) is not None:
         title = f"GeoTIFF tag of {name}"
-        found.append((title, partial(_read_tag, path, title, dataset)))
+        inside_sources.append((title, partial(_read_tag, path, title, dataset)))
     auxiliary = f"{path}.aux.xml"
-    if os.path.isfile(auxiliary) and (kept := xml_formats.read_domain(auxiliary, "RPC")):
+    if os.path.isfile(auxiliary) and (stored := xml_formats.read_domain(auxiliary, "RPC")):
         title = f"PAM {os.path.basename(auxiliary)}"
-        found.append((title, partial(_read_metadata, auxiliary, kept, title, {}, dataset)))
-    if not found and (metadata := metadata_of(dataset, "RPC")):
+        inside_sources.append((title, partial(_read_metadata, auxiliary, stored, title, {}, dataset)))
+    if not inside_sources and (metadata := metadata_of(dataset, "RPC")):
         driver = dataset.GetDriver().ShortName
         title, tags = f"{driver} {name}", metadata_of(dataset) if driver == "NITF" else {}
         extensions = metadata_of(dataset, "TRE") if driver == "NITF" else {}
@@ -330,8 +340,8 @@ def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
                     raise InputError(
                         f"{path}: field {number + 1} of its {tre} is {field!r}, no number: obtain the file again"
                     )
-        found.append((title, partial(_read_metadata, path, metadata, title, tags, dataset)))
-    return found
+        inside_sources.append((title, partial(_read_metadata, path, metadata, title, tags, dataset)))
+    return inside_sources
 
 
 def _read_tag(path: str, title: str, dataset: gdal.Dataset) -> FoundRpc:
@@ -352,12 +362,12 @@ def _read_metadata(
 # ---- comparison ----------------------------------------------------------------------------------------------------
 
 
-def require_same(path: str, wanted: RPC, found: RPC) -> None:
+def require_same(path: str, rpc_expected: RPC, rpc_found: RPC) -> None:
     """Raise `OutputError` with the first field whose doubles differ."""
-    if same_numbers(wanted, found):
+    if same_numbers(rpc_expected, rpc_found):
         return
     for field in (*fields.SCALARS, *fields.POLYNOMIALS):
-        if not np.array_equal(getattr(wanted, field), getattr(found, field)):
+        if not np.array_equal(getattr(rpc_expected, field), getattr(rpc_found, field)):
             raise OutputError(f"{path}: {field} did not read back as it was written: the disk or GDAL is at fault")
 
 
@@ -367,14 +377,16 @@ def read_back_px(path: str, rpc: RPC) -> float:
     GDAL rounds the doubles of a GeoTIFF tag to 15 digits. Raises `OutputError` if GDAL finds no RPC, or one with a
     larger difference (`RPC_SOURCES.gdal_rounding_px`): then another file takes precedence.
     """
-    found = read_rpc_file(path)
-    if found is not None:
-        return difference_px(rpc, found.rpc)
+    rpc_source = read_rpc_file(path)
+    if rpc_source is not None:
+        return difference_px(rpc, rpc_source.rpc)
     dataset = open_raster(path)
     metadata = metadata_of(dataset, "RPC")
     if not metadata:
         raise OutputError(f"{path}: GDAL finds no RPC in it: check the version of GDAL")
-    apart = difference_px(rpc, fields.rpc_from_gdal(path, metadata), (dataset.RasterXSize, dataset.RasterYSize))
-    if not apart <= RPC_SOURCES.gdal_rounding_px:
-        raise OutputError(f"{path}: GDAL gives another RPC, {apart:.3g} px away: remove older RPC files in its folder")
-    return apart
+    difference = difference_px(rpc, fields.rpc_from_gdal(path, metadata), (dataset.RasterXSize, dataset.RasterYSize))
+    if not difference <= RPC_SOURCES.gdal_rounding_px:
+        raise OutputError(
+            f"{path}: GDAL gives another RPC, {difference:.3g} px away: remove older RPC files in its folder"
+        )
+    return difference

@@ -41,7 +41,7 @@ def prepare_in_place(
     """
     reader = rpc_reader_of(path)
     if reader is not None:
-        key = next(key for key, other in RPC_READERS.items() if other is reader)
+        key = next(key for key, other_reader in RPC_READERS.items() if other_reader is reader)
         if key not in ("rpc-txt", "rpb"):  # other formats contain more than the RPC
             raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
         keep_original(path, changes, is_alone=True)
@@ -53,9 +53,9 @@ def prepare_in_place(
     with changes.replacing(path) as temporary:  # a copy with the new tag; it keeps the original
         copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
         stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True, lineage=lineage.items)
-        written = tiff_tag.read(temporary)
+        tag = tiff_tag.read(temporary)
         open_raster(temporary)
-        require_same(path, rpc, written.rpc if written else rpc.shift(float("nan"), 0.0))
+        require_same(path, rpc, tag.rpc if tag else rpc.shift(float("nan"), 0.0))
     notices: tuple[str, ...] = ()
     if was_cog and not stayed:
         notices = (f"{path}: there was no room in its header: no longer a Cloud Optimized GeoTIFF",)

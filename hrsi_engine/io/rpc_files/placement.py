@@ -166,15 +166,17 @@ def _ground_of(rpc: RPC, pixel: np.ndarray) -> str:
     return format_lonlat(rpc.localize(pixel[None], rpc.height_off).ground)
 
 
-def place_by_other_rpc(scene: RPC, other: RPC) -> CropPlace | None:
-    """Return the place of an image whose RPC is ``other`` in the image of the RPC ``scene``; None if they differ."""
+def place_by_other_rpc(scene: RPC, second: RPC) -> CropPlace | None:
+    """Return the place of an image whose RPC is ``second`` in the image of the RPC ``scene``; None if they differ."""
     names = [name for name in fields.SCALARS if not name.startswith(("line", "samp"))]
-    same = all(np.isclose(getattr(scene, name), getattr(other, name), rtol=1e-12) for name in names)
-    if not same or not all(np.allclose(getattr(scene, n), getattr(other, n), rtol=1e-12) for n in fields.POLYNOMIALS):
+    is_same_scene = all(np.isclose(getattr(scene, name), getattr(second, name), rtol=1e-12) for name in names)
+    if not is_same_scene or not all(
+        np.allclose(getattr(scene, n), getattr(second, n), rtol=1e-12) for n in fields.POLYNOMIALS
+    ):
         return None
-    step = np.array([scene.samp_scale / other.samp_scale, scene.line_scale / other.line_scale])
+    step = np.array([scene.samp_scale / second.samp_scale, scene.line_scale / second.line_scale])
     step = np.where(np.isclose(step, 1.0, rtol=1e-9), 1.0, step)  # digits of the formats
-    first = np.array([scene.samp_off, scene.line_off]) - step * [other.samp_off, other.line_off]
+    first = np.array([scene.samp_off, scene.line_off]) - step * [second.samp_off, second.line_off]
     return CropPlace(np.diag(step), first)
 
 
@@ -185,17 +187,17 @@ def _corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 # ---- doubts ----------------------------------------------------------------------------------------------------------
 
 
-def find_placement_doubt(path: str, dataset: gdal.Dataset, found: fields.FoundRpc) -> PlacementDoubt | None:
+def find_placement_doubt(path: str, dataset: gdal.Dataset, rpc_source: fields.FoundRpc) -> PlacementDoubt | None:
     """Return why the RPC found for an image may not be that of its pixels; None if nothing indicates it."""
-    rpc, size = found.rpc, (dataset.RasterXSize, dataset.RasterYSize)
-    if found.doubt is not None or metadata_of(dataset).get(SIZE_ITEM) == SIZE_TEXT.format(*size):
-        return found.doubt
+    rpc, size = rpc_source.rpc, (dataset.RasterXSize, dataset.RasterYSize)
+    if rpc_source.doubt is not None or metadata_of(dataset).get(SIZE_ITEM) == SIZE_TEXT.format(*size):
+        return rpc_source.doubt
     if dataset.GetDriver().ShortName == "VRT" and os.path.isfile(path):
         return _compare_with_source(path, rpc, size)
-    by_size = None if found.is_placed else judge_size(rpc, size, found.stated_size)
+    by_size = None if rpc_source.is_placed else judge_size(rpc, size, rpc_source.stated_size)
     if _FIRST_TILE.search(os.path.basename(path)):
         by_size = None
-    difference = compare_with_map(path, dataset, rpc, found.sensor)
+    difference = compare_with_map(path, dataset, rpc, rpc_source.sensor)
     if difference is not None:
         if doubt := _doubt_by_map(difference, rpc, size[0]):
             return doubt
@@ -225,8 +227,8 @@ def _compare_with_source(path: str, rpc: RPC, size: Size) -> PlacementDoubt | No
     metadata = {} if source is None else metadata_of(source, "RPC")
     if not metadata:
         return None
-    before, step = fields.rpc_from_gdal(name, metadata), extent / target_extent
-    right = crop_rpc(before, CropPlace.from_corner(np.diag(step), first - step * target_first), size)
+    source_rpc, step = fields.rpc_from_gdal(name, metadata), extent / target_extent
+    right = crop_rpc(source_rpc, CropPlace.from_corner(np.diag(step), first - step * target_first), size)
     offset, same_px = difference_px(right, rpc, size), PLACEMENT_EVIDENCE.same_px
     half, is_resampled = 0.5 * (1.0 - 1.0 / step), (step != 1.0).any()
     if offset < same_px:
@@ -238,7 +240,9 @@ def _compare_with_source(path: str, rpc: RPC, size: Size) -> PlacementDoubt | No
     advice = f"the error is up to {format_offset(rpc, offset)}. Make the image again from the original with 'crop'"
     if is_resampled and difference_px(rpc, right.shift(*half), size) < same_px:
         return PlacementDoubt(float(np.abs(half).max()), f"{shows} half a pixel: {advice}", contradictory=True)
-    unchanged = min(difference_px(rpc, wrong, size) for wrong in (before, before.shift(*-first))) < same_px
+    unchanged = (
+        min(difference_px(rpc, uncropped, size) for uncropped in (source_rpc, source_rpc.shift(*-first))) < same_px
+    )
     return PlacementDoubt(offset, f"{shows} that: {advice}", contradictory=True) if unchanged else None
 
 
@@ -338,13 +342,13 @@ def describe_map_evidence(path: str, dataset: gdal.Dataset, found: fields.FoundR
 def _find_scaled_centre(size: Size, rpc: RPC) -> PlacementDoubt | None:
     """Return the error if OFF of an RPC was scaled without half a pixel."""
     off, scale = np.array([rpc.samp_off, rpc.line_off]), np.array([rpc.samp_scale, rpc.line_scale])
-    beyond, whole = np.array(size) - 2.0 * off, PLACEMENT_EVIDENCE.whole
-    if not (beyond > 0.0).all() or (np.abs(beyond - np.round(beyond)) < whole).any():
+    beyond, tolerance = np.array(size) - 2.0 * off, PLACEMENT_EVIDENCE.whole
+    if not (beyond > 0.0).all() or (np.abs(beyond - np.round(beyond)) < tolerance).any():
         return None  # as vendors make them
-    doubled = (np.abs(2.0 * (scale - off) - beyond) < whole * beyond).all()  # SPOT, WorldView: OFF + 1 is SCALE
+    doubled = (np.abs(2.0 * (scale - off) - beyond) < tolerance * beyond).all()  # SPOT, WorldView: OFF + 1 is SCALE
     factors = beyond / (2.0 if doubled else 1.0)
     originals = size / factors
-    if not np.ptp(factors) <= 1.0 / min(size) or not (np.abs(originals - np.round(originals)) <= whole).all():
+    if not np.ptp(factors) <= 1.0 / min(size) or not (np.abs(originals - np.round(originals)) <= tolerance).all():
         return None
     offset = float(np.abs(0.5 * (1.0 - factors)).max())
     message = (
@@ -357,24 +361,24 @@ def _find_scaled_centre(size: Size, rpc: RPC) -> PlacementDoubt | None:
 # ---- comparison ----------------------------------------------------------------------------------------------------
 
 
-def difference_px(reference: RPC, other: RPC, size: tuple[int, int] | None = None) -> float:
+def difference_px(reference: RPC, second: RPC, size: tuple[int, int] | None = None) -> float:
     """Return the largest distance (px) between the image points of two RPCs.
 
     They are compared on a 9 x 9 grid over the image (its ``size``, else OFF and SCALE) at lowest, middle and highest
     height of ``reference``; infinite if ``reference`` cannot be inverted and the two differ.
     """
-    if same_numbers(reference, other):
+    if same_numbers(reference, second):
         return 0.0
     grid = Image("", reference, size).grid_px(9, 9)
     largest = -np.inf
     for height in (*reference.height_range, reference.height_off):
         ground, converged = reference.localize(grid, height)
         if converged.any():
-            apart = other.project(ground[converged]) - reference.project(ground[converged])
-            largest = max(largest, float(np.hypot(*apart.T).max()))
+            difference = second.project(ground[converged]) - reference.project(ground[converged])
+            largest = max(largest, float(np.hypot(*difference.T).max()))
     return largest if np.isfinite(largest) else float("inf")
 
 
-def same_numbers(wanted: RPC, found: RPC) -> bool:
+def same_numbers(first: RPC, second: RPC) -> bool:
     """Return whether the 90 numbers of two RPCs, without their stated errors, are the same doubles."""
-    return fields.numbers_of(wanted)[len(fields.ERRORS) :] == fields.numbers_of(found)[len(fields.ERRORS) :]
+    return fields.numbers_of(first)[len(fields.ERRORS) :] == fields.numbers_of(second)[len(fields.ERRORS) :]

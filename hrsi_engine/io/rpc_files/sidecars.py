@@ -31,8 +31,8 @@ def is_written_by_hrsi(path: str) -> bool:
 
 def vendor_xml(image_path: str) -> list[str]:
     """Return the vendor's XML files of an image, which also take precedence over an RPC inside it."""
-    beside = side_files(image_path)
-    return [file for key in ("isd", "dimap") for file in beside[key]]
+    files_by_reader = side_files(image_path)
+    return [file for key in ("isd", "dimap") for file in files_by_reader[key]]
 
 
 def is_rpc_file(path: str) -> bool:
@@ -48,10 +48,10 @@ def is_only_rpc(path: str) -> bool:
     name, files = os.path.basename(path).lower(), siblings(path)
     if name + ORIGINAL in files:
         return False
-    for other, image in files.items():
-        if other != name and name.startswith(os.path.splitext(other)[0]) and not is_rpc_file(image):
+    for entry, image in files.items():
+        if entry != name and name.startswith(os.path.splitext(entry)[0]) and not is_rpc_file(image):
             with contextlib.suppress(InputError):  # no image, or the image of another RPC file
-                if any(path in found for found in side_files(image).values()):
+                if any(path in side_list for side_list in side_files(image).values()):
                     return not read_rpc(image).ignored
     return False
 
@@ -61,9 +61,9 @@ def set_aside(path: str, changes: Transaction) -> str:
     if is_written_by_hrsi(path) and not is_only_rpc(path):
         changes.remove(path)
         return f"{path}: GDAL would read this RPC file of an earlier run instead of the new RPC; it was removed"
-    kept = _free_name(path)
-    changes.rename(path, kept)
-    return f"{path}: GDAL would read it instead of the new RPC; it was renamed to {os.path.basename(kept)}"
+    new_name = _free_name(path)
+    changes.rename(path, new_name)
+    return f"{path}: GDAL would read it instead of the new RPC; it was renamed to {os.path.basename(new_name)}"
 
 
 def keep_original(path: str, changes: Transaction, is_alone: bool = False) -> None:
@@ -79,11 +79,11 @@ def keep_original(path: str, changes: Transaction, is_alone: bool = False) -> No
 
 
 def _free_name(path: str) -> str:
-    kept, number = path + ORIGINAL, 1
-    while os.path.exists(kept):
+    free_name, number = path + ORIGINAL, 1
+    while os.path.exists(free_name):
         number += 1
-        kept = f"{path}{ORIGINAL}-{number}"
-    return kept
+        free_name = f"{path}{ORIGINAL}-{number}"
+    return free_name
 
 
 def restore_originals(image_path: str, names: set[str], changes: Transaction) -> tuple[str, ...]:
@@ -106,8 +106,8 @@ def restore_originals(image_path: str, names: set[str], changes: Transaction) ->
 
 def stale_files(image_path: str, rpc: RPC) -> list[str]:
     """Return the ``.RPB`` and ``_RPC.TXT`` files of an image with an RPC that differs from ``rpc``."""
-    beside, stale = side_files(image_path), []
-    for file in (file for key in PLAIN for file in beside[key]):
+    files_by_reader, stale = side_files(image_path), []
+    for file in (file for key in PLAIN for file in files_by_reader[key]):
         try:
             is_same = same_numbers(rpc, read_rpc(file).rpc)
         except InputError:

@@ -46,8 +46,8 @@ _RPB_ENTRY = re.compile(r"(?<!\w)(\w+)\s*=\s*(?:\(([^()]*)\)|([^;\n(]*))")
 def read_rpb(path: str) -> RpcReading:
     """Return the RPC of an ``.RPB`` file."""
     names = {title.lower(): title for title in RPB_NAMES.values()}
-    found = ((name.lower(), listed or scalar) for name, listed, scalar in _RPB_ENTRY.findall(read_text(path)))
-    entries = fields.entries_of(path, found, names)
+    pairs = ((name.lower(), value_list or scalar) for name, value_list, scalar in _RPB_ENTRY.findall(read_text(path)))
+    entries = fields.entries_of(path, pairs, names)
     rpc = fields.rpc_from_entries(path, {names[key]: text for key, text in entries.items() if key in names}, RPB_NAMES)
     sensor = entries.get("satid", "").strip(' "')
     return RpcReading(rpc, _read_imd_size(path), sensor=sensor)
@@ -64,11 +64,11 @@ def _read_imd_size(path: str) -> tuple[int, int] | None:
 def rpb_text(rpc: RPC) -> str:
     """Return the content of an ``.RPB`` file."""
     lines = [MARKS["rpb"], 'satId = "";', 'bandId = "";', 'SpecId = "RPC00B";', "BEGIN_GROUP = IMAGE"]
-    known = [name for name in ERRORS if getattr(rpc, name) is not None]
-    lines += [f"\t{RPB_NAMES[name]} = {getattr(rpc, name)!r};" for name in (*known, *SCALARS)]
+    stated_errors = [name for name in ERRORS if getattr(rpc, name) is not None]
+    lines += [f"\t{RPB_NAMES[name]} = {getattr(rpc, name)!r};" for name in (*stated_errors, *SCALARS)]
     for name in POLYNOMIALS:
-        listed = ",\n\t\t\t".join(map(repr, getattr(rpc, name).tolist()))
-        lines.append(f"\t{RPB_NAMES[name]} = (\n\t\t\t{listed});")
+        value_list = ",\n\t\t\t".join(map(repr, getattr(rpc, name).tolist()))
+        lines.append(f"\t{RPB_NAMES[name]} = (\n\t\t\t{value_list});")
     return "\n".join([*lines, "END_GROUP = IMAGE", "END;"]) + "\n"
 
 
@@ -98,8 +98,8 @@ def rpc_txt_text(rpc: RPC, lineage: Mapping[str, str] | None = None) -> str:
     for name, keys in _NUMBERED.items():
         lines += [f"{key}: {value!r}" for key, value in zip(keys, getattr(rpc, name).tolist(), strict=True)]
     lines += [f"{GDAL_NAMES[name]}: {value!r}" for name in ERRORS if (value := getattr(rpc, name)) is not None]
-    told = [f"{name}: {' '.join(value.split())}" for name, value in (lineage or {}).items()]
-    return "\n".join([*lines, MARKS["rpc-txt"], *told]) + "\n"
+    lineage_lines = [f"{name}: {' '.join(value.split())}" for name, value in (lineage or {}).items()]
+    return "\n".join([*lines, MARKS["rpc-txt"], *lineage_lines]) + "\n"
 
 
 def _is_rpc_txt(name: str, head: bytes) -> bool:
@@ -192,16 +192,20 @@ _YAML_ENTRY = re.compile(r"^[ \t]+(\w+)[ \t]*:[ \t]*(?:\[([^\]]*)\]|([^\s\[#]+))
 
 def read_orthority(image_path: str, path: str) -> RpcReading:
     """Return the RPC of the part for an image; without image path, the file must have one part."""
-    text = _YAML_LIST.sub(lambda found: f": [{','.join(found[1].split()[1::2])}]", read_text(path))
+    text = _YAML_LIST.sub(lambda yaml_entries: f": [{','.join(yaml_entries[1].split()[1::2])}]", read_text(path))
     _, *texts = _YAML_PART.split(text)
     parts = {name.strip("'\""): text for name, text in zip(texts[::2], texts[1::2], strict=True)}
-    wanted = [name for name in parts if not image_path or os.path.basename(name) == os.path.basename(image_path)]
-    if len(wanted) != 1:
+    matching_names = [
+        name for name in parts if not image_path or os.path.basename(name) == os.path.basename(image_path)
+    ]
+    if len(matching_names) != 1:
         name = os.path.basename(image_path) or "one image"
-        listed = ", ".join(parts) or "none"
-        raise InputError(f"{path}: has {len(wanted)} RPCs for {name} (parts: {listed}): keep one of that name")
-    found = _YAML_ENTRY.findall(parts[wanted[0]])
-    entries = {key: listed or scalar for key, listed, scalar in found}
+        value_list = ", ".join(parts) or "none"
+        raise InputError(
+            f"{path}: has {len(matching_names)} RPCs for {name} (parts: {value_list}): keep one of that name"
+        )
+    yaml_entries = _YAML_ENTRY.findall(parts[matching_names[0]])
+    entries = {key: value_list or scalar for key, value_list, scalar in yaml_entries}
     size = [*entries.get("im_size", "").split(","), "", ""]
     return RpcReading(fields.rpc_from_entries(path, entries, _YAML_NAMES), positive_size(size[0], size[1]))
 

@@ -187,8 +187,8 @@ def _write_table(file: BinaryIO, old: Directory, new: Directory) -> bool:
         for entry in in_the_way:
             if entry in new.entries:  # a changed one has moved already
                 file.seek(new.place(entry))
-                moved = replace(entry, field=_append_value(file, new, file.read(entry.length)))
-                new = replace(new, entries=tuple(moved if item == entry else item for item in new.entries))
+                appended = replace(entry, field=_append_value(file, new, file.read(entry.length)))
+                new = replace(new, entries=tuple(appended if item == entry else item for item in new.entries))
     file.seek(new.offset)
     file.write(new.pack())
     return True
@@ -259,17 +259,25 @@ def set_numbers(
     directory = _require_directory(path)
     changes: dict[int, Field | None] = {TAG_RPC: Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers))}
     xml = _read_metadata(path, directory)
-    told = xml
+    new_xml = xml
     if keep_original and not _ORIGINAL_ITEM.search(xml):
-        kept = read_numbers(path) if original is None else original
-        items = {_DOUBLES_ITEM: _ABSENT if kept is None else " ".join(number.hex() for number in kept)}
-        if kept is not None:
-            items |= {GDAL_NAMES[name]: repr(value) for name, value in zip(SCALARS, kept[2:12], strict=True)}
-        told = _with_items(told, [_write_item(name, value, ORIGINAL_DOMAIN) for name, value in items.items()])
+        original_numbers = read_numbers(path) if original is None else original
+        items = {
+            _DOUBLES_ITEM: _ABSENT
+            if original_numbers is None
+            else " ".join(number.hex() for number in original_numbers)
+        }
+        if original_numbers is not None:
+            items |= {
+                GDAL_NAMES[name]: repr(value) for name, value in zip(SCALARS, original_numbers[2:12], strict=True)
+            }
+        new_xml = _with_items(new_xml, [_write_item(name, value, ORIGINAL_DOMAIN) for name, value in items.items()])
     if lineage:
-        told = _with_items(_LINEAGE_ITEM.sub("", told), [_write_item(name, value) for name, value in lineage.items()])
-    if told != xml:
-        changes[TAG_METADATA] = Field(ASCII, told.encode("utf-8", "surrogateescape") + b"\0")
+        new_xml = _with_items(
+            _LINEAGE_ITEM.sub("", new_xml), [_write_item(name, value) for name, value in lineage.items()]
+        )
+    if new_xml != xml:
+        changes[TAG_METADATA] = Field(ASCII, new_xml.encode("utf-8", "surrogateescape") + b"\0")
     return edit_directory(path, directory, changes)
 
 
@@ -280,11 +288,11 @@ def restore_numbers(path: str) -> bool:
     """
     directory = _require_directory(path)
     xml = _read_metadata(path, directory)
-    kept = dict(_ORIGINAL_ITEM.findall(xml))
-    if _DOUBLES_ITEM not in kept:
+    original_items = dict(_ORIGINAL_ITEM.findall(xml))
+    if _DOUBLES_ITEM not in original_items:
         return False
     cleaned = _LINEAGE_ITEM.sub("", _ORIGINAL_ITEM.sub("", xml))
-    numbers = parse_original(path, kept)
+    numbers = parse_original(path, original_items)
     changes = {
         TAG_RPC: None if numbers is None else Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers)),
         TAG_METADATA: Field(ASCII, cleaned.encode("utf-8", "surrogateescape") + b"\0") if "<Item" in cleaned else None,
@@ -318,16 +326,16 @@ def _with_items(xml: str, items: Iterable[str]) -> str:
 
 
 def _write_item(name: str, value: str, domain: str = "") -> str:
-    where = f' domain="{domain}"' if domain else ""
-    return f'<Item name="{name}"{where}>{escape(value)}</Item>\n'
+    domain_text = f' domain="{domain}"' if domain else ""
+    return f'<Item name="{name}"{domain_text}>{escape(value)}</Item>\n'
 
 
-def parse_original(path: str, kept: Mapping[str, str]) -> list[float] | None:
+def parse_original(path: str, original_items: Mapping[str, str]) -> list[float] | None:
     """Return the doubles of the original RPC from the items of its metadata domain; None if there was no RPC.
 
     Raises `InputError` if they are damaged.
     """
-    text = kept.get(_DOUBLES_ITEM, _ABSENT)
+    text = original_items.get(_DOUBLES_ITEM, _ABSENT)
     if text == _ABSENT:
         return None
     try:

@@ -99,8 +99,8 @@ def prepare_geotiff_copy(
         # Lossless options that every GDAL reads
         band = source.GetRasterBand(1)
         kind, bits = gdal.GetDataTypeName(band.DataType), band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE")
-        whole = ("Byte", "UInt16", "Int16", "UInt32", "Int32")
-        predictor = "3" if kind in ("Float32", "Float64") else "2" if kind in whole else "1"
+        integer_types = ("Byte", "UInt16", "Int16", "UInt32", "Int32")
+        predictor = "3" if kind in ("Float32", "Float64") else "2" if kind in integer_types else "1"
         packing = f"NBITS={bits}" if bits else f"PREDICTOR={predictor}"  # predictors need whole bytes
         options = ["BIGTIFF=IF_SAFER", "TILED=YES", "COMPRESS=DEFLATE", packing]
         return notices + save_geotiff(source, target_path, rpc, "GTiff", options, progress, lineage, changes.replacing)
@@ -140,10 +140,10 @@ def save_geotiff(
 
 def _require_tag(temporary: str, target_path: str, rpc: RPC) -> None:
     """Raise `OutputError` if a file does not have the RPC tag that was to be written."""
-    written = tiff_tag.read(temporary)
-    if written is None:
+    tag = tiff_tag.read(temporary)
+    if tag is None:
         raise OutputError(f"{target_path}: GDAL wrote no RPC tag: check the version of GDAL")
-    require_same(target_path, rpc, written.rpc)
+    require_same(target_path, rpc, tag.rpc)
 
 
 def _require_other_file(source_path: str, target_path: str) -> None:
@@ -163,7 +163,7 @@ def create_copy(
     source: gdal.Dataset, temporary: str, target_path: str, driver: str, options: Sequence[str], progress: Progress
 ) -> None:
     """Let GDAL copy pixels and metadata to a new file; messages name ``target_path``."""
-    written = cancelled = False
+    is_complete = cancelled = False
 
     def report(fraction: float, _message: str, _data: Any) -> int:
         nonlocal cancelled
@@ -172,11 +172,11 @@ def create_copy(
 
     with gdal_messages() as messages:
         copy = gdal.GetDriverByName(driver).CreateCopy(temporary, source, 0, list(options), callback=report)
-        written = copy is not None
+        is_complete = copy is not None
         del copy  # closed here, so that failures of the last writing are noticed
     if cancelled:
         raise Cancelled(f"cancelled; {target_path} was not written")
-    if not written or messages:
+    if not is_complete or messages:
         raise OutputError(f"{target_path}: cannot be written ({messages.reason})")
 
 

@@ -61,10 +61,10 @@ def _find_tile(image_path: str, side_file: str) -> Origin | None:
     tile = _ISD_TILE.search(os.path.basename(image_path).lower())
     if tile is None:
         return None
-    for listed in read_xml(side_file).iter("TILE"):
-        named = _ISD_TILE.search((element_text(listed, "FILENAME") or "").lower())
-        sample, line = (finite_number(element_text(listed, name)) for name in ("ULCOLOFFSET", "ULROWOFFSET"))
-        if named is not None and named[1] == tile[1] and sample is not None and line is not None:
+    for tile_element in read_xml(side_file).iter("TILE"):
+        name_match = _ISD_TILE.search((element_text(tile_element, "FILENAME") or "").lower())
+        sample, line = (finite_number(element_text(tile_element, name)) for name in ("ULCOLOFFSET", "ULROWOFFSET"))
+        if name_match is not None and name_match[1] == tile[1] and sample is not None and line is not None:
             return sample, line
     raise InputError(f"{image_path}: is a tile that {os.path.basename(side_file)} does not place: get that file again")
 
@@ -111,9 +111,9 @@ def read_dimap(path: str) -> RpcReading:
         raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
     # The scene's size if the validity domain begins at the first pixel
     domain = _find_first(root, ("Direct_Model_Validity_Domain", "ImagetoGround_Validity_Domain"))
-    told = {child.tag: (child.text or "").strip() for child in (domain if domain is not None else ())}
-    begins = told.get("FIRST_COL") == told.get("FIRST_ROW") == str(first)
-    last = positive_size(told.get("LAST_COL"), told.get("LAST_ROW")) if begins else None
+    domain_texts = {child.tag: (child.text or "").strip() for child in (domain if domain is not None else ())}
+    begins = domain_texts.get("FIRST_COL") == domain_texts.get("FIRST_ROW") == str(first)
+    last = positive_size(domain_texts.get("LAST_COL"), domain_texts.get("LAST_ROW")) if begins else None
     extent = None if last is None else (last[0] - first + 1, last[1] - first + 1)
     reading = RpcReading(rpc.shift(-first, -first), extent, sensor=element_text(root, "METADATA_PROFILE") or "")
     if described is None:
@@ -136,12 +136,10 @@ def _find_rpc_file(path: str, product: Element) -> str:
             "with orbit and attitudes or map coordinates instead; make an RPC from a grid of them with fit-rpc, or "
             "order the sensor product with RPC"
         )
-    named = model.get("href", "").replace("\\", "/")
-    file = siblings(path).get(named.removeprefix("./").lower())
+    href = model.get("href", "").replace("\\", "/")
+    file = siblings(path).get(href.removeprefix("./").lower())
     if file is None:
-        raise InputError(
-            f"{path}: names the RPC file {shorten(named, 80)!r}, which is not in its folder: copy it there"
-        )
+        raise InputError(f"{path}: names the RPC file {shorten(href, 80)!r}, which is not in its folder: copy it there")
     return file
 
 

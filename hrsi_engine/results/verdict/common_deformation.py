@@ -67,12 +67,12 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray, sigmas: np.ndar
     weight = 1.0 / sigmas.ravel()
     design = np.concatenate([_make_design(image) for image in images]) * weight[:, None]
     observed = drifts.ravel() * weight
-    found, *_ = np.linalg.lstsq(design, observed, rcond=None)
-    explained = float(np.sum((design @ found) ** 2))
+    coefficients, *_ = np.linalg.lstsq(design, observed, rcond=None)
+    explained = float(np.sum((design @ coefficients) ** 2))
     parameters, freedom = design.shape[1], len(design) - design.shape[1]
-    rest = float(np.sum((observed - design @ found) ** 2)) / freedom
-    likeness = float(special.fdtrc(parameters, freedom, explained / parameters / max(rest, 1e-30)))
-    return found.reshape(3, 2), float(special.chdtrc(parameters, explained)), likeness
+    residual_variance = float(np.sum((observed - design @ coefficients) ** 2)) / freedom
+    likeness = float(special.fdtrc(parameters, freedom, explained / parameters / max(residual_variance, 1e-30)))
+    return coefficients.reshape(3, 2), float(special.chdtrc(parameters, explained)), likeness
 
 
 def _make_design(image: Image) -> np.ndarray:

@@ -56,20 +56,20 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
 def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for images without any used point, and for images with few tie points and no GCP."""
     result, block = evidence.result, evidence.result.block
-    used = evidence.adjusting
+    is_adjusting = evidence.adjusting
     exposure = block.exposure_of_image  # a constraint of one image of an exposure is one of all
     count, control = (
-        np.bincount(exposure[block.measurements.image[chosen]], minlength=len(block.images))[exposure]
-        for chosen in (used, used & (evidence.row_role == Role.GCP))
+        np.bincount(exposure[block.measurements.image[rows]], minlength=len(block.images))[exposure]
+        for rows in (is_adjusting, is_adjusting & (evidence.row_role == Role.GCP))
     )
     free = result.model.parameters and len(block.images) > 1
-    alone = [block.images[index].id for index in np.flatnonzero(count == 0).tolist()]
-    if alone:
+    unconnected = [block.images[index].id for index in np.flatnonzero(count == 0).tolist()]
+    if unconnected:
         yield Reason(
             "few-ties", Level.DOUBTFUL,
-            f"no GCP and no valid tie point on {list_ids(alone)}: the RPC was not changed",
+            f"no GCP and no valid tie point on {list_ids(unconnected)}: the RPC was not changed",
             "find tie points to its neighbours, measure GCPs on it, or remove it from the block",
-            images=tuple(alone),
+            images=tuple(unconnected),
         )  # fmt: skip
     weak = np.flatnonzero((count > 0) & (count < CONNECTION.fewest_ties) & (control == 0))
     if free and len(weak):
@@ -89,10 +89,10 @@ def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
     if len(parts) < 2 or all(part.gcps for part in parts):
         return
     free = tuple(name for part in parts if not part.gcps for name in part.images)
-    held = sum(1 for part in parts if part.gcps)
+    controlled = sum(1 for part in parts if part.gcps)
     yield Reason(
         "few-ties", Level.DOUBTFUL,
-        f"the block falls into {len(parts)} parts without common points, {held} of them with GCPs; the absolute "
+        f"the block falls into {len(parts)} parts without common points, {controlled} of them with GCPs; the absolute "
         f"accuracy of image {list_ids(free)} is that of its RPC, and it does not match the other parts",
         "find tie points between the parts, or measure GCPs in each",
         images=free,

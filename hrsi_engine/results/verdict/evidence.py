@@ -61,17 +61,17 @@ class Evidence:
     @cached_property
     def fields(self) -> list[ResidualField]:
         """The significant fields in the residuals of adjusted images, without their waves; the largest first."""
-        used = self.result.has_residual & ~self.left_out & (self.row_role != Role.HELD_OUT)
+        is_used = self.result.has_residual & ~self.left_out & (self.row_role != Role.HELD_OUT)
         image = self.result.block.measurements.image
-        held = np.bincount(image[self.adjusting], minlength=len(self.result.block.images)) > 0
+        is_adjusted = np.bincount(image[self.adjusting], minlength=len(self.result.block.images)) > 0
         residual, share = self.result.residual_px.copy(), np.nan_to_num(self.result.redundancy_numbers)
         for index in (index for index, waves in enumerate(self.waves) if waves):
-            here = np.flatnonzero(image == index)
-            line = self.result.block.measurements.xy[here, 1]
+            image_rows = np.flatnonzero(image == index)
+            line = self.result.block.measurements.xy[image_rows, 1]
             for wave in self.waves[index]:
                 axis = WAVE_AXES.index(wave.axis)
-                residual[here, axis] -= share[here, axis] * wave.evaluate(line)
-        return find_residual_fields(self.result, used & held[image], residual)
+                residual[image_rows, axis] -= share[image_rows, axis] * wave.evaluate(line)
+        return find_residual_fields(self.result, is_used & is_adjusted[image], residual)
 
     @cached_property
     def profiles(self) -> list[LineProfile]:

@@ -43,20 +43,20 @@ class ResidualField:
     model: str
 
 
-def find_residual_fields(result: Adjustment, chosen: np.ndarray, residual_px: np.ndarray) -> list[ResidualField]:
-    """Return the significant fields of the ``chosen`` measurements (mask) in residuals (n, 2), the largest first."""
-    count = np.bincount(result.block.measurements.image[chosen])
+def find_residual_fields(result: Adjustment, selected: np.ndarray, residual_px: np.ndarray) -> list[ResidualField]:
+    """Return the significant fields of the ``selected`` measurements (mask) in residuals (n, 2), the largest first."""
+    count = np.bincount(result.block.measurements.image[selected])
     step = max(1, int(count[count > 0].min(initial=0)) // FIELD.most_rows) if len(count) else 1
-    thinned = np.zeros_like(chosen)
-    thinned[::step] = chosen[::step]
-    found = []
+    thinned = np.zeros_like(selected)
+    thinned[::step] = selected[::step]
+    fields = []
     for index, rows in by_image(result.block, thinned):
         rows, image = rows[:: max(1, len(rows) // FIELD.most_rows)], result.block.images[index]
         if len(rows) >= FIELD.fewest_rows:
             position = (result.block.measurements.xy[rows] - image.centre_px) / np.maximum(image.half_size_px, 1.0)
             field = _find_field(image.id, position, residual_px[rows])
-            found += [field] if field is not None else []
-    return sorted(found, key=lambda field: -field.rms_px)
+            fields += [field] if field is not None else []
+    return sorted(fields, key=lambda field: -field.rms_px)
 
 
 def _find_field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualField | None:

@@ -47,14 +47,21 @@ AXES = {"east": ("west of", "east of"), "north": ("south of", "north of"), "heig
 
 def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for GCPs whose residuals exceed their expected standard deviations, singly or together."""
-    found = list(_find_misfit(evidence, Role.GCP))
-    yield from found
+    misfits = list(_find_misfit(evidence, Role.GCP))
+    yield from misfits
     result, points = evidence.result, evidence.result.block.points
-    out = [finding.id for finding in result.findings if finding.left_out]
-    gcps = np.flatnonzero((points.role == Role.GCP) & ~np.isin(points.ids, out))
-    own, cofactors = result.survey_covariance_m2(gcps), _compute_ray_cofactors(evidence, gcps)
-    axes = _find_axis_errors(evidence, evidence.left.ground_m[gcps], np.zeros_like(own), own, cofactors, means=True)
-    if axes and not found:
+    rejected = [finding.id for finding in result.findings if finding.left_out]
+    gcps = np.flatnonzero((points.role == Role.GCP) & ~np.isin(points.ids, rejected))
+    survey_covariance, cofactors = result.survey_covariance_m2(gcps), _compute_ray_cofactors(evidence, gcps)
+    axes = _find_axis_errors(
+        evidence,
+        evidence.left.ground_m[gcps],
+        np.zeros_like(survey_covariance),
+        survey_covariance,
+        cofactors,
+        means=True,
+    )
+    if axes and not misfits:
         yield Reason(
             "control-misfit", Level.DOUBTFUL, f"the {len(gcps)} GCPs disagree with the adjusted block: "
                                               f"{'; '.join(axes)}",
@@ -73,9 +80,11 @@ def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
 def _find_misfit(evidence: Evidence, role: Role) -> Iterator[Reason]:
     result, left, block = evidence.result, evidence.left, evidence.result.block
     in_sigmas = left.measured_px / np.hypot(state_known_sigmas_px(result, left), evidence.camera_px)
-    out = [finding.id for finding in result.findings if finding.left_out]
+    rejected = [finding.id for finding in result.findings if finding.left_out]
     takes_part = (
-        (evidence.row_role == role) & ~evidence.left_out & ~np.isin(block.points.ids, out)[block.measurements.point]
+        (evidence.row_role == role)
+        & ~evidence.left_out
+        & ~np.isin(block.points.ids, rejected)[block.measurements.point]
     )
     rows = np.flatnonzero(takes_part & finite_rows(in_sigmas))
     if not len(rows):
@@ -84,14 +93,14 @@ def _find_misfit(evidence: Evidence, role: Role) -> Iterator[Reason]:
     factor = float(np.sqrt(squares.sum() / (2.0 * len(rows))))
     if factor < EFFECT.doubtful_factor or not is_significant(float(squares.sum()), 2.0 * len(rows)):
         return
-    wrong = np.unique(block.measurements.point[rows[squares > compute_chi_square_limit(2.0)]])
-    ids = tuple(str(name) for name in block.points.ids[wrong])
+    misfitting = np.unique(block.measurements.point[rows[squares > compute_chi_square_limit(2.0)]])
+    ids = tuple(str(name) for name in block.points.ids[misfitting])
     length = float(np.sqrt(np.mean(np.sum(left.measured_px[rows] ** 2, axis=1))))
-    what = {Role.GCP: "the GCPs do", Role.CHECK: "the check points do"}[role]
+    subject = {Role.GCP: "the GCPs do", Role.CHECK: "the check points do"}[role]
     yield Reason(
         {Role.GCP: "control-misfit", Role.CHECK: "check-misfit"}[role],
         Level.UNUSABLE if factor >= EFFECT.unusable_factor else Level.DOUBTFUL,
-        f"{what} not fit the refined RPCs: their RMS residual is {length:.2g} px, {factor:.2g} times the expected "
+        f"{subject} not fit the refined RPCs: their RMS residual is {length:.2g} px, {factor:.2g} times the expected "
         f"one; significant are {list_ids(ids)}",
         "compare coordinates, heights, datum and ids of these points with their source, and give realistic sigmas",
         images=tuple(block.images[index].id for index in np.unique(block.measurements.image[rows])),
@@ -139,26 +148,26 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     check = np.flatnonzero(points.role == Role.CHECK)
     error = evidence.left.ground_m[check]
     block_part = result.covariance_to_surveys_m2(check)
-    own = result.survey_covariance_m2(check)
+    survey_covariance = result.survey_covariance_m2(check)
     cofactors = _compute_ray_cofactors(evidence, check)
-    covariance = block_part + own + evidence.camera_px**2 * cofactors
+    covariance = block_part + survey_covariance + evidence.camera_px**2 * cofactors
     usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     check, error, covariance = check[usable], error[usable], covariance[usable]
     if not len(check):
         return
     squares, freedom = _compute_chi_squares(error, covariance)
     factor = float(np.sqrt(squares.sum() / freedom.sum()))
-    axes = _find_axis_errors(evidence, error, block_part[usable], own[usable], cofactors[usable])
+    axes = _find_axis_errors(evidence, error, block_part[usable], survey_covariance[usable], cofactors[usable])
     # The errors of a block's points are correlated: their sum is tested with the degrees of freedom of one point.
     if axes or is_significant(3.0 * factor**2, 3.0):
         predicted = np.sqrt(np.nanmean(covariance.diagonal(axis1=1, axis2=2), axis=0))
-        found = np.sqrt(np.nanmean(error**2, axis=0))
-        ratio = float(np.nanmax(found / predicted))
+        rms_error = np.sqrt(np.nanmean(error**2, axis=0))
+        ratio = float(np.nanmax(rms_error / predicted))
         yield Reason(
             "check-misfit",
             Level.UNUSABLE if max(factor, ratio) >= EFFECT.unusable_factor else Level.DOUBTFUL,
             f"the errors of {len(check)} check points are {factor:.2g} times the predicted ones: RMSE "
-            f"{_format_metres(found)} m, predicted {_format_metres(predicted)} m (east, north, height)"
+            f"{_format_metres(rms_error)} m, predicted {_format_metres(predicted)} m (east, north, height)"
             + "".join(f"; {axis}" for axis in axes),
             "compare the datum and heights of check points and GCPs; in the report, residual arrows in one "
             "direction indicate a wrong datum, a pattern over the block a correction model with too few "
@@ -169,10 +178,10 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     # Single points are compared with the scatter of the others: standard deviations that are too small reject none.
     middle = np.median(squares / special.chdtri(freedom, 0.5))
     limit = np.array([compute_chi_square_limit(value, SIGNIFICANCE.false_alarm / len(check)) for value in freedom])
-    alone = squares > limit * max(middle, 1.0) * (EFFECT.doubtful_factor / 2.0) ** 2
-    if alone.any():
+    is_outlier = squares > limit * max(middle, 1.0) * (EFFECT.doubtful_factor / 2.0) ** 2
+    if is_outlier.any():
         worst = int(np.argmax(squares))
-        ids = tuple(str(name) for name in points.ids[check[alone]])
+        ids = tuple(str(name) for name in points.ids[check[is_outlier]])
         yield Reason(
             "check-misfit", Level.DOUBTFUL,
             f"check point {list_ids(ids)} has a gross error, and the other check points agree: the error of "
@@ -266,37 +275,43 @@ def do_check_points_agree(evidence: Evidence) -> bool:
     squares, freedom = _compute_chi_squares(error[usable], covariance[usable])
     in_images = [0.0]
     rows = block.measurements
-    for index, here in by_image(block, np.isin(rows.point, check[usable]) & finite_rows(evidence.left.at_known_px)):
-        _, by_ground = block.images[index].rpc.project_with_metric_jacobian(block.points.ground[rows.point[here]])
-        survey = block.points.survey_covariance_m2(rows.point[here])
+    for index, image_rows in by_image(
+        block, np.isin(rows.point, check[usable]) & finite_rows(evidence.left.at_known_px)
+    ):
+        _, by_ground = block.images[index].rpc.project_with_metric_jacobian(block.points.ground[rows.point[image_rows]])
+        survey = block.points.survey_covariance_m2(rows.point[image_rows])
         expected = pixel**2 * np.eye(2) + by_ground @ survey @ by_ground.swapaxes(1, 2)
-        miss = evidence.left.at_known_px[here]
+        miss = evidence.left.at_known_px[image_rows]
         in_images += (np.einsum("ki,kij,kj->k", miss, np.linalg.inv(expected), miss) / 2.0).tolist()
     factor = np.sqrt(max(squares.sum() / freedom.sum(), np.sum(in_images) / max(len(in_images) - 1, 1)))
     return float(factor) < EFFECT.agreeing_factor
 
 
-def are_other_gcps_consistent(evidence: Evidence, wrong: Sequence[str]) -> bool:
-    """Return True if the ``wrong`` points (ids) were rejected, and the other GCPs are enough and more than these.
+def are_other_gcps_consistent(evidence: Evidence, suspects: Sequence[str]) -> bool:
+    """Return True if the ``suspects`` points (ids) were rejected, and the other GCPs are enough and more than these.
 
     Otherwise the few GCPs that agree could be the wrong ones, and the rejected majority the correct ones.
     """
     points = evidence.result.block.points
-    out = {finding.id for finding in evidence.result.findings if finding.left_out}
+    rejected = {finding.id for finding in evidence.result.findings if finding.left_out}
     gcps = set(points.ids[points.role == Role.GCP].tolist())
-    named, rest = gcps & set(wrong), gcps - out
-    return bool(named) and named <= out and len(rest) >= max(EFFECT.fewest_points, len(gcps & out) + 1)
+    concerned, remaining = gcps & set(suspects), gcps - rejected
+    return (
+        bool(concerned)
+        and concerned <= rejected
+        and len(remaining) >= max(EFFECT.fewest_points, len(gcps & rejected) + 1)
+    )
 
 
-def _compute_ray_cofactors(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:
+def _compute_ray_cofactors(evidence: Evidence, points_selected: np.ndarray) -> np.ndarray:
     """Return the cofactors ``(k, 3, 3)`` m²/px² of points intersected from independent images, with sigmas of 1 px."""
     block, rows = evidence.result.block, evidence.result.block.measurements
     normal = np.zeros((len(block.points), 3, 3))
-    for index, here in by_image(block, np.isin(rows.point, chosen)):
-        points = rows.point[here]
+    for index, image_rows in by_image(block, np.isin(rows.point, points_selected)):
+        points = rows.point[image_rows]
         _, by_ground = block.images[index].rpc.project_with_metric_jacobian(block.points.ground[points])
         np.add.at(normal, points, by_ground.swapaxes(1, 2) @ by_ground)
-    normal = normal[chosen]
+    normal = normal[points_selected]
     solvable = np.linalg.cond(normal) < GROUND_TRUTH.largest_condition
     cofactors = np.full_like(normal, np.nan)
     cofactors[solvable] = np.linalg.inv(normal[solvable])
@@ -307,11 +322,11 @@ def _compute_chi_squares(error: np.ndarray, covariance: np.ndarray) -> tuple[np.
     """Return d' C^-1 d ``(k,)`` and its degrees of freedom: 3, or 2 without a height."""
     flat = ~np.isfinite(error[:, 2]) | ~np.isfinite(covariance[:, 2, 2])
     squares = np.empty(len(error))
-    for chosen, axes in ((flat, slice(0, 2)), (~flat, slice(0, 3))):
-        if chosen.any():
-            difference = error[chosen, axes]
-            solved = np.linalg.solve(covariance[chosen, axes, axes], difference[:, :, None])[:, :, 0]
-            squares[chosen] = np.einsum("ki,ki->k", difference, solved)
+    for rows, axes in ((flat, slice(0, 2)), (~flat, slice(0, 3))):
+        if rows.any():
+            difference = error[rows, axes]
+            solved = np.linalg.solve(covariance[rows, axes, axes], difference[:, :, None])[:, :, 0]
+            squares[rows] = np.einsum("ki,ki->k", difference, solved)
     return squares, np.where(flat, 2.0, 3.0)
 
 
@@ -402,18 +417,18 @@ def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
 
 def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for laser points rejected because they are lower: the used ones may be canopy."""
-    found = evidence.result.laser
-    if found is None:
+    laser = evidence.result.laser
+    if laser is None:
         return
-    fits = found.reason == ""
-    low = (found.reason == MISFIT) & (found.residual_m < -GROUND_TRUTH.canopy_m)
+    fits = laser.reason == ""
+    low = (laser.reason == MISFIT) & (laser.residual_m < -GROUND_TRUTH.canopy_m)
     if low.sum() < max(
-        GROUND_TRUTH.few_laser, GROUND_TRUTH.few_laser_share * (fits.sum() + (found.reason == MISFIT).sum())
+        GROUND_TRUTH.few_laser, GROUND_TRUTH.few_laser_share * (fits.sum() + (laser.reason == MISFIT).sum())
     ):
         return
     yield Reason(
         "sources-disagree", Level.DOUBTFUL,
-        f"{low.sum()} laser points are {-np.median(found.residual_m[low]):.1f} m (median) lower than the "
+        f"{low.sum()} laser points are {-np.median(laser.residual_m[low]):.1f} m (median) lower than the "
         f"{fits.sum()} used ones, which may be canopy or roofs",
         "use ground heights (terrain heights of ATL08, a SlideRule fit without canopy), give the canopy height in "
         "a field `canopy_m`, or name a DEM",

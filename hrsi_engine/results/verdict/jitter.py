@@ -24,18 +24,18 @@ class JITTER:
 def find_jitter(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for images whose residuals contain waves along their lines."""
     block = evidence.result.block
-    found = [
+    significant = [
         (waves[0], image)
         for waves, image in zip(evidence.waves, block.images, strict=True)
         if waves and waves[0].amplitude_px >= JITTER.reported_px
     ]
-    if not found:
+    if not significant:
         return
-    wave, image = max(found, key=lambda one: one[0].amplitude_px)
-    told = describe_waves(image, [wave])[0]
-    size = f"{wave.amplitude_px:.2g} px ({told['amplitude_m']:.2g} m)"
-    seconds = f" ({told['period_s']:.3g} s)" if told["period_s"] else ""
-    ids = [image.id for _, image in found]
+    wave, image = max(significant, key=lambda one: one[0].amplitude_px)
+    description = describe_waves(image, [wave])[0]
+    size = f"{wave.amplitude_px:.2g} px ({description['amplitude_m']:.2g} m)"
+    seconds = f" ({description['period_s']:.3g} s)" if description["period_s"] else ""
+    ids = [image.id for _, image in significant]
     rays = block.rays_per_point()[block.points.role == Role.TIE]
     between = "; their tie points show only the difference of the vibrations" if np.median(rays) == 2.0 else ""
     yield Reason(

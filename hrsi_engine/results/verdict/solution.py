@@ -54,7 +54,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
     Residuals are unusable if they are much larger than the noise, the unmodelled errors of cameras, and jitter.
     """
     result = evidence.result
-    wrong = [
+    texts = [
         f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
         for part in result.variance_components
         if part.estimated and part.unit in ("px", "m") and part.factor >= SOLUTION.implausible_factor
@@ -62,22 +62,22 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
         and is_significant(part.factor**2 * part.redundancy, part.redundancy)
     ]  # fmt: skip
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
-    needed, allowed = (
+    required, allowed = (
         result.sigma0 * adjusted,
         float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2)),
     )
-    unusable = needed >= EFFECT.unusable_factor * allowed
+    unusable = required >= EFFECT.unusable_factor * allowed
     if (unusable or result.sigma0 >= SOLUTION.implausible_factor) and is_significant(
-        (needed / stated) ** 2 * result.redundancy, result.redundancy
+        (required / stated) ** 2 * result.redundancy, result.redundancy
     ):
-        wrong.append(
-            f"all observations {result.sigma0:.1f} times (sigma0; image points of {needed:.2g} px instead of "
+        texts.append(
+            f"all observations {result.sigma0:.1f} times (sigma0; image points of {required:.2g} px instead of "
             f"{stated:.2g} px)"
         )
-    if wrong:
+    if texts:
         yield Reason(
             "sigmas-implausible", Level.UNUSABLE if unusable else Level.DOUBTFUL,
-            f"the residuals are larger than the given standard deviations: {'; '.join(wrong)}; the predicted "
+            f"the residuals are larger than the given standard deviations: {'; '.join(texts)}; the predicted "
             "accuracy accounts for this",
             "remove the jitter first, which is in these residuals"
             if evidence.jitter_px > 0.0
@@ -99,19 +99,19 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
     by_ties = {name for part in result.parts if part.gcps < EFFECT.fewest_points for name in part.images}
     images, is_free = result.block.images, np.array([image.id in by_ties for image in result.block.images])
     tested = np.outer(is_free, estimated.model.drifts)
-    far = np.where(tested, np.abs(estimated.values) / np.where(tested, evidence.value_sigmas, 1.0), 0.0)
-    found = np.flatnonzero(far.max(axis=1, initial=0.0) > SOLUTION.implausible_drift)
-    if not len(found):
+    normalised = np.where(tested, np.abs(estimated.values) / np.where(tested, evidence.value_sigmas, 1.0), 0.0)
+    implausible = np.flatnonzero(normalised.max(axis=1, initial=0.0) > SOLUTION.implausible_drift)
+    if not len(implausible):
         return
-    worst, parameter = np.unravel_index(int(np.argmax(far)), far.shape)
-    ids = tuple(images[index].id for index in found.tolist())
+    worst, parameter = np.unravel_index(int(np.argmax(normalised)), normalised.shape)
+    ids = tuple(images[index].id for index in implausible.tolist())
     value = float(estimated.values[worst, parameter])
     yield Reason(
         "drift-implausible", Level.DOUBTFUL,
         f"the attitude drift of image {list_ids(ids)} from tie points is implausible for the sensor, and no GCPs "
         f"confirm it: {estimated.model.parameters[parameter]} of {images[worst].id} is {value:.1e}, "
-        f"{far[worst, parameter]:.0f} times the standard deviation ("
-        f"{abs(value) / far[worst, parameter]:.1e})",
+        f"{normalised[worst, parameter]:.0f} times the standard deviation ("
+        f"{abs(value) / normalised[worst, parameter]:.1e})",
         f"measure at least {EFFECT.fewest_points} GCPs spread over the images; without GCPs, look for systematic "
         "errors of tie points (between dates, on relief or shadows)",
         images=ids,

@@ -92,41 +92,41 @@ class Verdict:
         }
 
 
-def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reason]:
+def find_reasons(evidence: Evidence, input_reasons: Sequence[Reason] = ()) -> list[Reason]:
     """Return all reasons against a block: those found before its adjustment, and those of the result.
 
     If the inputs are unusable, residuals and corrections are consequences: they are omitted. Wrong GCPs that the
     adjustment rejected, with correct other ones, make no block unusable; nor do misfits if check points agree.
 
     evidence : the adjustment, its residuals and refined RPCs
-    before : reasons found in the inputs before the adjustment
+    input_reasons : reasons found in the inputs before the adjustment
     Result: empty if there is no reason.
     """
-    found = [reason for check in CHECKS for reason in check(evidence)]
+    result_reasons = [reason for check in CHECKS for reason in check(evidence)]
     if ground_truth.do_check_points_agree(evidence):
-        found = [
+        result_reasons = [
             replace(reason, level=min(reason.level, Level.DOUBTFUL)) if reason.code in MISFITS else reason
-            for reason in found
+            for reason in result_reasons
         ]
-    if all(reason.level is not Level.UNUSABLE for reason in found):
-        before = [
+    if all(reason.level is not Level.UNUSABLE for reason in result_reasons):
+        input_reasons = [
             replace(reason, level=min(reason.level, Level.DOUBTFUL))
             if reason.code == "control-outliers" and ground_truth.are_other_gcps_consistent(evidence, reason.points)
             else reason
-            for reason in before
+            for reason in input_reasons
         ]
-    if any(reason.level is Level.UNUSABLE for reason in before):
-        found = [reason for reason in found if reason.code not in CONSEQUENCES]
-    levels = {reason.code: reason.level for reason in found}
+    if any(reason.level is Level.UNUSABLE for reason in input_reasons):
+        result_reasons = [reason for reason in result_reasons if reason.code not in CONSEQUENCES]
+    levels = {reason.code: reason.level for reason in result_reasons}
     # The adjustment tests every tie point: it confirms a suspicion from a sample, or not
-    before = [
+    input_reasons = [
         reason
-        for reason in before
+        for reason in input_reasons
         if reason.level > levels.get(reason.code, Level.OK)
         and (reason.code != "ties-wrong" or reason.level is Level.UNUSABLE)
     ]
-    codes = {reason.code for reason in before}
-    return [*before, *(reason for reason in found if reason.code not in codes)]
+    codes = {reason.code for reason in input_reasons}
+    return [*input_reasons, *(reason for reason in result_reasons if reason.code not in codes)]
 
 
 def summarise_accuracy(report: Mapping[str, Any]) -> str:
@@ -139,7 +139,7 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     text = f"{tied} of {images} images" if 0 < tied < images else _format_count(images, "image")
     text += f", tie points {format_figure(ties['rmse_px'])} px RMSE" if tied else ""
     gcps, weak = report["control"]["points"], report["control"].get("weak") or {}
-    limits = "; ".join(f"{len(ids)} {what}: {list_ids(ids)}" for what, ids in weak.items() if ids)
+    limits = "; ".join(f"{len(ids)} {subject}: {list_ids(ids)}" for subject, ids in weak.items() if ids)
     text += f"; {_format_count(gcps, 'GCP')}{f' ({limits})' if limits else ''}"
     text += f", {_format_count(check['points'], 'check point')}"
     part = next(iter(report["parts"]), None) or {}
@@ -148,8 +148,8 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     return f"{text}: {accuracy}" if accuracy else text
 
 
-def _format_count(number: int, what: str) -> str:
-    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+def _format_count(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
 def _describe_check_points(check: Mapping[str, Any], predicted: Mapping[str, Any]) -> str:
@@ -165,12 +165,14 @@ def _describe_check_points(check: Mapping[str, Any], predicted: Mapping[str, Any
         return f"RMSE {sample} px in sample, {line} px in line"
     parts = []
     for name, key in ACCURACIES.items():
-        found, expected = check[key], predicted.get(key)
-        if found is None:
+        value, expected = check[key], predicted.get(key)
+        if value is None:
             continue
         # the predicted LE90 is given only if it is wrong by a factor of two
-        told = expected is not None and (name == "CE90" or not 0.5 < found / expected < 2.0)
-        parts.append(f"{name} {format_figure(found)} m" + (f" (predicted {format_figure(expected)})" if told else ""))
+        with_prediction = expected is not None and (name == "CE90" or not 0.5 < value / expected < 2.0)
+        parts.append(
+            f"{name} {format_figure(value)} m" + (f" (predicted {format_figure(expected)})" if with_prediction else "")
+        )
     return ", ".join(parts)
 
 
@@ -179,8 +181,8 @@ def _describe_operation_error(check: Mapping[str, Any], untested: Mapping[str, A
     if untested is None:
         return ""
     with_it = {name: add_untested_error(check[key], untested, key) for name, key in ACCURACIES.items() if untested[key]}
-    told = ", ".join(f"{name} {format_figure(value)} m" for name, value in with_it.items() if value is not None)
-    return f"; including the coordinate operation, which the check points cannot test: {told}" if told else ""
+    figures = ", ".join(f"{name} {format_figure(value)} m" for name, value in with_it.items() if value is not None)
+    return f"; including the coordinate operation, which the check points cannot test: {figures}" if figures else ""
 
 
 def _describe_prediction(report: Mapping[str, Any]) -> str:
