@@ -16,7 +16,7 @@ from ..hrsi_engine.io.catalogue.lineage import rpc_history
 from ..hrsi_engine.io.opening.datasets import VIRTUAL
 from ..hrsi_engine.io.opening.files import read_json
 from ..hrsi_engine.io.output_dir import require_no_input
-from ..hrsi_engine.io.pages.report import read_picture, write_page
+from ..hrsi_engine.io.pages.report import name_crs_unit, read_picture, write_page
 from ..hrsi_engine.io.rasters.images import GdalRaster
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
 from .declarations.orthoimages import OrthorectifyOptions
@@ -72,7 +72,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
 def summarise(report: Report) -> str:
     """Return one line for each orthoimage, and the warnings."""
     grid = report["grid"]
-    lines = [f"{grid['crs']}, pixels of {grid['resolution']:g}, {report['resampling']}"]
+    lines = [f"{grid['crs']}, pixels of {grid['resolution']:g} {name_crs_unit(grid['crs'])}, {report['resampling']}"]
     for name, entry in report["images"].items():
         error = entry["position_error_max_px"]
         lines.append(

@@ -18,7 +18,7 @@ from ..hrsi_engine.foundation.workers.scheduling import digest
 from ..hrsi_engine.io.catalogue.deliveries import resolve_images
 from ..hrsi_engine.io.catalogue.lineage import input_entries
 from ..hrsi_engine.io.output_dir import check_output_dir, find_image_outputs, read_report
-from ..hrsi_engine.io.pages.report import write_page, write_report_json
+from ..hrsi_engine.io.pages.report import name_crs_unit, write_page, write_report_json
 from ..hrsi_engine.io.safety.folder_lock import only_writer
 from . import REGISTRY
 from .declarations.projects import RunOptions
@@ -192,7 +192,8 @@ def _tell_result(report: Report) -> str:
         return str(report["verdict"]["sentence"])
     if "grid" in report:
         return (
-            f"{len(report['images'])} orthoimages, {report['grid']['crs']}, pixels of {report['grid']['resolution']:g}"
+            f"{len(report['images'])} orthoimages, {report['grid']['crs']}, pixels of {report['grid']['resolution']:g} "
+            + name_crs_unit(report["grid"]["crs"])
         )
     if "pairs" in report:
         after = report["all"]["after"]
