@@ -117,7 +117,7 @@ def true_error_px(source: Source, folder: Path) -> float:
     squares = []
     for path in images:
         image = open_image(str(path))
-        name = re.sub(r"^(?:.*-P1BS-|DIM_).*00(\d)$", r"image_\1", image.id)  # of a vendor's product
+        name = re.sub(r"^(?:.*-P1BS-.*00|DIM_.*00|Aufnahme .* )(\d)$", r"image_\1", image.id)  # of a product
         rows = [row for row in range(len(measured)) if str(measured.image_ids[row]) == name
                 and str(measured.ids[row]) in place]  # fmt: skip
         if not rows:  # multispectral: the truth is in panchromatic pixels
