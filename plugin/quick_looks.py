@@ -21,10 +21,10 @@ from qgis.core import (
 )
 from qgis.PyQt.QtCore import QObject, QTimer
 
+from ..processing_algorithms.interface.declare import QUICK_LOOKS, STATES
 from .translation import tr
 
-QUICK_LOOK_FOLDER = "quick_looks"  # folder in that of a result
-STATE_BEFORE, STATE_AFTER = "before", "after"  # ends of the names of quick-looks
+STATE_BEFORE, STATE_AFTER = STATES
 FLICKER_MS = 800
 #: Fields of the table of points, and their headings.
 TABLE_FIELDS = {
@@ -58,7 +58,7 @@ class Comparison(QObject):
         self.shown = STATE_AFTER if self.shown == STATE_BEFORE else STATE_BEFORE
         for node in QgsProject.instance().layerTreeRoot().findLayers():
             path = Path(node.layer().source() if node.layer() is not None else "")
-            if path.parent.name == QUICK_LOOK_FOLDER:
+            if path.parent.name == QUICK_LOOKS:
                 node.setItemVisibilityChecked(path.stem.endswith(f"_{self.shown}"))
 
 

@@ -29,9 +29,9 @@ from qgis.utils import iface
 
 from ..hrsi_engine.foundation.json_values import json_text
 from ..hrsi_engine.foundation.reasons import Level
-from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
+from ..processing_algorithms.interface.declare import QUICK_LOOKS, Algorithm, Kind, Report
 from .help import as_rich_text
-from .quick_looks import QUICK_LOOK_FOLDER, STATE_AFTER, STATE_BEFORE
+from .quick_looks import STATE_AFTER, STATE_BEFORE
 from .translation import tr
 
 BATCH_LISTS_REPORTS = 32800  #: version of QGIS since which a batch can list reports; QGIS 3.22 raises a TypeError
@@ -103,7 +103,7 @@ def _list_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
 
 def list_quick_looks(options: dict[str, Any]) -> list[str]:
     """Return the quick-looks of a run, those after the adjustment last, which are above the others."""
-    paths = Path(options["output_dir"], QUICK_LOOK_FOLDER).glob("*.tif")
+    paths = Path(options["output_dir"], QUICK_LOOKS).glob("*.tif")
     return sorted(map(str, paths), key=lambda path: path.endswith(f"_{STATE_AFTER}.tif"))
 
 

@@ -46,8 +46,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
         lost = np.count_nonzero(np.isnan(given[:, 2]))
         warnings = [f"the DEM has no height for {lost} points"] if lost else []
     ids, ground = points.ids, points.ground
-    names = ids if options.points else [f"point {number + 1}" for number in range(len(ids))]
-    require_axes_in_order(images, ground, names)
+    require_axes_in_order(images, ground, ids if options.points else None)
     if context.dry_run:
         counts = {"images": len(images), "ground points": len(ids)}
         return plan_folder(options.folder, POINTS_FILE, counts, warnings, context)

@@ -125,16 +125,18 @@ def _predict(observations: Observations, by_ground: np.ndarray, fit: np.ndarray)
     """Return ``predicted_px`` and ``enlargement`` of `TrackFit` from the fit of all rays."""
     # B' W B of each point, and the part of each image point's noise that its own prediction contains
     weight = observations.sigma_px**-2.0
-    part = np.einsum("n,nki,nkj->nij", weight, by_ground, by_ground)
-    normal = np.add.reduceat(part, observations.first[:-1], axis=0) if len(part) else np.zeros((0, 3, 3))
+    point_normals = np.einsum("n,nki,nkj->nij", weight, by_ground, by_ground)
+    normal = (
+        np.add.reduceat(point_normals, observations.first[:-1], axis=0) if len(point_normals) else np.zeros((0, 3, 3))
+    )
     regular = np.isfinite(normal).all(axis=(1, 2))
     normal[~regular] = np.eye(3)
     inverse = np.linalg.pinv(normal, hermitian=True)[observations.point]
     left = np.eye(2) - np.einsum("nki,nij,nlj,n->nkl", by_ground, inverse, by_ground, weight)
     left[~np.isfinite(left).all(axis=(1, 2))] = np.nan
-    valid = np.isfinite(left[:, 0, 0])
+    finite = np.isfinite(left[:, 0, 0])
     lowest = np.full(len(left), np.nan)
-    lowest[valid] = np.linalg.eigvalsh(left[valid])[:, 0]
+    lowest[finite] = np.linalg.eigvalsh(left[finite])[:, 0]
     predictable = lowest > PREDICTION.most_enlargement**-2.0
     predicted, enlargement = np.full_like(fit, np.nan), np.full(len(fit), np.nan)
     cofactor = np.linalg.inv(left[predictable])

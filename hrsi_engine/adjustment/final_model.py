@@ -74,10 +74,8 @@ def predict_left_out(
         contained = locate_parameters(IMAGE_SPACE[name].parameters, camera.parameters)
         omitted = np.setdiff1d(np.arange(len(camera.parameters)), contained)
         left = np.zeros((*values.shape, len(omitted)))  # omitted drift, in the camera's parameters
-        left[:, contained], left[:, omitted] = (
-            -compute_gain(squares, loop.prior_weight, contained, omitted),
-            np.eye(len(omitted)),
-        )
+        left[:, contained] = -compute_gain(squares, loop.prior_weight, contained, omitted)
+        left[:, omitted] = np.eye(len(omitted))
         drift = np.einsum("cpr,cr->cp", left, values[:, omitted])
         chance = unit_variance * special.chdtri(max(len(omitted), 1) * len(values), SIGNIFICANCE.level)
         if np.einsum("cp,cpq,cq->", drift, tie_squares, drift) > max(most_left, chance):

@@ -195,8 +195,8 @@ class BlockUpdater:
         is_watched &= finite_rows(self.result.ground[points])
         if not is_watched.any():
             return None
-        observed = self._select_before(is_watched)
-        equations, weighting = form_point_equations(observed.observations, problem.model), observed.weighting
+        selection = self._select_before(is_watched)
+        equations, weighting = form_point_equations(selection.observations, problem.model), selection.weighting
         delivered = self._deliver(self._last.state.values)
         state = State(delivered, self.result.ground[points[is_watched]])
         normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)

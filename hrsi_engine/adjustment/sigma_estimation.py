@@ -83,8 +83,8 @@ class SigmaEstimation:
         options, observations = self.problem.options, self.problem.observations
         if not (options.test_sigmas or options.variance_components):
             return False
-        requested = options.variance_components or can_estimate_drift(observations.count, len(observations.images))
-        self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and requested)
+        is_asked_for = options.variance_components or can_estimate_drift(observations.count, len(observations.images))
+        self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and is_asked_for)
         if options.variance_components:
             self.sigmas.free[:] = True
         if self.drifts:
@@ -207,10 +207,10 @@ class SigmaEstimation:
             variance = np.append(np.where(is_tested, self.sigmas.factor / previous, 1.0) ** 2, 1.0)[group]
             factors = linalg.lu_factor(np.eye(len(u)) + s * (variance - 1.0), check_finite=False)
             left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
-            part = left[:, 1:].diagonal()
-            telling = variance * part < 1.0 - REDUNDANCY.tested
+            shares = left[:, 1:].diagonal()
+            telling = variance * shares < 1.0 - REDUNDANCY.tested
             kind = np.where(telling, group, groups)[:, None] == np.arange(groups)
-            freedom = part @ kind
+            freedom = shares @ kind
             step = np.linalg.pinv(kind.T @ left[:, 1:] ** 2 @ kind, hermitian=True) @ (left[:, 0] ** 2 @ kind - freedom)
             ratio = (self.sigmas.factor / previous) ** 2
             sums[is_tested, 1] = (ratio * freedom)[is_tested]

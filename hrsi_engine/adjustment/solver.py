@@ -80,8 +80,8 @@ def run_adjuster(
                 return adjuster.run(progress), adjuster
             except SingularSystemError as error:
                 observations = problem.observations
-                target = np.isin(observations.camera_of_image, error.cameras)
-                names = list_ids(image.id for image, one in zip(block.images, target, strict=True) if one)
+                is_concerned = np.isin(observations.camera_of_image, error.cameras)
+                names = list_ids(image.id for image, one in zip(block.images, is_concerned, strict=True) if one)
                 raise SolveError(f"{error}; {names} or its connection is not determined by the observations") from error
     except np.linalg.LinAlgError as error:  # points too far from their images
         raise SolveError(

@@ -115,9 +115,9 @@ def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, valid: GroundPoints
     """
     surveyed = valid.ids[finite_rows(valid.ground)]
     result = []
-    for tie, remainder in find_similar_ids(ids[~np.isin(ids, surveyed)], surveyed).items():
+    for tie, similar in find_similar_ids(ids[~np.isin(ids, surveyed)], surveyed).items():
         images = rows.image_ids[rows.ids == tie]
-        for name in remainder:
+        for name in similar:
             if not np.isin(images, rows.image_ids[rows.ids == name]).any():
                 result.append(f"{tie!r} ({name!r} has one)")
     if not result:
@@ -157,63 +157,62 @@ def stack_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     return ImagePoints(**columns, source=tables[0].source)
 
 
-def _assign_roles(valid: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
-    for option, selection in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
-        missing = sorted(set(selection).difference(valid.ids.tolist())) if selection else []
+def _assign_roles(surveyed: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
+    for option, given_ids in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
+        missing = sorted(set(given_ids).difference(surveyed.ids.tolist())) if given_ids else []
         if missing:
-            similar = [repr(name) for remainder in find_similar_ids(missing, valid.ids).values() for name in remainder]
+            similar = [repr(name) for names in find_similar_ids(missing, surveyed.ids).values() for name in names]
             raise InputError(
                 f"`{option}` names {list_ids(missing)}, not among the measured ground points"
-                f"{f' of {valid.source}' if valid.source else ''}: correct the ids"
+                f"{f' of {surveyed.source}' if surveyed.source else ''}: correct the ids"
                 f"{f'; there is {list_ids(similar)}' if similar else ''}"
             )
     pair = sorted(set(gcp_ids or ()) & set(check_ids or ()))
     if pair:
         raise InputError(f"{list_ids(pair)} is in `gcp_ids` and in `check_ids`: a point is control or check, not both")
-    role = np.where(valid.role == UNSET, Role.GCP, valid.role)
+    role = np.where(surveyed.role == UNSET, Role.GCP, surveyed.role)
     if gcp_ids:
         role = np.where(
-            np.isin(valid.ids, list(gcp_ids)), Role.GCP, np.where(np.isin(role, UNSURVEYED), role, Role.CHECK)
+            np.isin(surveyed.ids, list(gcp_ids)), Role.GCP, np.where(np.isin(role, UNSURVEYED), role, Role.CHECK)
         )
     if check_ids:
-        role = np.where(np.isin(valid.ids, list(check_ids)), Role.CHECK, role)
-    return np.where(any_of_rows(np.isnan(valid.ground)), Role.TIE, role)
+        role = np.where(np.isin(surveyed.ids, list(check_ids)), Role.CHECK, role)
+    return np.where(any_of_rows(np.isnan(surveyed.ground)), Role.TIE, role)
 
 
-def _make_points(ids: np.ndarray, valid: GroundPoints, role: np.ndarray, defaults: DefaultSigmas) -> GroundPoints:
+def _make_points(ids: np.ndarray, surveyed: GroundPoints, role: np.ndarray, defaults: DefaultSigmas) -> GroundPoints:
     """Return one row for every measured id; ids without ground point become tie points at NaN."""
-    empty = np.full((len(ids), 3, 3), np.nan) if valid.covariance_m2 is not None else None
+    empty = np.full((len(ids), 3, 3), np.nan) if surveyed.covariance_m2 is not None else None
     points = GroundPoints.create(
-        ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=valid.source, covariance_m2=empty
+        ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=surveyed.source, covariance_m2=empty
     )
-    points = replace(points, operations=valid.operations)
-    row = np.searchsorted(ids, valid.ids)
-    if points.covariance_m2 is not None and valid.covariance_m2 is not None:
+    points = replace(points, operations=surveyed.operations)
+    row = np.searchsorted(ids, surveyed.ids)
+    if points.covariance_m2 is not None and surveyed.covariance_m2 is not None:
         # A covariance must be positive definite; NaN are variances that follow from default sigmas
-        stated = valid.survey_covariance_m2()
+        stated = surveyed.survey_covariance_m2()
         stated = np.where(np.isnan(stated), np.eye(3), stated)
         open_axis = np.isinf(stated.diagonal(axis1=1, axis2=2))
         finite = np.where(open_axis[:, :, None] | open_axis[:, None, :], np.eye(3), stated)
         scale = np.sqrt(np.abs(finite.diagonal(axis1=1, axis2=2)))
         with np.errstate(divide="ignore", invalid="ignore"):
             correlation = np.nan_to_num(finite / (scale[:, :, None] * scale[:, None, :]))
-        rejected = valid.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
-        if len(rejected):
+        invalid = surveyed.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
+        if len(invalid):
             raise InputError(
-                f"ground point {list_ids(rejected)} has a covariance that is not positive definite: correlations "
+                f"ground point {list_ids(invalid)} has a covariance that is not positive definite: correlations "
                 "must lie between -1 and 1 and agree with each other"
             )
-        points.covariance_m2[row] = valid.covariance_m2
-    points.ground[row], points.role[row], points.sigma_m[row] = valid.ground, role, valid.sigma_m
-    points.operation[row] = valid.operation
+        points.covariance_m2[row] = surveyed.covariance_m2
+    points.ground[row], points.role[row], points.sigma_m[row] = surveyed.ground, role, surveyed.sigma_m
+    points.operation[row] = surveyed.operation
     for column, default in enumerate((defaults.sigma_gcp_xy_m, defaults.sigma_gcp_h_m)):
         sigma = points.sigma_m[:, column]
         sigma[np.isnan(sigma)] = default
-    rejected = ids[~(points.sigma_m > 0.0).all(axis=1)]
-    if len(rejected):
+    invalid = ids[~(points.sigma_m > 0.0).all(axis=1)]
+    if len(invalid):
         raise InputError(
-            f"ground point {list_ids(rejected)} has a sigma that is not positive: give metres above 0, or leave it "
-            "empty"
+            f"ground point {list_ids(invalid)} has a sigma that is not positive: give metres above 0, or leave it empty"
         )
     return points
 
@@ -272,19 +271,21 @@ def _strip_separators(ids: Iterable[str]) -> list[str]:
     return _join_lower_case(ids).translate(_SLIGHT).split(_APART)
 
 
-def find_similar_ids(strangers: Iterable[str], valid: Iterable[str]) -> dict[str, list[str]]:
+def find_similar_ids(strangers: Iterable[str], known_ids: Iterable[str]) -> dict[str, list[str]]:
     """Return the known ids that are similar to each of ``strangers``, without those that have no similar ones."""
     by_spelling: dict[str, list[str]] = {}
     waiting = map(str, strangers)
     names = list(islice(waiting, _AT_ONCE))
-    valid = list(map(str, valid)) if names else []  # if all ids of a large block are known, nothing is normalised
-    if not valid:
+    known_ids = (
+        list(map(str, known_ids)) if names else []
+    )  # if all ids of a large block are known, nothing is normalised
+    if not known_ids:
         return {}
-    for name, spelling in zip(valid, normalise_spellings(valid), strict=True):
+    for name, spelling in zip(known_ids, normalise_spellings(known_ids), strict=True):
         by_spelling.setdefault(spelling, []).append(name)
-    result, bones = dict[str, list[str]](), set(_strip_separators(valid))
+    result, bones = dict[str, list[str]](), set(_strip_separators(known_ids))
     while names:
-        names = [name for name, part in zip(names, _strip_separators(names), strict=True) if part in bones]
+        names = [name for name, bone in zip(names, _strip_separators(names), strict=True) if bone in bones]
         spellings = zip(names, normalise_spellings(names), strict=True)
         result |= {name: by_spelling[spelling] for name, spelling in spellings if spelling in by_spelling}
         names = list(islice(waiting, _AT_ONCE))

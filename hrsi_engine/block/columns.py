@@ -57,11 +57,11 @@ class NameColumn:
 def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarray]:
     """Return the distinct ids, sorted, and the index of each row's id; fast if equal ids are adjacent."""
     if isinstance(ids, NameColumn):
-        is_used = np.zeros(len(ids.names), dtype=bool)
-        is_used[ids.number] = True
-        distinct, place = np.unique(ids.names[is_used], return_inverse=True)
-        new = np.zeros(len(is_used), dtype=np.int64)
-        new[is_used] = place
+        occurs = np.zeros(len(ids.names), dtype=bool)
+        occurs[ids.number] = True
+        distinct, place = np.unique(ids.names[occurs], return_inverse=True)
+        new = np.zeros(len(occurs), dtype=np.int64)
+        new[occurs] = place
         return distinct, new[ids.number]
     if not len(ids):
         return ids, np.zeros(0, dtype=np.int64)
@@ -101,8 +101,10 @@ class Columns:
     def select(self, keep: np.ndarray) -> Self:
         """Return the selected rows (mask or indices)."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        selection = {name: one[keep] for name, one in columns.items() if isinstance(one, (np.ndarray, NameColumn))}
-        return replace(self, **selection)  # type: ignore[type-var]
+        columns_selected = {
+            name: one[keep] for name, one in columns.items() if isinstance(one, (np.ndarray, NameColumn))
+        }
+        return replace(self, **columns_selected)  # type: ignore[type-var]
 
     def __repr__(self) -> str:
         first = getattr(self, fields(self)[0].name)  # type: ignore[arg-type]

@@ -24,15 +24,15 @@ def find_weak_control(block: Block) -> dict[str, list[str]]:
     measured = block.measurements
     rows = np.flatnonzero(block.points.role[measured.point] == Role.GCP)
     kinds = {"outside the image": np.zeros(len(rows), dtype=bool), "on nodata": np.zeros(len(rows), dtype=bool)}
-    for position, row in enumerate(rows.tolist()):
+    for index, row in enumerate(rows.tolist()):
         image, xy = block.images[int(measured.image[row])], measured.xy[row]
         if image.size is None:
             continue
         outside = (np.abs(xy - image.centre_px) > image.half_size_px + 0.5 + CONTROL_VISIBILITY.edge_px).any()
-        kinds["outside the image"][position] = outside
+        kinds["outside the image"][index] = outside
         if image.raster is not None and not outside and len(rows) <= CONTROL_VISIBILITY.most_read:
             sample, line = np.clip(np.rint(xy).astype(int), 0, np.array(image.size) - 1).tolist()
-            kinds["on nodata"][position] = not image.raster.read(sample, line, 1, 1)[1].all()
+            kinds["on nodata"][index] = not image.raster.read(sample, line, 1, 1)[1].all()
     points, number = np.unique(measured.point[rows], return_inverse=True)
     rays = np.bincount(number, minlength=len(points))
     result = {}

@@ -70,7 +70,7 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
     for index, image in enumerate(images):
         if image.tile is None and image.size is not None and _PART.search(image.id):
             products.setdefault(_TIME.sub("", _PART.sub("", image.id)), []).append(index)
-    combined = list(images)
+    result = list(images)
     for name, members in products.items():
         parts = [images[index] for index in members]
         if len(parts) < 2 or len({part.rpc for part in parts}) == 1:
@@ -82,22 +82,22 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
         if places.off_px.max() > STRIP.whole_px or not _have_common_rays(parts, places.first):
             continue
         for index, first in zip(members, places.first.tolist(), strict=True):
-            combined[index] = replace(images[index], tile=Tile(name, (first[0], first[1]), places.size))
-    return combined
+            result[index] = replace(images[index], tile=Tile(name, (first[0], first[1]), places.size))
+    return result
 
 
 def _have_common_rays(parts: Sequence[Image], first: np.ndarray) -> bool:
     """Return whether adjacent parts at ``first (n, 2)`` have the same rays where they meet, tested at two heights."""
     order = np.lexsort((first[:, 0], first[:, 1]))
     for one, second in pairwise(order.tolist()):
-        valid, part = parts[one], parts[second]
+        first_part, part = parts[one], parts[second]
         offset = (first[second] - first[one]).astype(np.float64)
         edge = part.centre_px + np.clip(
-            valid.centre_px - offset - part.centre_px, -part.half_size_px, part.half_size_px
+            first_part.centre_px - offset - part.centre_px, -part.half_size_px, part.half_size_px
         )
         for height in part.rpc.height_range:
-            visible = valid.rpc.project(part.rpc.localize(edge[None], height).ground)
-            if not np.hypot(*(visible - edge - offset)[0]) <= STRIP.bent_px:
+            projected = first_part.rpc.project(part.rpc.localize(edge[None], height).ground)
+            if not np.hypot(*(projected - edge - offset)[0]) <= STRIP.bent_px:
                 return False
     return True
 
@@ -151,11 +151,11 @@ def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) 
 
 def join_named_bands(images: Sequence[Image], groups: Sequence[Sequence[str]]) -> list[Image]:
     """Return the images; those of a group of ids that are bands or windows of one exposure become tiles of it."""
-    combined = {image.id: image for image in images}
+    by_id = {image.id: image for image in images}
     for group in groups:
-        names = [combined[name] for name in group if name in combined]
-        combined |= {image.id: image for image in join_bands(names, 0.0)}
-    return list(combined.values())
+        names = [by_id[name] for name in group if name in by_id]
+        by_id |= {image.id: image for image in join_bands(names, 0.0)}
+    return list(by_id.values())
 
 
 def _find_scene(image: Image) -> Tile:
@@ -284,10 +284,10 @@ def place_parts(parts: Sequence[Image]) -> StripPlaces:
         last = max(reached, key=lambda number: reached[number][0])
         result[last] = reached.pop(last)[1]
     places = np.array([result[number] for number in range(len(parts))])
-    complete = np.rint(places).astype(np.int64)
-    first = complete - complete.min(axis=0)
+    rounded = np.rint(places).astype(np.int64)
+    first = rounded - rounded.min(axis=0)
     end = (first + [part.known_size for part in parts]).max(axis=0)
-    return StripPlaces(first, (int(end[0]), int(end[1])), np.abs(places - complete).max(axis=1))
+    return StripPlaces(first, (int(end[0]), int(end[1])), np.abs(places - rounded).max(axis=1))
 
 
 def _measure_offset(frame: Image, part: Image) -> tuple[int, np.ndarray]:

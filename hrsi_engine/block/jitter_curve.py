@@ -27,10 +27,10 @@ class JitterCurve:
     def evaluate(self, line: np.ndarray) -> np.ndarray:
         """Return the displacements ``(n, 2)`` in px at lines ``(n,)`` computed by the RPC; NaN if unknown."""
         place = np.clip(np.asarray(line) - self.first_line, 0.0, len(self.shift_px) - 1.0)
-        position = np.clip(np.nan_to_num(place).astype(np.int64), 0, max(len(self.shift_px) - 2, 0))
-        part, neighbours = (place - position)[:, None], self.shift_px[position]
+        knot = np.clip(np.nan_to_num(place).astype(np.int64), 0, max(len(self.shift_px) - 2, 0))
+        part, neighbours = (place - knot)[:, None], self.shift_px[knot]
         return np.asarray(
-            neighbours + part * (self.shift_px[np.minimum(position + 1, len(self.shift_px) - 1)] - neighbours)
+            neighbours + part * (self.shift_px[np.minimum(knot + 1, len(self.shift_px) - 1)] - neighbours)
         )
 
     def remove_from(self, xy: np.ndarray) -> np.ndarray:

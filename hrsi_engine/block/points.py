@@ -187,8 +187,8 @@ class GroundPoints(Columns):
         """
         covariance = None if covariance_m2 is None else np.array(covariance_m2, dtype=np.float64)
         covariance = None if covariance is None else covariance.reshape(len(ids), 3, 3)
-        created: Any = cls  # for mypy: the constructor converts single values to arrays
-        return created(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
+        constructor: Any = cls  # for mypy: the constructor converts single values to arrays
+        return constructor(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
 
 
 def stack_ground_points(tables: Sequence[GroundPoints]) -> GroundPoints:
@@ -298,8 +298,8 @@ class ImagePoints(Columns):
         ImagePoints
             The table.
         """
-        created: Any = cls  # for mypy: the constructor converts single values to arrays
-        return created(ids, image_ids, np.reshape(xy, (len(ids), 2)), sigma_px, kind, quality, source)
+        constructor: Any = cls  # for mypy: the constructor converts single values to arrays
+        return constructor(ids, image_ids, np.reshape(xy, (len(ids), 2)), sigma_px, kind, quality, source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -325,6 +325,8 @@ def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
     ground, reference : (n, 3) lon, lat in degrees, also beyond ±180, height in metres; unknown heights are equal
     """
-    valid = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
-    first, second = (np.column_stack([xyz[:, :2], np.where(valid, xyz[:, 2], 0.0)]) for xyz in (ground, reference))
+    has_heights = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
+    first, second = (
+        np.column_stack([xyz[:, :2], np.where(has_heights, xyz[:, 2], 0.0)]) for xyz in (ground, reference)
+    )
     return distances_m(first, second) > SAME_POINT.same_position_m

@@ -25,19 +25,19 @@ class SlidingFootprint:
     """
 
     def __init__(self, image: Image, heights: GroundRange) -> None:
-        position = (image.rpc.localize(image.outline_px(OUTLINE_PER_SIDE), height).ground[:, :2] for height in heights)
-        self._heights, (self._low, high) = heights, position
+        outlines = (image.rpc.localize(image.outline_px(OUTLINE_PER_SIDE), height).ground[:, :2] for height in heights)
+        self._heights, (self._low, high) = heights, outlines
         rise = high - self._low
         rise[:, 0] = wrap_degrees(rise[:, 0])
         self._rise = rise / max(heights.high_m - heights.low_m, 1e-9)
-        valid = np.isfinite(rise).all(axis=1)
-        self.slide = np.median(self._rise[valid], axis=0) if valid.any() else np.zeros(2)
-        outline = self._low[valid] - self._low[valid][:1]
+        finite = np.isfinite(rise).all(axis=1)
+        self.slide = np.median(self._rise[finite], axis=0) if finite.any() else np.zeros(2)
+        outline = self._low[finite] - self._low[finite][:1]
         outline[:, 0] = wrap_degrees(outline[:, 0])
-        self.extent = float(np.min(np.ptp(outline, axis=0))) if valid.any() else 0.0
+        self.extent = float(np.min(np.ptp(outline, axis=0))) if finite.any() else 0.0
         self.box = np.full((2, 4), np.nan)
-        if valid.any():
-            corner = self._low[valid][0]
+        if finite.any():
+            corner = self._low[finite][0]
             self.box[:] = (
                 np.r_[corner + outline.min(axis=0), corner + outline.max(axis=0)],
                 np.tile(self.slide, 2),

@@ -102,23 +102,23 @@ def descend(
     for number in range(1, largest + 1):
         if number == largest:  # only an undamped step shows the distance to the minimum
             current, damping = best, 0.0
-        accepted = step(current, damping)
+        trial = step(current, damping)
         if current is best:
-            predicted, damping_term = accepted.promised, accepted.braked
-        decreased = accepted.ahead.cost <= best.cost * (1.0 + EQUALITY.rounding) + 1e-12
+            predicted, damping_term = trial.promised, trial.braked
+        decreased = trial.ahead.cost <= best.cost * (1.0 + EQUALITY.rounding) + 1e-12
         limit = max(0.5 * DESCENT.done_sigma**2 * variance(best), tolerance * best.cost)
         converged = current is best and predicted <= limit and (number > 1 or weighed is None)
         if converged and damping == 0.0:
-            return Descent(accepted.ahead if decreased else best, True, CONVERGED, number)
+            return Descent(trial.ahead if decreased else best, True, CONVERGED, number)
         if number == largest:
             is_near = predicted <= 0.5 * DESCENT.near_sigma**2 * variance(best)
             status = (
                 CONVERGED if is_near else f"stopped at the iteration limit, {_distance_text(predicted, variance(best))}"
             )
-            return Descent(accepted.ahead if decreased else best, is_near, status, largest)
+            return Descent(trial.ahead if decreased else best, is_near, status, largest)
         if decreased:
-            gain = (best.cost - accepted.ahead.cost) / max(predicted - damping_term, 1e-300)
-            best = current = weighed(accepted.ahead) if weighed else accepted.ahead
+            gain = (best.cost - trial.ahead.cost) / max(predicted - damping_term, 1e-300)
+            best = current = weighed(trial.ahead) if weighed else trial.ahead
             ahead_steps, growth = 0, DESCENT.raised
             if damping:
                 # a damped step always predicts little, therefore the next step is undamped if this one predicts little
@@ -126,10 +126,10 @@ def descend(
                     _lower_damping(damping, gain, damping_term / max(predicted, 1e-300)), DESCENT.least_damping
                 )
                 damping = 0.0 if converged else fallback_damping
-        elif ahead_steps < DESCENT.look_ahead and accepted.ahead.cost < (
+        elif ahead_steps < DESCENT.look_ahead and trial.ahead.cost < (
             DESCENT.great_leap * current.cost if ahead_steps else np.inf
         ):
-            current, ahead_steps = accepted.ahead, ahead_steps + 1
+            current, ahead_steps = trial.ahead, ahead_steps + 1
         else:
             current, ahead_steps = best, 0
             damping = fallback_damping = growth * damping if damping else fallback_damping

@@ -85,16 +85,16 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     """
     if cls is None:
         return partial(options, kw_only=kw_only)
-    created = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
+    options_class = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
     for method in (_OptionsBase.__repr__, _OptionsBase.__eq__, _OptionsBase.__hash__, _OptionsBase.__setattr__):
-        setattr(created, method.__name__, method)
+        setattr(options_class, method.__name__, method)
     # Add the section Parameters to the docstring, from the descriptions of the fields
-    doc = inspect.cleandoc(created.__doc__ or "")
+    doc = inspect.cleandoc(options_class.__doc__ or "")
     heading = "Parameters\n----------\n"
     opening, _, annotations = doc.partition(heading)
     fields_here = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", annotations.strip()) if entry}
     entries: list[str] = []
-    for part in fields(created):  # type: ignore[arg-type]
+    for part in fields(options_class):  # type: ignore[arg-type]
         said, inner = option_of(part), inner_options_of(part)
         if said is not None:
             entries.append(_describe_field(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
@@ -104,8 +104,8 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
             entries += [
                 text for names, text in fields_here.items() if part.name in names.split(", ") and text not in entries
             ]
-    created.__doc__ = f"{opening.rstrip()}\n\n{heading}{chr(10).join(entries)}\n"
-    return created
+    options_class.__doc__ = f"{opening.rstrip()}\n\n{heading}{chr(10).join(entries)}\n"
+    return options_class
 
 
 def _values_of(individual: Any) -> dict[str, Any]:

@@ -38,10 +38,10 @@ def thresholds(topic: type[Topic]) -> type[Topic]:
 
     Type checkers see the class, with the fields as attributes. If its name is not in capitals, the class is returned.
     """
-    created: Any = dataclass(frozen=True)(topic)
+    frozen_class: Any = dataclass(frozen=True)(topic)
     if not topic.__doc__ or topic.__doc__.startswith(f"{topic.__name__}("):
         raise TypeError(f"{topic.__name__}: describe in a docstring what its thresholds decide")
-    bare = [name for name, declared in created.__dataclass_fields__.items() if "meaning" not in declared.metadata]
+    bare = [name for name, declared in frozen_class.__dataclass_fields__.items() if "meaning" not in declared.metadata]
     if bare:
         raise TypeError(f"{topic.__name__}.{bare[0]}: declare it by `threshold`, with unit, meaning and origin")
-    return created() if topic.__name__.isupper() else created
+    return frozen_class() if topic.__name__.isupper() else frozen_class

@@ -53,10 +53,10 @@ def read_laser(
     else:
         table = read_parquet(path, choose_fields(spec)) if head.startswith(b"PAR1") else read_table(spec)
         points = _read_points(table, Reference(ground_crs or "", height_datum, epoch=epoch))
-    faulty = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
-    if not len(points) or faulty.all():
+    is_impossible = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
+    if not len(points) or is_impossible.all():
         raise InputError(f"{points.source}: none of its points has a height that is on the ground: obtain it again")
-    return replace(points, doubt=np.where(faulty & (points.doubt == ""), "a height of no ground", points.doubt))
+    return replace(points, doubt=np.where(is_impossible & (points.doubt == ""), "a height of no ground", points.doubt))
 
 
 def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
@@ -75,12 +75,12 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
         )
     # Points without a height are omitted, so that their height is not taken from a DEM
     z = np.full(len(table), np.nan) if table.geometry is None else table.geometry[:, 2]
-    retained = ~np.isnan(z) if heights is None else ~(np.isnan(heights) & np.isnan(z))
-    if not retained.any():
+    has_height = ~np.isnan(z) if heights is None else ~(np.isnan(heights) & np.isnan(z))
+    if not has_height.any():
         raise InputError(f"{table.source}: none of its points has a height: name another file or layer")
-    if not retained.all():
-        columns = {name: column[retained] for name, column in table.columns.items()}
-        geometry = None if table.geometry is None else table.geometry[retained]
+    if not has_height.all():
+        columns = {name: column[has_height] for name, column in table.columns.items()}
+        geometry = None if table.geometry is None else table.geometry[has_height]
         table = PointTable(table.source, columns, table.field_names, table.row_name, geometry, table.crs)
     if table.geometry is None and not {"x", "y"} <= table.columns.keys():
         reference = replace(reference, ground_crs="")
@@ -269,8 +269,8 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
         if not beam.startswith(product.beam):
             continue
         place = f"/{beam}/{product.points}".rstrip("/")
-        arrays = {name: values for name, lower in product.arrays.items()
-                  if (values := _read_array(path, root, f"{place}/{lower}")) is not None}  # fmt: skip
+        arrays = {name: values for name, array_path in product.arrays.items()
+                  if (values := _read_array(path, root, f"{place}/{array_path}")) is not None}  # fmt: skip
         if {"lon", "lat", "height"} <= arrays.keys():
             count = len(arrays["height"])
             damaged = [name for name, values in arrays.items() if len(values) != count]
@@ -306,7 +306,7 @@ def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]
     name = os.path.basename(path)
     for beam, arrays in beams:
         ground = np.column_stack([arrays["lon"], arrays["lat"], arrays["height"]])
-        valid = np.flatnonzero(np.isfinite(ground).all(axis=1))
+        finite = np.flatnonzero(np.isfinite(ground).all(axis=1))
         empty = np.full(len(ground), np.nan)
         doubt = np.full(len(ground), "", dtype="U64")
         for reason, (name_of_array, compare, limit) in product.doubts.items():
@@ -321,6 +321,6 @@ def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]
             "ids": np.char.add(f"{beam}-", np.arange(len(ground)).astype(str)),
         }  # fmt: skip
         for column, values in columns.items():
-            parts.setdefault(column, []).append(values[valid])
+            parts.setdefault(column, []).append(values[finite])
     combined = {column: np.concatenate(values) for column, values in parts.items()}
     return LaserPoints.create(combined.pop("ground"), source=path, **combined)

@@ -133,13 +133,13 @@ def intersect_frame_height(
 
 
 def linearise_by_rays(
-    is_used: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, xy: np.ndarray,
+    quantities: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, xy: np.ndarray,
     row: RowIndex, position: Triple[Number], axes: tuple[Triple[Number], Triple[Number], Triple[Number]],
     computed: np.ndarray, by_ground: np.ndarray, by_quantity: np.ndarray, terms: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
     """Write the observation equations of an image point; one formula for compiled loops and NumPy.
 
-    is_used : (q,) the quantities that are corrected
+    quantities : (q,) the quantities that are corrected
     constants, coefficients, i, rays, row : as in `intersect_frame_height`; xy : (n, 2) observed, px
     position, axes : of the ground point: geocentric, and the unit vectors east, north, up there
     computed, by_ground, by_quantity, terms : arrays that receive the equations; a : row, or all rows
@@ -174,8 +174,8 @@ def linearise_by_rays(
         along_y = c[i, 3] * e[0] + c[i, 4] * e[1] + c[i, 5] * e[2] - by_z[1] * up
         by_ground[a, 0, k] = sample_x * along_x + sample_y * along_y
         by_ground[a, 1, k] = line_x * along_x + line_y * along_y
-    for k in range(len(is_used)):
-        x, y = x_by[is_used[k]], y_by[is_used[k]]
+    for k in range(len(quantities)):
+        x, y = x_by[quantities[k]], y_by[quantities[k]]
         by_quantity[a, 0, k] = -sample_x * x - sample_y * y
         by_quantity[a, 1, k] = -line_x * x - line_y * y
     for m in range(terms.shape[1]):

@@ -176,9 +176,9 @@ class ObservationEquations:
     def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> EquationState:
         """Return the weighted equations at ``values``; without ``roots`` of P, these are computed at the values."""
         control = self.control
-        position = self.linearise(values, control.ground)
-        residual = control.xy - position.computed
-        if not (np.isfinite(residual).all() and np.isfinite(position.by_values).all()):
+        equations = self.linearise(values, control.ground)
+        residual = control.xy - equations.computed
+        if not (np.isfinite(residual).all() and np.isfinite(equations.by_values).all()):
             missing = control.ids[~finite_rows(residual)].tolist()
             raise SolveError(
                 f"{self.image.id}: model {self.model.name} has no solution at {', '.join(missing[:8]) or 'a point'}: "
@@ -186,10 +186,10 @@ class ObservationEquations:
                 "point is outside the validity range of the RPC; check its coordinates, or choose a simpler `model`"
             )
         if roots is None:
-            survey = position.by_ground * control.sigma_m[:, None, [0, 0, 1]]
+            survey = equations.by_ground * control.sigma_m[:, None, [0, 0, 1]]
             covariance = survey @ survey.transpose(0, 2, 1) + control.sigma_px[:, None, None] ** 2 * np.eye(2)
             roots = np.linalg.inv(np.linalg.cholesky(covariance))
-        matrix = self._normalize(roots, position.by_values)
+        matrix = self._normalize(roots, equations.by_values)
         right = np.einsum("nij,nj->ni", roots, residual).ravel()
         cost = 0.5 * float(np.sum(right**2) + np.sum(_scale(values, self.sigmas) ** 2))
         return EquationState(values, roots, matrix, right, residual, cost)
@@ -201,7 +201,7 @@ class ObservationEquations:
         """Return the negative gradient of the cost by the scaled parameters, ``(p,)``."""
         return np.asarray(state.matrix.T @ state.right - _scale(state.values, self.sigmas))
 
-    def compute_hessian(self, position: EquationState) -> np.ndarray:
+    def compute_hessian(self, state: EquationState) -> np.ndarray:
         """Return the Hessian ``(p, p)`` of the cost by the scaled parameters, made positive definite.
 
         With A the matrix and r the residuals it is ``A' A + I - sum_i r_i H_i``; the sum by differences of A along each
@@ -209,15 +209,15 @@ class ObservationEquations:
         `ESTIMATION.least_curvature`, so that every step descends (saddle-free Newton, Dauphin et al. 2014).
         """
         p = len(self.sigmas)
-        normal = position.matrix.T @ position.matrix + np.eye(p)
+        normal = state.matrix.T @ state.matrix + np.eye(p)
         second = np.empty((p, p))
         for k, reach in enumerate(ESTIMATION.difference_sigmas / np.sqrt(normal.diagonal())):
             change = np.zeros(p)
             change[k] = reach * self.sigmas[k]
             ahead, behind = (
-                self.linearise(position.values + column, self.control.ground).by_values for column in (change, -change)
+                self.linearise(state.values + column, self.control.ground).by_values for column in (change, -change)
             )
-            second[k] = self._normalize(position.roots, ahead - behind).T @ position.right / (2.0 * reach)
+            second[k] = self._normalize(state.roots, ahead - behind).T @ state.right / (2.0 * reach)
         half = np.linalg.cholesky(normal)
         inverse = np.linalg.inv(half)
         bends, vectors = np.linalg.eigh(np.eye(p) - inverse @ (0.5 * (second + second.T)) @ inverse.T)

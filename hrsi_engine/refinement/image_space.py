@@ -100,8 +100,8 @@ class ImagePolynomial:
     def compute_normal(self, image: Image, projected: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Return the normal matrix ``(p, p)`` of the correction's derivatives, with weights ``(n,)``."""
         terms = self._compute_terms(image, projected)
-        part = (terms.T * weight) @ terms
-        return np.asarray(sum(mixed.T @ part @ mixed for mixed in self.mixing))
+        product = (terms.T * weight) @ terms
+        return np.asarray(sum(mixed.T @ product @ mixed for mixed in self.mixing))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
@@ -181,8 +181,8 @@ def add_drift_parameters(model: ImagePolynomial) -> ImagePolynomial:
     """
     affine = IMAGE_SPACE["affine"]
     powers = np.unique(np.concatenate([model.powers, affine.powers]), axis=0)
-    part, all_rows = _express_in_monomials(model, powers), _express_in_monomials(affine, powers)
-    mixing, names = part, list(model.parameters)
+    model_mixing, all_rows = _express_in_monomials(model, powers), _express_in_monomials(affine, powers)
+    mixing, names = model_mixing, list(model.parameters)
     for column in range(all_rows.shape[2]):
         wider = np.concatenate([mixing, all_rows[:, :, column : column + 1]], axis=2)
         if np.linalg.matrix_rank(wider.reshape(-1, wider.shape[2])) == wider.shape[2]:
@@ -194,8 +194,8 @@ def add_drift_parameters(model: ImagePolynomial) -> ImagePolynomial:
 def _express_in_monomials(model: ImagePolynomial, powers: np.ndarray) -> np.ndarray:
     """Return a model's mixing ``(2, m, p)`` for ``powers (m, 2)``, which contain the model's own."""
     mixing = np.zeros((2, len(powers), len(model.parameters)))
-    for index, part in enumerate(model.powers):
-        mixing[:, np.flatnonzero((powers == part).all(axis=1))[0]] = model.mixing[:, index]
+    for index, power in enumerate(model.powers):
+        mixing[:, np.flatnonzero((powers == power).all(axis=1))[0]] = model.mixing[:, index]
     return mixing
 
 

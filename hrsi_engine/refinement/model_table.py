@@ -109,6 +109,8 @@ def make_models(table: Mapping[str, ModelEntry], makers: Mapping[str, Callable[.
     """Return the models of a family's table, each made by the function (maker) that its entry names."""
     for name, entry in table.items():
         if entry.maker not in makers:
-            valid = ", ".join(makers)
-            raise LookupError(f"model {name!r}: its family has no maker {entry.maker!r}, only {valid}: add it there")
+            maker_names = ", ".join(makers)
+            raise LookupError(
+                f"model {name!r}: its family has no maker {entry.maker!r}, only {maker_names}: add it there"
+            )
     return {name: makers[entry.maker](name, entry.title, *entry.settings) for name, entry in table.items()}

@@ -151,22 +151,22 @@ def move_position(
 
 
 def rotate_derivatives(
-    constants: np.ndarray, coefficients: np.ndarray, i: int, target: Any, rows: Any,
+    constants: np.ndarray, coefficients: np.ndarray, i: int, corrected_axes: Any, given_axes: Any,
     by_ground: np.ndarray, by_frame: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
     """Transform derivatives by the corrected position to those by the frame's coordinates and by the given position.
 
     constants, coefficients, i : as in `move_position`
-    there, here : geocentric unit vectors east, north, up at the corrected and at the given position
+    corrected_axes, given_axes : geocentric unit vectors east, north, up at the corrected and at the given position
     by_ground : (n, 2, 3) px/m at the corrected position; overwritten by those at the given one
     by_frame : (n, 2, 3) output, derivatives by the frame's east, north, up; a : row, or all rows
     """
     c, reach = constants, constants[i, 12]
     for row in range(2):
         e, n, u = by_ground[a, row, 0], by_ground[a, row, 1], by_ground[a, row, 2]
-        x = e * target[0][0] + n * target[1][0] + u * target[2][0]
-        y = e * target[0][1] + n * target[1][1] + u * target[2][1]
-        z = e * target[0][2] + n * target[1][2] + u * target[2][2]
+        x = e * corrected_axes[0][0] + n * corrected_axes[1][0] + u * corrected_axes[2][0]
+        y = e * corrected_axes[0][1] + n * corrected_axes[1][1] + u * corrected_axes[2][1]
+        z = e * corrected_axes[0][2] + n * corrected_axes[1][2] + u * corrected_axes[2][2]
         f0 = c[i, 0] * x + c[i, 1] * y + c[i, 2] * z
         f1 = c[i, 3] * x + c[i, 4] * y + c[i, 5] * z
         f2 = c[i, 6] * x + c[i, 7] * y + c[i, 8] * z
@@ -177,11 +177,11 @@ def rotate_derivatives(
             additional = (f0 * m0 + f1 * m1 + f2 * m2) / reach
             x, y, z = x + additional * c[i, 3 * k], y + additional * c[i, 3 * k + 1], z + additional * c[i, 3 * k + 2]
         for k in range(3):
-            by_ground[a, row, k] = x * rows[k][0] + y * rows[k][1] + z * rows[k][2]
+            by_ground[a, row, k] = x * given_axes[k][0] + y * given_axes[k][1] + z * given_axes[k][2]
 
 
 def _correction(name: str, title: str, entries: list[tuple[int, int]], least_points: int) -> GroundCorrection:
-    names = tuple(f"{GROUND_AXES[axis]}_{('0', *GROUND_AXES)[kind]}" for axis, kind in entries)
+    names = tuple(f"{GROUND_AXES[axis]}_{('0', *GROUND_AXES)[quantity]}" for axis, quantity in entries)
     return GroundCorrection(name, title, names, np.array(entries), least_points)
 
 

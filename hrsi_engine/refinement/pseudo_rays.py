@@ -92,11 +92,11 @@ COLUMNS = 18
 @lru_cache(maxsize=1024)
 def compute_sensor_frame(image: Image) -> SensorFrame:
     """Return the frame of an image: its origin is below the centre of the image, on the ellipsoid."""
-    lower = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
-    if not np.isfinite(lower).all():
+    nadir = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
+    if not np.isfinite(nadir).all():
         raise SolveError(f"{image.id}: the RPC has no ground position for the middle of the image: check that both fit")
     centre, half_size = image.camera_centre_px, image.camera_half_size_px
-    level = SensorFrame(LocalFrame(float(lower[0]), float(lower[1])), 0.0, centre, half_size)
+    level = SensorFrame(LocalFrame(float(nadir[0]), float(nadir[1])), 0.0, centre, half_size)
     ends = np.array([[u, v] for v in (-1.0, 0.0, 1.0) for u in (-1.0, 1.0)])
     rays = compute_pseudo_rays(image.rpc, level, centre + half_size * ends)
     on_datum = rays[:, STATION] + rays[:, SENSOR_HEIGHT, None] * rays[:, TANGENT]

@@ -82,20 +82,20 @@ class PseudoSensor:
         """Return the observation equations; the rays of the observed positions are computed here, once."""
         constants = self.constants(image)[None]
         rays = compute_pseudo_rays(image.rpc, compute_sensor_frame(image), observed_px)
-        structure, is_used = self.structure, self.used
+        structure, quantities = self.structure, self.used
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
             count = len(ground)
             computed, by_ground = np.empty((count, 2)), np.empty((count, 2, 3))
-            by_quantity, terms = np.empty((count, 2, len(is_used))), np.empty((count, structure.terms))
+            by_quantity, terms = np.empty((count, 2, len(quantities))), np.empty((count, structure.terms))
             lon, lat, height = ground.T
             linearise_by_rays(
-                is_used, constants, self.coefficients(values)[None], 0, rays, observed_px, ALL_ROWS,
+                quantities, constants, self.coefficients(values)[None], 0, rays, observed_px, ALL_ROWS,
                 ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat),
                 computed, by_ground, by_quantity, terms, ALL_ROWS,
             )  # fmt: skip
             by_coefficient = by_quantity[:, :, :, None] * terms[:, None, None, :]
-            by_coefficient = by_coefficient.reshape(count, 2, len(is_used) * structure.terms)
+            by_coefficient = by_coefficient.reshape(count, 2, len(quantities) * structure.terms)
             return Equations(computed, by_coefficient @ structure.mixing, by_ground)
 
         return linearise
@@ -135,8 +135,8 @@ class PseudoSensor:
             rays = compute_pseudo_rays(image.rpc, frame, position)
             xy, by_image = self._intersect(constants, coefficients, rays, position, place[:, 2])
             # matrices with NaN are replaced by the identity: their right sides are NaN already
-            rejected = ~np.isfinite(by_image).all(axis=(1, 2))
-            regular = np.where(rejected[:, None, None], np.eye(2), by_image)
+            is_singular = ~np.isfinite(by_image).all(axis=(1, 2))
+            regular = np.where(is_singular[:, None, None], np.eye(2), by_image)
             step = np.linalg.solve(regular, (place[:, :2] - xy)[:, :, None])[:, :, 0]
             position = position + step
             if not np.nanmax(np.abs(step), initial=0.0) > EQUALITY.rounding:
@@ -172,8 +172,8 @@ class PseudoSensor:
             z = z + heights - ground[:, 2]
             if not np.nanmax(np.abs(heights - ground[:, 2])) > SENSOR.height_closure_m:
                 break
-        valid = finite_rows(ground)
-        return ground[valid], position[valid]
+        finite = finite_rows(ground)
+        return ground[finite], position[finite]
 
     def _intersect(
         self, constants: np.ndarray, coefficients: np.ndarray, rays: np.ndarray, position: np.ndarray, z: np.ndarray

@@ -150,28 +150,28 @@ def refine_image(
     warnings = check_control(image, control)
     choice = RULES[model]([(image, control)]) if model in RULES else None
     suspects = find_suspects(image, control) if choice is None else list(choice.suspects)
-    kind = "it is left out" if options.leave_out else "it is kept"
+    treatment = "it is left out" if options.leave_out else "it is kept"
     warnings += choice.warnings if choice else ()
     warnings += [
-        f"{one.image}: GCP {one.id} contradicts the others by {one.deviation_px:.1f} px: {kind}; check it"
+        f"{one.image}: GCP {one.id} contradicts the others by {one.deviation_px:.1f} px: {treatment}; check it"
         for one in suspects
     ]
     keep = ~np.isin(control.ids, [suspect.id for suspect in suspects])
-    is_used = control.select(keep) if options.leave_out else control
+    control_used = control.select(keep) if options.leave_out else control
     name = choice.model if choice else model
     if name not in models:
         raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *models])}")
-    selection = models[name]
-    result = solve_refinement(selection, image, is_used)
+    chosen_model = models[name]
+    result = solve_refinement(chosen_model, image, control_used)
     if not result.converged:
         warnings.append(f"{image.id}: model {name} {result.status}: its parameters are not reliable")
-    edge = edge_sigma_px(selection, image, result)
+    edge = edge_sigma_px(chosen_model, image, result)
     if edge > CONTROL.warned_px:
         warnings.append(
             f"{image.id}: the standard deviation of model {name} is {edge:.0f} px at the edges of the image: spread "
             "the GCPs or choose a simpler `model`"
         )
-    return Refinement(image, selection, result, is_used, tuple(suspects), choice, tuple(warnings))
+    return Refinement(image, chosen_model, result, control_used, tuple(suspects), choice, tuple(warnings))
 
 
 def check_control(image: Image, control: Control) -> list[str]:
@@ -224,9 +224,11 @@ def check_control(image: Image, control: Control) -> list[str]:
         return warnings
     along, across = np.linalg.svd(control.xy - control.xy.mean(axis=0), compute_uv=False)
     if across <= CONTROL.least_width * along:
-        location = "at one place" if along < CONTROL.least_width * float(np.hypot(*image.half_size_px)) else "on a line"
+        arrangement = (
+            "at one place" if along < CONTROL.least_width * float(np.hypot(*image.half_size_px)) else "on a line"
+        )
         warnings.append(
-            f"{image.id}: the GCPs {list_ids(control.ids)} lie {location}: they do not determine corrections of the "
+            f"{image.id}: the GCPs {list_ids(control.ids)} lie {arrangement}: they do not determine corrections of the "
             "rest of the image; spread them, or use a shift only"
         )
     return warnings
@@ -237,7 +239,7 @@ def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
     return np.linalg.norm(ground_difference_m(ground, middle)[:, :2], axis=1)
 
 
-def require_axes_in_order(images: Sequence[Image], ground: np.ndarray, ids: Sequence[str] | np.ndarray) -> None:
+def require_axes_in_order(images: Sequence[Image], ground: np.ndarray, ids: np.ndarray | None = None) -> None:
     """Raise `InputError` with the ids of points that are near images only with longitude and latitude exchanged.
 
     Parameters
@@ -246,17 +248,20 @@ def require_axes_in_order(images: Sequence[Image], ground: np.ndarray, ids: Sequ
         The images.
     ground : (n, 3) ndarray
         Longitude, latitude in degrees, ellipsoidal height in metres.
-    ids : sequence of str
-        Names of the points.
+    ids : (n,) ndarray of str, optional
+        Names of the points; by default their numbers.
 
     Raises
     ------
     InputError
         Some points are.
     """
-    swapped = np.all([_has_swapped_axes(image, ground) for image in images], axis=0)
-    if swapped.any():
-        raise InputError(f"longitude and latitude of {list_ids(np.asarray(ids)[swapped])} are swapped: exchange them")
+    suspects = np.arange(len(ground))
+    for image in images:  # as a rule the first image leaves none
+        suspects = suspects[_has_swapped_axes(image, ground[suspects])] if len(suspects) else suspects
+    if len(suspects):
+        names = [f"point {number + 1}" for number in suspects.tolist()] if ids is None else ids[suspects]
+        raise InputError(f"longitude and latitude of {list_ids(names)} are swapped: exchange them")
 
 
 def _has_swapped_axes(image: Image, ground: np.ndarray) -> np.ndarray:

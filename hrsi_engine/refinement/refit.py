@@ -17,10 +17,10 @@ def refit_camera(model: RefinementModel, image: Image, values: np.ndarray) -> Re
         return RefitRPC(image.rpc, 0.0)
     # The image area in the vendor RPC's image coordinates: a correction of many pixels moves the ground of the image
     # out of the vendor's area, and an RPC fitted there would extrapolate over a part of the image.
-    requested = vendors = make_image_grid(image.domain_px, (3, 3))
+    targets = vendors = make_image_grid(image.domain_px, (3, 3))
     area = image.domain_px
     for _ in range(ITERATIONS.most):
-        shift = requested - model.project(image, values, image.rpc.localize(vendors, image.rpc.height_off).ground)
+        shift = targets - model.project(image, values, image.rpc.localize(vendors, image.rpc.height_off).ground)
         if not np.isfinite(shift).all():
             area = image.domain_px
             break

@@ -133,11 +133,11 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
     if not drift_held or rule != "auto" or choice.model not in NESTED_MODELS:
         return choice
     # Do the block's points determine the drift of its images?
-    rays, valid = block.rays_per_point(), points.role == Role.GCP
-    holds = ((rays >= 2) & (points.role == Role.TIE)) | (valid & (rays >= 1))
-    is_used, exposure = holds[rows.point], block.exposure_of_image
-    per_exposure = np.bincount(exposure[rows.image[is_used]], minlength=exposure.max() + 1)
-    observed = 2 * int(is_used.sum()) + 3 * int((holds & valid).sum())
+    rays, is_gcp = block.rays_per_point(), points.role == Role.GCP
+    holds = ((rays >= 2) & (points.role == Role.TIE)) | (is_gcp & (rays >= 1))
+    holding_rows, exposure = holds[rows.point], block.exposure_of_image
+    per_exposure = np.bincount(exposure[rows.image[holding_rows]], minlength=exposure.max() + 1)
+    observed = 2 * int(holding_rows.sum()) + 3 * int((holds & is_gcp).sum())
     unknown = 3 * int(holds.sum()) + len(MODELS[DRIFTING].parameters) * len(per_exposure)
     sufficient = (per_exposure >= SAMPLES.redundant).all() and observed >= unknown
     if not sufficient or not can_estimate_drift(len(rows), len(block.images)):
@@ -192,10 +192,10 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
         reason = f"{_count_gcps(count)} on an image determine only a shift"
         return ModelChoice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
     model, reason = select_simplest(errors)
-    remainder = {name: None if name == DISTORTED else squared for name, squared in errors.items()}
+    candidates = {name: None if name == DISTORTED else squared for name, squared in errors.items()}
     explained = model != DISTORTED or result[model].sigmas <= SELECTION.large_error
-    if not explained and any(squared is not None for squared in remainder.values()):
-        model, reason = select_simplest(remainder)  # some GCPs are wrong, and are to be detected
+    if not explained and any(squared is not None for squared in candidates.values()):
+        model, reason = select_simplest(candidates)  # some GCPs are wrong, and are to be detected
     refused = [f"{name} {one.refused}" for name, one in result.items() if one.refused]
     reason += "".join(f"; {said}" for said in refused)
     sigmas = result[model].sigmas
@@ -230,9 +230,9 @@ def _exclude_suspects(
                 "after a shift; these are too few to decide whether one is wrong or the image is distorted: measure "
                 "more GCPs"
             )
-    rejected = {(suspect.image, suspect.id) for suspect in suspects}
+    suspect_keys = {(suspect.image, suspect.id) for suspect in suspects}
     clean = [
-        (image, control.select(np.array([(image.id, name) not in rejected for name in control.ids.tolist()])))
+        (image, control.select(np.array([(image.id, name) not in suspect_keys for name in control.ids.tolist()])))
         for image, control in controls
     ]
     return tuple(suspects), tuple(warnings), clean
@@ -303,8 +303,8 @@ def select_simplest(errors: Mapping[str, np.ndarray | None], standard_errors: fl
             if name != best:
                 method = "not significantly" if standard_errors is None else "within one standard error"
                 said += f"; {best} {rms[best]:.3f} px is better, but {method}"
-            remainder = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
-            reason = said + (f"; others {', '.join(remainder)} px" if remainder else "")
+            alternatives = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
+            reason = said + (f"; others {', '.join(alternatives)} px" if alternatives else "")
             return name, reason
     raise AssertionError("the best model is as good as itself")
 

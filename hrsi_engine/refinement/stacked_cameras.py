@@ -42,8 +42,8 @@ def linearise_images(
     result = Equations(np.empty((n, 2)), np.empty((n, 2, p)), np.empty((n, 2, 3)))
     for index, rows in _group_by_image(image_index):
         of_image = model.equations(images[index], xy[rows])(values[index], ground[rows])
-        for complete, part in zip(result, of_image, strict=True):
-            complete[rows] = part
+        for column, part in zip(result, of_image, strict=True):
+            column[rows] = part
     return result
 
 

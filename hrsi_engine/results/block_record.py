@@ -36,11 +36,11 @@ def make_record(result: Adjustment) -> dict[str, Any]:
     # Pairs of images with the number of points that were measured on both and kept
     rows, block = result.block.measurements, result.block
     rows_kept = result.weight > 0.0
-    observed = sparse.csr_matrix(
+    incidence = sparse.csr_matrix(
         (np.ones(int(rows_kept.sum()), dtype=np.int32), (rows.point[rows_kept], rows.image[rows_kept])),
         shape=(len(block.points), len(block.images)),
     )
-    common = sparse.triu(observed.T @ observed, 1).tocoo()
+    common = sparse.triu(incidence.T @ incidence, 1).tocoo()
     names = [image.id for image in block.images]
     pairs = [[names[a], names[b], int(n)] for a, b, n in zip(common.row, common.col, common.data, strict=True)]
     return {
@@ -71,20 +71,20 @@ def read_joint_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCam
         k, (c, p), b = len(stated["images"]), stated["values"].shape, len(stated["blocks"])
         numbers = {"camera": (k,), "rows": (b,), "columns": (b,), "gcps": (k,)}
         floats = {"values": (c, p), "blocks": (b, p, p), "squares": (c, p, p)}
-        complete = all(
+        is_valid = all(
             stated[name].shape == shape and stated[name].dtype.kind in "iu" for name, shape in numbers.items()
         )
-        complete &= all(
+        is_valid &= all(
             stated[name].shape == shape and np.isfinite(stated[name]).all() for name, shape in floats.items()
         )
-        complete &= stated["fixed"].shape == (c, p) and stated["fixed"].dtype == bool and len(stated["parameters"]) == p
-        complete &= all(((stated[name] >= 0) & (stated[name] < c)).all() for name in ("camera", "rows", "columns"))
-        complete = complete and bool(
+        is_valid &= stated["fixed"].shape == (c, p) and stated["fixed"].dtype == bool and len(stated["parameters"]) == p
+        is_valid &= all(((stated[name] >= 0) & (stated[name] < c)).all() for name in ("camera", "rows", "columns"))
+        is_valid = is_valid and bool(
             (np.diff(stated["rows"]) >= 0).all() and (stated["rows"] <= stated["columns"]).all()
         )
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{source}: contains no camera parameters ({error!r}): adjust that block again") from None
-    if not complete:
+    if not is_valid:
         raise InputError(f"{source}: its arrays are inconsistent: adjust that block again")
     names: dict[str, Any] = {name: tuple(map(str, stated[name].tolist())) for name in ("images", "parameters")}
     return JointCameras(**{**stated, **names})

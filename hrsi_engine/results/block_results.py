@@ -103,7 +103,7 @@ def assemble_result(
     report_path : later path of the report; with_items : True if images are described as STAC items
     """
     evidence, adjustment, residuals = judged.evidence, judged.adjustment, judged.residuals
-    refined, visible = evidence.refined, select_rows(adjustment, residuals)
+    refined, selection = evidence.refined, select_rows(adjustment, residuals)
     images = adjustment.block.images
     with one_thread_calls():
         report = {
@@ -113,13 +113,13 @@ def assemble_result(
             **statistics.statistic_entries(adjustment, residuals),
             "accuracy": state_accuracy_by_standards(adjustment, residuals),
             "line_profiles": describe_line_profiles(images, evidence.profiles, evidence.waves),
-            "warnings": [*judged.warnings, *selection_warnings(visible)],
+            "warnings": [*judged.warnings, *selection_warnings(selection)],
             **entries,
         }  # fmt: skip
         report = add_image_facts(report, adjustment, residuals, refined)
     delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
-    layers = block_layers(adjustment, residuals, delivered, visible)
-    complete = {} if visible.is_complete else iterate_tables(adjustment, residuals, visible)
+    layers = block_layers(adjustment, residuals, delivered, selection)
+    complete = {} if selection.is_complete else iterate_tables(adjustment, residuals, selection)
     drawings = {} if outline is None else draw_figures(report_figures(adjustment, residuals, delivered, outline))
     pairs, lineage = list(zip(images, refined, strict=True)), lineage_items(report, report_path)
     folder = os.path.dirname(report_path)

@@ -99,13 +99,13 @@ def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
     placed = finite_rows(choose_positions(result))
-    valid = _select_worst(np.flatnonzero(placed & block.known), worst, REPORT_PAGE.most_known)
+    surveyed = _select_worst(np.flatnonzero(placed & block.known), worst, REPORT_PAGE.most_known)
     names = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
-    valid = np.union1d(valid, names)  # rows of the page's tables link to their points
+    surveyed = np.union1d(surveyed, names)  # rows of the page's tables link to their points
     ties = np.flatnonzero(placed & ~block.known)
     if len(ties) > REPORT_PAGE.most_known:
         ties = _select_worst(ties, worst, LISTS.rows)
-    points = np.concatenate([valid, ties])
+    points = np.concatenate([surveyed, ties])
     number = np.full(len(block.points), -1)
     number[points] = np.arange(len(points))
     return _PointSelection(left.measured_px, statistic, points, number)
@@ -116,12 +116,12 @@ def _select_worst(points: np.ndarray, worst: np.ndarray, largest: int) -> np.nda
     return np.sort(points[np.argsort(-worst[points], kind="stable")[:largest]])
 
 
-def _point_columns(result: Adjustment, left: Residuals, visible: _PointSelection) -> dict[str, Any]:
+def _point_columns(result: Adjustment, left: Residuals, selection: _PointSelection) -> dict[str, Any]:
     """Return the data of points and of their measurements for the page's script, by columns."""
-    block, rows, points = result.block, result.block.measurements, visible.points
-    indices = np.flatnonzero(visible.number[rows.point] >= 0)
-    indices = indices[np.argsort(visible.number[rows.point[indices]], kind="stable")]
-    outlier, is_used = is_outlier(visible.statistic), result.has_residual
+    block, rows, points = result.block, result.block.measurements, selection.points
+    indices = np.flatnonzero(selection.number[rows.point] >= 0)
+    indices = indices[np.argsort(selection.number[rows.point[indices]], kind="stable")]
+    outlier, is_used = is_outlier(selection.statistic), result.has_residual
     unused = ~is_used & (block.points.role[rows.point] == Role.TIE)
     flag = np.select([unused, outlier], [2, 1], 0)
     worst = np.zeros(len(block.points), dtype=np.int64)
@@ -136,15 +136,15 @@ def _point_columns(result: Adjustment, left: Residuals, visible: _PointSelection
             "height": _round_numbers(place[:, 2], 2),
             "east": _round_numbers(left.ground_m[points, 0]), "north": _round_numbers(left.ground_m[points, 1]),
             "up": _round_numbers(left.ground_m[points, 2]),
-            "residual": _round_numbers(_point_rms(block, visible)[points]),
+            "residual": _round_numbers(_point_rms(block, selection)[points]),
             "sigma": _round_numbers(np.hypot(*result.ground_sigma_m[points, :2].T)),
             "rays": block.rays_per_point()[points].tolist(), "flag": worst[points].tolist(),
         },
         "measurements": {
-            "point": visible.number[rows.point[indices]].tolist(), "image": rows.image[indices].tolist(),
+            "point": selection.number[rows.point[indices]].tolist(), "image": rows.image[indices].tolist(),
             "sample": _round_numbers(rows.xy[indices, 0], 2), "line": _round_numbers(rows.xy[indices, 1], 2),
-            "dx": _round_numbers(visible.residual_px[indices, 0]),
-            "dy": _round_numbers(visible.residual_px[indices, 1]),
+            "dx": _round_numbers(selection.residual_px[indices, 0]),
+            "dy": _round_numbers(selection.residual_px[indices, 1]),
             "flag": flag[indices].tolist(),
         },
     }  # fmt: skip
@@ -154,18 +154,18 @@ def _round_numbers(values: np.ndarray, digits: int = 3) -> list[float | None]:
     return [value if np.isfinite(value) else None for value in np.round(values, digits).tolist()]
 
 
-def _point_rms(block: Block, visible: _PointSelection) -> np.ndarray:
+def _point_rms(block: Block, selection: _PointSelection) -> np.ndarray:
     """Return sqrt(mean(dx² + dy²)) over the measurements of each point; NaN without measurements."""
-    square = np.sum(visible.residual_px**2, axis=1)
-    valid = np.isfinite(square)
-    point = block.measurements.point[valid]
+    square = np.sum(selection.residual_px**2, axis=1)
+    finite = np.isfinite(square)
+    point = block.measurements.point[finite]
     with np.errstate(invalid="ignore"):
-        total = np.bincount(point, square[valid], len(block.points))
+        total = np.bincount(point, square[finite], len(block.points))
         return np.sqrt(total / np.bincount(point, minlength=len(block.points)))
 
 
 def _make_map(
-    result: Adjustment, left: Residuals, visible: _PointSelection, images: Sequence[Image],
+    result: Adjustment, left: Residuals, selection: _PointSelection, images: Sequence[Image],
     pictures: Mapping[str, Picture],
 ) -> BlockMap:  # fmt: skip
     """Return footprints, points with their residuals, and a field of tie points by cells if they are many."""
@@ -174,14 +174,14 @@ def _make_map(
     ties = np.flatnonzero(~block.known & finite_rows(place))
     is_crowded = len(ties) > REPORT_PAGE.most_known
     field = TieField(
-        place[ties, :2], _point_rms(block, visible)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
+        place[ties, :2], _point_rms(block, selection)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
         block.rays_per_point()[ties],
     )  # fmt: skip
-    residual = left.ground_m[visible.points]
+    residual = left.ground_m[selection.points]
     return BlockMap(
         footprints={image.id: area for image, area in zip(images, compute_footprints(images, height), strict=True)},
-        lonlat=place[visible.points, :2], roles=block.points.role[visible.points], residual_en_m=residual[:, :2],
-        ids=block.points.ids[visible.points], residual_h_m=residual[:, 2], ties=field if is_crowded else None,
+        lonlat=place[selection.points, :2], roles=block.points.role[selection.points], residual_en_m=residual[:, :2],
+        ids=block.points.ids[selection.points], residual_h_m=residual[:, 2], ties=field if is_crowded else None,
         pictures=_lay_out([image for image in images if image.id in pictures], pictures, height),
     )  # fmt: skip
 
@@ -207,8 +207,8 @@ def _make_cards(result: Adjustment, visible: _PointSelection) -> list[ImageCard]
         for index, part in parts.items()
         if len(part)
     }
-    selection = sorted(sorted(size, key=lambda index: -size[index])[: LISTS.images])
-    return [_make_card(result, index, parts[index], visible) for index in selection]
+    largest = sorted(sorted(size, key=lambda index: -size[index])[: LISTS.images])
+    return [_make_card(result, index, parts[index], visible) for index in largest]
 
 
 def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _PointSelection) -> ImageCard:
@@ -216,10 +216,10 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _Point
     role = result.block.points.role[rows.point[part]]
     groups = ROLE_LABELS[role].astype("U8")
     groups[is_outlier(visible.statistic[part])] = "outlier"
-    ties, remainder = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[: LISTS.rows]
-    room = max(LISTS.rows - len(remainder), 0)
+    ties, other_groups = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[: LISTS.rows]
+    room = max(LISTS.rows - len(other_groups), 0)
     step = max(1, -(-len(ties) // room)) if room else len(ties) + 1
-    selection = np.concatenate([ties[::step], remainder])
+    vectors = np.concatenate([ties[::step], other_groups])
     first_sample, last_sample, first_line, last_line = image.domain_px
     # Cells of the image, with the mean residual of all measurements in each
     share = (rows.xy[part] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
@@ -234,10 +234,10 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _Point
         )
         means = np.where(count >= CARD.fewest_residuals, total / count, np.nan)
         errors = np.sqrt(np.maximum(square / count - means**2, 0.0) / (count - 1))
-    plotted = part[selection]
+    plotted = part[vectors]
     return ImageCard(
         image=image.id, extent=np.array([[first_sample, first_line], [last_sample, last_line]]),
-        xy=rows.xy[plotted], residual_px=visible.residual_px[plotted], groups=groups[selection],
+        xy=rows.xy[plotted], residual_px=visible.residual_px[plotted], groups=groups[vectors],
         points=visible.number[rows.point[plotted]], total=len(part),
         means=means, mean_sigmas=errors,
     )  # fmt: skip
@@ -247,13 +247,13 @@ def _sum_cells(cell: np.ndarray, weights: np.ndarray | None, shape: tuple[int, i
     return np.bincount(cell, weights, shape[0] * shape[1]).reshape(shape)
 
 
-def _read_pictures(images: Sequence[Image], requested: Sequence[str]) -> dict[str, Picture]:
+def _read_pictures(images: Sequence[Image], image_ids: Sequence[str]) -> dict[str, Picture]:
     """Return pictures of the wanted images with pixels in files, by image id, as long as reading them is fast."""
-    side = next((side for largest, side in PICTURE_SIDES_PX.items() if len(requested) <= largest), 0)
+    side = next((side for largest, side in PICTURE_SIDES_PX.items() if len(image_ids) <= largest), 0)
     result: dict[str, Picture] = {}
     pixels = 0
     for image in images:
-        if image.id not in requested or not isinstance(image.raster, GdalRaster):
+        if image.id not in image_ids or not isinstance(image.raster, GdalRaster):
             continue
         pixels += image.raster.size[0] * image.raster.size[1]
         if pixels > REPORT_PAGE.most_picture_pixels:
@@ -290,24 +290,24 @@ def _make_chips(result: Adjustment, visible: _PointSelection, outline: Outline |
     """Return chips of GCPs, check points and the worst tie points, the worst first, each on all of its images."""
     block, rows = result.block, result.block.measurements
     pixels = np.array([image.raster is not None for image in block.images], dtype=bool)
-    target = finite_rows(visible.residual_px) & pixels[rows.image]
+    is_drawn = finite_rows(visible.residual_px) & pixels[rows.image]
     role, outlier = block.points.role[rows.point], is_outlier(visible.statistic)
     worst = np.zeros(len(block.points))
-    np.maximum.at(worst, rows.point[target], visible.statistic[target])
-    selection: list[int] = []
+    np.maximum.at(worst, rows.point[is_drawn], visible.statistic[is_drawn])
+    chip_rows: list[int] = []
     for index, largest in MOST_CHIPS.items():
-        indices = np.flatnonzero(target & (role == index))
+        indices = np.flatnonzero(is_drawn & (role == index))
         indices = indices[np.lexsort((rows.image[indices], rows.point[indices], -worst[rows.point[indices]]))]
         cut = (
             indices[largest] if len(indices) > largest else -1
         )  # a point that would not have chips on all of its images
-        selection += (
+        chip_rows += (
             indices[:largest][rows.point[indices[:largest]] != rows.point[cut]].tolist()
             if cut >= 0
             else indices.tolist()
         )
     chips = []
-    for row in selection:
+    for row in chip_rows:
         image, point, xy = block.images[rows.image[row]], rows.point[row], result.measured_xy[row]
         residual = visible.residual_px[row]
         curves = tuple(outline(image, xy)) if outline is not None and role[row] == Role.GCP else ()

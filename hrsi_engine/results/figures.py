@@ -179,19 +179,20 @@ def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     block, point = result.block, result.block.measurements.point
     exposure = block.exposure_of_image
     is_tie = (block.points.role == Role.TIE)[point]
-    retained = is_tie & (result.decision == int(Decision.KEPT))
-    retained &= (np.bincount(point[retained], minlength=len(block.points)) > 1)[point]
+    is_kept = is_tie & (result.decision == int(Decision.KEPT))
+    is_kept &= (np.bincount(point[is_kept], minlength=len(block.points)) > 1)[point]
     count, left_in = (
-        np.bincount(exposure[block.measurements.image[rows]], minlength=len(exposure)) for rows in (is_tie, retained)
+        np.bincount(exposure[block.measurements.image[rows]], minlength=len(exposure)) for rows in (is_tie, is_kept)
     )
-    is_used = np.flatnonzero(result.has_residual & (block.points.role == Role.TIE)[point])
-    rays = np.bincount(point[is_used], minlength=len(block.points))
-    rays_of_row = rays[point[is_used]]
+    used_rows = np.flatnonzero(result.has_residual & (block.points.role == Role.TIE)[point])
+    rays = np.bincount(point[used_rows], minlength=len(block.points))
+    rays_of_row = rays[point[used_rows]]
     return {
-        **_tie_figures(result, left, is_used),
+        **_tie_figures(result, left, used_rows),
         "images": int(np.count_nonzero(((left_in > 0) & (2 * left_in >= count))[exposure])),
         "by_rays": {
-            str(count): _tie_figures(result, left, is_used[rays_of_row == count]) for count in np.unique(rays[rays > 0])
+            str(count): _tie_figures(result, left, used_rows[rays_of_row == count])
+            for count in np.unique(rays[rays > 0])
         },
     }
 
@@ -243,7 +244,7 @@ NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse
 def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str, Any]:
     """Return the report's entry on held-out tie points, which were not used in the adjustment.
 
-    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``faulty`` matches, which are
+    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``is_wrong`` matches, which are
     excluded, and under ``ties`` the same figures of an equal number of adjusted tie points.
 
     Both are intersected with the refined RPCs and evaluated in the same way: by the residuals at the intersected
@@ -256,18 +257,18 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
     if not fixed.any():
         return NONE_HELD_OUT | {"ties": NONE_HELD_OUT}
     adjusted = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
-    visible = block.with_cameras([new.rpc for new in refined])
-    visible = visible.with_measurements(adjusted | fixed[block.measurements.point])
-    several = visible.rays_per_point() >= 2
+    evaluated = block.with_cameras([new.rpc for new in refined])
+    evaluated = evaluated.with_measurements(adjusted | fixed[block.measurements.point])
+    several = evaluated.rays_per_point() >= 2
     ties, fixed = several & ~fixed, several & fixed
-    selection = np.zeros(len(fixed), dtype=bool)
-    selection[sample_tracks(visible, ties, min(1.0, fixed.sum() / max(ties.sum(), 1)))] = True
-    observations, fit = fit_tracks(visible, fixed | selection, predict=False, start=result.ground)
+    is_sampled = np.zeros(len(fixed), dtype=bool)
+    is_sampled[sample_tracks(evaluated, ties, min(1.0, fixed.sum() / max(ties.sum(), 1)))] = True
+    observations, fit = fit_tracks(evaluated, fixed | is_sampled, predict=False, start=result.ground)
     pairs = fit_pairs(observations, fit)
-    faulty = find_wrong_tracks(observations, [pairs], ROBUST.rejected)
+    is_wrong = find_wrong_tracks(observations, [pairs], ROBUST.rejected)
     figures = [
-        _describe_fit(observations, fit, pairs, tracks, faulty)
-        for tracks in (fixed[observations.points], selection[observations.points])
+        _describe_fit(observations, fit, pairs, tracks, is_wrong)
+        for tracks in (fixed[observations.points], is_sampled[observations.points])
     ]
     return figures[0] | {"ties": figures[1]}
 
@@ -275,9 +276,9 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
 def _describe_fit(
     observations: Observations, fit: TrackFit, pairs: Sequence[PairFit], tracks: np.ndarray, is_wrong: np.ndarray
 ) -> dict[str, Any]:
-    """Return the figures of the ``tracks (m,)`` in a mask, without the ``wrong (m,)`` ones."""
-    valid = tracks & np.isfinite(fit.ground).all(axis=1)
-    tracks = valid & ~is_wrong
+    """Return the figures of the ``tracks (m,)`` in a mask, without the ``is_wrong (m,)`` ones."""
+    intersected = tracks & np.isfinite(fit.ground).all(axis=1)
+    tracks = intersected & ~is_wrong
     rows = tracks[observations.point]
     distances = [pair.epipolar_px[tracks[pair.points]].ravel() for pair in pairs]
     return {
@@ -285,5 +286,5 @@ def _describe_fit(
         "observations": int(rows.sum()),
         "rmse_px": radial_rmse(fit.fit_px[rows]),
         "epipolar_rmse_px": rmse(np.concatenate([np.zeros(0), *distances])),
-        "wrong": int((valid & is_wrong).sum()),
+        "wrong": int((intersected & is_wrong).sum()),
     }

@@ -41,13 +41,15 @@ def add_image_facts(
 ) -> dict[str, Any]:
     """Return a block's report with facts on its images, pairs and parameters, and the position of the block."""
     place = choose_positions(result)
-    valid = finite_rows(place).any()
+    has_position = finite_rows(place).any()
     images = result.block.images
-    middle = middle_position(place) if valid else np.array([images[0].rpc.long_off, images[0].rpc.lat_off, np.nan])
-    heights = [float(middle[2]) if valid else image.middle_height_m for image in images]
+    middle = (
+        middle_position(place) if has_position else np.array([images[0].rpc.long_off, images[0].rpc.lat_off, np.nan])
+    )
+    heights = [float(middle[2]) if has_position else image.middle_height_m for image in images]
     views = ViewDirection.at_heights(images, heights)
     sound = [index for index, view in enumerate(views) if view.is_sound]  # damaged RPCs are reported by the verdict
-    centres, footprints = ([getattr(views[k], kind) for k in sound] for kind in ("centre", "footprint"))
+    centres, footprints = ([getattr(views[k], attribute) for k in sound] for attribute in ("centre", "footprint"))
     described = describe_views([images[k] for k in sound], np.concatenate([np.zeros((0, 3)), *centres]), footprints)
     geometry = dict(zip(sound, described, strict=True))
     corrections = _describe_corrections(images, refined, np.array(heights))
@@ -68,7 +70,11 @@ def add_image_facts(
             rms = np.sqrt(squares.mean(axis=0)).tolist()
             report["images"][image.id]["jitter"] = dict(zip(names, rms, strict=True))
     return report | {
-        "place": {"lon": float(middle[0]), "lat": float(middle[1]), "height_m": float(middle[2]) if valid else None},
+        "place": {
+            "lon": float(middle[0]),
+            "lat": float(middle[1]),
+            "height_m": float(middle[2]) if has_position else None,
+        },
         "pairs": describe_pairs(result, views),
         "parameters": {
             name: describe_parameter(name) for entry in report["images"].values() for name in entry["parameters"]
@@ -119,12 +125,12 @@ def _tie_rows(result: Adjustment) -> np.ndarray:
 
 def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[dict[str, Any]]:
     """Return overlap, geometry, common tie points and their RMSE of pairs that overlap or share tie points."""
-    rows, is_used = result.block.measurements, np.flatnonzero(_tie_rows(result))
-    position, shape = (rows.point[is_used], rows.image[is_used]), (len(result.block.points), len(views))
-    visible = sparse.csr_matrix((np.ones(len(is_used)), position), shape)
-    square = sparse.csr_matrix((np.sum(result.residual_px[is_used] ** 2, axis=1), position), shape)
-    joint_part = sparse.triu(visible.T @ visible, 1).tocoo()
-    squares = square.T @ visible
+    rows, used_rows = result.block.measurements, np.flatnonzero(_tie_rows(result))
+    indices, shape = (rows.point[used_rows], rows.image[used_rows]), (len(result.block.points), len(views))
+    incidence = sparse.csr_matrix((np.ones(len(used_rows)), indices), shape)
+    square = sparse.csr_matrix((np.sum(result.residual_px[used_rows] ** 2, axis=1), indices), shape)
+    joint_part = sparse.triu(incidence.T @ incidence, 1).tocoo()
+    squares = square.T @ incidence
     squares = sparse.triu(squares + squares.T, 1).tocoo()
     sound = [view.is_sound for view in views]
     touching = find_touching_pairs([view.footprint if ok else Polygon() for view, ok in zip(views, sound, strict=True)])
@@ -133,11 +139,11 @@ def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[d
         for one in (joint_part, squares)
     )
     order = sorted({*common, *touching}, key=lambda pair: (-common.get(pair, 0), pair))
-    selection = sorted(order[: IMAGE_FACTS.most_pairs])
-    valid = [pair for pair in selection if all(sound[index] for index in pair)]
-    geometries = dict(zip(valid, compute_pair_geometries(views, valid), strict=True))
+    listed_pairs = sorted(order[: IMAGE_FACTS.most_pairs])
+    sound_pairs = [pair for pair in listed_pairs if all(sound[index] for index in pair)]
+    geometries = dict(zip(sound_pairs, compute_pair_geometries(views, sound_pairs), strict=True))
     outcome = []
-    for first, second in selection:
+    for first, second in listed_pairs:
         count, pair = int(common.get((first, second), 0)), geometries.get((first, second))
         overlap = (None, None) if pair is None else pair.overlap
         outcome.append({

@@ -20,23 +20,23 @@ RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
 def block_layers(
     result: Adjustment, left: Residuals, delivered: Sequence[Image] = (),
-    visible: tables.LayerSelection | None = None,
+    selection: tables.LayerSelection | None = None,
 ) -> list[Layer]:  # fmt: skip
     """Return the layers of ``block.gpkg``.
 
     result : the adjustment; left : its residuals
     delivered : the images with their refined RPCs, for the footprints; by default those with the original RPCs
-    visible : points and measurements in the layers; by default all
+    selection : points and measurements in the layers; by default all
     Result: footprints, points, measurements and residuals; laser points, and tie points on a surface, if there are any.
     """
     middle = middle_position(tables.choose_positions(result))
-    visible = visible or tables.select_rows(result, left, largest=len(result.block.measurements))
-    residuals = tables.residuals_table(result, left, visible.measurements, visible.flags)
-    image_points = tables.image_points_table(result, left, visible.measurements, visible.flags)
+    selection = selection or tables.select_rows(result, left, largest=len(result.block.measurements))
+    residuals = tables.residuals_table(result, left, selection.measurements, selection.flags)
+    image_points = tables.image_points_table(result, left, selection.measurements, selection.flags)
     footprints = tables.images_table(result, delivered or result.block.images, middle[2])
     residual_crs = dict(zip(RESIDUAL_LAYERS, (WGS84_3D, residuals_epsg(result)), strict=True))
     laser = [] if result.laser is None else [tables.laser_points_table(result.laser)]
-    ground_points = _point_layer("ground_points", tables.ground_points_table(result, visible.points), WGS84_3D)
+    ground_points = _point_layer("ground_points", tables.ground_points_table(result, selection.points), WGS84_3D)
     return [
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
         replace(ground_points, metadata=name_point_operations(result.block.points)),

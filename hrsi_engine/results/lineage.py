@@ -54,15 +54,15 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     of_part = slice(part.start, part.stop)
     covariance, values = cameras.covariance[of_part], cameras.values[of_part]
     bias, rand = np.full((2, len(images)), np.nan)
-    is_known = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)) & covariance.any(axis=(1, 2)))
-    if not len(is_known):
+    finite = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)) & covariance.any(axis=(1, 2)))
+    if not len(finite):
         return bias, rand
-    images_known, covariance = [images[index] for index in is_known.tolist()], covariance[is_known]
+    images_known, covariance = [images[index] for index in finite.tolist()], covariance[finite]
     xy = np.concatenate([image.grid_px(GRIDS.coarse, GRIDS.coarse) for image in images_known])
     image_index = np.repeat(np.arange(len(images_known)), GRIDS.coarse**2)
     ground = stack_rpcs(images_known).localize(image_index, xy, height)
-    linearised = linearise_images(cameras.model, images_known, image_index, xy, values[is_known], ground)
-    delivered = project_to_images(result.model, images_known, image_index, result.values[of_part][is_known], ground)
+    linearised = linearise_images(cameras.model, images_known, image_index, xy, values[finite], ground)
+    delivered = project_to_images(result.model, images_known, image_index, result.values[of_part][finite], ground)
     to_ground = invert_2x2(linearised.by_ground[:, :, :2])
     by_values = (to_ground @ linearised.by_values).reshape(len(images_known), GRIDS.coarse**2, 2, -1)
     drift_m = (to_ground @ (linearised.computed - delivered)[:, :, None]).reshape(len(images_known), GRIDS.coarse**2, 2)
@@ -74,8 +74,8 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     # Errors of coordinate operations and of the pointing of a pass shift an image as a whole, at a given height
     if result.shared_shifts_m is not None:
         at_height = (to_ground @ linearised.by_ground).reshape(len(images_known), GRIDS.coarse**2, 2, 3).mean(axis=1)
-        rows, mean_m = result.block.measurements, np.zeros((len(is_known), *result.shared_shifts_m.shape[1:]))
-        for place, image in enumerate((part.start + is_known).tolist()):  # the mean shift of the points on an image
+        rows, mean_m = result.block.measurements, np.zeros((len(finite), *result.shared_shifts_m.shape[1:]))
+        for place, image in enumerate((part.start + finite).tolist()):  # the mean shift of the points on an image
             shifts = result.shared_shifts_m[rows.point[rows.image == image]]
             shifts = shifts[np.isfinite(shifts).all(axis=(1, 2))]
             mean_m[place] = shifts.mean(axis=0) if len(shifts) else 0.0
@@ -83,8 +83,8 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
         of_shifts = 0.5 * np.sum(shift_m**2, axis=(1, 2))
         systematic, total = systematic + of_shifts, total + of_shifts
     total[~np.isfinite(total)] = np.nan
-    bias[is_known] = np.sqrt(np.maximum(systematic, 0.0))
-    rand[is_known] = np.sqrt(np.maximum(total - systematic, 0.0))
+    bias[finite] = np.sqrt(np.maximum(systematic, 0.0))
+    rand[finite] = np.sqrt(np.maximum(total - systematic, 0.0))
     return bias, rand
 
 

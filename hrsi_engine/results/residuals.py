@@ -203,10 +203,8 @@ def _survey_covariances(
     by_images = by_images[np.argsort(rows.image[by_images], kind="stable")]
     for first in range(0, len(by_images), MEMORY.rows):
         rows_here = by_images[first : first + MEMORY.rows]
-        points, (images_here, image_index) = (
-            rows.point[rows_here],
-            np.unique(rows.image[rows_here], return_inverse=True),
-        )
+        points = rows.point[rows_here]
+        images_here, image_index = np.unique(rows.image[rows_here], return_inverse=True)
         images, ground = [block.images[index] for index in images_here.tolist()], block.points.ground[points]
         linearised = linearise_images(
             cameras.model, images, image_index, rows.xy[rows_here], cameras.values[images_here], ground

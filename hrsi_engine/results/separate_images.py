@@ -43,8 +43,8 @@ class PerImage:
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return those of the image's model, 0 for parameters that it does not have."""
-        part = self.models[image.id].prior_sigmas(image, priors)
-        return np.concatenate([part, np.zeros(len(self.parameters) - len(part))])
+        model_sigmas = self.models[image.id].prior_sigmas(image, priors)
+        return np.concatenate([model_sigmas, np.zeros(len(self.parameters) - len(model_sigmas))])
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the equations of the image's model."""
@@ -53,8 +53,8 @@ class PerImage:
         count, total = len(model.parameters), len(self.parameters)
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            position = part(values[:count], ground)
-            return position._replace(by_values=np.pad(position.by_values, ((0, 0), (0, 0), (0, total - count))))
+            linearised = part(values[:count], ground)
+            return linearised._replace(by_values=np.pad(linearised.by_values, ((0, 0), (0, 0), (0, total - count))))
 
         return linearise
 
@@ -82,8 +82,8 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     sigmas = _pad_rows([result.estimate.sigmas for result in refinements], len(model.parameters))
     covariance = np.zeros((len(refinements), values.shape[1], values.shape[1]))  # 0: not in an image's model
     for place, result in zip(covariance, refinements, strict=True):
-        part = len(result.estimate.values)
-        place[:part, :part] = result.estimate.covariance
+        count = len(result.estimate.values)
+        place[:count, :count] = result.estimate.covariance
     # Residuals of the measurements that were used, and weights 1 or 0
     points, rows, measured = len(block.points), len(block.measurements), block.measurements
     residual, weight = np.full((rows, 2), np.nan), np.zeros(rows)

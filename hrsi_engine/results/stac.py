@@ -113,10 +113,10 @@ def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str,
     }
 
 
-def describe_assets(image: Image, bytes_written: str, staged: str, folder: str) -> dict[str, Any]:
+def describe_assets(image: Image, rpc_path: str, staged: str, folder: str) -> dict[str, Any]:
     """Return the files of a refined image as the assets of its STAC item.
 
-    bytes_written : later path of its refined RPC; staged : present path of that file,
+    rpc_path : later path of its refined RPC; staged : present path of that file,
     whose size and checksum are stated
     folder : folder of the item: addresses below it or near it are relative to it
     """
@@ -126,20 +126,20 @@ def describe_assets(image: Image, bytes_written: str, staged: str, folder: str) 
         ending = path[path.rfind(".") :].lower()
         if ending in MEDIA_TYPES:
             asset["type"] = MEDIA_TYPES[ending]
-        if path == bytes_written and os.path.isfile(staged):
+        if path == rpc_path and os.path.isfile(staged):
             entry = file_entry(staged)
             asset["file:size"] = entry["size"]
             if entry["sha256"] is not None:
                 asset["file:checksum"] = SHA256 + entry["sha256"]
         return asset
 
-    is_sidecar, assets = bytes_written.upper().endswith(".TXT"), {}  # then the pixels are not copied
+    is_sidecar, assets = rpc_path.upper().endswith(".TXT"), {}  # then the pixels are not copied
     if image.raster is not None:
-        assets["image"] = make_asset(image.path if is_sidecar else bytes_written, "data")
+        assets["image"] = make_asset(image.path if is_sidecar else rpc_path, "data")
         if image.size is not None:
             assets["image"]["proj:shape"] = [image.size[1], image.size[0]]
     if is_sidecar:
-        assets["rpc"] = make_asset(bytes_written, "metadata", "rpc")
+        assets["rpc"] = make_asset(rpc_path, "metadata", "rpc")
     return assets | {"report": {"href": "./report.json", "type": MEDIA_TYPES[".json"], "roles": ["metadata"]}}
 
 

@@ -47,7 +47,7 @@ def compute_surface_residuals(result: Adjustment, one: SurfaceOutcome) -> tuple[
     """Return adjusted positions ``(k, 3)`` of tie points, and their heights above the surface before and after, m."""
     adjusted = choose_positions(result)[one.points]
     before_m, after_m = (
-        position[:, 2] - surface_heights(one.surface, position[:, :2]) for position in (one.before, adjusted)
+        positions[:, 2] - surface_heights(one.surface, positions[:, :2]) for positions in (one.before, adjusted)
     )
     return adjusted, before_m, after_m
 
@@ -75,8 +75,8 @@ def draw_surfaces(result: Adjustment) -> list[SurfacePicture]:
         side = int(np.sqrt(len(scores)))
         square = scores.reshape(side, side)[::-1]  # north up
         limit_m = SIGNIFICANCE.sigmas * one.match.scatter_m
-        position = ground_difference_m(following, np.broadcast_to(following[0], following.shape))[:, :2]
-        maps = [_average_residuals(position, np.clip(values, -limit_m, limit_m)) for values in (before_m, after_m)]
+        places_m = ground_difference_m(following, np.broadcast_to(following[0], following.shape))[:, :2]
+        maps = [_average_residuals(places_m, np.clip(values, -limit_m, limit_m)) for values in (before_m, after_m)]
         outcome.append(SurfacePicture(
             one.images, _picture(square, np.nanmin(square), np.nanmax(square)),
             [_picture(values, -limit_m, limit_m) for values in maps], float(np.abs(one.match.offsets_m).max()), limit_m,
@@ -84,16 +84,16 @@ def draw_surfaces(result: Adjustment) -> list[SurfacePicture]:
     return outcome
 
 
-def _average_residuals(position: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _average_residuals(places_m: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return mean values of cells of the ground ``(rows, columns)``, north up; NaN for cells without points."""
-    valid = np.isfinite(position).all(axis=1) & np.isfinite(values)
-    low, size = np.nanmin(position, axis=0), np.ptp(position[np.isfinite(position).all(axis=1)], axis=0)
+    finite = np.isfinite(places_m).all(axis=1) & np.isfinite(values)
+    low, size = np.nanmin(places_m, axis=0), np.ptp(places_m[np.isfinite(places_m).all(axis=1)], axis=0)
     cell = max(float(size.max()) / SURFACE_PICTURE.cells, 1e-3)
     columns, rows = (np.floor(size / cell).astype(int) + 1).tolist()
-    column, row = np.floor((position[valid] - low) / cell).astype(np.int64).T
+    column, row = np.floor((places_m[finite] - low) / cell).astype(np.int64).T
     place, shape = (rows - 1 - row) * columns + column, rows * columns
     with np.errstate(invalid="ignore"):
-        means = np.bincount(place, values[valid], shape) / np.bincount(place, minlength=shape)
+        means = np.bincount(place, values[finite], shape) / np.bincount(place, minlength=shape)
     return np.asarray(means.reshape(rows, columns))
 
 

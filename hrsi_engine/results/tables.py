@@ -86,9 +86,9 @@ def choose_positions(result: Adjustment) -> np.ndarray:
 def ground_points_table(result: Adjustment, rows: np.ndarray) -> Table:
     """Return some points ``(n,)`` at their adjusted positions, with sigmas; known ones also with their surveys."""
     points, place = result.block.points, choose_positions(result)[rows]
-    valid = result.block.known[rows, None]
-    surveyed = np.where(valid, points.ground[rows], np.nan)
-    sigma_survey = np.where(valid, points.sigma_m[rows], np.nan)
+    is_surveyed = result.block.known[rows, None]
+    surveyed = np.where(is_surveyed, points.ground[rows], np.nan)
+    sigma_survey = np.where(is_surveyed, points.sigma_m[rows], np.nan)
     sigma = result.ground_sigma_m[rows]
     columns = GroundPointRows(
         id=points.ids[rows],
@@ -139,9 +139,9 @@ def select_rows(
         displayed[np.argpartition(-statistic, sample // 2)[: sample // 2]] = True
         displayed[:: -(-count // (sample // 2))] = True
         rows = rows[displayed]
-        visible = result.block.known.copy()
-        visible[measured.point[rows]] = True
-        points = np.flatnonzero(located & visible)
+        is_listed = result.block.known.copy()
+        is_listed[measured.point[rows]] = True
+        points = np.flatnonzero(located & is_listed)
     return LayerSelection(points, rows, flags, count)
 
 
@@ -175,11 +175,11 @@ def image_points_table(result: Adjustment, left: Residuals, rows: np.ndarray, fl
     return Table(choose_positions(result)[measured.point[rows]], columns)
 
 
-def iterate_tables(result: Adjustment, left: Residuals, visible: LayerSelection) -> dict[str, Iterable[TablePart]]:
+def iterate_tables(result: Adjustment, left: Residuals, selection: LayerSelection) -> dict[str, Iterable[TablePart]]:
     """Return the complete tables of image points and ground points by layer, each in parts with their positions."""
-    full = select_rows(result, left, largest=visible.count)
+    full = select_rows(result, left, largest=selection.count)
     makers = {
-        "image_points": (full.measurements, lambda rows: image_points_table(result, left, rows, visible.flags)),
+        "image_points": (full.measurements, lambda rows: image_points_table(result, left, rows, selection.flags)),
         "ground_points": (full.points, lambda rows: ground_points_table(result, rows)),
     }
     return {name: _iterate_parts(rows, make) for name, (rows, make) in makers.items()}
@@ -195,20 +195,20 @@ def residuals_table(result: Adjustment, left: Residuals, rows: np.ndarray, flags
     """Return ground residuals (one row per known point) and image residuals of some measurements ``(n,)``."""
     # The ground residuals of known points, with their surveyed positions
     points = result.block.points
-    valid = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
+    surveyed = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
     on_ground = ResidualRows.of_level(
         "ground",
-        len(valid),
-        id=points.ids[valid],
-        role=ROLE_LABELS[points.role[valid]],
-        image=np.full(len(valid), ""),
-        residual_east_m=left.ground_m[valid, 0],
-        residual_north_m=left.ground_m[valid, 1],
-        residual_height_m=left.ground_m[valid, 2],
-        sigma_east_m=left.ground_sigma_m[valid, 0],
-        sigma_north_m=left.ground_sigma_m[valid, 1],
-        sigma_height_m=left.ground_sigma_m[valid, 2],
-        flag=ground_flags(left)[valid],
+        len(surveyed),
+        id=points.ids[surveyed],
+        role=ROLE_LABELS[points.role[surveyed]],
+        image=np.full(len(surveyed), ""),
+        residual_east_m=left.ground_m[surveyed, 0],
+        residual_north_m=left.ground_m[surveyed, 1],
+        residual_height_m=left.ground_m[surveyed, 2],
+        sigma_east_m=left.ground_sigma_m[surveyed, 0],
+        sigma_north_m=left.ground_sigma_m[surveyed, 1],
+        sigma_height_m=left.ground_sigma_m[surveyed, 2],
+        flag=ground_flags(left)[surveyed],
     )
     residual, sigma = left.measured_px, left.measured_sigma_px
     rows = rows[finite_rows(residual[rows])]
@@ -223,7 +223,7 @@ def residuals_table(result: Adjustment, left: Residuals, rows: np.ndarray, flags
         flag=FLAGS[flags[rows]],
     )
     positions = choose_positions(result)[result.block.measurements.point[rows]]
-    return Table(np.concatenate([points.ground[valid], positions]), on_ground.concatenate(in_images))
+    return Table(np.concatenate([points.ground[surveyed], positions]), on_ground.concatenate(in_images))
 
 
 def _identity_columns(block: Block, rows: np.ndarray) -> dict[str, np.ndarray]:

@@ -260,7 +260,7 @@ def project(images: Any, points: Any, **options: Any) -> Any:
     if without.any() and surface is not None:
         ground = ground.copy()
         ground[without, 2] = surface_heights(surface, ground[without, :2])
-    require_axes_in_order([image], ground, [f"point {number + 1}" for number in range(len(ground))])
+    require_axes_in_order([image], ground)
     found = image.rpc.project(ground)
     return found[0] if np.ndim(points) == 1 else found
 

@@ -15,8 +15,8 @@ from ...hrsi_engine.io.geopackage.layer_tables import layer_names, text_columns
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.rasters.images import close_images, open_image
 from ...hrsi_engine.io.rasters.quick_looks import write_quick_look
+from ..interface.declare import QUICK_LOOKS, STATES
 
-QUICK_LOOKS, STATES = "quick_looks", ("before", "after")
 MOST_IMAGES = 12  # of a block: more would cover each other
 
 
@@ -64,10 +64,10 @@ def write_folder_map(shown: Mapping[str, Any], folder: str) -> list[str]:
         outlines = [compute_footprint(image, image.middle_height_m) for image in images]
         columns = {"id": np.array([image.id for image in images]), "path": np.array([image.path for image in images])}
         layers = [Layer("images", "Polygon", WGS84, outlines, columns)]
-        if points := shown["points"]:
-            place = np.array([[row["lon"], row["lat"], row["height"]] for row in points])
-            texts = {key: np.array([row[key] for row in points]) for key in ("id", "file")}
-            layers.append(Layer("ground_points", "PointZ", WGS84_3D, place, texts))
+        points = shown["points"]
+        if points["id"]:
+            texts = {key: np.array(points[key]) for key in ("id", "file")}
+            layers.append(Layer("ground_points", "PointZ", WGS84_3D, np.array(points["position"]), texts))
         path = os.path.join(folder, "folder.gpkg")
         write_geopackage(path, layers)
         quick_looks = []

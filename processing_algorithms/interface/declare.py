@@ -28,6 +28,8 @@ _WHEN_RUN = (
 )  # fmt: skip
 POSITIONS_CRS = "EPSG:4979"  #: CRS of all ground positions in results: longitude, latitude, ellipsoidal height
 SCHEMA = 1  #: version of the format of reports
+#: Folder of quick-looks in that of a result, and ends of their names: by the given and by the refined RPCs.
+QUICK_LOOKS, STATES = "quick_looks", ("before", "after")
 
 
 class Kind(Enum):

@@ -24,7 +24,7 @@ from ...hrsi_engine.io.point_files.ogr_layer import is_area
 from ...hrsi_engine.io.rasters.images import open_image_and_source
 from ...hrsi_engine.io.rasters.raster_kinds import RasterKind, find_raster_kind
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none, rpc_reader_of
-from .height_rasters import HeightRaster, find_heights, merge_tiles, parts_of
+from .height_rasters import OWN_ENDING, HeightRaster, find_heights, merge_tiles, parts_of
 from .point_sources import PointSource, read_sources
 
 RASTER_ENDINGS = (
@@ -41,7 +41,6 @@ LASER_FIELDS = {"slope", "misfit", "photons", "canopy", "rgt", "cycle"}
 #: Results and truth of simulated blocks; inputs of a block have other names.
 OWN_FILES = {*RESULT_FILES, "project.toml", "report.html", "truth.gpkg", "truth.json"}
 BROKEN_IMAGE = "image, not used"  #: role of an image whose RPC cannot be read
-OWN_ENDING = "_hrsi.vrt"  #: of virtual rasters that `init` writes
 ARCHIVE_ENDINGS = (".zip", ".tar", ".tgz", ".tar.gz")
 PREVIEW_WORDS = re.compile(r"preview|quick.?look|browse|overview|thumb|(?<![a-z])icon", re.IGNORECASE)
 COMPANIONS = (".dbf", ".shx", ".prj", ".cpg", ".qix", ".aux.xml", ".ovr", ".tfw", ".qpj", ".sbn", ".sbx", ".hdr")
@@ -153,7 +152,7 @@ def _add_raster(content: FolderContent, path: str, region: np.ndarray) -> None:
     if PREVIEW_WORDS.search(os.path.basename(path)):
         content.roles.append(FileRole(path, "preview", "not used", sure=False))
         return
-    if not path.lower().endswith(ARCHIVE_ENDINGS) and (fault := _find_fault(path)):
+    if not path.lower().endswith(ARCHIVE_ENDINGS) and (fault := _read_rpc(path)[1]):
         content.roles.append(FileRole(path, BROKEN_IMAGE, fault.removeprefix(f"{path}: ")))
         return
     try:
@@ -182,13 +181,12 @@ def _add_raster(content: FolderContent, path: str, region: np.ndarray) -> None:
         content.roles.append(FileRole(path, facts.kind.value, "not used"))
 
 
-def _find_fault(path: str) -> str:
-    """Return why the RPC of an image cannot be read; empty if it has none."""
+def _read_rpc(path: str) -> tuple[bool, str]:
+    """Return whether a file has an RPC that can be read, and why it cannot be read; empty if it has none."""
     try:
-        read_rpc_or_none(path)
+        return read_rpc_or_none(path) is not None, ""
     except InputError as error:
-        return str(error)
-    return ""
+        return False, str(error)
 
 
 # ---- points ---------------------------------------------------------------------------------------------------------
@@ -234,11 +232,9 @@ def _rpc_files(paths: Sequence[str]) -> Iterator[tuple[str, str]]:
     for path in (one for one in paths if not one.lower().endswith(ARCHIVE_ENDINGS)):
         with suppress(InputError):
             if rpc_reader_of(path):
-                fault = _find_fault(path).removeprefix(f"{path}: ")
-                if (fault and not path.lower().endswith((".xml", ".dim"))) or (
-                    not fault and read_rpc_or_none(path) is not None
-                ):
-                    yield path, fault
+                has_rpc, fault = _read_rpc(path)
+                if has_rpc or (fault and not path.lower().endswith((".xml", ".dim"))):
+                    yield path, fault.removeprefix(f"{path}: ")
 
 
 def _has_laser_fields(path: str) -> bool:

@@ -27,6 +27,8 @@ from ...hrsi_engine.io.rasters.raster_kinds import (
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from .point_sources import state_datum
 
+OWN_ENDING = "_hrsi.vrt"  #: of virtual rasters that `init` writes
+
 
 @thresholds
 class RASTERS:
@@ -82,7 +84,7 @@ class HeightRaster:
     def target(self) -> str:
         """Name of the virtual raster that states what the files do not; empty if they state everything."""
         stem = os.path.splitext(os.path.basename(self.path))[0]
-        return f"{stem}_hrsi.vrt" if self.crs or self.facts.nodata is not None or len(self.paths) > 1 else ""
+        return stem + OWN_ENDING if self.crs or self.facts.nodata is not None or len(self.paths) > 1 else ""
 
     def write_target(self, folder: str) -> str:
         """Write the virtual raster to a folder and return its path; the file itself if it states everything."""

@@ -4,7 +4,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import pyproj
@@ -108,7 +108,7 @@ def _read_source(
     path: str, spec: str, images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
 ) -> PointSource | None:
     """Return a file that is read by the names or the usual order of its columns, or by the content of columns."""
-    for crs in ("", *crs_names, *_list_crs(spec, region)):
+    for crs in chain(("", *crs_names), _list_crs(spec, region)):
         tables = _try(spec, images, crs)
         if tables is not None and _is_plausible(tables, images, region):
             return _make_source(path, *_with_roles(spec, tables, images, crs), crs)
@@ -116,7 +116,7 @@ def _read_source(
     readings = []
     for names in column_roles.list_ground_columns(table) if table is not None else _list_fields(spec):
         chosen = f"{spec}|columns={','.join(names)}"
-        for crs in (*crs_names, *_list_crs(chosen, region)) if table is None or "x" in names else ("",):
+        for crs in chain(crs_names, _list_crs(chosen, region)) if table is None or "x" in names else ("",):
             tables = _try(chosen, images, crs)
             if tables is not None and tables.ground is not None and _is_plausible(tables, images, region):
                 readings.append((share_near(tables.ground.ground[:, :2], region), ",".join(names), tables, crs))
@@ -130,16 +130,17 @@ def _read_source(
     return source
 
 
-def _list_crs(spec: str, region: np.ndarray) -> list[str]:
-    """Return the CRSs in which the coordinates of a file that states none lie near the images."""
+def _list_crs(spec: str, region: np.ndarray) -> Iterator[str]:
+    """Yield the CRSs in which the coordinates of a file that states none lie near the images; read when asked for."""
     try:
         table = read_table(spec)
     except HrsiError:
-        return []
+        return
     xy = table.geometry[:, :2] if table.geometry is not None and not table.crs else np.empty((0, 2))
     if {"x", "y"} <= table.columns.keys():
         xy = np.column_stack([table.columns["x"], table.columns["y"]])
-    return list_local_crs(region.mean(axis=0), np.nanmedian(xy, axis=0)) if np.isfinite(xy).any() else []
+    if np.isfinite(xy).any():
+        yield from list_local_crs(region.mean(axis=0), np.nanmedian(xy, axis=0))
 
 
 def _list_fields(spec: str) -> Iterator[list[str]]:

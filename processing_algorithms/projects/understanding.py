@@ -54,15 +54,14 @@ class Understanding:
 
     def list_map(self) -> dict[str, Any]:
         """Return what a map of the block shows before it is adjusted: images, ground points by file, and the DEM."""
-        sources = [one for one in self.content.sources if one.ground is not None]
+        surveyed = [(one.name, one.ground) for one in self.content.sources if one.ground is not None]
         return {
             "images": [image.path for image in self.content.images],
-            "points": [
-                {"id": str(name), "file": one.name, "lon": lon, "lat": lat, "height": height}
-                for one in sources
-                if one.ground is not None
-                for name, (lon, lat, height) in zip(one.ground.ids, one.ground.ground.tolist(), strict=True)
-            ],
+            "points": {
+                "id": [str(name) for _, ground in surveyed for name in ground.ids],
+                "file": [name for name, ground in surveyed for _ in range(len(ground))],
+                "position": [row for _, ground in surveyed for row in ground.ground.tolist()],
+            },
             "dems": [path for one in self.content.heights if one.path == self.shared.get("dem") for path in one.paths],
         }
 

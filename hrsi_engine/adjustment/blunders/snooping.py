@@ -105,8 +105,8 @@ class Snooping:
             return solution
         state, priors = solution.state, solution.weighting.points
         ground = problem.equations.intersect(state, self.image_weight, priors, unused)
-        is_missing = ~finite_rows(ground)
-        ground[is_missing] = state.ground[is_missing]
+        failed = ~finite_rows(ground)
+        ground[failed] = state.ground[failed]
         state = State(state.values, ground)
         normals = problem.equations.form_normals(state, solution.weight, priors, solution.weighting.contributes)
         return replace(solution, state=state, normals=normals)
@@ -220,8 +220,8 @@ class Snooping:
         """Return the GCPs that have a survey and a measurement with weight."""
         weighting, observations = solution.weighting, self.problem.observations
         measured = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) > 0
-        is_surveyed = weighting.contributes & weighting.points.held & observations.surveyed
-        return np.flatnonzero(is_surveyed & measured & any_of_rows(self.survey_weight > 0.0))
+        is_fixed = weighting.contributes & weighting.points.held & observations.surveyed
+        return np.flatnonzero(is_fixed & measured & any_of_rows(self.survey_weight > 0.0))
 
 
 def leave_out(

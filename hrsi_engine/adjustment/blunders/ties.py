@@ -71,12 +71,12 @@ def estimate_tie_variance(
     not of points reduced to two rays, which were selected because they agree. Sums of squares that are differences of
     nearly equal numbers may be negative by rounding: the factor is at least `EQUALITY.rounding`.
     """
-    selection = ties & (rays >= np.minimum(np.diff(observations.first), 3)) & (rays >= 2)
-    if not selection.any():
+    testable = ties & (rays >= np.minimum(np.diff(observations.first), 3)) & (rays >= 2)
+    if not testable.any():
         return 1.0, 0.0
-    freedom = 2 * rays[selection] - 3
+    freedom = 2 * rays[testable] - 3
     expected = special.chdtri(np.arange(1, freedom.max() + 1), 0.5)[freedom - 1]
-    variance = max(float(np.median(squares[selection] / expected)), EQUALITY.rounding)
+    variance = max(float(np.median(squares[testable] / expected)), EQUALITY.rounding)
     return variance, float(MEDIAN_EFFICIENCY * freedom.sum())
 
 

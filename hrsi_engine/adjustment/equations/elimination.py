@@ -136,7 +136,7 @@ class NumpyElimination:
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
         steps: np.ndarray,
     ) -> None:  # fmt: skip
-        """Write the part's steps in metres to ``out (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
+        """Write the steps in metres to ``steps (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
         weighted_change = (
             np.einsum("ncp,np->nc", _compose_derivatives(linear), step[self.observations.camera]) * weight[:, None]
         )

@@ -110,11 +110,11 @@ def _cut_part(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) 
         upper = np.zeros(len(part), dtype=bool)
         upper[np.argsort(coordinate, kind="stable")[len(part) // 2 :]] = True
         cuts.append((~upper & (inside @ upper.astype(np.int32) > 0), upper))
-    lower, upper = min(cuts, key=lambda cut: cut[0].sum())
-    if lower.sum() > 0.5 * len(part):
+    separator, upper = min(cuts, key=lambda cut: cut[0].sum())
+    if separator.sum() > 0.5 * len(part):
         return part, []
-    remaining = ~lower & ~upper
-    return part[lower], [piece for piece in (part[remaining], part[upper]) if len(piece)]
+    remaining = ~separator & ~upper
+    return part[separator], [piece for piece in (part[remaining], part[upper]) if len(piece)]
 
 
 class SingularSystemError(SolveError):
@@ -176,8 +176,8 @@ def list_lower_parts(runs: Runs) -> Iterator[tuple[tuple[slice, slice], tuple[sl
     Runs are ascending. A few slices are copied four times as fast as single rows and columns.
     """
     for number, (rows, places) in enumerate(runs):
-        for columns, remainder in runs[: number + 1]:
-            yield (rows, columns), (places, remainder)
+        for columns, other_columns in runs[: number + 1]:
+            yield (rows, columns), (places, other_columns)
 
 
 class SparseFactor:
@@ -229,17 +229,17 @@ class SparseFactor:
         updates: dict[int, np.ndarray] = {}
 
         def eliminate(front: Front) -> None:
-            matrix, part = self._assemble(front, blocks, updates), len(front.own) * self.size
+            matrix, eliminated = self._assemble(front, blocks, updates), len(front.own) * self.size
             try:
-                front.factor = dense.inverse_cholesky(matrix[:part, :part])
+                front.factor = dense.inverse_cholesky(matrix[:eliminated, :eliminated])
             except np.linalg.LinAlgError as error:
                 text = (
                     "the normal equations are singular: add GCPs or tie points, or choose a model with fewer parameters"
                 )
                 raise SingularSystemError(text, front.own) from error
-            front.coupling = dense.multiply_by_triangle(matrix[part:, :part], front.factor, transposed=True)
-            dense.subtract_square(matrix[part:, part:], front.coupling)
-            updates[id(front)] = matrix[part:, part:]
+            front.coupling = dense.multiply_by_triangle(matrix[eliminated:, :eliminated], front.factor, transposed=True)
+            dense.subtract_square(matrix[eliminated:, eliminated:], front.coupling)
+            updates[id(front)] = matrix[eliminated:, eliminated:]
 
         work_through_fronts(self.fronts, eliminate)
 
@@ -265,12 +265,12 @@ class SparseFactor:
         """Return the solution for right-hand sides ``(u,)`` or ``(u, k)``."""
         x = np.array(right, dtype=np.float64)
         for front in self.fronts:  # forward substitution
-            part, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
-            x[part] = front.factor @ x[part]
-            x[border] -= front.coupling @ x[part]
+            eliminated, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
+            x[eliminated] = front.factor @ x[eliminated]
+            x[border] -= front.coupling @ x[eliminated]
         for front in reversed(self.fronts):  # back substitution
-            part, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
-            x[part] = front.factor.T @ (x[part] - front.coupling.T @ x[border])
+            eliminated, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
+            x[eliminated] = front.factor.T @ (x[eliminated] - front.coupling.T @ x[border])
         return x
 
     def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:

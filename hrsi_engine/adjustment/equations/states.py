@@ -43,22 +43,24 @@ class PointPriors:
     ) -> PointPriors:
         """Return the surveys where ``weight (m, 3)`` is above zero, and weak priors at the start elsewhere."""
         weight = observations.survey_weight if weight is None else weight
-        is_given = weight > 0.0
+        is_observed = weight > 0.0
         free = 1.0 / FREE_POINT_SIGMA_M**2
-        priors = cls(np.where(is_given, observations.survey, start), np.where(is_given, weight, free), is_given)
+        priors = cls(
+            np.where(is_observed, observations.survey, start), np.where(is_observed, weight, free), is_observed
+        )
         correlation = observations.survey_correlation
         if correlation is None:
             return priors
         # The covariance without unobserved coordinates is inverted, so that the others keep their sigmas
         row, column = COORDINATE_PAIRS
-        are_given = is_given[:, row] & is_given[:, column]
-        points = np.flatnonzero((are_given & (correlation != 0.0)).any(axis=1))
+        is_correlated = is_observed[:, row] & is_observed[:, column]
+        points = np.flatnonzero((is_correlated & (correlation != 0.0)).any(axis=1))
         matrix = np.tile(np.eye(3), (len(points), 1, 1))
-        matrix[:, row, column] = matrix[:, column, row] = np.where(are_given[points], correlation[points], 0.0)
+        matrix[:, row, column] = matrix[:, column, row] = np.where(is_correlated[points], correlation[points], 0.0)
         scale, mixed = np.sqrt(priors.weight[points]), np.zeros_like(priors.weight)
         inverse = scale[:, :, None] * np.linalg.inv(matrix) * scale[:, None, :]
         priors.weight[points], mixed[points] = inverse[:, range(3), range(3)], inverse[:, row, column]
-        return cls(priors.target, priors.weight, is_given, mixed)
+        return cls(priors.target, priors.weight, is_observed, mixed)
 
     @property
     def correlated(self) -> bool:

@@ -185,11 +185,8 @@ class SurfacePlan:
         point_weight = np.linalg.inv(self.covariance_m2[:2, :2]) / len(self.points)
         targets = move_ground(ground[self.points], np.append(left_m[:2], 0.0))
         target[self.points, :2] = targets[:, :2]
-        weight[self.points, 0], weight[self.points, 1], mixed[self.points, 0] = (
-            point_weight[0, 0],
-            point_weight[1, 1],
-            point_weight[0, 1],
-        )
+        weight[self.points, :2] = point_weight.diagonal()
+        mixed[self.points, 0] = point_weight[0, 1]
         return replace(priors, target=target, weight=weight, mixed=mixed)
 
     def summarise(self, points: np.ndarray) -> SurfaceOutcome:

@@ -53,11 +53,8 @@ def adjust_without_jitter(
         spacing, period = choose_spacings(result, options.jitter)
         corrected_xy, prior = xy, None  # measurements corrected by the curves so far
         for number in range(ITERATIONS.most if spacing else 0):
-            problem, done_before, progress_share = (
-                adjuster.problem,
-                progress_share,
-                progress_share + 0.3 * (1.0 - progress_share),
-            )
+            problem, done_before = adjuster.problem, progress_share
+            progress_share += 0.3 * (1.0 - progress_share)
             measured = replace(block.measurements, xy=corrected_xy)
             estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)
             prior = estimate.prior

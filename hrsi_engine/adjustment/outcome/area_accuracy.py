@@ -55,34 +55,34 @@ def describe_parts(
     ``covariance (m, 3, 3)`` are those of all points without their own surveys (`predict_without_surveys`),
     ``leave_one_out`` the factor by which the GCPs' leave-one-out errors exceed them.
     """
-    surveyed = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
+    finite = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
     observations = problem.observations
-    parallel = surveyed & _find_parallel_points(observations, solution)
+    parallel = finite & _find_parallel_points(observations, solution)
     finest = np.array([image.camera_pixel == 1.0 for image in observations.images])
     on_finest = observations.count_rays((solution.weight > 0.0) & finest[observations.image]) > 1
     first_image, located = observations.image[observations.first[:-1]], observations.located
     ties = observations.contributing_points & ~located
     ids, parts = problem.block.points.ids[observations.points], []
     for part in problem.parts:
-        of_part = surveyed & np.isin(first_image, part.images)
+        of_part = finite & np.isin(first_image, part.images)
         candidates = of_part & ties if (of_part & ties).any() else of_part
         if not finest.all() and (candidates & on_finest).any():
             candidates &= on_finest
         left_out = candidates & parallel if (candidates & ~parallel).any() else np.zeros_like(candidates)
-        selection = np.flatnonzero(candidates & ~left_out)
-        is_used = selection[:: -(-len(selection) // MOST_POINTS)] if len(selection) else selection
+        eligible = np.flatnonzero(candidates & ~left_out)
+        sampled = eligible[:: -(-len(eligible) // MOST_POINTS)] if len(eligible) else eligible
         contradiction = compare_few_gcps(problem, solution, part)
         widened = leave_one_out if part.gcps else 1.0
         # weight by area: the points of one cell share its weight
-        plan = solution.state.ground[is_used, :2]
+        plan = solution.state.ground[sampled, :2]
         low, high = plan.min(axis=0, initial=np.inf), plan.max(axis=0, initial=-np.inf)
         cell = np.minimum((plan - low) / np.maximum(high - low, 1e-12) * AREA_CELLS, AREA_CELLS - 1).astype(np.int64)
         cell = cell @ [1, AREA_CELLS]
         weight = 1.0 / np.bincount(cell)[cell]
-        area = predict_accuracy(widened**2 * covariance[is_used], np.zeros((len(is_used), 3, 3)), weight)
+        area = predict_accuracy(widened**2 * covariance[sampled], np.zeros((len(sampled), 3, 3)), weight)
         if contradiction is not None and area["ce90_m"]:  # if one is wrong, the error beyond both is twice as large
             widened *= max(min(contradiction.factor / widened, 1.0 + 2.0 * contradiction.metres / area["ce90_m"]), 1.0)
-            area = predict_accuracy(widened**2 * covariance[is_used], np.zeros((len(is_used), 3, 3)), weight)
+            area = predict_accuracy(widened**2 * covariance[sampled], np.zeros((len(sampled), 3, 3)), weight)
         sigma = [area[name] for name in ("rmse_east_m", "rmse_north_m", "rmse_height_m")]
         east, north, height = (np.nan if value is None else value for value in sigma)
         images = [observations.images[k] for k in part.images]
@@ -94,7 +94,7 @@ def describe_parts(
             DatumPart(
                 tuple(image.id for image in images), part.gcps, part.ties,
                 float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
-                (east, north, height), area["ce90_m"], area["le90_m"], len(selection),
+                (east, north, height), area["ce90_m"], area["le90_m"], len(eligible),
                 tuple(ids[left_out].tolist()), widened, contradiction, gsd_m, base_to_height,
                 tuple(name for name, limit_m in limits_m.items() if (area[name] or 0.0) > limit_m),
             )
@@ -140,10 +140,10 @@ def _remove_surveys(solution: Solution, cofactors: np.ndarray, gcps: np.ndarray,
     """Return the cofactors ``(g, 3, 3)`` of GCPs without their own surveys (except heights if ``keep_height (g,)``)."""
     survey = solution.weighting.points.build_weight_matrices(gcps, observed=True)
     survey[keep_height, 2] = survey[keep_height, :, 2] = 0.0
-    valid = finite_rows(cofactors.reshape(-1, 9))
-    normal = np.linalg.inv(np.where(valid[:, None, None], cofactors, np.eye(3))) - survey
+    finite = finite_rows(cofactors.reshape(-1, 9))
+    normal = np.linalg.inv(np.where(finite[:, None, None], cofactors, np.eye(3))) - survey
     normal[:, range(3), range(3)] += FREE_POINT_SIGMA_M**-2
-    return np.asarray(np.where(valid[:, None, None], np.linalg.inv(normal), np.nan))
+    return np.asarray(np.where(finite[:, None, None], np.linalg.inv(normal), np.nan))
 
 
 def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> ContradictingGcps | None:

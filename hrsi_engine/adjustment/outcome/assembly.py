@@ -153,8 +153,8 @@ def _scale_covariances(
             solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
         )
     left_out = observations.surveyed & ~solution.weighting.points.held  # wrong surveys: their covariances are not valid
-    is_surveyed = (placed & ~left_out)[:, None, None]
-    covariance = np.where(is_surveyed, of_point * precise.points + systematic, np.nan)
+    is_known = (placed & ~left_out)[:, None, None]
+    covariance = np.where(is_known, of_point * precise.points + systematic, np.nan)
     without_survey = of_point * predict_without_surveys(problem, solution, precise) + systematic
     without_survey[np.isnan(covariance)] = np.nan
     squares, freedom = round_findings.left_out_surveys

@@ -37,19 +37,19 @@ def keep_rpc_position(
     problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision
 ) -> tuple[Solution, Precision]:
     """Return solution and precision with the parts that only RPCs determine moved to the RPCs' mean position."""
-    shape, position = (*solution.state.values.shape, 3), []
+    shape, translations = (*solution.state.values.shape, 3), []
     right = np.zeros(shape)  # for all parts at once: they have no common unknowns
     for part in problem.parts:
         translation = _describe_translation(problem, loop, part)
         if translation is not None:
-            position.append(translation)
+            translations.append(translation)
             right[translation[0]] = translation[1]
-    if not position:
+    if not translations:
         return solution, precise
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
     spread = loop.system.solve(right)
     by_values, uncertain = np.zeros(shape[:2]), np.zeros(shape)  # - D F x, and D L^1/2
-    for cameras, rows in position:
+    for cameras, rows in translations:
         share, vectors = np.linalg.eigh(np.eye(3) - np.einsum("cpi,cpj->ij", rows, spread[cameras]))
         share, vectors = np.maximum(share, 0.0), vectors * (share < EQUALITY.negligible)
         direction = spread[cameras] @ vectors / (1.0 - share)
@@ -77,8 +77,8 @@ def _describe_translation(problem: Problem, loop: GaussNewton, part: Part) -> tu
     None if other observations than the RPCs determine the part's position, or parameters are fixed.
     """
     observations, options = problem.observations, problem.options
-    remainder = options.laser is not None or options.sigma_dem_m is not None or problem.earlier is not None
-    if not part.ties or part.gcps or part.places or remainder:
+    has_other_control = options.laser is not None or options.sigma_dem_m is not None or problem.earlier is not None
+    if not part.ties or part.gcps or part.places or has_other_control:
         return None
     cameras, first = np.unique(observations.camera_of_image[part.images], return_index=True)
     pointing, weight = ~problem.camera.drifts, loop.prior_weight[cameras]

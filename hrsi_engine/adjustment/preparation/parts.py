@@ -70,9 +70,9 @@ def warn_of_parts(
     RPCs only.
     """
     names = [image.id for image in observations.images]
-    is_used = [part for part in parts if part.gcps or part.ties or part.places]
+    determined = [part for part in parts if part.gcps or part.ties or part.places]
     matched = {name for surface in surfaces if not surface.why_open for name in surface.images}
-    free = [part for part in is_used if not part.gcps and not part.places and names[part.images[0]] not in matched]
+    free = [part for part in determined if not part.gcps and not part.places and names[part.images[0]] not in matched]
     warnings = [
         *weak,
         *(
@@ -82,14 +82,14 @@ def warn_of_parts(
             if surface.why_open
         ),
     ]
-    single = [names[part.images[0]] for part in parts if part not in is_used and len(part.images) == 1]
+    single = [names[part.images[0]] for part in parts if part not in determined and len(part.images) == 1]
     if single:
         warnings.append(f"no GCP and no tie point on {list_ids(single)}: the RPC is not changed")
-    if len(is_used) > 1:
+    if len(determined) > 1:
         part_texts = "; ".join(
-            f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in is_used[:IDS_NAMED]
+            f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in determined[:IDS_NAMED]
         )
-        warnings.append(f"the block falls into {len(is_used)} parts without common points: {part_texts}")
+        warnings.append(f"the block falls into {len(determined)} parts without common points: {part_texts}")
     if free:
         part_texts = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
         reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)

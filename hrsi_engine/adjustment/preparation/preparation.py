@@ -97,9 +97,9 @@ class Preparation:
             "robust weight function": (WEIGHTS, options.robust),
             "grouping of image points": (GROUPINGS, options.variance_groups),
         }
-        for kind, (table, name) in tables.items():
+        for option_name, (table, name) in tables.items():
             if name not in table:
-                raise InputError(f"unknown {kind} {name!r}: choose one of {', '.join(table)}")
+                raise InputError(f"unknown {option_name} {name!r}: choose one of {', '.join(table)}")
         for group in options.sensor_images:
             self._find_images(group, "a group of images of one sensor")
 
@@ -259,8 +259,10 @@ class Preparation:
         """Return the points ``(m, 3)`` by the original RPCs; those that cannot be computed stay at ``ground``."""
         observations, state = self.observations, State(self._align_images(), self.ground)
         equations = form_point_equations(observations, self.model, self.options.threads)
-        visible = equations.intersect(state, 1.0 / observations.sigma_px**2, bound_heights(observations, self.ground))
-        return np.where(np.isfinite(visible), visible, self.ground)
+        intersected = equations.intersect(
+            state, 1.0 / observations.sigma_px**2, bound_heights(observations, self.ground)
+        )
+        return np.where(np.isfinite(intersected), intersected, self.ground)
 
     def _displace_points(self) -> None:
         """Move points in plan by the surfaces, and widen the priors ``(cameras, p)`` that contradict this."""

@@ -105,8 +105,9 @@ class CommonDrift:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return squares and redundancies ``(n,)`` of the drifts without the common ones, for other priors.
 
-        ``cofactors`` and ``values`` are the results of `select_drifts`; ``held (n,)`` are the drifts' prior weights of
-        the solution, ``weight (n,)`` the new ones, and ``next_drift`` has the new weights of the common drifts.
+        ``cofactors`` and ``values`` are the results of `select_drifts`; ``prior_weight (n,)`` are the drifts' prior
+        weights of the solution, ``weight (n,)`` the new ones, and ``next_drift`` has the new weights of the common
+        drifts.
         """
         weight = weight * self.prior_sigma**2
         weight_change = np.diag(weight - prior_weight * self.prior_sigma**2)

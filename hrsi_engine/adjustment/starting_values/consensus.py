@@ -186,7 +186,7 @@ def _fit_planes(
     """Return the plane ``(p, 3)`` nearest to most of the parallaxes ``(p, s)`` of each image pair.
 
     ``three (p, t, 3)`` are the indices of the three parallaxes of each tried plane; ``terms (p, s, 3)`` are 1 and the
-    position in the image; ``kept (p,)`` is the number of certainly correct ones, minus one. Without ``three`` there
+    position in the image; ``ranks (p,)`` is the number of certainly correct ones, minus one. Without ``three`` there
     are too few parallaxes for a plane: then ``terms (p, s, 1)`` and the result have only the constant.
     """
     candidates = np.zeros((*y.shape, terms.shape[2]))

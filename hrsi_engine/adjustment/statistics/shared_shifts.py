@@ -132,10 +132,8 @@ def propagate_jitter(
 
     used_weight = solution.weight * solution.weighting.contributes[observations.point]
     left = used_weight[:, None, None] * (shift - linearised.by_ground @ intersect(shift)[observations.point])
-    pulls, right = (
-        linearised.by_values.swapaxes(1, 2) @ left,
-        np.zeros((observations.cameras, linearised.by_values.shape[2], size)),
-    )
+    pulls = linearised.by_values.swapaxes(1, 2) @ left
+    right = np.zeros((observations.cameras, linearised.by_values.shape[2], size))
     np.add.at(right, observations.camera, pulls)
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
     return intersect(shift - linearised.by_values @ loop.system.solve(right)[observations.camera])

@@ -187,14 +187,11 @@ def compute_image_sums(
 ) -> np.ndarray:
     """Return squares and redundancy of the image points of each image ``(images, 2)``.
 
-    The squares are those with sigmas that are ``grown (n,)`` times as large as those of the solution.
+    The squares are those with sigmas that are ``sigma_ratio (n,)`` times as large as those of the solution.
     """
     used_rows = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[observations.point])
-    weight, residual, image = (
-        solution.weight[used_rows],
-        solution.normals.residual[used_rows],
-        observations.image[used_rows],
-    )
+    weight, image = solution.weight[used_rows], observations.image[used_rows]
+    residual = solution.normals.residual[used_rows]
     squares = np.einsum("nc,nc->n", residual, residual) / sigma_ratio[used_rows] ** 2
     columns = squares, np.trace(precise.residuals[used_rows], axis1=1, axis2=2)
     count = len(observations.images)

@@ -95,8 +95,8 @@ def _connect(address: str, certificates: Certificates) -> Any:
                 "tls_client_cert": certificates.own,
                 "tls_client_key": certificates.key or certificates.own,
             }
-            valid = {name: file for name, file in address_text.items() if file is not None}
-            security = Security(require_encryption=True, **valid)
+            named_files = {name: file for name, file in address_text.items() if file is not None}
+            security = Security(require_encryption=True, **named_files)
         # If a scheduler closes the connection during the handshake (it does not trust the certificate), the client of
         # Dask waits for ever and ignores its own timeout; therefore it is created in a thread that can be abandoned
         answer: Future[Any] = Future()

@@ -176,9 +176,9 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
     return run_by_threads
 
 
-def _number_tasks(graph: Graph, requested: Sequence[str]) -> dict[str, int]:
+def _number_tasks(graph: Graph, keys: Sequence[str]) -> dict[str, int]:
     """Return the position of each task in a topological order: all wanted tasks, each after the tasks that it needs."""
-    place, waiting = dict[str, int](), list(reversed(requested))
+    place, waiting = dict[str, int](), list(reversed(keys))
     while waiting:
         key = waiting.pop()
         behind = [need for need in graph[key][1:] if need not in place]

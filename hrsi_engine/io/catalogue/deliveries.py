@@ -123,14 +123,14 @@ def _list_files(name: str, folder: str) -> list[str]:
         names = [file for file in gdal.ReadDirRecursive(folder) or [] if isinstance(file, str)]
         return sorted(file for file in names if file[-1] != "/")
     result: list[str] = []
-    visible = set[tuple[int, int]]()
+    visited = set[tuple[int, int]]()
     for place, folders, files in os.walk(folder, followlinks=True):
-        status, inside = os.stat(place), os.path.relpath(place, folder)
-        if (status.st_dev, status.st_ino) in visible or inside.count(os.sep) >= FILE_BUDGETS.delivery_depth:
+        status, relative = os.stat(place), os.path.relpath(place, folder)
+        if (status.st_dev, status.st_ino) in visited or relative.count(os.sep) >= FILE_BUDGETS.delivery_depth:
             folders.clear()  # circular links, and folders deeper than any delivery has
             continue
-        visible.add((status.st_dev, status.st_ino))
-        result += [os.path.normpath(os.path.join(inside, file)) for file in files]
+        visited.add((status.st_dev, status.st_ino))
+        result += [os.path.normpath(os.path.join(relative, file)) for file in files]
         require_delivery(name, len(result))
     return sorted(file for file in result if file.encode(errors="ignore").decode() == file)
 

@@ -63,10 +63,12 @@ def run_record(command: str, names: Mapping[str, Iterable[str]] | None) -> dict[
 def rpc_history(path: str) -> str:
     """Return the origin of an image's RPC from its metadata: the run that refined it, or ``as delivered``."""
     dataset, _ = open_dataset(path)
-    entry = {} if dataset is None else metadata_of(dataset)
-    if "HRSI_MODEL" not in entry:
+    metadata = {} if dataset is None else metadata_of(dataset)
+    if "HRSI_MODEL" not in metadata:
         return "as delivered"
-    return f"refined by HRSI {entry.get('HRSI_VERSION')} on {entry.get('HRSI_DATE')}, model {entry['HRSI_MODEL']}"
+    return (
+        f"refined by HRSI {metadata.get('HRSI_VERSION')} on {metadata.get('HRSI_DATE')}, model {metadata['HRSI_MODEL']}"
+    )
 
 
 def find_refining_report(path: str) -> str | None:
@@ -74,8 +76,8 @@ def find_refining_report(path: str) -> str | None:
     if path.lower().endswith(_TEXTS):
         return None
     dataset, _ = open_dataset(path)
-    entry = {} if dataset is None else metadata_of(dataset)
-    return str(entry.get("HRSI_REPORT", "")) if "HRSI_MODEL" in entry else None
+    metadata = {} if dataset is None else metadata_of(dataset)
+    return str(metadata.get("HRSI_REPORT", "")) if "HRSI_MODEL" in metadata else None
 
 
 def without_secrets_in(value: Any) -> Any:
@@ -97,13 +99,13 @@ def input_entries(names: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
     ``names`` has paths by the key of the option that names them; names that are no files (``auto``) are omitted.
     """
     entries: list[dict[str, Any]] = []
-    visible: set[str] = set()
+    real_paths: set[str] = set()
     read = 0
     for option, paths in names.items():
         for path, crs in _list_files(paths):
-            if (real := os.path.realpath(path)) in visible:
+            if (real := os.path.realpath(path)) in real_paths:
                 continue
-            visible.add(real)
+            real_paths.add(real)
             entry = {"option": option, **file_entry(path, complete=read < LINEAGE.all_bytes), "crs": crs}
             read += entry["size"] or 0
             entries.append(entry)

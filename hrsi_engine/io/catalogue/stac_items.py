@@ -43,7 +43,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
     """
     # The syntax of GDAL's driver STACIT
     stated = re.fullmatch(r'STACIT:("?)(?P<file>.+?)\1:asset=(?P<asset>.+)', name)
-    file, requested = (stated["file"], stated["asset"]) if stated else (name, None)
+    file, asset = (stated["file"], stated["asset"]) if stated else (name, None)
     is_json = urlsplit(file).path.lower().endswith((".json", ".geojson"))
     if not is_json or not (file.startswith("/vsi") or os.path.isfile(file)):
         if stated:
@@ -68,9 +68,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
         raise InputError(f"{file}: is an item collection without items: search again")
     if any(link.get("rel") == "next" for link in _pick_dicts(document.get("links"))):
         log(f"{file}: is one page of several: only its {len(features)} items are taken; save the others too")
-    return [
-        _image_of(file, number, feature, kind == ITEM, requested) for number, feature in enumerate(features, start=1)
-    ]
+    return [_image_of(file, number, feature, kind == ITEM, asset) for number, feature in enumerate(features, start=1)]
 
 
 def restore_image_paths(entries: Iterable[tuple[str, str, str | None]]) -> list[str]:
@@ -99,9 +97,9 @@ def _image_of(file: str, number: int, feature: Any, single: bool, requested: str
     name = feature.get("id")
     if not isinstance(name, str) or not name:
         raise InputError(f"{file}: item {number} has no id: correct the file")
-    location = f"{file}, item {name!r}"
+    place_text = f"{file}, item {name!r}"
     if {"/", "\\", "\0"} & set(name) or name in (".", ".."):
-        raise InputError(f"{location}: the id cannot be used as a file name of the results: correct the id")
+        raise InputError(f"{place_text}: the id cannot be used as a file name of the results: correct the id")
     assets = {key: asset for key, asset in feature["assets"].items() if isinstance(asset, dict)}
     base = file if single else next(
         (link["href"] for link in _pick_dicts(feature.get("links"))
@@ -113,28 +111,30 @@ def _image_of(file: str, number: int, feature: Any, single: bool, requested: str
     def path_of(key: str) -> str:
         href = assets[key].get("href")
         if not isinstance(href, str) or not href:
-            raise InputError(f"{location}, asset {key!r}: has no href: correct the file")
+            raise InputError(f"{place_text}, asset {key!r}: has no href: correct the file")
         return href_path(href, base)
 
     place = file if file.startswith("/vsi") else os.path.abspath(file)
     image = requested  # the name of the asset that is the image; None where there is no image
     if requested is not None:
         if requested not in assets:
-            raise InputError(f"{location}: has no asset {requested!r} (assets: {list_ids(assets)}): name one of these")
+            raise InputError(
+                f"{place_text}: has no asset {requested!r} (assets: {list_ids(assets)}): name one of these"
+            )
     else:
         images = [key for key, asset in assets.items() if _is_image(asset)]
         data = [key for key in images if "data" in _roles_of(assets[key])]
         result = data or images
         if len(result) > 1:
             raise InputError(
-                f'{location}: has several images ({list_ids(result)}): name one, as STACIT:"FILE":asset={result[0]}'
+                f'{place_text}: has several images ({list_ids(result)}): name one, as STACIT:"FILE":asset={result[0]}'
             )
         image = result[0] if result else None
     rpc_files = tuple(path_of(key) for key in _rpc_assets(assets, image))
     if image is None:
         if not rpc_files:
             raise InputError(
-                f"{location}: has no asset that is an image (assets: {list_ids(assets)}): name another item"
+                f"{place_text}: has no asset that is an image (assets: {list_ids(assets)}): name another item"
             )
         return ItemImage(rpc_files[0], StacItem(name, file, place, properties))
     fields = {key: properties[key] for key in STAC_NAMES.values() if key in properties}
@@ -196,8 +196,8 @@ def href_path(href: str, base: str) -> str:
         if "://" not in base:
             return os.path.normpath(os.path.join(os.path.dirname(base), href))
         relative = urlsplit(base)  # urljoin does not support s3
-        combined = urlsplit(urljoin(f"https://{relative.netloc}{relative.path}", href))
-        return href_path(f"{relative.scheme}://{combined.netloc}{combined.path}", "")
+        absolute = urlsplit(urljoin(f"https://{relative.netloc}{relative.path}", href))
+        return href_path(f"{relative.scheme}://{absolute.netloc}{absolute.path}", "")
     if scheme in ("http", "https"):
         return f"/vsicurl/{href}"
     if scheme == "file":

@@ -83,9 +83,9 @@ def shares(count: int, width_m: float) -> list[Share]:
 
 def _residuals(fields: LayerColumns, width_m: float) -> Style:
     ground, image = np.isin(fields["level"], ("ground",)), np.isin(fields["level"], ("image",))
-    accepted = ~np.isin(fields["flag"], ("outlier",))
-    on_ground = _typical(fields["residual_east_m"], fields["residual_north_m"], ground & accepted)
-    in_image = _typical(fields["residual_sample_px"], fields["residual_line_px"], image & accepted)
+    is_good = ~np.isin(fields["flag"], ("outlier",))
+    on_ground = _typical(fields["residual_east_m"], fields["residual_north_m"], ground & is_good)
+    in_image = _typical(fields["residual_sample_px"], fields["residual_line_px"], image & is_good)
     return _render_style(
         "residuals.qml.j2", "Residual arrows (observed - computed)",
         **_arrows("ground", on_ground, GROUND_ARROW_MM, "m"), **_arrows("image", in_image, IMAGE_ARROW_MM, "px"),
@@ -95,10 +95,10 @@ def _residuals(fields: LayerColumns, width_m: float) -> Style:
 
 
 def _image_points(fields: LayerColumns, width_m: float) -> Style:
-    accepted = ~np.isin(fields["flag"], ("outlier", "rejected"))
-    typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], accepted)
+    is_good = ~np.isin(fields["flag"], ("outlier", "rejected"))
+    typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], is_good)
     return _render_style(
-        "image_points.qml.j2", "Image residuals", image_shares=shares(len(accepted), width_m),
+        "image_points.qml.j2", "Image residuals", image_shares=shares(len(is_good), width_m),
         **_arrows("image", typical, IMAGE_ARROW_MM, "px"),
     )  # fmt: skip
 

@@ -88,9 +88,9 @@ def _geometry(blobs: tuple[bytes | None, ...], geographic: bool, fields: dict[st
     bodies = [None if blob is None else blob[begin:] for blob, begin in zip(blobs, begins, strict=True)]
     shapes = [None if body is None else _point(body) for body in bodies]
     if any(shape is None and body is not None for shape, body in zip(shapes, bodies, strict=True)):
-        complete = np.empty(len(bodies), dtype=object)
-        complete[:] = [None if body is None else wkb.loads(body) for body in bodies]
-        return {"geometry": complete}
+        geometries = np.empty(len(bodies), dtype=object)
+        geometries[:] = [None if body is None else wkb.loads(body) for body in bodies]
+        return {"geometry": geometries}
     nothing = (np.nan, np.nan, np.nan)
     xyz = np.array([nothing if shape is None else shape for shape in shapes], dtype=np.float64).reshape(-1, 3)
     names = ("lon", "lat", "height") if geographic else ("x", "y", "height")

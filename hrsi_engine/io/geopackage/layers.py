@@ -136,11 +136,11 @@ def write_geopackage(
                 for pragma in _WITHOUT_SAFETY:
                     database.execute(pragma)
                 database.execute("BEGIN")
-                completed = 0
+                rows_written = 0
                 for layer in layers:
                     for _ in insert_rows(database, layer):
-                        completed += _CHUNK_ROWS
-                        advance(progress, min(1.0, completed / total), f"writing layer {layer.name}")
+                        rows_written += _CHUNK_ROWS
+                        advance(progress, min(1.0, rows_written / total), f"writing layer {layer.name}")
                 insert_styles(database, layers, styles)
                 describe_fields(database, layers)
                 database.execute("COMMIT")
@@ -324,8 +324,8 @@ def create_style_table(dataset: gdal.Dataset) -> None:
 
 
 def insert_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles: Mapping[str, Style]) -> None:
-    bytes_written = [layer.name for layer in layers if layer.name in styles]
-    for name in bytes_written:
+    styled = [layer.name for layer in layers if layer.name in styles]
+    for name in styled:
         database.execute(
             "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName,"
             " styleQML, styleSLD, useAsDefault, description, owner, ui, update_time)"

@@ -62,10 +62,10 @@ def _insert(database: sqlite3.Connection, table: str, columns: tuple[str, str], 
 def _round_outwards(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return min x, max x, min y, max y as float32 ``(n, 4)``, rounded so that they contain the float64 boxes."""
     boxes = np.empty((len(low), 4), dtype=np.float32)
-    for column, exact, faulty, limit in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):
+    for column, exact, exceeds, limit in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):
         for axis in (0, 1):
             single = exact[:, axis].astype(np.float32)
-            inside = faulty(single, exact[:, axis])
+            inside = exceeds(single, exact[:, axis])
             boxes[:, 2 * axis + column] = np.where(inside, np.nextafter(single, np.float32(limit)), single)
     return boxes
 

@@ -115,11 +115,13 @@ class LayerRows(Mapping[str, np.ndarray]):
     @classmethod
     def of_level(cls, level: str, count: int, **columns: np.ndarray) -> Self:
         """Return ``count`` rows of one level: the columns of other levels are NaN."""
-        remainder = [name for name, said in cls.declared.items() if said.level not in ("", level)]
-        faulty = [name for name in remainder if name in columns]
-        if faulty:
-            raise TypeError(f"`{cls.__name__}` declares {faulty[0]!r} for another level than {level!r}: do not give it")
-        return cls(**columns, **dict.fromkeys(remainder, np.full(count, np.nan)), level=np.full(count, level))
+        omitted = [name for name, said in cls.declared.items() if said.level not in ("", level)]
+        superfluous = [name for name in omitted if name in columns]
+        if superfluous:
+            raise TypeError(
+                f"`{cls.__name__}` declares {superfluous[0]!r} for another level than {level!r}: do not give it"
+            )
+        return cls(**columns, **dict.fromkeys(omitted, np.full(count, np.nan)), level=np.full(count, level))
 
     @classmethod
     def of_entries(cls, entries: Sequence[Mapping[str, Any]]) -> Self:
@@ -169,8 +171,8 @@ def describe_columns(fields: Mapping[str, np.ndarray]) -> dict[str, DeclaredColu
 
 def write_titles(fields: Mapping[str, np.ndarray]) -> dict[str, str]:
     """Return the titles of a layer's fields, ``fid`` the first, by name."""
-    valid = describe_columns(fields)
-    return {name: valid[name].title if name in valid else write_title(name) for name in ("fid", *fields)}
+    descriptions = describe_columns(fields)
+    return {name: descriptions[name].title if name in descriptions else write_title(name) for name in ("fid", *fields)}
 
 
 #: Descriptions and units of columns that mean the same in every layer that has them, by name.

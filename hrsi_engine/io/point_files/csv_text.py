@@ -52,10 +52,10 @@ def read(path: str, layer: str = "", chosen: Mapping[str, str] | None = None) ->
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
 
 
-def _read_table(path: str, encoding: str, selection: Mapping[str, str]) -> table.PointTable:
+def _read_table(path: str, encoding: str, fields_given: Mapping[str, str]) -> table.PointTable:
     rows = _read_rows(path, encoding)
     names = [name.strip() for name in next(rows, [])]
-    result = table.match_fields(names, selection, path)
+    result = table.match_fields(names, fields_given, path)
     if not result:
         with _open_text(path, encoding) as file:
             return read_plain_text(path, file)
@@ -66,18 +66,18 @@ def _read_table(path: str, encoding: str, selection: Mapping[str, str]) -> table
         return table.PointTable(path, plain, tuple(names), row_name)
     decimal_comma = separator != ","
     parts: dict[str, list[np.ndarray]] = {field: [] for field in result}
-    completed = 0
+    rows_read = 0
     while chunk := list(islice(rows, _CHUNK_ROWS)):
-        texts = _transpose(path, chunk, len(names), row_name, completed)
+        texts = _transpose(path, chunk, len(names), row_name, rows_read)
         for field, column in result.items():
             if field in table.NUMBER_FIELDS:
-                location = partial(_name_field, path, field, row_name, completed)
-                values = table.parse_numbers(texts[column], location, decimal_comma, field in table.MAY_BE_INFINITE)
+                place_text = partial(_name_field, path, field, row_name, rows_read)
+                values = table.parse_numbers(texts[column], place_text, decimal_comma, field in table.MAY_BE_INFINITE)
             else:
                 values = table.strip_texts(texts[column], path, field)
             parts[field].append(values)
-        completed += len(chunk)
-    columns = {field: _join_parts(path, field, parts.pop(field)) if completed else np.empty(0) for field in result}
+        rows_read += len(chunk)
+    columns = {field: _join_parts(path, field, parts.pop(field)) if rows_read else np.empty(0) for field in result}
     return table.PointTable(path, columns, tuple(names), row_name)
 
 
@@ -116,8 +116,8 @@ def _columns_by_numpy(
     )
 
 
-def _name_field(path: str, field: str, row_name: Callable[[int], str], completed: int, index: int) -> str:
-    return f"{path}, field {field!r}, {row_name(completed + index)}"
+def _name_field(path: str, field: str, row_name: Callable[[int], str], rows_read: int, index: int) -> str:
+    return f"{path}, field {field!r}, {row_name(rows_read + index)}"
 
 
 def _join_parts(path: str, field: str, parts: list[np.ndarray]) -> np.ndarray:
@@ -174,14 +174,14 @@ def _read_rows(path: str, encoding: str, line_numbers: list[int] | None = None) 
 
 
 def _transpose(
-    path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str], completed: int
+    path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str], rows_read: int
 ) -> list[tuple[str, ...]]:
-    """Return the columns of rows that follow ``completed`` others; short rows are completed with empty fields."""
+    """Return the columns of rows that follow ``rows_read`` others; short rows are completed with empty fields."""
     if set(map(len, rows)) != {width}:
         index = next((index for index, row in enumerate(rows) if any(row[width:])), None)
         if index is not None:
             raise InputError(
-                f"{path}, {row_name(completed + index)}: has {len(rows[index])} fields, the header {width}: quote "
+                f"{path}, {row_name(rows_read + index)}: has {len(rows[index])} fields, the header {width}: quote "
                 "texts with separators, and separate by semicolons where numbers have decimal commas"
             )
         rows = [row[:width] + [""] * (width - len(row)) for row in rows]
@@ -295,9 +295,9 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
     columns: dict[str, np.ndarray] = {}
     for field, column in result.items():
         texts = [row[column] for row in rows]
-        location = partial(lambda field, index: f"{path}, field {field!r}, line {numbered[index][0]}", field)
+        place_text = partial(lambda field, index: f"{path}, field {field!r}, line {numbered[index][0]}", field)
         columns[field] = (
-            table.parse_numbers(texts, location, separator != ",", field in table.MAY_BE_INFINITE)
+            table.parse_numbers(texts, place_text, separator != ",", field in table.MAY_BE_INFINITE)
             if field in table.NUMBER_FIELDS
             else table.strip_texts(texts, path, field)
         )

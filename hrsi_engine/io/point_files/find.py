@@ -109,9 +109,9 @@ def read_image_points(
     Ground points are returned only if they were read with them.
     """
     if not isinstance(spec, PointsInMemory) and not {"image", "chosen"} & _parse_options(spec).keys():
-        retained = read_columns(*split_spec(spec), image_ids)
-        if retained is not None:
-            return retained
+        stored = read_columns(*split_spec(spec), image_ids)
+        if stored is not None:
+            return stored
     return read_points(
         spec, ground_crs=ground_crs, height_datum=height_datum, image_ids=image_ids, surface=surface, epoch=epoch
     )
@@ -155,8 +155,8 @@ def _parse_options(spec: str) -> dict[str, str]:
     options = dict[str, str]()
     for part in str(spec).split("|")[1:]:
         key, _, value = part.partition("=")
-        valid = ("layername", "layerid", "geometrytype", "image", "features", "columns")
-        if key.lower() not in valid or not value:
+        option_names = ("layername", "layerid", "geometrytype", "image", "features", "columns")
+        if key.lower() not in option_names or not value:
             raise InputError(
                 f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER, FILE|image=ID, "
                 "FILE|columns=NAME,NAME,…, FILE|columns=id=NAME,sigma_h=NAME,… or MATCHES.h5|features=FILE"
@@ -172,7 +172,7 @@ def choose_fields(spec: str) -> dict[str, str]:
 
     Raises `InputError` for a field that HRSI does not have.
     """
-    selection = {}
+    fields_given = {}
     for part in filter(None, re.split(r",(?=\s*\w+\s*=)", _parse_options(spec).get("chosen", ""))):
         field, _, name = map(str.strip, part.partition("="))
         valid = next(iter(match_fields([field])), None)
@@ -181,8 +181,8 @@ def choose_fields(spec: str) -> dict[str, str]:
                 f"{spec}: {part!r} behind |columns= chooses no field of points: write FIELD=NAME, with a field of "
                 f"{', '.join(list(FIELDS)[:17])} … and its name in the file"
             )
-        selection[valid] = name
-    return selection
+        fields_given[valid] = name
+    return fields_given
 
 
 def read_table(spec: str) -> PointTable:
@@ -209,11 +209,11 @@ def read_table(spec: str) -> PointTable:
         titles = ", ".join(reader.title for reader in readers)
         advice = check_advice(path, "convert it to GeoPackage or CSV")
         raise InputError(f"{path}: is no point file that is known ({titles}): {advice}")
-    if not (selection := choose_fields(spec)):
+    if not (fields_given := choose_fields(spec)):
         return reader.read(path, layer)
     if not reader.chooses_fields:
         raise InputError(f"{path}: the fields of the format {reader.title} have fixed names: remove |columns=")
-    return reader.read(path, layer, selection)
+    return reader.read(path, layer, fields_given)
 
 
 class ImagePositions(NamedTuple):

@@ -43,8 +43,8 @@ def read_metashape(path: str, _layer: str = "") -> PointTable:
     )
     rows = [line.rstrip(f"{mark} ") for line in lines[start:]]
     body = [row and row + f"{mark}nan" * (len(names) - len(row.split(mark.strip(" ") or None))) for row in rows]
-    valid = [_METASHAPE.get(name.strip().lower(), name) for name in names]
-    table = read_plain_text(path, [""] * start + body, valid)  # so that lines keep their numbers
+    field_names = [_METASHAPE.get(name.strip().lower(), name) for name in names]
+    table = read_plain_text(path, [""] * start + body, field_names)  # so that lines keep their numbers
     if not texts or texts.startswith("LOCAL_CS"):
         return table
     columns, empty = dict(table.columns), np.full(len(table), np.nan)
@@ -67,8 +67,8 @@ def read_orthoengine(path: str, columns_option: str) -> PointTable:
     """Return the points of a text whose columns ``columns_option`` names; raise `InputError` if it is damaged."""
     names = columns_option.removeprefix(NAMED_COLUMNS).split(",")
     fields = [re.findall(r'"[^"]*"|[^\s,]+', line) for line in read_text(path).splitlines()]
-    valid = [_ORTHOENGINE.get(name.strip().lower(), name) for name in names]
-    table = read_plain_text(path, ["\t".join(row) for row in fields], valid)
+    field_names = [_ORTHOENGINE.get(name.strip().lower(), name) for name in names]
+    table = read_plain_text(path, ["\t".join(row) for row in fields], field_names)
     columns = table.columns | {axis: table.columns[axis] - 0.5 for axis in ("sample", "line")}
     if "role" in columns:
         columns["role"] = np.array([_ROLES.get(status.upper(), status) for status in columns["role"].tolist()])

@@ -35,9 +35,9 @@ class PointsInMemory(InMemory):
 
     def __new__(cls, points: Any) -> PointsInMemory:
         """Create the points with a name of type and number: ``DataFrame of 12 points``."""
-        created = super().__new__(cls, f"{type(points).__name__} of {_count_points(points)} points")
-        created.points = points
-        return created
+        instance = super().__new__(cls, f"{type(points).__name__} of {_count_points(points)} points")
+        instance.points = points
+        return instance
 
     def tables(self, reference: Reference, image_ids: Sequence[str]) -> PointTables:
         """Return the ground points and the image points, with the same checks as those of a file.
@@ -86,17 +86,17 @@ class PointsInMemory(InMemory):
             crs = "" if self.points.crs is None else self.points.crs.to_wkt()
         return PointTable(str(self), fields, tuple(names), row_name, xyz, crs)
 
-    def _field(self, field: str, values: Any, position: Callable[[int], str]) -> np.ndarray:
+    def _field(self, field: str, values: Any, row_text: Callable[[int], str]) -> np.ndarray:
         """Return a column as texts or numbers; missing values are empty or NaN."""
         column = np.asarray(values)
         if field not in TEXT_FIELDS and column.dtype.kind in "iufb":
             return column.astype(np.float64)
         # Integers that a table stores as floats, because other values are missing, are written as integers
-        complete = [int(v) if isinstance(v, float) and v.is_integer() else v for v in column.tolist()]
-        texts = ["" if _is_missing(value) else str(value) for value in complete]
+        values_as_integers = [int(v) if isinstance(v, float) and v.is_integer() else v for v in column.tolist()]
+        texts = ["" if _is_missing(value) else str(value) for value in values_as_integers]
         if field in TEXT_FIELDS:
             return strip_texts(texts, str(self), field)
-        return parse_numbers(texts, lambda row: f"{self}, {position(row)}, column {field!r}", infinite=True)
+        return parse_numbers(texts, lambda row: f"{self}, {row_text(row)}, column {field!r}", infinite=True)
 
 
 def _count_points(points: Any) -> int:

@@ -57,16 +57,16 @@ def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str])
     """Return a table's ground points and image points; raise `InputError` with the row and the remedy."""
     if not len(table):
         raise InputError(f"{table.source}: contains no points: add some, or name another layer")
-    measures, valid = bool(table.columns.keys() & {"sample", "line"}), has_positions(table)
-    if not (measures or valid):
+    measures, with_positions = bool(table.columns.keys() & {"sample", "line"}), has_positions(table)
+    if not (measures or with_positions):
         raise InputError(
             f"{table.source}: has neither positions (point geometry, lon and lat, x and y) nor image coordinates "
             f"(sample and line); its fields are {', '.join(table.field_names) or 'none'}: rename or add them"
         )
     require_field(table, "id")
     _require_text(table, "id")
-    image = _image_points(table, valid, image_ids) if measures else None
-    ground, warnings = _ground_points(table, measures, reference) if valid else (None, [])
+    image = _image_points(table, with_positions, image_ids) if measures else None
+    ground, warnings = _ground_points(table, measures, reference) if with_positions else (None, [])
     return PointTables(ground, image, (*table.notes, *warnings), table.pairwise)
 
 
@@ -93,9 +93,9 @@ def _image_points(table: PointTable, with_positions: bool, image_ids: Sequence[s
     xy = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
     empty = np.isnan(xy)
     subset = any_of_rows(empty)
-    faulty = subset & ~empty.all(axis=1) if with_positions else subset
-    if faulty.any():
-        row = np.flatnonzero(faulty)[0]
+    is_incomplete = subset & ~empty.all(axis=1) if with_positions else subset
+    if is_incomplete.any():
+        row = np.flatnonzero(is_incomplete)[0]
         field = "sample" if empty[row, 0] else "line"
         raise InputError(f"{table.name_row(row)}: field {field!r} is empty: fill it in, or remove the row")
     distant = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > RPC_BUDGETS.image_px
@@ -141,9 +141,9 @@ def matching_names(written_names: NameColumn, image_ids: Sequence[str], prefixed
     keys = [(key, image) for image in image_ids for key in {image.casefold(), _product_name(image)}]
     count = Counter(key for key, _ in keys)
     similar = {key: image for key, image in keys if count[key] == 1}
-    requested = set(image_ids)
+    block_ids = set(image_ids)
     ids = np.array(
-        [_matching_id(name, requested, similar, prefixed) for name in written_names.names.tolist()], dtype=str
+        [_matching_id(name, block_ids, similar, prefixed) for name in written_names.names.tolist()], dtype=str
     )
     names, place = np.unique(ids, return_inverse=True)  # two names may be one image
     return NameColumn(names, place.astype(np.int32)[written_names.number])
@@ -191,22 +191,22 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
         sigma, covariance = np.column_stack([sigma[:, 0], table.columns[ADJUSTED_SIGMA]]), None
     rows = np.flatnonzero(~np.isnan(ground[:, 0]))
     ids, first, inverse = np.unique(table.columns["id"][rows], return_index=True, return_inverse=True)
-    selection = rows[first]
+    distinct = rows[first]
     if len(ids) < len(rows):
         # An id may occur more than once only in a table of measurements, with one position
-        previous = selection[inverse]
-        faulty = are_apart(ground[rows], ground[previous]) if measures else rows != previous
-        if faulty.any():
-            position = np.flatnonzero(faulty)[0]
-            kind = "with another position" if measures else "a second time"
+        previous = distinct[inverse]
+        is_repeated = are_apart(ground[rows], ground[previous]) if measures else rows != previous
+        if is_repeated.any():
+            position = np.flatnonzero(is_repeated)[0]
+            repetition = "with another position" if measures else "a second time"
             raise InputError(
                 f"{table.name_row(rows[position])}: occurs in {table.row_name(int(previous[position]))} already, "
-                f"here {kind}: keep "
+                f"here {repetition}: keep "
                 "one, or rename it"
             )
     if not len(ids):
         return None, warnings
-    order = np.sort(selection)
+    order = np.sort(distinct)
     points = GroundPoints(
         table.columns["id"], ground, role, sigma, table.source, covariance, placed.operation, placed.operations
     )
@@ -233,8 +233,8 @@ def survey_accuracy(table: PointTable) -> tuple[np.ndarray, np.ndarray | None]:
     for axis, (variance, name) in enumerate(_AXES):
         sigma = positive(table, name)
         sigma = np.where(np.isnan(sigma) & (axis < 2), horizontal, sigma)
-        part = np.sqrt(positive(table, variance))
-        columns.append(np.where(np.isnan(part), sigma, part))
+        stated = np.sqrt(positive(table, variance))
+        columns.append(np.where(np.isnan(stated), sigma, stated))
     sigma = np.column_stack(columns)
     covariance = np.full((len(table), 3, 3), np.nan)
     covariance[:, range(3), range(3)] = sigma**2
@@ -250,9 +250,9 @@ def positive(table: PointTable, field: str) -> np.ndarray:
     values = table.columns.get(field)
     if values is None:
         return np.full(len(table), np.nan)
-    faulty = values <= 0.0  # NaN: not given
-    if faulty.any():
-        row = np.flatnonzero(faulty)[0]
+    is_negative = values <= 0.0  # NaN: not given
+    if is_negative.any():
+        row = np.flatnonzero(is_negative)[0]
         raise InputError(
             f"{table.name_row(row)}: field {field!r} is {values[row]:g}: give a number above 0 or leave it empty"
         )
@@ -263,18 +263,18 @@ def _covariance(table: PointTable, first: np.ndarray, second: np.ndarray, elemen
     """Return the covariances of two coordinates with these sigmas ``(n,)``, NaN if none is given."""
     nothing = np.full(len(table), np.nan)
     value, share = table.columns.get(element, nothing), table.columns.get(correlation, nothing)
-    is_given = ~(np.isnan(value) & np.isnan(share))
+    is_stated = ~(np.isnan(value) & np.isnan(share))
     with np.errstate(invalid="ignore"):
         share = np.where(np.isnan(value), share, value / (first * second))
     field = element if element in table.columns else correlation
-    for faulty, reason in (
-        (is_given & np.isnan(first * second), "needs the standard deviations of both coordinates: add them"),
+    for is_invalid, reason in (
+        (is_stated & np.isnan(first * second), "needs the standard deviations of both coordinates: add them"),
         (
-            is_given & ~(np.abs(share) < 1.0),
+            is_stated & ~(np.abs(share) < 1.0),
             "is no correlation between -1 and 1: correct it or its standard deviations",
         ),
     ):
-        if faulty.any():
-            raise InputError(f"{table.name_row(np.flatnonzero(faulty)[0])}: field {field!r} {reason}")
+        if is_invalid.any():
+            raise InputError(f"{table.name_row(np.flatnonzero(is_invalid)[0])}: field {field!r} {reason}")
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(first * second), 0.0, share * first * second)

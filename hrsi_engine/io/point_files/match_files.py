@@ -50,7 +50,7 @@ def tabulate_matches(path: str, pairs: Sequence[_Matches], field_names: tuple[st
     ids = [np.char.add(f"{first}__{second}:", n) for (first, second, _), n in zip(pairs, numbers, strict=True)]
     xy = np.concatenate([xy for _, _, xy in pairs])
     columns = {
-        "id": np.concatenate([np.tile(entry, 2) for entry in ids]),
+        "id": np.concatenate([np.tile(pair_ids, 2) for pair_ids in ids]),
         "image": np.concatenate([np.repeat(pair[:2], count) for pair, count in zip(pairs, counts, strict=True)]),
         "sample": xy[:, 0],
         "line": xy[:, 1],
@@ -64,11 +64,11 @@ def _match_keypoints(
 ) -> _Matches:
     """Return the matches of two images by keypoint numbers ``(k, 2)``; raise `InputError` for an invalid number."""
     (first, second), (first_xy, second_xy) = names, keypoints
-    target = len(first_xy), len(second_xy)
-    if len(rows) and ((rows < 0) | (rows >= target)).any():
+    counts = len(first_xy), len(second_xy)
+    if len(rows) and ((rows < 0) | (rows >= counts)).any():
         raise InputError(
             f"{path}: matches of {first} and {second} point at keypoints that are not there "
-            f"({target[0]} and {target[1]} are): name the keypoints that these matches were made of"
+            f"({counts[0]} and {counts[1]} are): name the keypoints that these matches were made of"
         )
     xy = np.concatenate([first_xy[rows[:, 0]], second_xy[rows[:, 1]]])
     if not np.isfinite(xy).all():
@@ -187,8 +187,8 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
 def _parse_blob(path: str, table: str, data: object, rows: object, cols: object, dtype: str) -> np.ndarray:
     """Return a blob as an array ``(rows, cols)``; raise `InputError` if its size differs."""
     content = data if isinstance(data, bytes) else b""
-    complete = isinstance(rows, int) and isinstance(cols, int) and rows >= 0 and cols >= 2
-    if not complete or len(content) != rows * cols * np.dtype(dtype).itemsize:  # type: ignore[operator]
+    is_valid = isinstance(rows, int) and isinstance(cols, int) and rows >= 0 and cols >= 2
+    if not is_valid or len(content) != rows * cols * np.dtype(dtype).itemsize:  # type: ignore[operator]
         raise InputError(f"{path}: a row of {table!r} has {len(content)} bytes for {rows} x {cols}: obtain it again")
     return np.frombuffer(content, dtype).reshape(rows, cols)  # type: ignore[call-overload]
 
@@ -213,25 +213,29 @@ def read_hloc(path: str, features: str = "") -> PointTable:
             f"{path}: contains no matches of hloc (groups NAME1/NAME2 with {_MATCHES!r}): name the file of matches, "
             "and that of the features as FILE|features=FILE"
         )
-    valid = {} if all(_has_item(group, "keypoints0") for group in pairs.values()) else _find_features(path, features)
-    result = [_read_pair(path, name, group, valid) for name, group in pairs.items()]
+    features_by_image = (
+        {} if all(_has_item(group, "keypoints0") for group in pairs.values()) else _find_features(path, features)
+    )
+    result = [_read_pair(path, name, group, features_by_image) for name, group in pairs.items()]
     return tabulate_matches(path, result, ("keypoints", "matches"))
 
 
-def _read_pair(path: str, name: str, group: gdal.Group, valid: dict[str, tuple[str, gdal.Group]]) -> _Matches:
+def _read_pair(
+    path: str, name: str, group: gdal.Group, features_by_image: dict[str, tuple[str, gdal.Group]]
+) -> _Matches:
     """Return the matches of a group ``NAME1/NAME2``."""
     first, _, second = name.partition("/")
     partner = _read_array(path, group, _MATCHES).ravel().astype(np.int64)
     indices = np.flatnonzero(partner >= 0)
     rows = np.column_stack([indices, partner[indices]])
     if _has_item(group, "keypoints0") and _has_item(group, "keypoints1"):
-        part = _read_positions(path, group, "keypoints0"), _read_positions(path, group, "keypoints1")
-        return _match_keypoints(path, (first, second), part, rows)
+        positions = _read_positions(path, group, "keypoints0"), _read_positions(path, group, "keypoints1")
+        return _match_keypoints(path, (first, second), positions, rows)
     for image in (first, second):
-        if image not in valid:
+        if image not in features_by_image:
             raise InputError(f"{path}: matches image {image}, of which there are no features: name their file "
                              "as FILE|features=FILE")  # fmt: skip
-    (one, of_one), (two, of_two) = valid[first], valid[second]
+    (one, of_one), (two, of_two) = features_by_image[first], features_by_image[second]
     keypoints = _read_positions(path, of_one, "keypoints"), _read_positions(path, of_two, "keypoints")
     return _match_keypoints(path, (one, two), keypoints, rows)
 
@@ -243,17 +247,15 @@ def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]
     """
     if not features:
         folder, name = os.path.split(path)
-        remainder = [second for second in os.listdir(folder or ".") if second.endswith(".h5") and second != name]
-        fitting = [second for second in remainder if name.startswith(f"{second.removesuffix('.h5')}_")]
+        files = [second for second in os.listdir(folder or ".") if second.endswith(".h5") and second != name]
+        fitting = [second for second in files if name.startswith(f"{second.removesuffix('.h5')}_")]
         if not fitting:
             raise InputError(
                 f"{path}: the file of its features is not in the same folder: name it as {name}|features=FILE"
             )
         features = os.path.join(folder, max(fitting, key=len))
     result = {
-        name.replace("/", "-"): (name, position)
-        for name, position in _list_groups(features)
-        if _has_item(position, "keypoints")
+        name.replace("/", "-"): (name, group) for name, group in _list_groups(features) if _has_item(group, "keypoints")
     }
     if not result:
         raise InputError(f"{features}: contains no features of hloc (groups with 'keypoints'): name another file")

@@ -62,35 +62,35 @@ def read(path: str, layer_wanted: str = "", chosen: Mapping[str, str] | None = N
     return replace(table, operations=layer.GetMetadataItem(POINT_OPERATIONS) or "")
 
 
-def _choose_layer(path: str, dataset: gdal.Dataset, requested: str) -> ogr.Layer:
+def _choose_layer(path: str, dataset: gdal.Dataset, layer_name: str) -> ogr.Layer:
     layers = [dataset.GetLayer(index) for index in range(dataset.GetLayerCount())]
-    if requested.startswith("#"):
-        selection = [layer for index, layer in enumerate(layers) if f"#{index}" == requested]
+    if layer_name.startswith("#"):
+        candidates = [layer for index, layer in enumerate(layers) if f"#{index}" == layer_name]
     else:
         # Not of QGIS, and not the matches that gcps-from-reference rejected
-        remainder = ("layer_styles", "qgis_projects", *(("rejected",) if len(layers) > 1 and not requested else ()))
-        layers = [layer for layer in layers if layer.GetName() not in remainder]
-        selection = [layer for layer in layers if requested in ("", layer.GetName())]
-    if len(selection) == 1:
-        return selection[0]
+        omitted = ("layer_styles", "qgis_projects", *(("rejected",) if len(layers) > 1 and not layer_name else ()))
+        layers = [layer for layer in layers if layer.GetName() not in omitted]
+        candidates = [layer for layer in layers if layer_name in ("", layer.GetName())]
+    if len(candidates) == 1:
+        return candidates[0]
     names = ", ".join(layer.GetName() for layer in layers) or "none"
-    if requested:
-        raise InputError(f"{path}: has no layer {requested!r} (layers: {names}): correct the name after |layername=")
+    if layer_name:
+        raise InputError(f"{path}: has no layer {layer_name!r} (layers: {names}): correct the name after |layername=")
     raise InputError(f"{path}: has {len(layers)} layers ({names}): name one: {os.path.basename(path)}|layername=LAYER")
 
 
-def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, selection: Mapping[str, str]) -> PointTable:
+def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, fields_given: Mapping[str, str]) -> PointTable:
     definition = layer.GetLayerDefn()
     names = [definition.GetFieldDefn(index).GetName() for index in range(definition.GetFieldCount())]
     types = [definition.GetFieldDefn(index).GetType() for index in range(definition.GetFieldCount())]
-    if layer.GetFIDColumn() in selection.values():  # no field for OGR, but one in QGIS
+    if layer.GetFIDColumn() in fields_given.values():  # no field for OGR, but one in QGIS
         names, types = [*names, layer.GetFIDColumn()], [*types, ogr.OFTString]
-    result = match_fields(names, selection, source)
+    result = match_fields(names, fields_given, source)
     has_geometry = definition.GetGeomFieldCount() > 0 and definition.GetGeomType() != ogr.wkbNone
     layer.ResetReading()
-    requested = {field: names[index] for field, index in result.items()}
-    by_columns = driver in BY_COLUMNS and _is_narrow(path, source, layer, requested)
-    if quick := _read_columns(layer, requested, has_geometry) if by_columns else None:
+    ogr_names = {field: names[index] for field, index in result.items()}
+    by_columns = driver in BY_COLUMNS and _is_narrow(path, source, layer, ogr_names)
+    if quick := _read_columns(layer, ogr_names, has_geometry) if by_columns else None:
         fields, ids, geometry = quick
         columns = {f: _read_column(source, f, names[result[f]], fields[f], ids) for f in result}
         return PointTable(source, columns, tuple(names), lambda row: f"feature {ids[row]}", geometry, _crs(layer))
@@ -119,14 +119,14 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, selection
     return PointTable(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, _crs(layer))
 
 
-def _is_narrow(path: str, source: str, layer: ogr.Layer, requested: Mapping[str, str]) -> bool:
+def _is_narrow(path: str, source: str, layer: ogr.Layer, ogr_names: Mapping[str, str]) -> bool:
     """Return whether all geometries of a layer have the size of a point; raise `InputError` for impossible texts.
 
     In OGR's columns each row has the width of the longest: with a polygon, a million points would take a petabyte.
     """
     if not is_database(path):
         return True
-    texts = {name: field for field, name in requested.items() if field in TEXT_FIELDS}
+    texts = {name: field for field, name in ogr_names.items() if field in TEXT_FIELDS}
     geometry = layer.GetGeometryColumn()
     rows, longest = widths(path, layer.GetName(), [*texts, *([geometry] if geometry else [])])
     for name in texts:
@@ -139,14 +139,14 @@ def _read_column(
 ) -> np.ndarray:
     if field not in NUMBER_FIELDS:
         return np.char.strip(values) if isinstance(values, np.ndarray) else strip_texts(values, source, name)
-    location = f"field {name!r}"
+    field_text = f"field {name!r}"
     if len(values) and isinstance(values[0], str):
-        names = lambda row: f"{source}, feature {feature_ids[row]}, {location}"  # noqa: E731  # for the line's sake
+        names = lambda row: f"{source}, feature {feature_ids[row]}, {field_text}"  # noqa: E731  # for the line's sake
         return parse_numbers(list(values), names, infinite=field in MAY_BE_INFINITE)
     column = np.array(values, dtype=np.float64)
     if np.isinf(column).any() and field not in MAY_BE_INFINITE:
         row = int(np.flatnonzero(np.isinf(column))[0])
-        raise InputError(f"{source}, feature {feature_ids[row]}, {location}: is infinite: give a number")
+        raise InputError(f"{source}, feature {feature_ids[row]}, {field_text}: is infinite: give a number")
     return column
 
 

@@ -89,37 +89,39 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     _require_plausible(table, xyz, rows, parsed)
     remaining = np.isnan(xyz[rows, 2])
     # Rows without a height get that of the surface; their CRS is used without its heights
-    for selection, on_surface in ((rows[~remaining], False), (rows[remaining], True)):
-        if not len(selection):
+    for part, on_surface in ((rows[~remaining], False), (rows[remaining], True)):
+        if not len(part):
             continue
         is_flat = on_surface or reference.height_datum != "layer" or not has_heights(parsed)
         try:
             operations = operations_of((without_heights(parsed) if is_flat else parsed).to_wkt(), reference.epoch)
         except InputError as error:
             raise InputError(f"{table.source}: {error}") from None
-        ground[selection], number = operations.convert(np.nan_to_num(xyz[selection]))
-        is_used = operations.uses(table.source, ground[selection], number)
+        ground[part], number = operations.convert(np.nan_to_num(xyz[part]))
+        operations_used = operations.uses(table.source, ground[part], number)
         if on_surface:
-            warnings.append(_take_heights(table, selection, ground, reference.surface))
+            warnings.append(_take_heights(table, part, ground, reference.surface))
             of_dem = reference.surface_operations
-            is_used = tuple(use._replace(operation=with_surface_heights(use.operation, of_dem)) for use in is_used)
+            operations_used = tuple(
+                use._replace(operation=with_surface_heights(use.operation, of_dem)) for use in operations_used
+            )
         elif reference.height_datum not in ("layer", "ellipsoidal"):
             geoid = open_geoid(reference.height_datum)
-            ground[selection, 2] += read_geoid_heights(ground[selection], geoid)
-            is_used = tuple(use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in is_used)
+            ground[part, 2] += read_geoid_heights(ground[part], geoid)
+            operations_used = tuple(
+                use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in operations_used
+            )
         elif is_flat and reference.height_datum == "layer":
             warnings.append(
                 f"{table.source}: the height datum is not known; the heights are used as ellipsoidal (set "
                 "`height_datum` to ellipsoidal, egm96, egm2008 or FILE)"
             )
-        place = {use.number: len(uses) + position for position, use in enumerate(is_used)}
-        operation[selection] = [place.get(one, -1) for one in number.tolist()]
-        uses += is_used
-    is_missing = np.flatnonzero(present & ~finite_rows(ground))
-    if len(is_missing):
-        raise InputError(
-            f"{table.name_row(is_missing[0])}: lies outside the area of its CRS: correct the CRS or the point"
-        )
+        place = {use.number: len(uses) + index for index, use in enumerate(operations_used)}
+        operation[part] = [place.get(one, -1) for one in number.tolist()]
+        uses += operations_used
+    failed = np.flatnonzero(present & ~finite_rows(ground))
+    if len(failed):
+        raise InputError(f"{table.name_row(failed[0])}: lies outside the area of its CRS: correct the CRS or the point")
     ground[:, 0] = wrap_degrees(ground[:, 0])
     return Positions(ground, warnings, operation, tuple(uses))
 
@@ -167,12 +169,12 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs
             texts = f"its coordinates look like degrees, but its CRS {crs.name!r} is projected: correct the CRS"
             raise InputError(f"{table.source}: {texts}")
         return
-    faulty = (np.abs(y) > 90.0) | (np.abs(x) > MOST_LON_DEG)
-    if faulty.any():
-        row = rows[np.flatnonzero(faulty)[0]]
-        kind = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= MOST_LON_DEG else "no degrees"
+    is_impossible = (np.abs(y) > 90.0) | (np.abs(x) > MOST_LON_DEG)
+    if is_impossible.any():
+        row = rows[np.flatnonzero(is_impossible)[0]]
+        cause = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= MOST_LON_DEG else "no degrees"
         raise InputError(
-            f"{table.name_row(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {kind}: correct fields or CRS"
+            f"{table.name_row(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {cause}: correct fields or CRS"
         )
 
 

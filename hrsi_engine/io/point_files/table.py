@@ -44,10 +44,10 @@ class PointTable:
 
     def select(self, rows: np.ndarray) -> "PointTable":
         """Return the table of the rows of a mask ``(n,)``."""
-        retained = np.flatnonzero(rows)
-        geometry = None if self.geometry is None else self.geometry[retained]
-        columns = {name: column[retained] for name, column in self.columns.items()}
-        return replace(self, columns=columns, geometry=geometry, row_name=lambda row: self.row_name(int(retained[row])))
+        selected = np.flatnonzero(rows)
+        geometry = None if self.geometry is None else self.geometry[selected]
+        columns = {name: column[selected] for name, column in self.columns.items()}
+        return replace(self, columns=columns, geometry=geometry, row_name=lambda row: self.row_name(int(selected[row])))
 
     def name_row(self, row: int) -> str:
         """Return file, layer, row and id for a message."""
@@ -113,16 +113,18 @@ FIELDS = TEXT_FIELDS | NUMBER_FIELDS
 MAY_BE_INFINITE = frozenset({"sigma_xy", "sigma_h", "sigma_east", "sigma_north"})
 
 
-def match_fields(names: Sequence[str], selection: Mapping[str, str] | None = None, source: str = "") -> dict[str, int]:
+def match_fields(
+    names: Sequence[str], fields_given: Mapping[str, str] | None = None, source: str = ""
+) -> dict[str, int]:
     """Return the column number of each known field that a file has.
 
-    ``selection`` has the names in the file of some fields,
+    ``fields_given`` has the names in the file of some fields,
     which are then used for these fields only. Raises `InputError`
     with ``source`` if the file has no such name.
     """
     stripped = [name.strip() for name in names]
     result = {}
-    for field, name in (selection or {}).items():
+    for field, name in (fields_given or {}).items():
         spelled = [index for index, second in enumerate(stripped) if second == name]
         similar = spelled or [index for index, second in enumerate(stripped) if second.lower() == name.lower()]
         if not similar:
@@ -155,11 +157,11 @@ def strip_texts(texts: Sequence[str], source: str, name: str) -> np.ndarray:
 
 
 def parse_numbers(
-    texts: Sequence[str], location: Callable[[int], str], decimal_comma: bool = False, infinite: bool = False
+    texts: Sequence[str], place_of: Callable[[int], str], decimal_comma: bool = False, infinite: bool = False
 ) -> np.ndarray:
     """Return a number column, ``(n,)`` float64, NaN where the text is empty.
 
-    ``location`` returns field and row of an index for messages. Raises `InputError` for a text that is no number, or is
+    ``place_of`` returns field and row of an index for messages. Raises `InputError` for a text that is no number, or is
     infinite without ``infinite`` being set.
     """
     try:
@@ -167,10 +169,10 @@ def parse_numbers(
     except ValueError:
         pass
     else:
-        combined = "".join(texts)  # ``float`` also accepts 1_000 and full-width digits
-        if np.isfinite(values).all() and combined.isascii() and "_" not in combined:
+        all_text = "".join(texts)  # ``float`` also accepts 1_000 and full-width digits
+        if np.isfinite(values).all() and all_text.isascii() and "_" not in all_text:
             return values
-    one_by_one = [_parse_number(text, index, location, decimal_comma, infinite) for index, text in enumerate(texts)]
+    one_by_one = [_parse_number(text, index, place_of, decimal_comma, infinite) for index, text in enumerate(texts)]
     return np.array(one_by_one, dtype=np.float64)
 
 

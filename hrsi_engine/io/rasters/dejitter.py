@@ -27,23 +27,22 @@ def rewrite_without_jitter(source_path: str, path: str, curve: JitterCurve, prog
         line = np.arange(first, min(first + LINES_AT_ONCE, lines))
         shift = curve.evaluate(line)
         source_line = line + shift[:, 1]
-        low, high = int(np.floor(source_line.min())) - 1, int(np.floor(source_line.max())) + 3
+        line_above = np.floor(source_line).astype(np.int64)
+        share = source_line - line_above
+        low, high = int(line_above.min()) - 1, int(line_above.max()) + 3
         top, bottom = max(low, 0), min(max(high, 1), lines)
         top = min(top, bottom - 1)
         for number in range(1, source.RasterCount + 1):
             band = source.GetRasterBand(number)
             grey = band.ReadAsArray(0, top, samples, bottom - top)
-            row = np.clip(np.floor(source_line).astype(np.int64)[:, None] + np.arange(-1, 3), top, bottom - 1) - top
-            values = _resample(grey.astype(np.float64), row, source_line - np.floor(source_line), shift[:, 0])
+            row = np.clip(line_above[:, None] + np.arange(-1, 3), top, bottom - 1) - top
+            values = _resample(grey.astype(np.float64), row, share, shift[:, 0])
             if np.issubdtype(grey.dtype, np.integer):
                 limits = np.iinfo(grey.dtype)
                 values = np.clip(np.rint(values), limits.min, limits.max)
             nodata = band.GetNoDataValue()
             if nodata is not None and (empty := grey == nodata).any():
-                values[
-                    _resample(empty.astype(np.float64), row, source_line - np.floor(source_line), shift[:, 0], True)
-                    > 0.0
-                ] = nodata
+                values[_resample(empty.astype(np.float64), row, share, shift[:, 0], True) > 0.0] = nodata
             target.GetRasterBand(number).WriteArray(values.astype(grey.dtype), 0, first)
     overviews = target.GetRasterBand(1)
     sizes = [overviews.GetOverview(k).XSize for k in range(overviews.GetOverviewCount())]

@@ -275,8 +275,6 @@ class GdalRaster:
             )
             dataset.FlushCache()
             is_valid = np.isfinite(part) if mask is None else np.isfinite(part) & (mask >= 254.5)
-            grey[first : first + count], valid[first : first + count] = (
-                np.where(is_valid, part, np.float32(0.0)),
-                is_valid,
-            )
+            grey[first : first + count] = np.where(is_valid, part, np.float32(0.0))
+            valid[first : first + count] = is_valid
         return grey, valid

@@ -69,10 +69,10 @@ def files_mark(paths: Iterable[str], times: bool = True) -> str:
     for name, size in sizes.items():
         state.update(f"{os.path.basename(name)}\0{size}\0".encode("utf-8", "surrogateescape"))
         with open(name, "rb", buffering=0) as file:
-            complete = total <= CONTENT_SAMPLING.whole_bytes
-            if times and not complete:
+            is_complete = total <= CONTENT_SAMPLING.whole_bytes
+            if times and not is_complete:
                 state.update(_change_times(file.fileno()))
-            for block in read_places(file, [(0, size)] if complete else places_of(size, size / total)):
+            for block in read_places(file, [(0, size)] if is_complete else places_of(size, size / total)):
                 state.update(block)
     return state.hexdigest()
 
@@ -83,8 +83,8 @@ def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
     count = max(int(CONTENT_SAMPLING.blocks * share), 1)
     # Not at equal distances, which lines and tiles of an image have too. Odd steps of the golden ratio are as even
     jitter = ((k * 0.6180339887498949) % 1.0 for k in range(count))
-    inside = [int((k + additional) / count * size) for k, additional in enumerate(jitter)]
-    return [(0, edge), *((start, CONTENT_SAMPLING.block_bytes) for start in inside), (max(size - edge, 0), edge)]
+    starts = [int((k + additional) / count * size) for k, additional in enumerate(jitter)]
+    return [(0, edge), *((start, CONTENT_SAMPLING.block_bytes) for start in starts), (max(size - edge, 0), edge)]
 
 
 def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[bytes]:

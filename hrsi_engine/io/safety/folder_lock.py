@@ -78,13 +78,13 @@ def require_writable(folder: str) -> None:
     """Raise `InputError` if a folder takes no files or cannot be created; nothing is created to find that out."""
     if folder.startswith("/vsi"):
         return
-    target = os.path.abspath(folder)
-    while not os.path.lexists(target):
-        target = os.path.dirname(target)
-    if not os.path.isdir(target):
-        raise InputError(f"{target} is a file: name a directory as `output_dir`")
-    if not os.access(target, os.W_OK | os.X_OK):
-        raise InputError(f"{target} cannot be written (Permission denied): choose another `output_dir`")
+    existing = os.path.abspath(folder)
+    while not os.path.lexists(existing):
+        existing = os.path.dirname(existing)
+    if not os.path.isdir(existing):
+        raise InputError(f"{existing} is a file: name a directory as `output_dir`")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(f"{existing} cannot be written (Permission denied): choose another `output_dir`")
 
 
 def remove_dead_locks(folder: str) -> None:

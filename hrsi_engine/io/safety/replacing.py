@@ -131,10 +131,10 @@ def _copy_part(source: int, target: int) -> int:
         with contextlib.suppress(OSError):  # not between all file systems
             return os.copy_file_range(source, target, REPLACING.copy_bytes)
     content = os.read(source, REPLACING.copy_bytes)
-    bytes_written = 0
-    while bytes_written < len(content):
-        bytes_written += os.write(target, content[bytes_written:])
-    return bytes_written
+    count = 0
+    while count < len(content):
+        count += os.write(target, content[count:])
+    return count
 
 
 def remove_write_ahead_log(path: str) -> None:
@@ -253,9 +253,9 @@ def writer() -> str:
 
 
 @cache
-def _words_of(part: int) -> str:
+def _words_of(pid: int) -> str:
     """Return the identifier of this process; cached by its number, which differs after a fork."""
-    return f"{_machine_name()}-{part}-{_began_at(part)}"
+    return f"{_machine_name()}-{pid}-{_began_at(pid)}"
 
 
 @cache

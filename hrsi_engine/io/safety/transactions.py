@@ -112,10 +112,10 @@ class Transaction:
         name = f".hrsi-journal-{file_replacing.writer()}-{secrets.token_hex(4)}.json"
         folders = {os.path.dirname(path) for _, old, new in self._steps for path in (old, new) if path}
         inside = {folder for folder in folders if folder == self.home or folder.startswith(self.home + os.sep)}
-        home, *remainder = [*sorted(folders - inside), *([self.home] if os.path.isdir(self.home) else [])]
-        journal, signposts = os.path.join(home, name), [os.path.join(folder, name) for folder in remainder]
+        home, *other_folders = [*sorted(folders - inside), *([self.home] if os.path.isdir(self.home) else [])]
+        journal, signposts = os.path.join(home, name), [os.path.join(folder, name) for folder in other_folders]
         try:
-            renamed = [(old, new) for kind, old, new in self._steps if kind == "rename" and os.path.isfile(old)]
+            renamed = [(old, new) for action, old, new in self._steps if action == "rename" and os.path.isfile(old)]
             for old, new in renamed:
                 file_replacing.require_not_read_only(new)
                 file_replacing.take_permissions(new, old)
@@ -155,13 +155,13 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
             for name in sorted(os.listdir(folder)):
                 if not re.fullmatch(r"\.hrsi-journal-.*-[0-9a-f]{8}\.json", name):
                     continue
-                part = os.path.join(folder, name)
-                signpost = _read_journal(part, _SIGNPOST_KEYS)
-                journal = part if signpost is None else signpost["journal"]
+                own_journal = os.path.join(folder, name)
+                signpost = _read_journal(own_journal, _SIGNPOST_KEYS)
+                journal = own_journal if signpost is None else signpost["journal"]
                 if signpost is None or os.path.exists(journal):
                     notices += _finish(journal)
                 elif not file_replacing.is_writer_running(signpost["writer"]):
-                    os.remove(part)  # the writer ended before the journal: nothing was changed
+                    os.remove(own_journal)  # the writer ended before the journal: nothing was changed
         file_replacing.sweep(folder)
         remove_dead_locks(folder)
     return notices
@@ -183,9 +183,9 @@ def _finish(journal: str) -> list[str]:
             return any(place == home or _leads_to(place, journal) for place in (folder, os.path.dirname(folder)))
 
         entries = [
-            (str(kind), str(old), str(new)) for kind, old, new in (step for step in left["steps"] if len(step) == 3)
+            (str(action), str(old), str(new)) for action, old, new in (step for step in left["steps"] if len(step) == 3)
         ]
-        steps = [(kind, old, new) for kind, old, new in entries if all(is_own(path) for path in (old, new) if path)]
+        steps = [(action, old, new) for action, old, new in entries if all(is_own(path) for path in (old, new) if path)]
         signposts = [str(file) for file in left["signposts"]]
         _carry_out(journal, steps, [file for file in signposts if _leads_to(os.path.dirname(file), journal, file)])
     count = len({new for _, _, new in steps if new})
@@ -216,9 +216,9 @@ def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[
 
 
 def _do_steps(steps: Iterable[tuple[str, str, str]]) -> None:
-    for kind, old, new in steps:
+    for action, old, new in steps:
         with contextlib.suppress(FileNotFoundError):  # made already, by an interrupted run
-            if kind == "rename":
+            if action == "rename":
                 os.replace(old, new)
             else:
                 os.remove(old)

@@ -144,7 +144,7 @@ def _iterate_warp(
 ) -> tuple[int, tuple[float, ...], float, float]:  # fmt: skip
     """Return status and final warp of a window, the spread of its grey values, and their product with the template.
 
-    L : Cholesky factor of the normal matrix; ``b (8,)`` and ``seen (pixels,)`` are set to solution and grey values.
+    L : Cholesky factor of the normal matrix; ``b (8,)`` and ``sampled (pixels,)`` are set to solution and grey values.
     """
     limit, closure, reach = limits
     half, total_weight = int(math.sqrt(len(weight))) // 2, weight.sum()

@@ -62,10 +62,8 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
         and is_significant(part.factor**2 * part.redundancy, part.redundancy)
     ]  # fmt: skip
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
-    required, allowed = (
-        result.sigma0 * adjusted,
-        float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2)),
-    )
+    required = result.sigma0 * adjusted
+    allowed = float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2))
     unusable = required >= EFFECT.unusable_factor * allowed
     if (unusable or result.sigma0 >= SOLUTION.implausible_factor) and is_significant(
         (required / stated) ** 2 * result.redundancy, result.redundancy
