@@ -78,6 +78,7 @@ def summarise(report: Report) -> str:
         lines.append(
             f"{name}: {entry['columns']} x {entry['rows']} px, {entry['status']}"
             + ("" if error is None else f", position error at most {error:.3f} px of {entry['checked']} checked")
+            + (f", {entry['hidden_share']:.1%} of the ground is hidden" if "hidden_share" in entry else "")
         )
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])
 
@@ -150,6 +151,8 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
 def _image_entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
     """Return the report's entry of an orthoimage; for one that was kept, with the figures of its computation."""
     found = figures.summary() if figures is not None else read_figures(job.path)
+    if job.mapping.masks_hidden:
+        found["hidden_share"] = found["hidden_pixels"] / max(1, found["hidden_pixels"] + found["shown_pixels"])
     return {
         "path": job.image.path, "output": job.path, "status": status, "columns": job.grid.columns,
         "rows": job.grid.rows, "bounds": list(job.grid.bounds), "nodata": job.warp.nodata,

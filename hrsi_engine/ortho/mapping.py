@@ -22,6 +22,7 @@ from ..ground.crs_operations import operations_of
 from ..surface.dem import HeightSurface, surface_heights
 from ..surface.grid_surface import ConstantHeight, GridSurface
 from .grid import ORTHO, GridWindow, MapGrid
+from .visibility import compute_sight_slopes, find_hidden
 
 
 class ChunkMapping(NamedTuple):
@@ -34,6 +35,7 @@ class ChunkMapping(NamedTuple):
     is_complete : whether all nodes have a position
     errors_px : (k,) distances between interpolated and exact positions at random pixels
     unknown : number of pixels inside the image without terrain height
+    hidden : number of pixels inside the image that the terrain hides; they have no position
     """
 
     positions: np.ndarray
@@ -44,6 +46,7 @@ class ChunkMapping(NamedTuple):
     is_complete: bool
     errors_px: np.ndarray = np.empty(0)
     unknown: int = 0
+    hidden: int = 0
 
     def interpolate(self, pixels: np.ndarray) -> np.ndarray:
         """Return the image positions ``(n, 2)`` of whole pixels ``(n, 2)``, column and row from the chunk's first."""
@@ -126,6 +129,7 @@ class OrthoMapping:
     grid : pixels of the orthoimage
     error_px : largest error of a position; with 0 every pixel is computed exactly
     jitter : displacement of the image's lines that its RPC does not model; None without jitter
+    masks_hidden : whether pixels that the surface hides from the sensor have no position; the surface is a grid
     """
 
     rpc: RPC
@@ -135,6 +139,7 @@ class OrthoMapping:
     grid: MapGrid
     error_px: float
     jitter: JitterCurve | None = None
+    masks_hidden: bool = False
 
     @cached_property
     def _height_model(self) -> HeightModel:
@@ -185,11 +190,28 @@ class OrthoMapping:
         mapping = ChunkMapping(positions, step, first, low, high, is_complete, unknown=unknown)
         if not ((high + step > -0.5).all() and (low - step < np.array(self.size) - 0.5).all()):  # outside the image
             return mapping if unknown else None
+        if self.masks_hidden and isinstance(self.surface, GridSurface):
+            mapping = self._mask_hidden(mapping, window, self.surface)
         # Random pixels of the window, equal in every run
         rng = np.random.default_rng([window.column, window.row])
         checks = rng.integers(0, [window.columns, window.rows], (ORTHO.checked_pixels, 2))
         errors = np.hypot(*(mapping.interpolate(checks) - self.exact(checks + window[:2])).T)
         return mapping._replace(errors_px=errors[np.isfinite(errors)])
+
+    def _mask_hidden(self, mapping: ChunkMapping, window: GridWindow, surface: GridSurface) -> ChunkMapping:
+        """Return the mapping of a window, at every pixel, without the positions of hidden ones."""
+        lonlat, shape, (column, row) = self._find_nodes(window)
+        middle_m, half_m, _ = self._height_model
+        slopes = compute_sight_slopes(self.rpc, surface, lonlat, (middle_m - half_m, middle_m + half_m))
+        lattice = np.concatenate([surface.grid_coordinates(lonlat).T, slopes.T]).reshape(4, *shape)
+        positions = mapping.positions
+        occlusion = find_hidden(surface, lattice, ORTHO.lattice_px, (column - 1, row - 1), positions.shape[1:])
+        limits = np.array(self.size)[:, None, None] - 0.5
+        with np.errstate(invalid="ignore"):
+            occlusion &= ((positions > -0.5) & (positions < limits)).all(axis=0)
+        positions[:, occlusion] = np.nan
+        is_complete = mapping.is_complete and not occlusion.any()
+        return mapping._replace(is_complete=is_complete, hidden=int(np.count_nonzero(occlusion[1:-1, 1:-1])))
 
     def _map_every_pixel(self, window: GridWindow) -> np.ndarray:
         """Return the positions of all pixels of a window and of those around it, each computed by the RPC."""
@@ -203,14 +225,18 @@ class OrthoMapping:
         Result: (k, rows, columns) column and row in the surface, then the terms of the height model, sample and line
         of each power; the nodes begin at least one pixel before the window and end at least one beyond it.
         """
+        lonlat, shape, first = self._find_nodes(window)
+        terms = self._height_model.fit(self.rpc, lonlat).reshape(-1, len(lonlat))
+        lattice = np.concatenate([self.surface.grid_coordinates(lonlat).T, terms])
+        return lattice.reshape(-1, *shape), first
+
+    def _find_nodes(self, window: GridWindow) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]]:
+        """Return lon, lat ``(n, 2)`` of the nodes around a window, their rows and columns, and the first pixel."""
         spacing = ORTHO.lattice_px
         column, row = (self.grid.left + window.column - 1) % spacing + 1, (window.row - self.grid.top - 1) % spacing + 1
         columns, rows = (column + window.columns) // spacing + 2, (row + window.rows) // spacing + 2
         pixels = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * spacing
-        lonlat = self.grid.lonlat(pixels + (window.column - column, window.row - row))
-        terms = self._height_model.fit(self.rpc, lonlat).reshape(-1, len(lonlat))
-        lattice = np.concatenate([self.surface.grid_coordinates(lonlat).T, terms])
-        return lattice.reshape(-1, rows, columns), (column, row)
+        return self.grid.lonlat(pixels + (window.column - column, window.row - row)), (rows, columns), (column, row)
 
     def _map_pixels(self, window: GridWindow, lattice: np.ndarray, first: tuple[int, int]) -> np.ndarray:
         """Return the positions of all pixels of a window and of those around it, from the nodes of the lattice."""

@@ -32,6 +32,12 @@ class OrthorectifyOptions:
         0, "Largest width of gaps of the DEM that are interpolated; 0 leaves them nodata", minimum=0, maximum=1000,
         unit="cells", advanced=True, metavar="N",
     )  # fmt: skip
+    visibility: bool = option(
+        False,
+        "Ground that the DEM hides from the sensor becomes nodata (true orthoimages); the DEM is a surface model with "
+        "buildings and trees",
+        advanced=True,
+    )
     crs: str | None = option(
         None,
         "CRS of the orthoimages; by default the UTM zone at the centre of the block, or UPS beyond 84 degrees north "
@@ -79,7 +85,8 @@ ORTHORECTIFY = Algorithm(
         "ellipsoidal heights. Orthoimages of parts of an area have the pixels of that of the complete area. The report "
         "gives the errors of positions at random pixels. Orthoimages that were made from the same files with the same "
         "options are kept, so that a stopped run can be continued. With `scheduler` the tiles are warped by workers of "
-        "a Dask scheduler, with the same result. Occluded ground shows the object in front of it."
+        "a Dask scheduler, with the same result. Hidden ground shows the object in front of it, "
+        "unless `visibility` masks it."
     ),
     options=OrthorectifyOptions,
     main=("dem", "dem-datum", "terrain-points", "crs", "resolution", "extent", "resampling", "format"),

@@ -116,6 +116,8 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
 def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyOptions) -> BlockPlan:
     """Return the grids of all images, and warnings for the user."""
     seen: dict[str, str] = {}
+    if options.visibility and isinstance(terrain.surface, ConstantHeight):
+        raise InputError("`visibility` needs the heights of buildings and trees: give a surface model as `dem`")
     for image in images:
         if image.raster is None:
             raise InputError(f"{image.path}: an RPC file without pixels: name the image itself")
@@ -277,8 +279,9 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
             jitter, told = jitter_files[path].find_curve(image.id, image.rpc)
             plan.warnings.extend([told] if told else [])
         mapping = OrthoMapping(
-            image.rpc, source.size, plan.terrain.surface, plan.terrain_points[image.id], grid, options.error_px, jitter
-        )
+            image.rpc, source.size, plan.terrain.surface, plan.terrain_points[image.id], grid, options.error_px, jitter,
+            options.visibility,
+        )  # fmt: skip
         scale = mapping.source_pixels_per_pixel()
         warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
@@ -293,6 +296,8 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
         }  # fmt: skip
         if jitter is not None:
             made_from["jitter"] = hashlib.sha256(jitter.shift_px.tobytes()).hexdigest()
+        if options.visibility:
+            made_from["visibility"] = True
         jobs.append(OrthoJob(image, path, source, mapping, warp, form, made_from))
     return jobs
 

@@ -30,7 +30,8 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     mark_beyond(
         2, "thorough",
         [{"dem": "dsm.tif"}, {"dem": "dem.tif", "resampling": "average", "resolution": 1.3}, {"height": 100.0},
-         {"dem": "dsm.tif", "resampling": "lanczos", "resolution": 0.9}, {"dem": "dsm.tif", "error_px": 0.0}],
+         {"dem": "dsm.tif", "visibility": True}, {"dem": "dsm.tif", "resampling": "lanczos", "resolution": 0.9},
+         {"dem": "dsm.tif", "error_px": 0.0}],
     ),
 )  # fmt: skip
 def test_parts_of_an_orthoimage(scene: Path, tmp_path: Path, options: dict[str, object]) -> None:

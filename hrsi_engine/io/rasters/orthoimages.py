@@ -50,13 +50,14 @@ class OrthoChunk(NamedTuple):
 
     pixels : None if the image does not cover any of them
     errors_px : (k,) distances between interpolated and exact positions
-    unknown : number of pixels within the image without terrain height
+    unknown : number of pixels within the image without terrain height; hidden : those that the terrain hides
     """
 
     window: Any
     pixels: Pixels | None
     errors_px: np.ndarray
     unknown: int
+    hidden: int = 0
 
 
 def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any) -> OrthoChunk:
@@ -65,7 +66,7 @@ def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any
     if mapping is None:
         return OrthoChunk(window, None, np.empty(0), 0)
     pixels = warp_chunk(source, mapping, window.columns, window.rows, warp)
-    return OrthoChunk(window, pixels, mapping.errors_px, mapping.unknown)
+    return OrthoChunk(window, pixels, mapping.errors_px, mapping.unknown, mapping.hidden)
 
 
 def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
@@ -100,10 +101,11 @@ class OrthoFormat:
 
 @dataclass
 class OrthoFigures:
-    """Figures of a written orthoimage: pixels shown, pixels without terrain, errors of random pixels (px)."""
+    """Figures of a written orthoimage: pixels shown, without terrain, hidden, and errors of random pixels (px)."""
 
     shown: int = 0
     unknown: int = 0
+    hidden: int = 0
     errors_px: list[np.ndarray] = field(default_factory=list)
 
     def summary(self) -> dict[str, Any]:
@@ -113,6 +115,7 @@ class OrthoFigures:
         return {
             "shown_pixels": self.shown,
             "unknown_pixels": self.unknown,
+            "hidden_pixels": self.hidden,
             "checked": len(errors),
             "position_error_max_px": None if none else float(errors.max()),
             "position_error_p99_px": None if none else float(np.percentile(errors, 99.0)),
@@ -165,6 +168,7 @@ def write_orthoimage(
         for chunks_done, chunk in enumerate(islice(chunks, total)):
             advance(part, chunks_done / total, f"warping {os.path.basename(source.path)}")
             figures.unknown += chunk.unknown
+            figures.hidden += chunk.hidden
             figures.errors_px.append(chunk.errors_px)
             if chunk.pixels is not None:
                 figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
