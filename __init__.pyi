@@ -1802,6 +1802,7 @@ def orthorectify(
     terrain_points: Points | None = None,
     ground_crs: str | None = None,
     fill_gaps: int = 0,
+    visibility: bool = False,
     crs: str | None = None,
     resolution: float | None = None,
     extent: str = "each",
@@ -1829,8 +1830,8 @@ def orthorectify(
     converted to ellipsoidal heights. Orthoimages of parts of an area have the pixels of that of the
     complete area. The report gives the errors of positions at random pixels. Orthoimages that were made
     from the same files with the same options are kept, so that a stopped run can be continued. With
-    ``scheduler`` the tiles are warped by workers of a Dask scheduler, with the same result. Occluded
-    ground shows the object in front of it.
+    ``scheduler`` the tiles are warped by workers of a Dask scheduler, with the same result. Hidden
+    ground shows the object in front of it, unless ``visibility`` masks it.
 
     Parameters
     ----------
@@ -1856,6 +1857,9 @@ def orthorectify(
     fill_gaps : int, optional
         Largest width of gaps of the DEM that are interpolated; 0 leaves them nodata (unit cells; at
         least 0; at most 1000; default 0).
+    visibility : bool, optional
+        Ground that the DEM hides from the sensor becomes nodata (true orthoimages); the DEM is a
+        surface model with buildings and trees (default no).
     crs : str, optional
         CRS of the orthoimages; by default the UTM zone at the centre of the block, or UPS beyond 84
         degrees north and 80 south.

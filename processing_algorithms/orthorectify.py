@@ -151,7 +151,7 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
 def _image_entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
     """Return the report's entry of an orthoimage; for one that was kept, with the figures of its computation."""
     found = figures.summary() if figures is not None else read_figures(job.path)
-    if job.mapping.masks_hidden:
+    if job.mapping.masks_occlusions:
         found["hidden_share"] = found["hidden_pixels"] / max(1, found["hidden_pixels"] + found["shown_pixels"])
     return {
         "path": job.image.path, "output": job.path, "status": status, "columns": job.grid.columns,

@@ -22,7 +22,7 @@ from ..ground.crs_operations import operations_of
 from ..surface.dem import HeightSurface, surface_heights
 from ..surface.grid_surface import ConstantHeight, GridSurface
 from .grid import ORTHO, GridWindow, MapGrid
-from .visibility import compute_sight_slopes, find_hidden
+from .visibility import compute_sight_slopes, find_occlusions
 
 
 class ChunkMapping(NamedTuple):
@@ -129,7 +129,7 @@ class OrthoMapping:
     grid : pixels of the orthoimage
     error_px : largest error of a position; with 0 every pixel is computed exactly
     jitter : displacement of the image's lines that its RPC does not model; None without jitter
-    masks_hidden : whether pixels that the surface hides from the sensor have no position; the surface is a grid
+    masks_occlusions : whether pixels that the surface hides from the sensor have no position; the surface is a grid
     """
 
     rpc: RPC
@@ -139,7 +139,7 @@ class OrthoMapping:
     grid: MapGrid
     error_px: float
     jitter: JitterCurve | None = None
-    masks_hidden: bool = False
+    masks_occlusions: bool = False
 
     @cached_property
     def _height_model(self) -> HeightModel:
@@ -190,22 +190,22 @@ class OrthoMapping:
         mapping = ChunkMapping(positions, step, first, low, high, is_complete, unknown=unknown)
         if not ((high + step > -0.5).all() and (low - step < np.array(self.size) - 0.5).all()):  # outside the image
             return mapping if unknown else None
-        if self.masks_hidden and isinstance(self.surface, GridSurface):
-            mapping = self._mask_hidden(mapping, window, self.surface)
+        if self.masks_occlusions and isinstance(self.surface, GridSurface):
+            mapping = self._mask_occlusions(mapping, window, self.surface)
         # Random pixels of the window, equal in every run
         rng = np.random.default_rng([window.column, window.row])
         checks = rng.integers(0, [window.columns, window.rows], (ORTHO.checked_pixels, 2))
         errors = np.hypot(*(mapping.interpolate(checks) - self.exact(checks + window[:2])).T)
         return mapping._replace(errors_px=errors[np.isfinite(errors)])
 
-    def _mask_hidden(self, mapping: ChunkMapping, window: GridWindow, surface: GridSurface) -> ChunkMapping:
+    def _mask_occlusions(self, mapping: ChunkMapping, window: GridWindow, surface: GridSurface) -> ChunkMapping:
         """Return the mapping of a window, at every pixel, without the positions of hidden ones."""
         lonlat, shape, (column, row) = self._find_nodes(window)
         middle_m, half_m, _ = self._height_model
         slopes = compute_sight_slopes(self.rpc, surface, lonlat, (middle_m - half_m, middle_m + half_m))
         lattice = np.concatenate([surface.grid_coordinates(lonlat).T, slopes.T]).reshape(4, *shape)
         positions = mapping.positions
-        occlusion = find_hidden(surface, lattice, ORTHO.lattice_px, (column - 1, row - 1), positions.shape[1:])
+        occlusion = find_occlusions(surface, lattice, ORTHO.lattice_px, (column - 1, row - 1), positions.shape[1:])
         limits = np.array(self.size)[:, None, None] - 0.5
         with np.errstate(invalid="ignore"):
             occlusion &= ((positions > -0.5) & (positions < limits)).all(axis=0)

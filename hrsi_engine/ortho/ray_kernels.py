@@ -34,7 +34,7 @@ def _is_hidden(
     cells: np.ndarray, highest: np.ndarray, side: int, start: tuple[float, float], slope: tuple[float, float],
     clearance_m: float,
 ) -> bool:  # fmt: skip
-    """Return whether the ray from a point of the surface meets the surface again; arguments as in `mark_hidden`."""
+    """Return whether the ray from a point of the surface meets the surface again; arguments as in `mark_occlusions`."""
     (x, y), (dx, dy) = start, slope
     rows, columns = cells.shape[0] - 1, cells.shape[1] - 1
     column, row = min(int(x), columns - 1), min(int(y), rows - 1)
@@ -71,7 +71,7 @@ def _is_hidden(
 
 
 @njit(**OPTIONS)
-def mark_hidden(
+def mark_occlusions(
     occlusion: np.ndarray, lattice: np.ndarray, spacing: int, first: tuple[int, int], cells: np.ndarray,
     highest: np.ndarray, side: int, clearance_m: float,
 ) -> None:  # fmt: skip

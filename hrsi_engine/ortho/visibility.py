@@ -2,7 +2,7 @@
 
 A line of sight is straight over the heights of a scene. Its direction follows from the RPC, as the change of the ground
 position of one image point by height, at the nodes of the orthoimage's lattice, which are counted from the origin of
-the CRS: a pixel is hidden or visible in every window alike. Ground is hidden if the surface is above the line from
+the CRS: the result for a pixel does not depend on the window. Ground is hidden if the surface is above the line from
 there to the sensor anywhere (`ray_kernels`). Cells without height hide nothing.
 """
 
@@ -38,7 +38,7 @@ def compute_sight_slopes(
     return np.asarray((upper - lower) / (heights[1] - heights[0]))
 
 
-def find_hidden(
+def find_occlusions(
     surface: GridSurface, lattice: np.ndarray, spacing: int, first: tuple[int, int], shape: tuple[int, ...]
 ) -> np.ndarray:
     """Return a mask of the pixels ``(rows, columns)`` that something between ground and sensor hides.
@@ -70,7 +70,7 @@ def find_hidden(
     row, column, cells = surface.window(*box)
     local = lattice - np.array([column, row, 0.0, 0.0])[:, None, None]
     highest = _find_highest(cells, VISIBILITY.block)
-    kernels.mark_hidden(occlusion, local, spacing, first, cells, highest, VISIBILITY.block, VISIBILITY.clearance_m)
+    kernels.mark_occlusions(occlusion, local, spacing, first, cells, highest, VISIBILITY.block, VISIBILITY.clearance_m)
     return occlusion
 
 
@@ -84,7 +84,7 @@ def _find_in_quarters(
             (j, x), (i, y) = divmod(first[0] + left, spacing), divmod(first[1] + top, spacing)
             nodes = lattice[:, i : i + (y + bottom - top) // spacing + 2, j : j + (x + right - left) // spacing + 2]
             shape = bottom - top, right - left
-            occlusion[top:bottom, left:right] = find_hidden(surface, nodes, spacing, (x, y), shape)
+            occlusion[top:bottom, left:right] = find_occlusions(surface, nodes, spacing, (x, y), shape)
 
 
 def _find_highest(cells: np.ndarray, side: int) -> np.ndarray:

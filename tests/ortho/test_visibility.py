@@ -27,7 +27,7 @@ def mapping(tmp_path_factory: pytest.TempPathFactory) -> OrthoMapping:
     x, y = np.round(operations_of(utm_wkt()).from_wgs84(terrain[len(terrain) // 2][None])[0, :2])
     grid = MapGrid.from_bounds(utm_wkt(), 0.5, (x - 60, y - 50, x + 60, y + 50))
     assert image.size is not None
-    return OrthoMapping(image.rpc, image.size, surface, terrain, grid, 0.05, masks_hidden=True)
+    return OrthoMapping(image.rpc, image.size, surface, terrain, grid, 0.05, masks_occlusions=True)
 
 
 def hidden_of(mapping: OrthoMapping, window: GridWindow) -> np.ndarray:
@@ -81,7 +81,7 @@ def test_a_wall_hides_what_its_height_and_the_view_direction_say() -> None:
     surface = GridSurface(cells.shape, lambda i, j, m, n: cells[i : i + m, j : j + n], lambda lonlat: lonlat)
     column, row = np.meshgrid(np.arange(0.0, 224.0, 32.0), np.arange(0.0, 72.0, 32.0))
     lattice = np.stack([column, row, np.ones_like(column), np.zeros_like(column)])  # a cell to the east for each metre
-    hidden = visibility.find_hidden(surface, lattice, 32, (0, 0), (40, 192))
+    hidden = visibility.find_occlusions(surface, lattice, 32, (0, 0), (40, 192))
     # Foot of the wall: 99; its edge at 100 is above the line of sight from 91 to 99
     assert np.array_equal(np.flatnonzero(hidden[20]), np.arange(91, 100))
 
@@ -91,4 +91,4 @@ def test_level_ground_and_a_view_from_above_hide_nothing() -> None:
         surface = GridSurface(cells.shape, lambda i, j, m, n, c=cells: c[i : i + m, j : j + n], lambda lonlat: lonlat)
         column, row = np.meshgrid(np.arange(0.0, 96.0, 32.0), np.arange(0.0, 96.0, 32.0))
         lattice = np.stack([column, row, np.full_like(column, slope), np.zeros_like(column)])
-        assert not visibility.find_hidden(surface, lattice, 32, (0, 0), (48, 48)).any()
+        assert not visibility.find_occlusions(surface, lattice, 32, (0, 0), (48, 48)).any()
