@@ -132,7 +132,7 @@ MUTANTS = (
     ),
     Mutant(
         "flags by another limit than the list", "results/outliers.py",
-        "outlier = is_outlier(measurement_statistic(left))", "outlier = measurement_statistic(left) > 6.0", OUTLIERS,
+        "outlier = is_outlier(left.statistic)", "outlier = left.statistic > 6.0", OUTLIERS,
     ),
     Mutant("2 %: CE90", "adjustment/statistics/precision.py", "= 1.5175,", "= 1.5479,", TRUTH),
     Mutant("2 %: LE90", "adjustment/statistics/precision.py", ", 1.6449", ", 1.6778", TRUTH),

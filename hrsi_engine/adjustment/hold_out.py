@@ -59,7 +59,8 @@ def sample_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:
     )
     place = (rows.xy[head] - centre[image]) / (2.0 * np.maximum(half[image], 0.5)) + 0.5
     cell = np.clip((place * HOLD_OUT.cells).astype(np.int64), 0, HOLD_OUT.cells - 1)
-    order = np.lexsort((rows.xy[head, 0], rows.xy[head, 1], cell[:, 0], cell[:, 1], image))
+    cell_of_block = (image * HOLD_OUT.cells + cell[:, 1]) * HOLD_OUT.cells + cell[:, 0]
+    order = np.lexsort((rows.xy[head, 0], rows.xy[head, 1], cell_of_block))
     number = np.arange(1, len(order) + 1)
     is_taken = np.floor(number * share) > np.floor((number - 1) * share)
     return np.sort(point[order[is_taken]])

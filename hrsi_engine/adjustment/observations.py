@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..block.block import Block, Image, Role, number_exposures
+from ..block.columns import group_by_number
 from ..block.orthoimage import REFERENCE_KIND, ReferencePlaces
 from ..foundation.large_arrays import any_of_rows
 
@@ -99,8 +100,7 @@ class Observations:
     @cached_property
     def by_image(self) -> tuple[np.ndarray, ...]:
         """Indices of each image's measurements."""
-        order = np.argsort(self.image, kind="stable")
-        bounds = np.searchsorted(self.image[order], np.arange(len(self.images) + 1))
+        order, bounds = group_by_number(self.image, len(self.images))
         return tuple(order[bounds[k] : bounds[k + 1]] for k in range(len(self.images)))
 
     @cached_property

@@ -12,6 +12,7 @@ from ..block.laser import LaserPoints
 from ..block.points import Role
 from ..foundation.large_arrays import finite_rows
 from ..foundation.statistical_limits import EQUALITY
+from ..ground.map_crs import middle_position
 from ..refinement.model import RefinementModel
 from ..refinement.selection import ModelChoice
 from ..surface.dem import HeightSurface
@@ -490,6 +491,16 @@ class Adjustment:
         shifts, operation_shifts = self.shared_shifts_m[points], self.block.points.operation_shifts_m(points)
         shifts[:, :, : operation_shifts.shape[2]] -= operation_shifts
         return np.asarray(covariance + shifts @ shifts.swapaxes(1, 2))
+
+    @cached_property
+    def positions(self) -> np.ndarray:
+        """The best known position of each point, ``(points, 3)``: adjusted, else surveyed; NaN without either."""
+        return np.where(np.isfinite(self.ground), self.ground, self.block.points.ground)
+
+    @cached_property
+    def middle(self) -> tuple[float, ...]:
+        """Longitude, latitude and height of the middle of the block, the median of its points."""
+        return middle_position(self.positions)
 
     @cached_property
     def has_residual(self) -> np.ndarray:

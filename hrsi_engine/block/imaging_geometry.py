@@ -296,12 +296,16 @@ def _find_directions(ground: np.ndarray, ray_at: Callable[[np.ndarray], np.ndarr
 def compute_pair_geometries(views: Sequence[ViewDirection], pairs: Sequence[tuple[int, int]]) -> list[PairGeometry]:
     """Return overlap, convergence and base-to-height ratio of pairs of views (indices)."""
     middles, overlaps = np.full((len(pairs), 3), np.nan), list[tuple[float, float]]()
+    numbers = sorted({number for pair in pairs for number in pair if not views[number].footprint.is_empty})
+    outlines = [_shift_to(views[number].footprint, views[numbers[0]].footprint) for number in numbers]
+    footprints = dict(zip(numbers, outlines, strict=True))
+    areas = {number: footprint.area for number, footprint in footprints.items()}
     for middle, (first, second) in zip(middles, pairs, strict=True):
-        one, partner = views[first].footprint, views[second].footprint
-        common = intersect_footprints(one, partner)
-        overlaps.append((common.area / one.area, common.area / partner.area) if common.area > 0.0 else (0.0, 0.0))
-        if common.area > 0.0:
-            middle[:2] = common.centroid.x, common.centroid.y
+        common = footprints.get(first, Polygon()).intersection(footprints.get(second, Polygon()))
+        area = common.area
+        overlaps.append((area / areas[first], area / areas[second]) if area > 0.0 else (0.0, 0.0))
+        if area > 0.0:
+            middle[:2] = common.centroid.coords[0]
             height = float(surface_heights(views[first].surface, middle[None, :2])[0])
             middle[2] = height if np.isfinite(height) else views[first].centre[0, 2]
     # Rays of both images at the middle of their common ground

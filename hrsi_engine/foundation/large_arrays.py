@@ -1,4 +1,4 @@
-"""Large arrays: zeros in pages of 2 MB, and fast row tests of arrays with few columns."""
+"""Large arrays: zeros in pages of 2 MB, and fast tests and sums of the rows of arrays with few columns."""
 
 from collections.abc import Sequence
 from functools import reduce
@@ -28,3 +28,8 @@ def any_of_rows(mask: np.ndarray) -> np.ndarray:
 def finite_rows(values: np.ndarray) -> np.ndarray:
     """Return which rows of ``values (n, k)`` are finite in all columns, ``(n,)``; for small k, see `any_of_rows`."""
     return reduce(np.logical_and, map(np.isfinite, values.T))
+
+
+def square_lengths(vectors: np.ndarray) -> np.ndarray:
+    """Return the sums of squares ``(n,)`` of ``vectors (n, k)``; for small k, see `any_of_rows`."""
+    return np.einsum("ij,ij->i", vectors, vectors)

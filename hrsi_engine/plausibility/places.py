@@ -323,7 +323,7 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
 
     Copies of GCPs, with a little noise or surveyed again, are mostly measured at the same pixels of every image.
     """
-    points = np.unique(block.measurements.point)
+    points = np.flatnonzero(np.bincount(block.measurements.point, minlength=len(block.points)))
     positioned = points[finite_rows(block.points.ground[points])]
     role = block.points.role[positioned]
     gcps, checks = positioned[role == Role.GCP], positioned[role == Role.CHECK]

@@ -18,18 +18,16 @@ from ..block.points import ROLE_LABELS, Role
 from ..drawing.block_figures import CARD, ImageCard, Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
 from ..drawing.target_chips import TargetChip
-from ..foundation.large_arrays import finite_rows
+from ..foundation.large_arrays import finite_rows, square_lengths
 from ..foundation.statistical_limits import EQUALITY
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import GRIDS, LISTS, MEMORY
-from ..ground.map_crs import middle_position
 from ..io.pages.report import read_picture
 from ..io.rasters.images import GdalRaster
-from .outliers import is_outlier, measurement_statistic
+from .outliers import is_outlier
 from .residuals import Residuals
 from .statistics import normalise_residuals, rank_survey_points
 from .surface_figures import draw_surfaces
-from .tables import choose_positions
 
 
 @thresholds
@@ -95,10 +93,10 @@ def report_figures(
 
 def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
     """Select the points that are drawn singly: known ones, including those of the report's tables, then tie points."""
-    block, statistic = result.block, np.nan_to_num(measurement_statistic(left))
+    block, statistic = result.block, np.nan_to_num(left.statistic)
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
-    placed = finite_rows(choose_positions(result))
+    placed = finite_rows(result.positions)
     surveyed = _select_worst(np.flatnonzero(placed & block.known), worst, REPORT_PAGE.most_known)
     names = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
     surveyed = np.union1d(surveyed, names)  # rows of the page's tables link to their points
@@ -126,7 +124,7 @@ def _point_columns(result: Adjustment, left: Residuals, selection: _PointSelecti
     flag = np.select([unused, outlier], [2, 1], 0)
     worst = np.zeros(len(block.points), dtype=np.int64)
     np.maximum.at(worst, rows.point, flag)
-    place = choose_positions(result)[points]
+    place = result.positions[points]
     return {
         "images": [image.id for image in block.images],
         "roles": [role.label for role in Role],
@@ -156,7 +154,7 @@ def _round_numbers(values: np.ndarray, digits: int = 3) -> list[float | None]:
 
 def _point_rms(block: Block, selection: _PointSelection) -> np.ndarray:
     """Return sqrt(mean(dx² + dy²)) over the measurements of each point; NaN without measurements."""
-    square = np.sum(selection.residual_px**2, axis=1)
+    square = square_lengths(selection.residual_px)
     finite = np.isfinite(square)
     point = block.measurements.point[finite]
     with np.errstate(invalid="ignore"):
@@ -169,8 +167,8 @@ def _make_map(
     pictures: Mapping[str, Picture],
 ) -> BlockMap:  # fmt: skip
     """Return footprints, points with their residuals, and a field of tie points by cells if they are many."""
-    block, place = result.block, choose_positions(result)
-    height = middle_position(place)[2]
+    block, place = result.block, result.positions
+    height = result.middle[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
     is_crowded = len(ties) > REPORT_PAGE.most_known
     field = TieField(
@@ -202,11 +200,8 @@ def _make_cards(result: Adjustment, visible: _PointSelection) -> list[ImageCard]
     order, bounds = group_by_number(rows.image[indices], len(result.block.images))
     indices = indices[order]
     parts = {index: indices[bounds[index] : bounds[index + 1]] for index in range(len(result.block.images))}
-    size = {
-        index: float(np.mean(np.sum(visible.residual_px[part] ** 2, axis=1)))
-        for index, part in parts.items()
-        if len(part)
-    }
+    squares = square_lengths(visible.residual_px)
+    size = {index: float(np.mean(squares[part])) for index, part in parts.items() if len(part)}
     largest = sorted(sorted(size, key=lambda index: -size[index])[: LISTS.images])
     return [_make_card(result, index, parts[index], visible) for index in largest]
 

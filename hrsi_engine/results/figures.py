@@ -20,7 +20,7 @@ from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import LISTS
 from ..refinement.model import RefitRPC
 from .outliers import name_measurement, outlier_entries
-from .residuals import Residuals, by_image, radial_rmse, rmse
+from .residuals import Residuals, by_image, group_rmse, radial_rmse, rmse
 from .surface_figures import describe_surface
 
 
@@ -186,24 +186,20 @@ def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     )
     used_rows = np.flatnonzero(result.has_residual & (block.points.role == Role.TIE)[point])
     rays = np.bincount(point[used_rows], minlength=len(block.points))
-    rays_of_row = rays[point[used_rows]]
-    return {
-        **_tie_figures(result, left, used_rows),
-        "images": int(np.count_nonzero(((left_in > 0) & (2 * left_in >= count))[exposure])),
-        "by_rays": {
-            str(count): _tie_figures(result, left, used_rows[rays_of_row == count])
-            for count in np.unique(rays[rays > 0])
-        },
+    points_with = np.bincount(rays)  # by the number of rays
+    residuals = left.tie_before_px[used_rows], result.residual_px[used_rows]
+    by_rays = zip(*(group_rmse(each, rays[point[used_rows]], len(points_with)) for each in residuals), strict=True)
+    figures = {
+        str(count): {"points": points, "observations": count * points, "before_rmse_px": before, "rmse_px": after}
+        for count, (points, (before, after)) in enumerate(zip(points_with.tolist(), by_rays, strict=True))
+        if count and points
     }
-
-
-def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[str, Any]:
+    before_px, after_px = (radial_rmse(each) for each in residuals)
     return {
-        "points": int(np.count_nonzero(np.bincount(result.block.measurements.point[rows]))),
-        "observations": len(rows),
-        "before_rmse_px": radial_rmse(left.tie_before_px[rows]),
-        "rmse_px": radial_rmse(result.residual_px[rows]),
-    }
+        "points": int(points_with[1:].sum()), "observations": len(used_rows), "before_rmse_px": before_px,
+        "rmse_px": after_px, "images": int(np.count_nonzero(((left_in > 0) & (2 * left_in >= count))[exposure])),
+        "by_rays": figures,
+    }  # fmt: skip
 
 
 def rejection_warnings(result: Adjustment) -> list[str]:

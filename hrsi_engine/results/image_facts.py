@@ -17,16 +17,14 @@ from ..adjustment.result import Adjustment
 from ..block.block import Image, Role, stack_rpcs
 from ..block.imaging_geometry import ViewDirection, compute_pair_geometries, describe_views, find_touching_pairs
 from ..block.pointing import find_image_sensor
-from ..foundation.large_arrays import finite_rows
+from ..foundation.large_arrays import finite_rows, square_lengths
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import GRIDS
 from ..ground.geodesy import ground_difference_m
-from ..ground.map_crs import middle_position
 from ..io.rasters.sun_angles import read_time
 from ..refinement.model import RefitRPC
 from ..refinement.parameter_names import describe_parameter
-from .residuals import Residuals, by_image, radial_rmse
-from .tables import choose_positions
+from .residuals import Residuals, group_rmse, radial_rmse
 
 
 @thresholds
@@ -40,12 +38,8 @@ def add_image_facts(
     report: dict[str, Any], result: Adjustment, left: Residuals, refined: Sequence[RefitRPC]
 ) -> dict[str, Any]:
     """Return a block's report with facts on its images, pairs and parameters, and the position of the block."""
-    place = choose_positions(result)
-    has_position = finite_rows(place).any()
-    images = result.block.images
-    middle = (
-        middle_position(place) if has_position else np.array([images[0].rpc.long_off, images[0].rpc.lat_off, np.nan])
-    )
+    has_position, images = finite_rows(result.positions).any(), result.block.images
+    middle = result.middle if has_position else (images[0].rpc.long_off, images[0].rpc.lat_off, np.nan)
     heights = [float(middle[2]) if has_position else image.middle_height_m for image in images]
     views = ViewDirection.at_heights(images, heights)
     sound = [index for index, view in enumerate(views) if view.is_sound]  # damaged RPCs are reported by the verdict
@@ -53,14 +47,15 @@ def add_image_facts(
     described = describe_views([images[k] for k in sound], np.concatenate([np.zeros((0, 3)), *centres]), footprints)
     geometry = dict(zip(sound, described, strict=True))
     corrections = _describe_corrections(images, refined, np.array(heights))
-    ties = dict(by_image(result.block, _tie_rows(result)))
+    ties = np.flatnonzero(_tie_rows(result))
+    owner = result.block.measurements.image[ties]
+    tie_counts = np.bincount(owner, minlength=len(images)).tolist()
+    before_px, after_px = (group_rmse(px[ties], owner, len(images)) for px in (left.tie_before_px, result.residual_px))
     for index, image in enumerate(images):
-        rows = ties.get(index, np.zeros(0, dtype=np.int64))
         names = ("gsd_sample_m", "gsd_line_m", "incidence_deg", "azimuth_deg")
         report["images"][image.id] |= {
             **describe_acquisition(image), **{name: getattr(geometry.get(index), name, None) for name in names},
-            "tie_points": len(rows), "tie_before_rmse_px": radial_rmse(left.tie_before_px[rows]),
-            "tie_rmse_px": radial_rmse(result.residual_px[rows]),
+            "tie_points": tie_counts[index], "tie_before_rmse_px": before_px[index], "tie_rmse_px": after_px[index],
             "correction": corrections[index],
         }  # fmt: skip
         if result.jitter is not None and image.id in result.jitter.curves:
@@ -128,7 +123,7 @@ def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[d
     rows, used_rows = result.block.measurements, np.flatnonzero(_tie_rows(result))
     indices, shape = (rows.point[used_rows], rows.image[used_rows]), (len(result.block.points), len(views))
     incidence = sparse.csr_matrix((np.ones(len(used_rows)), indices), shape)
-    square = sparse.csr_matrix((np.sum(result.residual_px[used_rows] ** 2, axis=1), indices), shape)
+    square = sparse.csr_matrix((square_lengths(result.residual_px[used_rows]), indices), shape)
     joint_part = sparse.triu(incidence.T @ incidence, 1).tocoo()
     squares = square.T @ incidence
     squares = sparse.triu(squares + squares.T, 1).tocoo()

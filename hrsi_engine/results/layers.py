@@ -9,7 +9,7 @@ from ..adjustment.result import Adjustment
 from ..block.block import Image
 from ..block.points import POINT_OPERATIONS, GroundPoints, describe_operations
 from ..ground.geodesy import WGS84, WGS84_3D
-from ..ground.map_crs import map_epsg, middle_position, project_to_map
+from ..ground.map_crs import map_epsg, project_to_map
 from ..io.geopackage.layers import Layer
 from . import tables
 from .residuals import Residuals
@@ -29,11 +29,10 @@ def block_layers(
     selection : points and measurements in the layers; by default all
     Result: footprints, points, measurements and residuals; laser points, and tie points on a surface, if there are any.
     """
-    middle = middle_position(tables.choose_positions(result))
     selection = selection or tables.select_rows(result, left, largest=len(result.block.measurements))
     residuals = tables.residuals_table(result, left, selection.measurements, selection.flags)
     image_points = tables.image_points_table(result, left, selection.measurements, selection.flags)
-    footprints = tables.images_table(result, delivered or result.block.images, middle[2])
+    footprints = tables.images_table(result, delivered or result.block.images, result.middle[2])
     residual_crs = dict(zip(RESIDUAL_LAYERS, (WGS84_3D, residuals_epsg(result)), strict=True))
     laser = [] if result.laser is None else [tables.laser_points_table(result.laser)]
     ground_points = _point_layer("ground_points", tables.ground_points_table(result, selection.points), WGS84_3D)
@@ -49,7 +48,7 @@ def block_layers(
 
 def residuals_epsg(result: Adjustment) -> int:
     """Return the EPSG code of the projected CRS at the middle of a block, for the residual layer."""
-    return map_epsg(*middle_position(tables.choose_positions(result))[:2])
+    return map_epsg(*result.middle[:2])
 
 
 def name_point_operations(points: GroundPoints) -> dict[str, str]:

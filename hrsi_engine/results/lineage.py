@@ -21,10 +21,8 @@ from ..adjustment.result import Adjustment
 from ..block.block import stack_rpcs
 from ..foundation.errors import list_ids
 from ..foundation.working_sizes import GRIDS, LISTS, MEMORY
-from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
-from .tables import choose_positions
 
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
@@ -34,7 +32,7 @@ def state_accuracy(result: Adjustment, refined: Sequence[RefitRPC]) -> list[Refi
 
     An RPC keeps its vendor's figures if nothing was estimated, or no covariance is known.
     """
-    height = float(middle_position(choose_positions(result))[2])
+    height = result.middle[2]
     images = result.block.images
     stated = list(refined)
     step = MEMORY.rows // GRIDS.coarse**2  # images whose grids are in memory together

@@ -11,26 +11,9 @@ import numpy as np
 
 from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
-from ..foundation.large_arrays import any_of_rows
 from ..foundation.robust_scale import ROBUST
 from ..foundation.working_sizes import LISTS
-from .residuals import Residuals
-
-
-def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return the length of residuals in sigmas ``(n,)``, over the coordinates that exist; NaN without any.
-
-    residual, sigma : (n, k) in the same unit; NaN for coordinates that were not measured or have no sigma
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        squares = (residual / sigma) ** 2
-    total = np.einsum("ij->i", np.where(np.isnan(squares), 0.0, squares))
-    return np.where(any_of_rows(np.isfinite(squares)), np.sqrt(total), np.nan)
-
-
-def measurement_statistic(left: Residuals) -> np.ndarray:
-    """Return the statistic of each image measurement ``(n,)``."""
-    return compute_statistic(left.measured_px, left.measured_sigma_px)
+from .residuals import Residuals, compute_statistic
 
 
 def is_outlier(statistics: np.ndarray) -> np.ndarray:
@@ -46,7 +29,7 @@ def classify_measurements(result: Adjustment, left: Residuals) -> np.ndarray:
     """Return the flag of each image measurement ``(n,)`` as index into `FLAGS`."""
     role = result.block.points.role[result.block.measurements.point]
     unused = ~result.has_residual
-    outlier = is_outlier(measurement_statistic(left))
+    outlier = is_outlier(left.statistic)
     return np.select([unused & (role == Role.TIE), outlier, unused], [1, 2, 3], 0).astype(np.int8)
 
 
@@ -60,7 +43,7 @@ def find_outliers(result: Adjustment, left: Residuals) -> tuple[np.ndarray, np.n
 
     The statistic of a measurement rejected by data snooping is that of the test that it failed.
     """
-    statistic = measurement_statistic(left)
+    statistic = left.statistic
     rejected = np.isnan(statistic) & (result.decision != int(Decision.KEPT))
     statistic = np.where(rejected, result.statistic, statistic)
     return statistic, is_outlier(statistic) | rejected

@@ -15,6 +15,7 @@ the effect of an estimated drift that these do not contain is part of the sigma.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from ..adjustment.starting_values.intersection import (
 )
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
-from ..foundation.large_arrays import finite_rows
+from ..foundation.large_arrays import any_of_rows, finite_rows, square_lengths
 from ..foundation.working_sizes import MEMORY
 from ..ground.geodesy import ground_difference_m, move_ground
 from ..refinement.model import RefinementModel
@@ -62,8 +63,24 @@ class Residuals:
     before_px: np.ndarray
     tie_before_px: np.ndarray
 
+    @cached_property
+    def statistic(self) -> np.ndarray:
+        """The statistic of each measurement, ``(measurements,)``; see `compute_statistic`."""
+        return compute_statistic(self.measured_px, self.measured_sigma_px)
+
     def __repr__(self) -> str:
         return f"<Residuals of {len(self.ground_m)} points and {len(self.measured_px)} measurements>"
+
+
+def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return the length of residuals in sigmas ``(n,)``, over the coordinates that exist; NaN without any.
+
+    residual, sigma : (n, k) in the same unit; NaN for coordinates that were not measured or have no sigma
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        squares = (residual / sigma) ** 2
+    total = np.einsum("ij->i", np.where(np.isnan(squares), 0.0, squares))
+    return np.where(any_of_rows(np.isfinite(squares)), np.sqrt(total), np.nan)
 
 
 def compute_residuals(result: Adjustment) -> Residuals:
@@ -81,7 +98,7 @@ def compute_residuals(result: Adjustment) -> Residuals:
     """
     block, rows = result.block, result.block.measurements
     is_used = (result.decision == int(Decision.KEPT)) | (block.points.role != Role.GCP)[rows.point]
-    kept_block = block.with_measurements(is_used)
+    kept_block = block.with_measurements(is_used & block.known[rows.point])
     at_known = survey_residuals_px(block, result.model, result.values)
     # Points with completely surveyed positions are tested there, all others at their adjusted positions.
     known_points = np.flatnonzero(block.known)
@@ -260,6 +277,14 @@ def _tie_residuals_before(result: Adjustment) -> np.ndarray:
     return residual
 
 
+def group_rmse(vectors: np.ndarray, group: np.ndarray, count: int) -> list[float | None]:
+    """Return `radial_rmse` of the rows ``(n, 2)`` of each of ``count`` groups, by the number of each row's group."""
+    square = square_lengths(vectors)
+    finite = np.isfinite(square)
+    rows, total = np.bincount(group[finite], minlength=count), np.bincount(group[finite], square[finite], count)
+    return [float(np.sqrt(one / number)) if number else None for one, number in zip(total, rows, strict=True)]
+
+
 def rmse(values: np.ndarray) -> float | None:
     """Return the root mean square of the finite values, None without any."""
     finite = values[np.isfinite(values)]
@@ -268,6 +293,6 @@ def rmse(values: np.ndarray) -> float | None:
 
 def radial_rmse(vectors: np.ndarray) -> float | None:
     """Return sqrt(mean(dx² + dy²)) over the finite rows ``(n, 2)``, None without any."""
-    square = np.einsum("ij,ij->i", vectors, vectors)
+    square = square_lengths(vectors)
     finite = square[np.isfinite(square)]
     return float(np.sqrt(np.mean(finite))) if len(finite) else None

@@ -13,7 +13,7 @@ from ..block.block import Role
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import GRIDS, LISTS
-from .residuals import Residuals, by_image
+from .residuals import Residuals
 
 
 @thresholds
@@ -56,15 +56,13 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     """Return the number of used tie points in each cell of each image, ``(cells, cells)``, lines first."""
     block = result.block
     rows = block.measurements
-    is_used = result.has_residual & (block.points.role[rows.point] == Role.TIE)
-    side, counts = GRIDS.coarse, dict[str, np.ndarray]()
-    parts = dict(by_image(block, is_used))
-    for index, image in enumerate(block.images):
-        rows_here = parts.get(index, np.zeros(0, dtype=np.int64))
-        share = (rows.xy[rows_here] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
-        column, line = np.clip((share * side).astype(np.int64), 0, side - 1).T
-        counts[image.id] = np.bincount(line * side + column, minlength=side**2).reshape(side, side)
-    return counts
+    used_rows = np.flatnonzero(result.has_residual & (block.points.role[rows.point] == Role.TIE))
+    side, image = GRIDS.coarse, rows.image[used_rows]
+    centre, half = (np.array([getattr(one, name) for one in block.images]) for name in ("centre_px", "half_size_px"))
+    share = (rows.xy[used_rows] - centre[image]) / (2.0 * half + 1.0)[image] + 0.5
+    column, line = np.clip((share * side).astype(np.int64), 0, side - 1).T
+    counts = np.bincount((image * side + line) * side + column, minlength=len(block.images) * side**2)
+    return dict(zip([one.id for one in block.images], counts.reshape(-1, side, side), strict=True))
 
 
 def rank_survey_points(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:

@@ -13,7 +13,7 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from ..io.geopackage.declared_layers import SurfaceResidualRows
 from ..surface.dem import surface_heights
-from .tables import Table, choose_positions
+from .tables import Table
 
 
 @thresholds
@@ -45,7 +45,7 @@ def describe_surface(one: SurfaceOutcome) -> dict[str, Any]:
 
 def compute_surface_residuals(result: Adjustment, one: SurfaceOutcome) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return adjusted positions ``(k, 3)`` of tie points, and their heights above the surface before and after, m."""
-    adjusted = choose_positions(result)[one.points]
+    adjusted = result.positions[one.points]
     before_m, after_m = (
         positions[:, 2] - surface_heights(one.surface, positions[:, :2]) for positions in (one.before, adjusted)
     )

@@ -21,7 +21,7 @@ from ..foundation.working_sizes import MEMORY
 from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
 from ..io.geopackage.typed_rows import LayerRows
 from ..io.point_files.kept_columns import COMPLETE_FILES
-from .outliers import FLAGS, classify_measurements, ground_flags, measurement_statistic
+from .outliers import FLAGS, classify_measurements, ground_flags
 from .residuals import Residuals
 
 TablePart = Mapping[str, np.ndarray]
@@ -78,14 +78,9 @@ def laser_points_table(result: LaserOutcome) -> Table:
     return Table(points.ground, columns)
 
 
-def choose_positions(result: Adjustment) -> np.ndarray:
-    """Return the best known position of each point: adjusted, else surveyed; NaN without either."""
-    return np.where(np.isfinite(result.ground), result.ground, result.block.points.ground)
-
-
 def ground_points_table(result: Adjustment, rows: np.ndarray) -> Table:
     """Return some points ``(n,)`` at their adjusted positions, with sigmas; known ones also with their surveys."""
-    points, place = result.block.points, choose_positions(result)[rows]
+    points, place = result.block.points, result.positions[rows]
     is_surveyed = result.block.known[rows, None]
     surveyed = np.where(is_surveyed, points.ground[rows], np.nan)
     sigma_survey = np.where(is_surveyed, points.sigma_m[rows], np.nan)
@@ -130,11 +125,11 @@ def select_rows(
     result: Adjustment, left: Residuals, largest: int = TABLE.most_image_residuals, sample: int = TABLE.image_sample
 ) -> LayerSelection:
     """Return the rows of the layers; of more than ``largest``: the worst, an even sample, and known points."""
-    measured, located = result.block.measurements, finite_rows(choose_positions(result))
+    measured, located = result.block.measurements, finite_rows(result.positions)
     points, rows = np.flatnonzero(located), np.flatnonzero(located[measured.point])
     flags, count = classify_measurements(result, left), len(rows)
     if count > largest:
-        statistic = np.nan_to_num(measurement_statistic(left)[rows])
+        statistic = np.nan_to_num(left.statistic[rows])
         displayed = result.block.known[measured.point[rows]]
         displayed[np.argpartition(-statistic, sample // 2)[: sample // 2]] = True
         displayed[:: -(-count // (sample // 2))] = True
@@ -172,7 +167,7 @@ def image_points_table(result: Adjustment, left: Residuals, rows: np.ndarray, fl
         weight=result.weight[rows],
         flag=FLAGS[flags[rows]],
     )
-    return Table(choose_positions(result)[measured.point[rows]], columns)
+    return Table(result.positions[measured.point[rows]], columns)
 
 
 def iterate_tables(result: Adjustment, left: Residuals, selection: LayerSelection) -> dict[str, Iterable[TablePart]]:
@@ -222,7 +217,7 @@ def residuals_table(result: Adjustment, left: Residuals, rows: np.ndarray, flags
         sigma_line_px=sigma[rows, 1],
         flag=FLAGS[flags[rows]],
     )
-    positions = choose_positions(result)[result.block.measurements.point[rows]]
+    positions = result.positions[result.block.measurements.point[rows]]
     return Table(np.concatenate([points.ground[surveyed], positions]), on_ground.concatenate(in_images))
 
 

@@ -20,8 +20,8 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, silent, stage
 from ...hrsi_engine.foundation.workers.threads import one_thread_calls
 from ...hrsi_engine.refinement.model import RefinementModel
-from ...hrsi_engine.results.outliers import compute_statistic, find_outliers, is_outlier
-from ...hrsi_engine.results.residuals import ground_residuals_m, residuals_at_px
+from ...hrsi_engine.results.outliers import find_outliers, is_outlier
+from ...hrsi_engine.results.residuals import compute_statistic, ground_residuals_m, residuals_at_px
 from ..block_steps.block_run import BlockRun
 from ..block_steps.plausibility import explain_failures
 from ..interface.declare import Context

@@ -17,7 +17,6 @@ from hrsi.hrsi_engine.io.large_tables import read_large_table, write_large_table
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.point_files.kept_columns import COMPLETE_FILES
 from hrsi.hrsi_engine.results.layers import block_layers
-from hrsi.hrsi_engine.results.outliers import measurement_statistic
 from hrsi.hrsi_engine.results.residuals import compute_residuals
 from hrsi.hrsi_engine.results.tables import iterate_tables, select_rows
 
@@ -63,7 +62,7 @@ def test_of_many_image_points_the_layers_show_a_selection_and_readers_get_all(tm
     left, ids = compute_residuals(result), [image.id for image in block.images]
     shown = select_rows(result, left, largest=500, sample=100)
     assert not shown.is_complete and 100 <= len(shown.measurements) < 180 and shown.count == len(block.measurements)
-    statistic = np.nan_to_num(measurement_statistic(left))
+    statistic = np.nan_to_num(left.statistic)
     known = np.flatnonzero(block.known[block.measurements.point])
     assert {*np.argsort(statistic)[-50:].tolist(), *known.tolist()} <= set(shown.measurements.tolist())
     (tmp_path / "all").mkdir()

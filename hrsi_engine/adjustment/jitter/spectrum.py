@@ -27,6 +27,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import fft, special
 
+from ...block.columns import group_by_number
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.statistical_limits import ITERATIONS, SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
@@ -134,7 +135,8 @@ class _Cells:
     def make_trend(self) -> np.ndarray:
         """Return the columns D ``(n, k)`` of a cubic along the lines that changes linearly over the samples."""
         u, v = (2.0 * (x - x.min()) / max(np.ptp(x), 1.0) - 1.0 for x in (self.line, self.sample))
-        return np.column_stack([np.ones_like(u), u, u**2, u**3, v, v * u, v * u**2])
+        square = u * u
+        return np.column_stack([np.ones_like(u), u, square, square * u, v, v * u, v * square])
 
     def make_sines(self, frequency: float) -> np.ndarray:
         angle = 2.0 * np.pi * frequency * self.line
@@ -154,11 +156,12 @@ def collect_line_profiles(result: Adjustment) -> list[LineProfile]:
         shift = np.where(is_observed, residual / share, np.nan)
         weight = np.where(is_observed, share / result.sigma_px[:, None] ** 2, 0.0)
     observed = np.flatnonzero(is_observed.any(axis=1))
-    observed = observed[np.argsort(rows.image[observed], kind="stable")]
-    bounds = np.searchsorted(rows.image[observed], np.arange(len(result.block.images) + 1))
-    parts = [observed[first:last] for first, last in pairwise(bounds.tolist())]
+    order, bounds = group_by_number(rows.image[observed], len(result.block.images))
+    observed = observed[order]
+    (sample, line), shift, weight = rows.xy[observed].T, shift[observed], weight[observed]
+    parts = [slice(first, last) for first, last in pairwise(bounds.tolist())]
     return [
-        LineProfile(image.id, number, rows.xy[part, 1], rows.xy[part, 0], shift[part], weight[part])
+        LineProfile(image.id, number, line[part], sample[part], shift[part], weight[part])
         for number, (image, part) in enumerate(zip(result.block.images, parts, strict=True))
     ]
 
@@ -253,8 +256,8 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     usable = usable[np.abs(deviation) <= WAVES.outlier * max(float(robust_sigma(deviation)), 1e-12)]
     line, sample, weight, shift = profile.line[usable], profile.sample[usable], weight[usable], shift[usable]
     # Strips with equal numbers of measurements
-    limits = np.quantile(sample, np.arange(1, WAVES.strips) / WAVES.strips)
-    strip = np.searchsorted(limits, sample)
+    last = np.arange(1, WAVES.strips) * (len(sample) - 1) // WAVES.strips
+    strip = np.searchsorted(np.partition(sample, last)[last], sample)
     cell = np.floor((line - line.min()) / _CELL_LINES).astype(np.int64) * WAVES.strips + strip
     sums = [np.bincount(cell, weight * x) for x in (1.0, line, sample, shift, strip)]
     filled = np.flatnonzero(sums[0])

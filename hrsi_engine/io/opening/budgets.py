@@ -169,11 +169,14 @@ def require_gcp_rows(path: str) -> None:
     """
     if path.startswith("/vsi") or not path.lower().endswith((".csv", ".tsv", ".txt", ".tab")):
         return
-    rows = 0
-    if os.path.isfile(path):
-        with open(path, "rb") as file:
-            while block := file.read(MIB) + file.readline():  # whole lines: no role is cut in two
-                rows += max(block.count(b"\n"), block.count(b"\r")) - len(ROLE_OF_TIES.findall(block))
+
+    def add_up(count: Callable[[bytes], int]) -> int:
+        with open(path, "rb") as file:  # whole lines: no role is cut in two
+            return sum(count(block) for block in iter(lambda: file.read(MIB) + file.readline(), b""))
+
+    rows = add_up(lambda block: max(block.count(b"\n"), block.count(b"\r"))) if os.path.isfile(path) else 0
+    if rows > FILE_BUDGETS.gcp_rows:
+        rows -= add_up(lambda block: len(ROLE_OF_TIES.findall(block)))
     if rows > FILE_BUDGETS.gcp_rows:
         raise InputError(
             f"{path}: has {rows} rows, more than are read as GCPs ({FILE_BUDGETS.gcp_rows}): thin them out, give a "

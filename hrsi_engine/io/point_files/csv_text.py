@@ -99,9 +99,8 @@ def _columns_by_numpy(
                 continue
             if '"' in text or "\0" in text:
                 return None
-            filled = [line for line in lines if not line.isspace()]
             try:
-                rows = np.loadtxt(filled, layout, comments=None, delimiter=separator, ndmin=1, encoding=encoding)
+                rows = np.loadtxt(lines, layout, comments=None, delimiter=separator, ndmin=1, encoding=encoding)
             except ValueError:
                 return None
             for field, column in result.items():

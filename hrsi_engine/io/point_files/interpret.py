@@ -82,7 +82,7 @@ def require_field(table: PointTable, field: str) -> np.ndarray:
 
 def _require_text(table: PointTable, field: str, rows: np.ndarray | None = None) -> None:
     empty = np.flatnonzero(table.columns[field] == "")
-    if rows is not None:
+    if rows is not None and len(empty):
         empty = np.intersect1d(empty, rows)
     if len(empty):
         raise InputError(f"{table.source}, {table.row_name(int(empty[0]))}: field {field!r} is empty: fill it in")
