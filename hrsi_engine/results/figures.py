@@ -196,10 +196,13 @@ def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     }
     before_px, after_px = (radial_rmse(each) for each in residuals)
     return {
-        "points": int(points_with[1:].sum()), "observations": len(used_rows), "before_rmse_px": before_px,
-        "rmse_px": after_px, "images": int(np.count_nonzero(((left_in > 0) & (2 * left_in >= count))[exposure])),
+        "points": int(points_with[1:].sum()),
+        "observations": len(used_rows),
+        "before_rmse_px": before_px,
+        "rmse_px": after_px,
+        "images": int(np.count_nonzero(((left_in > 0) & (2 * left_in >= count))[exposure])),
         "by_rays": figures,
-    }  # fmt: skip
+    }
 
 
 def rejection_warnings(result: Adjustment) -> list[str]:

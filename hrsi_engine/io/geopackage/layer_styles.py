@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..templates import make_environment
 from .typed_rows import write_titles
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: length of the 90th percentile; image residuals are closer together
@@ -208,10 +209,4 @@ def _render_style(template: str, description: str, **values: Any) -> Style:
 
 @cache
 def _environment() -> Any:
-    import jinja2
-
-    folder = os.path.join(os.path.dirname(__file__), "styles")
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+    return make_environment(os.path.join(os.path.dirname(__file__), "styles"), {}, strict=True)

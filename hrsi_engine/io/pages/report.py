@@ -31,6 +31,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import gdal_messages, read_virtual
 from ..rasters.images import GdalRaster
 from ..safety.replacing import replacing
+from ..templates import make_environment
 
 __all__ = ["write_report_html", "write_report_json"]
 
@@ -141,22 +142,11 @@ def write_text(path: str, text: str) -> None:
 
 @cache
 def _make_environment() -> Any:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.ChainableUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    environment.filters["figure"] = figure
-    environment.filters["coded"] = mark_code
-    environment.filters["by_sigma"] = digits_by_sigma
-    environment.filters["duration"] = duration
-    environment.filters["basename"] = os.path.basename
-    environment.filters["crs_name"] = name_crs
-    environment.filters["crs_unit"] = name_crs_unit
-    environment.filters["at"] = find_entry
-    environment.filters["filled"] = select_used_columns
-    return environment
+    return make_environment(TEMPLATES, {
+        "figure": figure, "coded": mark_code, "by_sigma": digits_by_sigma, "duration": duration,
+        "basename": os.path.basename, "crs_name": name_crs, "crs_unit": name_crs_unit, "at": find_entry,
+        "filled": select_used_columns,
+    })  # fmt: skip
 
 
 def name_crs(code: str) -> str:
