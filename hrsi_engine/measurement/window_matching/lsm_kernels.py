@@ -26,20 +26,6 @@ def _cubic_weights(t: float) -> tuple[float, float, float, float]:
 
 
 @njit(**OPTIONS)
-def _interpolate_row(c: np.ndarray, row: int, column: int, w: tuple[float, float, float, float]) -> float:
-    return w[0] * c[row, column - 1] + w[1] * c[row, column] + w[2] * c[row, column + 1] + w[3] * c[row, column + 2]
-
-
-@njit(**OPTIONS)
-def _sample(c: np.ndarray, x: float, y: float) -> float:
-    """Return the value of the spline with coefficients c; the position must be 1 … size - 3 cells inside."""
-    column, row = int(x), int(y)
-    w, v = _cubic_weights(x - column), _cubic_weights(y - row)
-    above = v[0] * _interpolate_row(c, row - 1, column, w) + v[1] * _interpolate_row(c, row, column, w)
-    return above + v[2] * _interpolate_row(c, row + 1, column, w) + v[3] * _interpolate_row(c, row + 2, column, w)
-
-
-@njit(**OPTIONS)
 def _factorise(N: np.ndarray) -> bool:
     """Replace the lower triangle of N by its Cholesky factor; return False if N is not positive definite."""
     for i in range(TERMS):
@@ -103,22 +89,43 @@ def _make_template(
 
 
 @njit(**OPTIONS)
-def _sample_window(c: np.ndarray, warp: tuple[float, ...], half: int, sampled: np.ndarray) -> bool:
+def _sample_window(
+    c: np.ndarray, warp: tuple[float, ...], half: int, weights: np.ndarray, corner: np.ndarray, sampled: np.ndarray
+) -> bool:
     """Write the warped window of the second image; return False, and write nothing, if it exceeds the image.
 
     c : spline coefficients; warp : position x, y, then the affine map a00, a01, a10, a11 of the template's offsets
+    weights, corner : memory for a row of the window: ``(8, side)`` weights of the 4 x 4 coefficients around each
+    position, and ``(side,)`` the first of these
     """
     px, py, a00, a01, a10, a11 = warp
     rows, columns = c.shape
     reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
     inside = px - reach_x >= 1.0 and py - reach_y >= 1.0 and px + reach_x < columns - 3.0 and py + reach_y < rows - 3.0
-    if inside:
-        pixel = 0
-        for j in range(-half, half + 1):
-            for i in range(-half, half + 1):
-                sampled[pixel] = _sample(c, px + a00 * i + a01 * j, py + a10 * i + a11 * j)
-                pixel += 1
-    return inside
+    if not inside:
+        return False
+    flat, line, one = c.reshape(-1), np.uintp(columns), np.uintp(1)  # unsigned indices need no test of their sign
+    for j in range(-half, half + 1):
+        for k in range(2 * half + 1):  # several positions at a time: no memory is read
+            x, y = px + a00 * (k - half) + a01 * j, py + a10 * (k - half) + a11 * j
+            column, row = math.floor(x), math.floor(y)
+            weights[0, k], weights[1, k], weights[2, k], weights[3, k] = _cubic_weights(x - column)
+            weights[4, k], weights[5, k], weights[6, k], weights[7, k] = _cubic_weights(y - row)
+            corner[k] = (row - 1) * columns + column - 1
+        for k in range(2 * half + 1):
+            first, sums = np.uintp(corner[k]), (0.0, 0.0, 0.0, 0.0)
+            for v in range(4, 8):
+                v_k = weights[v, k]
+                sums = (
+                    sums[0] + v_k * flat[first],
+                    sums[1] + v_k * flat[first + one],
+                    sums[2] + v_k * flat[first + one + one],
+                    sums[3] + v_k * flat[first + one + one + one],
+                )
+                first += line
+            total = weights[0, k] * sums[0] + weights[1, k] * sums[1]
+            sampled[(j + half) * (2 * half + 1) + k] = total + weights[2, k] * sums[2] + weights[3, k] * sums[3]
+    return True
 
 
 @njit(**OPTIONS)
@@ -150,8 +157,9 @@ def _iterate_warp(
     half, total_weight = int(math.sqrt(len(weight))) // 2, weight.sum()
     start_x, start_y = warp[0], warp[1]
     spread = product = 0.0
+    weights, corner = np.empty((8, 2 * half + 1)), np.empty(2 * half + 1, np.int64)
     for _ in range(limit):
-        if not _sample_window(coefficients, warp, half, sampled):
+        if not _sample_window(coefficients, warp, half, weights, corner, sampled):
             return OUTSIDE, warp, spread, product
         for k in range(TERMS):
             b[k] = _sum_products(A[k], sampled, weight)

@@ -37,12 +37,12 @@ class LsmOptions:
     """Options of least-squares matching.
 
     window_px : side of the template, odd; iterations : largest number of iterations
-    closure_px : largest change at which they end; reach_px : largest distance from the start
+    closure_px : largest change at which they end, a tenth of which is left; reach_px : largest distance from the start
     """
 
     window_px: int = 31
     iterations: int = 20
-    closure_px: float = 3e-3
+    closure_px: float = 1e-2
     reach_px: float = 4.0
 
     @property
