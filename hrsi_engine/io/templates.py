@@ -1,4 +1,4 @@
-"""Jinja templates of pages and styles; what they compile to is kept beside them, as Python keeps its modules."""
+"""Jinja templates of pages and styles; their compiled form is stored in the same folder, as Python does with modules."""
 
 import os
 import sys
