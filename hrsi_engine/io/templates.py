@@ -1,4 +1,4 @@
-"""Jinja templates of pages and styles; their compiled form is stored in the same folder, as Python does with modules."""
+"""Jinja templates of pages and styles; their compiled form is stored in the same folder, as Python does it."""
 
 import os
 import sys
