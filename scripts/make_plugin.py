@@ -44,7 +44,7 @@ KINDS = {
     ".qm",
     ".ts",
 }
-LEFT_BEHIND = {".pyc", ".pyo", ".nbi", ".nbc"}
+LEFT_BEHIND = {".pyc", ".pyo", ".nbi", ".nbc", ".cache"}
 LARGEST_BYTES = 20 * 1024**2  # the plugin repository's limit
 OLDEST = (1980, 1, 1, 0, 0, 0)  # one time for all files: the same sources give the same zip
 
