@@ -10,6 +10,7 @@ from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import Progress, stage
 from ..hrsi_engine.foundation.workers.threads import thread_count
+from ..hrsi_engine.foundation.working_sizes import GRIDS
 from ..hrsi_engine.io.rasters.cropping import CropWindow, open_window, read_lineage, save_image
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, read_back_px, set_aside_conflicting_rpcs, write_rpc_text
@@ -20,7 +21,7 @@ from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
 from .declarations.rpcs import FORMAT_ENDINGS, CropOptions
 from .files.opening import open_images, open_terrain, window_area
-from .files.orthoimage_plan import ORTHO_GRID, parse_box
+from .files.orthoimage_plan import parse_box
 from .files.result_folder import REPORT_FILE, check_folder, plan, stage_results
 from .interface.declare import Context, Report
 
@@ -83,7 +84,7 @@ def run(options: CropOptions, context: Context) -> Report:
 def _find_ground_box(image: Image, extent: str, surface: HeightSurface | None, warnings: list[str]) -> list[int]:
     """Return first sample, first line, and the sample and line after the last of the window that shows a ground box."""
     west, south, east, north = parse_box(extent, LONLAT, "", "degrees")
-    x, y = np.meshgrid(np.linspace(west, east, ORTHO_GRID.nodes), np.linspace(south, north, ORTHO_GRID.nodes))
+    x, y = np.meshgrid(np.linspace(west, east, GRIDS.fine), np.linspace(south, north, GRIDS.fine))
     lonlat = np.column_stack([x.ravel(), y.ravel()])
     if surface is None:
         warnings.append(

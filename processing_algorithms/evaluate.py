@@ -27,6 +27,7 @@ from ..hrsi_engine.drawing.plots import draw_bars
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
+from ..hrsi_engine.foundation.statistical_limits import EQUALITY, SAMPLES
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.geopackage.declared_layers import EvaluatedPairRows, EvaluatedResidualRows
 from ..hrsi_engine.io.geopackage.layer_styles import Style
@@ -118,7 +119,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         },
         "sets": {one.name: _set_entry(one, observations, kept, predicted, surface, control, options) for one in sets},
     }  # fmt: skip
-    if len(predicted) and (predictions := int(predicted.sum())) < RPC_SETS.few_predictions:
+    if len(predicted) and (predictions := int(predicted.sum())) < SAMPLES.trend:
         why = "two images have none" if len(images) < 3 else "they need points on three images or more"
         warnings.append(
             f"only {predictions} image points can be predicted from others ({why}): see the pairs and the fit"
@@ -223,7 +224,7 @@ class EvaluationPoints:
             for what in ("used", "held_out")
         )
         role, tracks = self.block.points.role, self.block.points.role == Role.TIE
-        made, kept = (find_points_near(self.block, points, RPC_SETS.same_px) for points in (used, held))
+        made, kept = (find_points_near(self.block, points, EQUALITY.rpc_px) for points in (used, held))
         if (checks := made & (role == Role.CHECK)).any():
             role[checks] = Role.GCP
             self.warnings.append(
@@ -272,7 +273,7 @@ def _read_points(
             f"{near.sum()} tracks are within {options.apart_px:g} px of points that were used: they are not evaluated"
         )
     judges.exclude_estimation_points(block, makers, options.apart_px)
-    few = judges.left_out and judges.tracks < RPC_SETS.few_predictions
+    few = judges.left_out and judges.tracks < SAMPLES.trend
     if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
         # Further tracks in the same images: more in each cell than a run finds by default
         search = options.search.search
@@ -476,7 +477,7 @@ def summarise(report: Report) -> str:
             for key in ("median_m", "nmad_m", "p90_m")
         }
     rows |= {f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
-             for name in list(any_set["images"])[:LENGTH.most_pairs]}  # fmt: skip
+             for name in list(any_set["images"])[:LENGTH.most_outliers]}  # fmt: skip
     matched = [entry.get("surface") for entry in sets.values()]
     for axis, name in enumerate(("east", "north", "up")):
         rows |= {

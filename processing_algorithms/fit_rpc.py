@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ..hrsi_engine.block.placement import FRAME
 from ..hrsi_engine.camera.adjusted_rpc import AdjustedRpc
 from ..hrsi_engine.camera.linescan import SampledCamera
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.options import InMemory
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.foundation.statistical_limits import SAMPLES
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ..hrsi_engine.io.exact_cameras import read_adjusted_camera, read_exact_camera
@@ -27,10 +29,6 @@ class FIT_CHECK:
     """Limits for the check of a fitted RPC."""
 
     check_every: int = threshold(5, "points", "one of so many points is kept for the check of a fit")
-    fewest_points: int = threshold(15, "points", "smallest number of points with which a fit is checked")
-    bad_fit_px: float = threshold(
-        1.0, "px", "residual from which a warning is given: some hundredths for a sensor that an RPC can represent"
-    )
 
 
 SEED = 1  # of the choice of check points, so that it is repeatable
@@ -54,7 +52,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     ground, image, count = table.ground, table.image, len(table.ground)
     common, kept_out = options.common_denominator, np.zeros(count, dtype=bool)
     check: RpcFit | None = None
-    if count >= FIT_CHECK.fewest_points:
+    if count >= (SAMPLES.plane * FIT_CHECK.check_every):
         # A fit without some of the points, checked there, also determines the damping of the fit to all
         kept_out[np.random.default_rng(SEED).permutation(count)[: count // FIT_CHECK.check_every]] = True
         check = best_fit((ground[~kept_out], image[~kept_out]), (ground[kept_out], image[kept_out]), common)
@@ -65,8 +63,10 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     wanted = (low if given[0] is None else given[0], high if given[1] is None else given[1])
     warnings = [*table.warnings, *list_operation_warnings(table.operations), *fit.warnings]
     if check is None:
-        warnings.append(f"too few points to keep some for a check: give at least {FIT_CHECK.fewest_points}")
-    if fit.max_px > FIT_CHECK.bad_fit_px:
+        warnings.append(
+            f"too few points to keep some for a check: give at least {(SAMPLES.plane * FIT_CHECK.check_every)}"
+        )
+    if fit.max_px > FRAME.gross_px:
         told = f"the RPC fits its points to {fit.max_px:.3g} px only"
         cause = "check them for mistakes and points given twice" if camera is None else "fit parts of the image"
         warnings.append(f"{told}: {cause}")

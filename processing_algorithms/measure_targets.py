@@ -9,6 +9,7 @@ from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.target_chips import draw_target_chip
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.foundation.working_sizes import LISTS
 from ..hrsi_engine.io.geopackage.declared_layers import TargetRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
@@ -17,7 +18,7 @@ from ..hrsi_engine.measurement.targets.measuring import TARGETS, TargetMeasureme
 from ..hrsi_engine.plausibility.places import PLACEMENT
 from .declarations.image_points import AUTOMATIC_KIND, TARGETS_FILE, TARGETS_LAYER, MeasureTargetsOptions
 from .files.opening import ImagePixels, ground_of, open_pixels, require_ids
-from .files.result_folder import LENGTH, check_folder, plan_folder, tell, write_folder
+from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.target_chip import chip_of
 from .interface.declare import Context, Report
 
@@ -75,12 +76,12 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "measured": len(made),
         "refused": len(targets) - len(made), "targets": rows,
-        "chips_left_out": max(len(targets) - LENGTH.most_chips, 0), "warnings": warnings,
+        "chips_left_out": max(len(targets) - LISTS.rows, 0), "warnings": warnings,
     }  # fmt: skip
     rasters = {image.id: image.raster for image in by_id.values()}
     chips = [
         (one.id, one.image, draw_target_chip(chip_of(one.measurement, one.approximate, rasters.get(one.image))))
-        for one in targets[: LENGTH.most_chips if options.report else 0]
+        for one in targets[: LISTS.rows if options.report else 0]
     ]
     page = "targets.html.j2" if options.report else ""
     write_folder(options.folder, report, TARGETS_FILE, _make_layers(targets, by_id), context, page, chips=chips)

@@ -16,8 +16,10 @@ from ..hrsi_engine.drawing.block_map import BlockMap, GroundPicture, draw_map
 from ..hrsi_engine.foundation.errors import InputError, SolveError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.reasons import Level, Reason
+from ..hrsi_engine.foundation.statistical_limits import EQUALITY, SAMPLES
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.foundation.workers.threads import thread_count
+from ..hrsi_engine.foundation.working_sizes import LISTS
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from ..hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
@@ -53,7 +55,7 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     warnings += [
         f"{' - '.join(pair.pair.names)}: only {int(pair.good.sum())} of {len(pair.good)} windows could be matched"
         for pair in found
-        if pair.good.sum() < REGISTRATION.fewest_windows
+        if pair.good.sum() < SAMPLES.fewest
     ]
     pairs_told = [_pair_entry(pair) for pair in found]
     verdict = _judge(pairs_told, pooled).entry()
@@ -269,10 +271,10 @@ def _draw_maps(found: Sequence[PairMatches]) -> dict[str, Any]:
     pictures: dict[str, Picture | None] = {}
     pairs = []
     worst = sorted(found, key=lambda pair: -np.nan_to_num(_median_length(pair)))
-    for pair in worst[: LENGTH.most_maps]:
+    for pair in worst[: LISTS.images]:
         lonlat, pixel_m = _window_positions(pair)
         name, maps, good = pair.pair.names[0], [], np.flatnonzero(pair.good)
-        good = good[:: max(1, -(-len(good) // LENGTH.most_arrows))]
+        good = good[:: max(1, -(-len(good) // LISTS.rows))]
         for state, matches in pair.matches.items():
             ortho = pair.pair.states[state][0].ortho
             key = f"{name} {state}"
@@ -309,8 +311,6 @@ class REGISTRATION:
         1.0, "px", "median misregistration of a pair above which the verdict is doubtful", "visible in mosaics and "
         "change detection"
     )  # fmt: skip
-    worse_px: float = threshold(0.1, "px", "increase of the median misregistration that is reported")
-    fewest_windows: int = threshold(10, "windows", "smallest number of matched windows without a warning")
 
 
 def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
@@ -329,7 +329,7 @@ def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
         ))  # fmt: skip
     worse = [
         name for name, pair in told
-        if BEFORE in pair and pair[AFTER]["median_px"] > pair[BEFORE]["median_px"] + REGISTRATION.worse_px
+        if BEFORE in pair and pair[AFTER]["median_px"] > pair[BEFORE]["median_px"] + EQUALITY.rpc_px
     ]  # fmt: skip
     if worse:
         reasons.append(Reason(

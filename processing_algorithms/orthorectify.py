@@ -12,6 +12,7 @@ from ..hrsi_engine.foundation.errors import Cancelled, InputError
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.foundation.workers.scheduling import open_calls
 from ..hrsi_engine.foundation.workers.threads import thread_count
+from ..hrsi_engine.foundation.working_sizes import LISTS
 from ..hrsi_engine.io.catalogue.lineage import rpc_history
 from ..hrsi_engine.io.opening.datasets import VIRTUAL
 from ..hrsi_engine.io.opening.files import read_json
@@ -63,7 +64,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     with stage_results(options.folder, report, context) as staged:
         if options.report:
             read = [(key, GdalRaster(entry["output"])) for key, entry in entries.items() if entry["shown_pixels"]]
-            read = read[: LENGTH.most_pictures]
+            read = read[: LISTS.images]
             pictures = [read_picture(raster, key, k, LENGTH.picture_px) for k, (key, raster) in enumerate(read)]
             write_page(str(staged / PAGE_FILE), "orthoimages.html.j2", report, pictures=[p for p in pictures if p])
     return report

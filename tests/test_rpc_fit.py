@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.camera.rpc_fit import FIT, fit_rpc, fold_affine, refit_rpc
+from hrsi.hrsi_engine.camera.rpc_fit import CHECK_GRID, FIT, fit_rpc, fold_affine, refit_rpc
 from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.ground.geodesy import LocalFrame
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
@@ -44,7 +44,7 @@ def scaled(image: np.ndarray, ground: np.ndarray) -> np.ndarray:
 
 def test_a_pushbroom_is_fitted_to_a_millionth_of_a_pixel() -> None:
     fit = fit_rpc(*pushbroom_points(FIT.grid))
-    ground, image = pushbroom_points(FIT.check_grid)
+    ground, image = pushbroom_points(CHECK_GRID)
     assert fit.warnings == ()
     assert np.abs(fit.rpc.project(ground) - image).max() < 1e-6 * 5
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import LISTS
 from .block import Block
 from .points import Role
 
@@ -12,7 +13,6 @@ class CONTROL_VISIBILITY:
     """Limits for the test whether GCPs are visible."""
 
     edge_px: float = threshold(1.5, "px", "tolerance at the edge, for coordinates that begin at 1")
-    most_read: int = threshold(500, "measurements", "largest number of GCP measurements whose pixels are read")
 
 
 def find_weak_control(block: Block) -> dict[str, list[str]]:
@@ -30,7 +30,7 @@ def find_weak_control(block: Block) -> dict[str, list[str]]:
             continue
         outside = (np.abs(xy - image.centre_px) > image.half_size_px + 0.5 + CONTROL_VISIBILITY.edge_px).any()
         kinds["outside the image"][index] = outside
-        if image.raster is not None and not outside and len(rows) <= CONTROL_VISIBILITY.most_read:
+        if image.raster is not None and not outside and len(rows) <= LISTS.rows:
             sample, line = np.clip(np.rint(xy).astype(int), 0, np.array(image.size) - 1).tolist()
             kinds["on nodata"][index] = not image.raster.read(sample, line, 1, 1)[1].all()
     points, number = np.unique(measured.point[rows], return_inverse=True)

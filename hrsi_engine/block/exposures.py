@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..camera.rpc import RPC
-from ..camera.rpc_fit import best_fit, fit_rpc, make_virtual_grid
+from ..camera.rpc_fit import CHECK_GRID, FIT, best_fit, fit_rpc, make_virtual_grid
 from ..foundation.errors import InputError
 from ..foundation.statistical_limits import EQUALITY, SAMPLES
 from ..foundation.thresholds import threshold, thresholds
@@ -51,7 +51,6 @@ _PASS = re.compile(r"(?<!\d)\d{8}[_T]?\d{6}(?!\d)")
 class BANDS:
     """Conditions for two images to be bands of one exposure."""
 
-    least_pixel: float = threshold(1.5, "", "smallest pixel of a band relative to the finest band's")
     bent_px: float = threshold(0.5, "px", "largest deviation of a band from a shift and a scale, in its pixels")
     parallax: float = threshold(
         0.005, "m/m", "largest parallax of the lines of sight per height", "up to 0.4 s at 7.5 km/s, from 600 km"
@@ -112,7 +111,7 @@ class _Relation(NamedTuple):
     band: int
 
 
-def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) -> list[Image]:
+def join_bands(images: Sequence[Image], least_pixel: float = EQUALITY.size) -> list[Image]:
     """Return the images; those that are bands of a finer image become tiles of its scene, with one camera.
 
     least_pixel : smallest ratio of the pixel sizes of band and finer image; 0 if it is known that they belong together
@@ -233,12 +232,8 @@ def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
 class STRIP:
     """Conditions for images to be parts of one strip, and limits for the fit of the strip's RPC."""
 
-    reach_share: float = threshold(0.02, "", "distance of a part from the next one, relative to its size, at most")
     bent_px: float = threshold(2.0, "px", "largest variation of the offset between two parts in their overlap")
     whole_px: float = threshold(0.25, "px", "largest offset of a part from whole pixels without a message")
-    same_px: float = threshold(1e-6, "px", "difference below which parts have the same RPC")
-    grid: tuple[int, int, int] = threshold((15, 25, 6), "nodes", "samples, lines, heights of a part's grid for the fit")
-    check_grid: tuple[int, int, int] = threshold((16, 34, 7), "nodes", "check points (samples, lines, heights)")
     rounds: int = threshold(8, "rounds", "iterations that reduce the largest residual", "WorldView-1, two parts")
     least_growth: float = threshold(0.05, "", "factor of a weight whose residual is zero; the largest is 1.05")
 
@@ -295,7 +290,7 @@ def _measure_offset(frame: Image, part: Image) -> tuple[int, np.ndarray]:
     xy = part.grid_px(GRIDS.fine, GRIDS.fine)
     ground, converged = part.rpc.localize(xy, part.middle_height_m)
     offset_px = frame.rpc.project(ground)
-    reach = (0.5 + STRIP.reach_share) * np.array(frame.known_size)
+    reach = (0.5 + EQUALITY.negligible) * np.array(frame.known_size)
     inside = converged & (np.abs(offset_px - frame.centre_px) <= reach).all(axis=1)
     offsets = (offset_px - xy)[inside]
     if not len(offsets):
@@ -314,15 +309,14 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
     Raises `SolveError` if an RPC has no ground positions for its part.
     """
     rpc_fit, checked = (
-        [_make_grid(parts, first, number, shape) for number in range(len(parts))]
-        for shape in (STRIP.grid, STRIP.check_grid)
+        [_make_grid(parts, first, number, shape) for number in range(len(parts))] for shape in (FIT.grid, CHECK_GRID)
     )
     points, check = (
         (np.concatenate([grid[0] for grid in grids]), np.concatenate([grid[1] for grid in grids]))
         for grids in (rpc_fit, checked)
     )
     rpc = parts[0].rpc.shift(*first[0].astype(float))
-    if _measure_apart(rpc, *check).max() > STRIP.same_px:
+    if _measure_apart(rpc, *check).max() > EQUALITY.file_px:
         fit = best_fit(points, check)
         rpc, largest_px, weights = fit.rpc, fit.max_px, np.ones(len(points[0]))
         residual_px = _measure_apart(rpc, *points)

@@ -138,7 +138,6 @@ class GEOMETRY:
     """Sampling of an image's terrain and RPC, and limits of a plausible RPC."""
 
     ray_reach_m: float = threshold(100.0, "m", "heights above and below the terrain, between which rays are computed")
-    volume_heights: int = threshold(7, "points", "number of heights at which an RPC is checked")
     least_denominator: float = threshold(0.1, "", "smallest denominator of an RPC relative to its median")
     lowest_height_m: float = threshold(-600.0, "m", "lowest land, with a margin", "theory: Dead Sea shore, -430 m")
     highest_height_m: float = threshold(9500.0, "m", "highest land, with a margin", "theory: Mount Everest, 8849 m")
@@ -369,7 +368,7 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
         )
     _, (ground, converged) = make_virtual_grid(
         image.rpc, image.domain_px, image.rpc.height_range,
-        (GRIDS.nodes, GRIDS.nodes, GEOMETRY.volume_heights),
+        (GRIDS.nodes, GRIDS.nodes, GRIDS.coarse),
     )  # fmt: skip
     if not converged.all():
         share = 1.0 - np.mean(converged)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rpc import RPC
+from ..foundation.statistical_limits import EQUALITY
 from ..foundation.thresholds import threshold, thresholds
 
 Size = tuple[int, int]
@@ -37,7 +38,6 @@ class FRAME:
         "9 vendor RPCs that begin at 0 or -1 have the stated size or, ZY-3, are 2 % smaller, 2026-11-28"
     )  # fmt: skip
     larger: float = threshold(1.5, "", "size of an image over that of its RPC, above which it is of another image")
-    factor: float = threshold(1.05, "", "smallest resampling factor that is detected from the sizes")
     same_factor: float = threshold(
         0.003, "", "largest difference of the factors along samples and lines", "centres of vendors' RPCs"
     )
@@ -106,7 +106,7 @@ def judge_size(rpc: RPC, size: Size, stated: Size | None = None) -> PlacementDou
     full = low + high + 1.0 if stated is None else np.array(stated)
     ratio = full / size
     is_scaled = np.ptp(ratio) <= max(FRAME.same_factor, 1.0 / min(size)) * ratio.mean()
-    is_scaled &= not 1.0 / FRAME.factor < ratio.mean() < FRAME.factor
+    is_scaled &= not 1.0 / (1.0 + EQUALITY.negligible) < ratio.mean() < (1.0 + EQUALITY.negligible)
     share = 1.0 / ratio
     if stated is None:
         is_exact = (np.abs(low) <= FRAME.exact_begin_px).all()

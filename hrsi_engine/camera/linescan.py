@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import GRIDS
 from ..ground.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M
 from ..ground.geodesy import east_north_up, from_ecef
 from .rpc import RPC
@@ -31,8 +32,6 @@ class LINESCAN:
     refractivity: float = threshold(2.77e-4, "", "refractivity of air at sea level", "standard atmosphere, 0.6 um")
     scale_height_m: float = threshold(8000.0, "m", "scale height of the air's density", "standard atmosphere")
     rounds: int = threshold(4, "iterations", "iterations of the intersection of a ray with a height")
-    nodes: int = threshold(21, "nodes", "nodes along samples and lines of the grid to which an RPC is fitted")
-    layers: int = threshold(7, "heights", "number of heights of the grid to which an RPC is fitted")
 
 
 class SampledCamera:
@@ -47,9 +46,9 @@ class SampledCamera:
 
     def sample_correspondences(self, low_m: float, high_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Return ground points ``(n, 3)`` and their pixels ``(n, 2)`` on a grid over the image and the height range."""
-        axes = [np.linspace(0.0, count - 1.0, LINESCAN.nodes) for count in self.size]
+        axes = [np.linspace(0.0, count - 1.0, GRIDS.nodes) for count in self.size]
         image = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        heights = np.linspace(low_m, high_m, LINESCAN.layers).tolist()
+        heights = np.linspace(low_m, high_m, GRIDS.coarse).tolist()
         return np.concatenate([self.localize(image, height) for height in heights]), np.tile(image, (len(heights), 1))
 
 

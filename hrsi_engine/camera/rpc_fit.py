@@ -20,7 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..foundation.errors import SolveError
+from ..foundation.statistical_limits import EQUALITY, ITERATIONS
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import MEMORY
 from ..ground.geodesy import continuous_longitudes, wrap_degrees
 from .rpc import RPC, Localization
 from .rpc_terms import POWERS, monomials
@@ -34,17 +36,14 @@ class FIT:
         (1e-16, 1e-12, 1e-9, 1e-6, 1e-3), "", "damping factors, tried in turn; the first has no effect"
     )
     good_px: float = threshold(1e-3, "px", "largest difference at check points that ends the search")
-    alike: float = threshold(1.05, "", "RMS over the smallest one, to which more damping is taken")
-    most_iterations: int = threshold(10, "iterations", "largest number of reweighting steps")
-    settled_px: float = threshold(1e-9, "px", "change of the RMS residual at convergence")
-    batch: int = threshold(20_000, "equations", "largest number of equations in memory")
     grid: tuple[int, int, int] = threshold(
         (15, 15, 6), "nodes", "samples, lines, heights of the grid of a fit", "pushbroom: exact to 1e-6 px"
     )
-    check_grid: tuple[int, int, int] = threshold((16, 16, 7), "nodes", "check points, common only at the corners")
     flat_m: float = threshold(1.0, "m", "range of heights below which the RPC has no height terms")
 
 
+#: Nodes of the check points along each axis: one more, so that both have only the corners in common.
+CHECK_GRID = tuple(nodes + 1 for nodes in FIT.grid)
 #: Smallest scales of the normalisation: degrees (about 1 m), degrees, metres, pixels, pixels.
 SMALLEST_SCALE = np.array([1e-5, 1e-5, FIT.flat_m, 1.0, 1.0])
 #: Terms that a number of points can determine: (points needed, terms of the numerator, terms of the denominator).
@@ -180,7 +179,7 @@ def refit_rpc(
     Raises `SolveError` if ``rpc`` has no ground positions in the domain.
     """
     nodes = _make_virtual_points(rpc, correct, domain_px, heights, FIT.grid)
-    staggered = _make_virtual_points(rpc, correct, domain_px, heights, FIT.check_grid)
+    staggered = _make_virtual_points(rpc, correct, domain_px, heights, CHECK_GRID)
     fit = best_fit(nodes, staggered)
     return replace(
         fit,
@@ -215,7 +214,7 @@ def best_fit(
 
     points, check : ground ``(n, 3)`` lon, lat, height and image ``(n, 2)`` sample, line
     common_denominator : as in `fit_rpc`
-    Result: the camera with the most damping of those that are best at the check points, within `FIT.alike`.
+    Result: the camera with the most damping of those that are best at the check points, within 5 %.
     """
     fits = []
     for ridge in FIT.ridges:
@@ -225,7 +224,7 @@ def best_fit(
         if largest < FIT.good_px:
             break
     best = min(fit.rms_px for fit in fits)
-    return next(fit for fit in reversed(fits) if fit.rms_px <= FIT.alike * best)
+    return next(fit for fit in reversed(fits) if fit.rms_px <= (1.0 + EQUALITY.negligible) * best)
 
 
 def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
@@ -338,7 +337,7 @@ def _iterate_least_squares(
     """Return numerator and denominator of each image axis; the given axes share one denominator."""
     divisor, rms_before = np.ones(len(system.terms)), np.inf
     polynomials: list[tuple[np.ndarray, np.ndarray]] = []
-    for _ in range(FIT.most_iterations):
+    for _ in range(ITERATIONS.most):
         # Solve the observation equations with the damping
         unknowns = len(system.numerator) * len(axes) + len(system.denominator)
         factor = np.zeros((0, unknowns + 1))
@@ -360,7 +359,7 @@ def _iterate_least_squares(
         computed = (system.terms @ np.array([a for a, _ in polynomials]).T) / divisor[:, None]
         residuals = (system.target[:, axes] - computed) * scale_px * system.root_weights[:, None]
         rms = float(np.sqrt(np.mean(residuals**2)))
-        if abs(rms_before - rms) < FIT.settled_px:
+        if abs(rms_before - rms) < EQUALITY.rounding:
             break
         rms_before = rms
     return polynomials
@@ -369,8 +368,8 @@ def _iterate_least_squares(
 def _make_equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterator[np.ndarray]:
     """Yield weighted observation equations with the right-hand side as last column."""
     count = len(system.numerator)
-    for start in range(0, len(system.terms), FIT.batch):
-        part = slice(start, start + FIT.batch)
+    for start in range(0, len(system.terms), MEMORY.rows):
+        part = slice(start, start + MEMORY.rows)
         terms, factor = system.terms[part], (system.root_weights[part] / divisor[part])[:, None]
         for place, axis in enumerate(axes):
             target = system.target[part, axis, None]

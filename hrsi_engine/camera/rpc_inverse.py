@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..foundation.statistical_limits import EQUALITY, ITERATIONS
 from .rpc_terms import (
     DERIVATIVES,
     EVALUATION,
@@ -93,17 +94,13 @@ class Solver:
             lonlat, error = self._predict_by_affine(target, height), np.full(height.size, np.inf)
         else:
             lonlat, error = self._iterate_by_inverse(target, height, work)
-        unsolved = np.flatnonzero(~(error <= EVALUATION.closure_px))
+        unsolved = np.flatnonzero(~(error <= EQUALITY.rounding))
         error[unsolved] = np.inf  # the next iteration starts at these positions, and computes their errors again
-        self._iterate_by_newton(
-            lonlat, error, unsolved, target, height, limit=np.inf, iterations=EVALUATION.most_iterations
-        )
+        self._iterate_by_newton(lonlat, error, unsolved, target, height, limit=np.inf, iterations=ITERATIONS.most)
         # far from the solution, or near a zero of the denominator: short steps from the centre of the RPC's domain
         failed = np.flatnonzero(~(error <= EVALUATION.accepted_px))
         lonlat[:, failed], error[failed] = 0.0, np.inf
-        self._iterate_by_newton(
-            lonlat, error, failed, target, height, limit=0.5, iterations=8 * EVALUATION.most_iterations
-        )
+        self._iterate_by_newton(lonlat, error, failed, target, height, limit=0.5, iterations=8 * ITERATIONS.most)
         return lonlat, error <= EVALUATION.accepted_px
 
     def _iterate_by_inverse(
@@ -117,8 +114,8 @@ class Solver:
             ratios, _ = work.ratios(self._polynomials, terms)
             miss = np.subtract(target, ratios, out=ratios)
             error = np.abs(miss * self._scale_px).max(axis=0)
-            still_open = height.size - np.count_nonzero(error <= EVALUATION.closure_px)
-            if evaluation == EVALUATION.chord_evaluations or still_open <= EVALUATION.few_open * height.size:
+            still_open = height.size - np.count_nonzero(error <= EQUALITY.rounding)
+            if evaluation == EVALUATION.chord_evaluations or still_open <= EQUALITY.negligible * height.size:
                 break
             terms[1:3] += slopes[:2] * miss[0]
             terms[1:3] += slopes[2:] * miss[1]
@@ -166,7 +163,7 @@ class Solver:
             if np.isfinite(limit):
                 step *= np.minimum(1.0, limit / np.maximum(np.abs(step).max(axis=0), 1e-300))
             keep = (
-                (reached > EVALUATION.closure_px)
+                (reached > EQUALITY.rounding)
                 & (better | (reached > EVALUATION.accepted_px))
                 & np.isfinite(step).all(axis=0)
             )

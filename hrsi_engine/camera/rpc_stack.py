@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ..foundation.compiled_code import COMPILED_LOOPS, Arrays, is_wanted
+from ..foundation.statistical_limits import EQUALITY, ITERATIONS
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .rpc import RPC
 from .rpc_terms import DERIVATIVES, EVALUATION, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio, solve_pair
@@ -97,13 +98,13 @@ class RPCStack:
         normalised = np.zeros((len(rpc_index), 3))
         normalised[:, 2] = height
         best, least_error = normalised[:, :2].copy(), np.full(len(rpc_index), np.inf)
-        for _ in range(EVALUATION.stack_iterations):
+        for _ in range(ITERATIONS.most):
             ratios, slopes = self._compute_slopes(rpc_index, normalised, 2)
             miss = target - ratios
             error = np.abs(miss * scale_px).max(axis=1)
             better = error < least_error
             best[better], least_error[better] = normalised[better, :2], error[better]
-            if not (better & (least_error > EVALUATION.closure_px)).any():  # converged, or limited by rounding
+            if not (better & (least_error > EQUALITY.rounding)).any():  # converged, or limited by rounding
                 break
             a, b, c, d = slopes[:, 0, 0], slopes[:, 0, 1], slopes[:, 1, 0], slopes[:, 1, 1]
             normalised[:, :2] += np.column_stack(solve_pair(a, b, c, d, *miss.T))
@@ -137,8 +138,8 @@ class RPCStack:
 
         place, least_error = np.empty((len(rpc_index), 2)), np.empty(len(rpc_index))
         invert_points(
-            self._normalised_tables, rpc_index, target, height, scale_px, EVALUATION.closure_px,
-            EVALUATION.stack_iterations, place, least_error,
+            self._normalised_tables, rpc_index, target, height, scale_px, EQUALITY.rounding,
+            ITERATIONS.most, place, least_error,
         )  # fmt: skip
         return place, least_error
 

@@ -34,15 +34,11 @@ class EVALUATION:
     product_limit: int = threshold(2**18, "multiplications", "largest product on one thread of OpenBLAS", _SPEED)
     threaded_chunks: int = threshold(20, "buffers", "number of buffers from which threads are faster", _SPEED)
     most_threads: int = threshold(4, "threads", "largest number: more threads wait for memory", _SPEED)
-    closure_px: float = threshold(1e-9, "px", "error of the image point at convergence", _ROUNDING)
     accepted_px: float = threshold(1e-8, "px", "largest error of an accepted image point", _ROUNDING)
-    most_iterations: int = threshold(25, "iterations", "largest number of Newton steps")
     chord_evaluations: int = threshold(4, "evaluations", "largest number with the derivatives of the fitted inverse")
-    few_open: float = threshold(0.05, "", "share of open points at which only they continue", _SPEED)
     nodes: int = threshold(7, "nodes", "along each axis, for the fit of the inverse polynomial")
     domain_margin: float = threshold(1.5, "half extents", "normalised coordinate up to which the cubic inverse is used")
     stack_batch: int = threshold(4096, "points", "points of a batch, whose coefficients fit the cache", _SPEED)
-    stack_iterations: int = threshold(8, "iterations", "largest number in batches; then each RPC is inverted alone")
 
 
 #: Powers of (L, P, H) of the 20 terms, in RPC00B order.

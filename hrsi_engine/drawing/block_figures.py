@@ -12,20 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.statistical_limits import SIGNIFICANCE
 from .block_map import BlockMap, MapDrawing, draw_map
 from .plots import choose_round_length, compute_typical_length, draw_histogram, make_arrow_path
 from .target_chips import TargetChip, draw_target_chip
 
 CARD_WIDTH, CARD_MARGIN, CARD_KEY = 360.0, 14.0, 24.0
-
-
-@thresholds
-class CARD:
-    """Limits for arrows of mean residuals in figures."""
-
-    fewest_residuals: int = threshold(3, "residuals", "fewest residuals of a cell with a mean")
-    mean_sigmas: float = threshold(2.0, "sigma", "standard errors of a significant mean", "normal distribution: 5 %")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +85,7 @@ def draw_image_card(card: ImageCard, typical_px: float) -> str:
 def _draw_mean_residuals(card: ImageCard, width: float, height: float, per_px: float) -> Iterable[str]:
     """Yield the mean residual of each part as an arrow, marked by a class if it is not significant."""
     rows, columns = card.means.shape[:2]
-    sure = (np.abs(card.means) > CARD.mean_sigmas * card.mean_sigmas).any(axis=2)
+    sure = (np.abs(card.means) > SIGNIFICANCE.sigmas * card.mean_sigmas).any(axis=2)
     for row, column in np.argwhere(np.isfinite(card.means).all(axis=2)).tolist():
         x = CARD_MARGIN + (column + 0.5) * width / columns
         y = CARD_MARGIN + (row + 0.5) * height / rows

@@ -16,6 +16,7 @@ class SIGNIFICANCE:
     false_alarm: float = threshold(1e-4, "", "error probability of a test that calls an observation wrong")
     decisive: float = threshold(9.0, "chi²", "difference that decides between two explanations (3 sigma)")
     sigmas: float = threshold(3.0, "sigma", "error that a search or a comparison allows for", "normal: 0.3 %")
+    gross: float = threshold(4.0, "sigma", "difference of two sources that has a cause", "normal: 6e-5")
 
 
 @thresholds
@@ -72,3 +73,5 @@ class EQUALITY:
     negligible: float = threshold(0.05, "", "share of a variance or number without effect", "2.5 % of a sigma")
     majority: float = threshold(0.5, "", "smallest share of a majority")
     rpc_px: float = threshold(0.1, "px", "difference of two RPCs that needs no new fit")
+    file_px: float = threshold(0.01, "px", "difference of a position by one RPC in two files", "digits of the formats")
+    written_px: float = threshold(1e-4, "px", "difference by rounding in a file", "15 digits of GDAL")

@@ -18,6 +18,7 @@ import pyproj
 
 from ..foundation.errors import InputError
 from ..foundation.robust_scale import robust_sigma
+from ..foundation.statistical_limits import SAMPLES, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 
 
@@ -32,8 +33,6 @@ class GEOID:
         1.0, "m", "standard deviation of the difference of two geoid models, or of a model and a levelling network, if "
         "a grid is missing"
     )  # fmt: skip
-    fewest_points: int = threshold(3, "points", "fewest surveyed points for a significant difference from a DEM")
-    significant_sigmas: float = threshold(4.0, "sigma", "smallest significant median difference, in its sigmas")
     smallest_difference_m: float = threshold(5.0, "m", "smallest significant difference: canopy, coarse DEM")
     undulation_share: float = threshold(0.25, "", "relative tolerance for a difference equal to the undulation")
 
@@ -164,8 +163,8 @@ class HeightDifference:
     def significant(self) -> bool:
         """Whether the median difference exceeds the usual errors of a DEM and its own standard deviation."""
         of_median_m = 1.2533 * self.spread_m / np.sqrt(self.points)
-        limit = max(GEOID.smallest_difference_m, GEOID.significant_sigmas * of_median_m)
-        return self.points >= GEOID.fewest_points and abs(self.median_m) > limit
+        limit = max(GEOID.smallest_difference_m, SIGNIFICANCE.gross * of_median_m)
+        return self.points >= SAMPLES.plane and abs(self.median_m) > limit
 
     @property
     def sign_of_geoid(self) -> int:

@@ -13,17 +13,10 @@ import numpy as np
 from ..block.jitter_curve import JitterCurve
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.statistical_limits import EQUALITY
 
 JITTER_FILE = "jitter.csv"
 JITTER_COLUMNS = ("image", "line", "d_sample", "d_line", "sigma_sample", "sigma_line")
-
-
-@thresholds
-class JITTER_FILES:
-    """Limit for the agreement of a jitter file with an RPC."""
-
-    same_px: float = threshold(0.02, "px", "largest difference of a position by the same RPC", "decimals of the file")
 
 
 def write_jitter(path: str, curves: Mapping[str, JitterCurve], rpcs: Mapping[str, RPC]) -> None:
@@ -90,7 +83,7 @@ class JitterFile:
             ) from None
         if not lines or reference is None:
             return None, ""
-        if not np.abs(rpc.project(reference[None, :3])[0] - reference[3:]).max() <= JITTER_FILES.same_px:
+        if not np.abs(rpc.project(reference[None, :3])[0] - reference[3:]).max() <= EQUALITY.file_px:
             return None, f"{image_id}: {self.path} is of another RPC than the image has, and was not used"
         return JitterCurve(lines[0], table[:, :2], table[:, 2:]), ""
 

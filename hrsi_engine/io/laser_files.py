@@ -176,7 +176,6 @@ class GRANULE_FILL:
     """Range of the values of laser products; values outside it mean nodata."""
 
     largest: float = threshold(1e30, "m", "largest absolute value of an observation", "the products fill with 3.4e38")
-    lowest: float = threshold(-9990.0, "m", "lowest value of an observation", "the products fill with -9999")
 
 
 #: Arrays of a beam, by HRSI's names; arrays that the granule lacks are omitted.
@@ -297,7 +296,7 @@ def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
     if values is None:
         raise InputError(f"{path}, {name}: cannot be read ({' '.join(messages)}): obtain it again")
     numbers = np.asarray(values, dtype=np.float64)
-    return np.where((np.abs(numbers) > GRANULE_FILL.largest) | (numbers < GRANULE_FILL.lowest), np.nan, numbers)
+    return np.where((np.abs(numbers) > GRANULE_FILL.largest) | (numbers < GROUND_HEIGHTS.no_data_m), np.nan, numbers)
 
 
 def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:

@@ -19,7 +19,8 @@ from ..foundation.interruption import holding_signals
 from .opening.datasets import VIRTUAL, quiet, remove_virtual, virtual_status, write_virtual
 from .opening.files import read_json
 from .rpc_files.sidecars import is_rpc_file, keep_original
-from .safety.replacing import REPLACING, WRITE_AHEAD_LOG, require_not_read_only, temporary_folder
+from .safety.content_marks import CONTENT_SAMPLING
+from .safety.replacing import WRITE_AHEAD_LOG, require_not_read_only, temporary_folder
 from .safety.transactions import Transaction
 
 RESULT_FILES = ("report.json", "block.gpkg")  # a folder with one of these contains a result
@@ -99,7 +100,7 @@ def stage_folder(
                 transaction.commit()
             for file in files:
                 with open(file, "rb") as source:
-                    blocks = iter(partial(source.read, REPLACING.copy_bytes), b"")
+                    blocks = iter(partial(source.read, CONTENT_SAMPLING.whole_bytes), b"")
                     write_virtual(f"{path.rstrip('/')}/{file.name}", blocks)
             for needless in discarded:
                 remove_virtual(needless)

@@ -14,6 +14,7 @@ from osgeo import gdal
 
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import MEMORY
 from ..ground.geodesy import continuous_longitudes, metres_per_degree
 from ..surface.grid_surface import GridSurface
 from .laser_files import HDF5_HEAD, read_laser
@@ -34,8 +35,6 @@ class CLOUD:
     least_cell_m: float = threshold(0.25, "m", "smallest side of a cell")
     most_cells: int = threshold(16_000_000, "cells", "largest number of cells of a grid (memory)")
     gap: int = threshold(3, "cells", "largest gap of a grid that is interpolated")
-    batch: int = threshold(2_000_000, "points", "points of a cloud read together (memory)")
-    sample: int = threshold(2_000, "points", "number of points from which the spacing is estimated")
 
 
 def is_cloud(path: str) -> bool:
@@ -76,7 +75,7 @@ def open_surface(
     ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     xy = ground[:, :2] * scale
-    sample = xy[:: 1 + len(xy) // CLOUD.sample]
+    sample = xy[:: 1 + len(xy) // MEMORY.rows]
     from scipy.spatial import KDTree
 
     spacing_m = float(np.median(KDTree(xy).query(sample, k=2)[0][:, 1])) if len(xy) > 1 else 0.0
@@ -137,7 +136,7 @@ def _open_cloud(path: str, height_datum: str, ground_crs: str | None, epoch: flo
             low, high = (np.array(ends[:2], dtype=np.float64) for ends in (header.mins, header.maxs))
             area = float(np.prod(np.maximum(high - low, 0.0)))
             grid = _Grid(low, high, CLOUD.spacings * np.sqrt(area / max(header.point_count, 1)), path)
-            for xyz in _read_points(file.chunk_iterator(CLOUD.batch), kind):
+            for xyz in _read_points(file.chunk_iterator(MEMORY.values), kind):
                 grid.add(xyz)
     except InputError:
         raise

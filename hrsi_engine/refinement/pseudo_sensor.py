@@ -29,7 +29,7 @@ from functools import cached_property
 import numpy as np
 
 from ..block.block import Image
-from ..camera.rpc_fit import FIT, best_fit, make_image_grid
+from ..camera.rpc_fit import CHECK_GRID, FIT, best_fit, make_image_grid
 from ..foundation.large_arrays import finite_rows
 from ..foundation.statistical_limits import EQUALITY, ITERATIONS
 from ..ground import ellipsoid
@@ -150,7 +150,7 @@ class PseudoSensor:
             return RefitRPC(image.rpc, 0.0)
         fit = best_fit(
             self.compute_corrected_grid(image, values, FIT.grid),
-            self.compute_corrected_grid(image, values, FIT.check_grid),
+            self.compute_corrected_grid(image, values, CHECK_GRID),
         )
         return RefitRPC(replace(fit.rpc, err_bias=image.rpc.err_bias, err_rand=image.rpc.err_rand), fit.max_px)
 

@@ -15,11 +15,11 @@ from ..block.block import Block, Image
 from ..block.columns import group_by_number
 from ..block.imaging_geometry import compute_footprint, compute_footprints
 from ..block.points import ROLE_LABELS, Role
-from ..drawing.block_figures import CARD, ImageCard, Picture, PointChip, ReportFigures
+from ..drawing.block_figures import ImageCard, Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
 from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows, square_lengths
-from ..foundation.statistical_limits import EQUALITY
+from ..foundation.statistical_limits import EQUALITY, SAMPLES
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import GRIDS, LISTS, MEMORY
 from ..io.pages.report import read_picture
@@ -227,7 +227,7 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _Point
             np.stack([_sum_cells(cell, values, shape) for values in columns.T], axis=2)
             for columns in (residual, residual**2)
         )
-        means = np.where(count >= CARD.fewest_residuals, total / count, np.nan)
+        means = np.where(count >= SAMPLES.plane, total / count, np.nan)
         errors = np.sqrt(np.maximum(square / count - means**2, 0.0) / (count - 1))
     plotted = part[vectors]
     return ImageCard(

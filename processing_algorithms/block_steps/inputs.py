@@ -20,7 +20,7 @@ from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, 
 from ...hrsi_engine.block.columns import find_unique_ids, isin, match_names
 from ...hrsi_engine.block.exposures import join_exposures, join_named_bands
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.statistical_limits import EQUALITY
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings, require_strict_datums
@@ -194,15 +194,6 @@ def refuse_idle_matches(search: SearchOptions, is_automatic: bool, instead: str)
         raise InputError(f"`matches` {search.matches} is not used if `{instead}` is not auto: remove one of them")
 
 
-@thresholds
-class EARLIER_BLOCK:
-    """Limit for the same measurement in two files."""
-
-    same_place_px: float = threshold(
-        1e-3, "px", "largest distance of two measurements of one point on one image that are equal"
-    )
-
-
 EARLIER = "earlier:"  # prefix of earlier tie point ids if new ones have the same ids
 
 
@@ -304,7 +295,7 @@ def _rename_conflicts(
             continue
         name, other = (np.char.add(np.char.add(table.ids, "\0"), table.image_ids) for table in (measured, new))
         place, same = match_names(other, name)
-        if (np.abs(measured.xy[place[same]] - new.xy[same]) > EARLIER_BLOCK.same_place_px).any():
+        if (np.abs(measured.xy[place[same]] - new.xy[same]) > EQUALITY.file_px).any():
             surveyed = ground.ids[np.isin(ground.role, [Role.GCP, Role.CHECK])]
             of_image, on_ground = (
                 np.where(np.isin(table.ids, surveyed), table.ids, np.char.add(EARLIER, table.ids))

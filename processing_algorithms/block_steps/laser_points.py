@@ -16,6 +16,7 @@ from ...hrsi_engine.block.orthoimage import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.progress import stage
+from ...hrsi_engine.foundation.statistical_limits import SAMPLES
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
@@ -36,11 +37,6 @@ class LASER_SEARCH:
     )
     most_rounds: int = threshold(3, "rounds", "iterations of the search for laser points in images")
     moved_plan_m: float = threshold(3.0, "m", "shift of the block in plan above which there is another iteration")
-    moved_height_m: float = threshold(4.0, "m", "shift of the block in height above which there is another iteration")
-    ties_compared: int = threshold(
-        8, "points", "tie points whose heights are compared with a laser point before measurements at it"
-    )
-    few_points: int = threshold(10, "points", "number of laser points in use below which a warning is given")
 
 
 NOT_SEEN = "not on two images"
@@ -160,7 +156,7 @@ def adjust_at_laser_points(
         before, result = result, adjust(block.with_ties(ties), options, stage(part.progress, 0.7, 1.0))
         moved = ground_difference_m(result.ground[: len(block.points)], before.ground[: len(block.points)])
         moved = np.abs(np.median(moved[finite_rows(moved)], axis=0))
-        if np.hypot(*moved[:2]) < LASER_SEARCH.moved_plan_m and moved[2] < LASER_SEARCH.moved_height_m:
+        if np.hypot(*moved[:2]) < LASER_SEARCH.moved_plan_m and moved[2] < LASER_SEARCH.moved_plan_m:
             break
     return result, []
 
@@ -168,14 +164,14 @@ def adjust_at_laser_points(
 def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
     """Return the median height of the block above the laser points; 0 if they constrain the block already."""
     found = result.laser
-    if found is not None and (found.reason == "").sum() >= LASER_SEARCH.few_points:
+    if found is not None and (found.reason == "").sum() >= SAMPLES.fewest:
         return 0.0
     ties = result.ground[(result.block.points.role == Role.TIE) & finite_rows(result.ground)]
     good = laser.ground[laser.doubt == ""]
     if not len(ties) or not len(good):
         return 0.0
     frame = LocalFrame(*ties[0])
-    count = min(LASER_SEARCH.ties_compared, len(ties))
+    count = min(SAMPLES.neighbours, len(ties))
     _, near = cKDTree(frame.from_ground(ties)[:, :2]).query(frame.from_ground(good)[:, :2], k=count)
     return float(np.median(np.median(ties[near.reshape(len(good), -1), 2], axis=1) - good[:, 2]))
 
@@ -194,7 +190,7 @@ def describe_laser(result: Adjustment, options: LaserFile) -> tuple[Report, list
         "left_out": dict(left_out.most_common()),
     }  # fmt: skip
     warnings = []
-    if used < LASER_SEARCH.few_points:
+    if used < SAMPLES.fewest:
         why = f"; most of the others: {left_out.most_common(1)[0][0]}" if left_out else ""
         warnings.append(f"only {used} of {len(found.reason)} laser points are used for the height of the block{why}")
     return {"laser": entry}, warnings

@@ -11,6 +11,7 @@ from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.foundation.statistical_limits import SAMPLES, SIGNIFICANCE
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.rasters.images import placement_doubt
 from ...hrsi_engine.plausibility import check_block
@@ -49,9 +50,7 @@ def explain_failures(reasons: Sequence[Reason]) -> Iterator[None]:
 class DEM_OFFSET:
     """Limits for the height difference of a block from the DEM."""
 
-    fewest_points: int = threshold(10, "points", "fewest points with a height of the DEM")
     least_m: float = threshold(1.0, "m", "smallest reported difference: grass, interpolation, errors of a DEM")
-    sigmas: float = threshold(4.0, "sigma", "smallest reported difference in standard deviations of the median")
 
 
 def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[str]:
@@ -66,11 +65,11 @@ def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_
     ground = result.ground[(role == Role.TIE) & finite_rows(result.ground)]
     above = ground[:, 2] - surface_heights(surface, ground[:, :2])
     above = above[np.isfinite(above)]
-    if len(above) < DEM_OFFSET.fewest_points:
+    if len(above) < SAMPLES.tested:
         return []
     middle = float(np.median(above))
     spread = float(robust_sigma(above - middle))
-    if abs(middle) <= max(DEM_OFFSET.least_m, DEM_OFFSET.sigmas * 1.2533 * spread / np.sqrt(len(above))):
+    if abs(middle) <= max(DEM_OFFSET.least_m, SIGNIFICANCE.gross * 1.2533 * spread / np.sqrt(len(above))):
         return []
     return [
         f"the tie points are {abs(middle):.1f} m {'above' if middle > 0.0 else 'below'} the DEM (median of "

@@ -33,8 +33,6 @@ REFINING_ALGORITHMS = ("triangulate", "adjust", "refine-rpc")  #: algorithms tha
 class RPC_SETS:
     """Limits for points that were used to estimate RPCs, and for the number of predictions."""
 
-    same_px: float = threshold(0.1, "px", "largest distance of two measurements of the same point")
-    few_predictions: int = threshold(30, "predictions", "number of predictions below which a warning is given")
     denser: int = threshold(3, "", "factor of the tie points per cell in a further search")
 
 

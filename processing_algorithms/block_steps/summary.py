@@ -37,7 +37,7 @@ def summarise(report: Report) -> str:
     lines += [
         f"{part['image_count']} images, predicted for points measured in them, without survey errors: "
         f"{_format_accuracy(part)}{'' if part['gcps'] else ' (absolute accuracy from the error terms of the RPCs)'}"
-        for part in report["parts"][: LENGTH.most_parts]
+        for part in report["parts"][: LENGTH.most_outliers]
         if part["ce90_m"] is not None
     ]
     if ties["points"]:

@@ -10,6 +10,7 @@ from ...hrsi_engine.block.block import Image, Raster
 from ...hrsi_engine.block.exposures import join_exposures
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.working_sizes import LISTS
 from ...hrsi_engine.ground.operation_uses import require_strict_datums
 from ...hrsi_engine.io.rasters.images import RPC_SUFFIX, GdalRaster, image_id, open_image_and_source, placement_doubt
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
@@ -19,7 +20,7 @@ from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m, 
 from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 from ..interface.declare import Context
 from ..interface.option_groups import DemOptions, PointFiles, SurfaceFile, TerrainOptions
-from .result_folder import LENGTH, tell
+from .result_folder import tell
 
 
 def open_images(paths: Sequence[str], context: Context, always: bool = True) -> list[Image]:
@@ -31,7 +32,7 @@ def open_images(paths: Sequence[str], context: Context, always: bool = True) -> 
     images = []
     for path in paths:
         image, found = open_image_and_source(path)
-        if found.ignored or (always and len(paths) <= LENGTH.most_images):
+        if found.ignored or (always and len(paths) <= LISTS.images):
             context.log(f"{image.id}: {found.summary}")
         images.append(image)
     images = join_exposures(images)

@@ -20,6 +20,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.foundation.workers.scheduling import Calls
+from ...hrsi_engine.foundation.working_sizes import GRIDS
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
 from ...hrsi_engine.io.catalogue.lineage import versions
@@ -46,7 +47,6 @@ class ORTHO_GRID:
     largest_ratio: float = threshold(
         200.0, "", "largest ratio of the pixel sizes of orthoimages and images, or inverse (else wrong unit)"
     )
-    nodes: int = threshold(21, "nodes", "nodes along each side of an extent that is transformed")
     notable_height_m: float = threshold(10.0, "m", "height difference whose displacement a warning states")
 
 
@@ -204,7 +204,7 @@ def parse_box(
         return box
     # The outline is transformed by way of WGS84, as all positions are
     west, south, east, north = box
-    x, y = np.linspace(west, east, ORTHO_GRID.nodes), np.linspace(south, north, ORTHO_GRID.nodes)
+    x, y = np.linspace(west, east, GRIDS.fine), np.linspace(south, north, GRIDS.fine)
     sides = [np.stack(np.broadcast_arrays(*side), axis=1) for side in ((x, south), (x, north), (west, y), (east, y))]
     outline = np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
     xy = operations_of(crs).from_wgs84(operations_of(_parse_crs(named, "extent").to_wkt()).to_wgs84(outline))

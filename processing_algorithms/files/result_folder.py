@@ -22,15 +22,8 @@ REPORT_FILE, PAGE_FILE = "report.json", "report.html"
 class LENGTH:
     """Lengths of lists in logs, pages and summaries."""
 
-    most_images: int = threshold(20, "images", "largest block of which every image is logged")
-    most_chips: int = threshold(200, "targets", "largest number of targets with chips on a page")
-    most_maps: int = threshold(12, "pairs", "largest number of pairs with maps of shifts on a page")
-    most_arrows: int = threshold(400, "arrows", "largest number of arrows on a map; of more an even choice")
-    most_pictures: int = threshold(24, "pictures", "largest number of orthoimages on a page")
     picture_px: int = threshold(640, "px", "longer side of a picture of an orthoimage")
     most_outliers: int = threshold(5, "outliers", "largest number of outliers in a summary")
-    most_parts: int = threshold(3, "parts", "largest number of parts of a block in a summary")
-    most_pairs: int = threshold(10, "pairs", "largest number of pairs in the summary of an evaluation")
 
 
 #: Sentences of the verdict of a dry run without and with findings.

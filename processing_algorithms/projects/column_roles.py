@@ -16,12 +16,12 @@ import numpy as np
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.columns import NameColumn
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.foundation.statistical_limits import EQUALITY, SAMPLES
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.io.point_files.csv_text import count_header_rows, parse_field, read_lines, split_rows
 from ...hrsi_engine.io.point_files.interpret import matching_names
 from ...hrsi_engine.io.point_files.table import match_fields
-from .height_evidence import HEIGHT_EVIDENCE
 
 UNUSED = "-"  #: name of a column that is not read
 POSITION_NAMES = (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x"))  #: meanings of two neighbouring columns
@@ -34,9 +34,7 @@ class COLUMN_ROLES:
 
     most_rows: int = threshold(2000, "rows", "rows that are read to find what the columns mean")
     margin_deg: float = threshold(0.5, "degree", "margin of ground points around the footprints")
-    near_share: float = threshold(0.5, "", "smallest share of points on the images' ground, or of known images")
     equal_m: float = threshold(5.0, "m", "largest distance of points with one id in two files of the same survey")
-    misfit_share: float = threshold(0.02, "", "largest scatter of measurements over the image's size")
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +148,7 @@ def find_image_columns(
         return by_name
     ids = np.array(table.columns[name])
     rows = np.flatnonzero([one in known for one in ids])
-    if len(rows) >= HEIGHT_EVIDENCE.fewest:
+    if len(rows) >= SAMPLES.plane:
         ground = np.array([known[one] for one in ids[rows]])
         fits = [_assign_columns(table.numbers[rows], ground, layout, images) for layout in layouts]
         return max(fits, key=lambda one: (len(one), -sum(fit.scatter_px for fit in one)))
@@ -167,7 +165,7 @@ def find_measurement_columns(
     """
     columns = range(len(table.names))
     places = {k: _place_images(table.columns[k], list(images)) for k in columns}
-    image = next((k for k in columns if np.mean(places[k] >= 0) >= COLUMN_ROLES.near_share), None)
+    image = next((k for k in columns if np.mean(places[k] >= 0) >= EQUALITY.majority), None)
     if image is None:
         return None
     whole = [k for k in columns if k != image and not (np.mod(table.numbers[:, k], 1.0) > 0.0).any()]
@@ -196,7 +194,7 @@ def _rate_pair(
         wide[row[rows], 2 * k : 2 * k + 2] = table.numbers[rows][:, pair]
     order = [ImageColumns(one, 2 * k, 2 * k + 1) for k, one in enumerate(measured.values())]
     surveyed = np.flatnonzero([one in known for one in ids])
-    if len(surveyed) < HEIGHT_EVIDENCE.fewest:
+    if len(surveyed) < SAMPLES.plane:
         return _disagreement_m(wide, order, images) + (LINE_NAMES.match(table.names[pair[0]]) is not None)
     ground = np.array([known[one] for one in ids[surveyed]])
     scatter = [
@@ -238,12 +236,12 @@ def _fit_columns(
             for sample, line in ((first, second), (second, first)):
                 difference = numbers[:, [sample, line]] - projected
                 difference = difference[np.isfinite(difference).all(axis=1)]
-                if len(difference) < HEIGHT_EVIDENCE.fewest:
+                if len(difference) < SAMPLES.plane:
                     continue
                 middle = np.median(difference, axis=0)
                 scatter = float(np.hypot(*(robust_sigma(part) for part in (difference - middle).T)))
                 size = 2.0 * float(image.half_size_px.max())
-                if scatter < COLUMN_ROLES.misfit_share * size and np.abs(middle).max() < size / 2.0:
+                if scatter < EQUALITY.negligible * size and np.abs(middle).max() < size / 2.0:
                     yield ImageColumns(image.id, sample, line, scatter)
 
 

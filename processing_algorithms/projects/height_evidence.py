@@ -15,7 +15,9 @@ import numpy as np
 from ...hrsi_engine.block.block import Image, ImagePoints
 from ...hrsi_engine.block.pointing import compute_gsd_m, estimate_pointing
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.foundation.statistical_limits import SAMPLES
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.working_sizes import GRIDS
 from ...hrsi_engine.io.rasters.dems import open_geoid
 from ...hrsi_engine.measurement.point_transfer import transfer_point
 from ...hrsi_engine.plausibility.mistakes import find_undulations
@@ -27,11 +29,9 @@ class HEIGHT_EVIDENCE:
 
     decisive_ratio: float = threshold(20.0, "", "smallest ratio of the likelihoods of both hypotheses that decides")
     dem_sigma_m: float = threshold(2.0, "m", "smallest sigma of the median difference from a DEM: canopy, coarse cells")
-    fewest: int = threshold(3, "points", "fewest common points of a comparison")
     reach_m: float = threshold(
         150.0, "m", "heights above and below the expected one, between which points are searched"
     )
-    grid: int = threshold(8, "points", "points along each side of an image that are measured in another image")
 
 
 class DatumEvidence(NamedTuple):
@@ -59,7 +59,7 @@ def weigh_hypotheses(
     """
     known = np.isfinite(ellipsoidal_m) & np.isfinite(unknown_m)
     geoid = find_installed_geoid(lonlat[known])
-    if known.sum() < HEIGHT_EVIDENCE.fewest or geoid is None:
+    if known.sum() < SAMPLES.plane or geoid is None:
         return DatumEvidence(None, "")
     difference = (ellipsoidal_m - unknown_m)[known]
     spread = float(robust_sigma(difference)) / np.sqrt(known.sum())
@@ -107,7 +107,7 @@ def intersect_tracks(images: Sequence[Image], tables: Sequence[ImagePoints], hei
     found = []
     for first, second in combinations(images, 2):
         common = sorted(places[first.id].keys() & places[second.id].keys())
-        if len(common) >= HEIGHT_EVIDENCE.fewest:
+        if len(common) >= SAMPLES.plane:
             xy, other = (np.array([places[image.id][name] for name in common]) for image in (first, second))
             found.append(_intersect(first, second, xy, other, height_m, common))
     return min(found, key=lambda one: one.sigma_m, default=None)
@@ -133,7 +133,7 @@ def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:
     if not pairs:
         return None
     _, _, first, second = min(pairs, key=lambda one: one[:2])
-    xy = first.grid_px(HEIGHT_EVIDENCE.grid, HEIGHT_EVIDENCE.grid, margin=-0.1)
+    xy = first.grid_px(GRIDS.cells, GRIDS.cells, margin=-0.1)
     lines = _trace(first, second, xy, height_m - reach, height_m + reach)
     steps = [_trace(first, second, xy + step, height_m, height_m)[0] for step in ((0, 0), (1, 0), (0, 1))]
     margin = float(np.linalg.norm([estimate_pointing(one).sigma_m for one in (first, second)])) / compute_gsd_m(second)
@@ -144,6 +144,6 @@ def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:
         if not moved.refusal:
             rows.append(row)
             places.append(moved.xy)
-    if len(rows) < HEIGHT_EVIDENCE.fewest:
+    if len(rows) < SAMPLES.plane:
         return None
     return _intersect(first, second, xy[rows], np.array(places), height_m, [""] * len(rows))

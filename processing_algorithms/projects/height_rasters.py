@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 from scipy import ndimage
 
+from ...hrsi_engine.foundation.statistical_limits import EQUALITY
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.ground.proj_operations import has_heights
@@ -35,7 +36,6 @@ class RASTERS:
     """Limits for rasters of heights."""
 
     widest_gap: int = threshold(1000, "cells", "widest gap of a DEM for interpolation", "maximum of `fill_gaps`")
-    tile_overlap: float = threshold(0.5, "", "largest share of a tile that another tile of the same DEM covers")
 
 
 @dataclass
@@ -123,7 +123,7 @@ def merge_tiles(rasters: Sequence[HeightRaster], region: np.ndarray) -> list[Hei
         groups.setdefault((one.facts.crs, *cell, one.is_dsm, one.facts.nodata), []).append(one)
     merged = list[HeightRaster]()
     for tiles in groups.values():
-        if len(tiles) == 1 or any(_overlap(*pair) > RASTERS.tile_overlap for pair in combinations(tiles, 2)):
+        if len(tiles) == 1 or any(_overlap(*pair) > EQUALITY.majority for pair in combinations(tiles, 2)):
             merged += tiles
             continue
         paths = tuple(one.path for one in tiles)

@@ -12,6 +12,7 @@ import pyproj
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
+from ...hrsi_engine.foundation.statistical_limits import EQUALITY
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names
@@ -174,7 +175,7 @@ def _try(spec: str, images: Mapping[str, Image], crs: str) -> PointTables | None
 
 def _is_plausible(tables: PointTables, images: Mapping[str, Image], region: np.ndarray) -> bool:
     """Return whether points lie on the ground of the images, or name images."""
-    if tables.ground is not None and share_near(tables.ground.ground[:, :2], region) < COLUMN_ROLES.near_share:
+    if tables.ground is not None and share_near(tables.ground.ground[:, :2], region) < EQUALITY.majority:
         return False
     return tables.image is None or bool(np.isin(tables.image.image_ids, list(images)).any())  # or of a larger block
 

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.statistical_limits import EQUALITY
+from ...hrsi_engine.ground.geoids import GEOID
 from ...hrsi_engine.io.rasters.dems import fill_gaps, open_geoid, read_geoid_heights
 from ...hrsi_engine.plausibility.places import compute_coverage
 from ...hrsi_engine.surface.dem import surface_heights
@@ -22,14 +23,6 @@ from .point_sources import PointRoles, PointSource, decide_roles
 from .project_file import ASK
 
 LAYER, ELLIPSOIDAL = "layer", "ellipsoidal"
-
-
-@thresholds
-class UNDERSTANDING:
-    """Limits for the choice of a DEM."""
-
-    undulation_share: float = threshold(0.25, "", "largest deviation of a difference from the undulation, of it")
-    dem_share: float = threshold(0.5, "", "smallest share of the images' ground that a DEM must cover to be used")
 
 
 @dataclass
@@ -106,7 +99,7 @@ def _choose_dem(made: Understanding, needed: bool) -> HeightRaster | None:
     for one in made.content.heights:
         surface = fill_gaps(one.surface, one.gap_cells) if one.gap_cells else one.surface
         one.share = float(np.mean([compute_coverage(image, surface) for image in images]))
-    least = UNDERSTANDING.dem_share
+    least = EQUALITY.majority
     ranked = sorted(made.content.heights, key=lambda one: (one.share >= least, not one.is_dsm, one.share))
     dem = ranked.pop() if ranked else None
     for one in ranked:
@@ -178,7 +171,7 @@ def _weigh_evidence(
             weigh(unknown, surveyed[:, :2], ellipsoidal, heights[unknown], 0.0, f"heights of {names[known]}")
         elif geoid := find_installed_geoid(surveyed):  # a difference of the undulation shows both
             share = float(np.nanmedian((heights["height_datum"] - heights["dem_datum"]) / geoid[1]))
-            if abs(abs(share) - 1.0) < UNDERSTANDING.undulation_share:
+            if abs(abs(share) - 1.0) < GEOID.undulation_share:
                 datums.update(zip(names, (ELLIPSOIDAL, geoid[0])[:: 1 if share > 0.0 else -1], strict=True))
                 made.decisions.append(" and ".join(f"{names[key]}: heights {datums[key]}" for key in names)
                                       + ", by their difference, the undulation")  # fmt: skip

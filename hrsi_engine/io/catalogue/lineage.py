@@ -24,6 +24,7 @@ from shapely.geos import geos_version
 
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.version import VERSION, run_date
+from ..opening.budgets import FILE_BUDGETS
 from ..opening.datasets import metadata_of, open_dataset, quiet, virtual_status
 from ..safety.content_marks import CONTENT_SAMPLING, places_of, read_places
 
@@ -35,7 +36,6 @@ class LINEAGE:
     all_bytes: int = threshold(
         2**30, "byte", "size of the files that are hashed as a whole; others in parts", "some seconds"
     )
-    files_of_folder: int = threshold(10_000, "files", "most files of a folder that are listed")
 
 
 #: Endings of text files that no GDAL driver reads: without this list GDAL would try all its drivers, 1 ms a file.
@@ -142,7 +142,7 @@ def _list_files(paths: Iterable[str]) -> Iterator[tuple[str, str | None]]:
     """
     for path in paths:
         if os.path.isdir(path):
-            names = sorted(os.path.join(path, name) for name in os.listdir(path))[: LINEAGE.files_of_folder]
+            names = sorted(os.path.join(path, name) for name in os.listdir(path))[: FILE_BUDGETS.delivery_files]
             yield from ((name, None) for name in names if _is_readable(name))
         elif path.startswith("/vsi"):
             if virtual_status(path) is not None:

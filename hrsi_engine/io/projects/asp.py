@@ -17,7 +17,7 @@ def plan_asp_project(project: BlockProject) -> PlannedProject:
     """Return the plan of images, an XML with the RPC of each, and the initial DEM."""
     names, files = plan_images(project, project.paired, project.copy)
     files[DEM_FILE] = partial(write_initial_dem, project)
-    crs, cell = f"--t_srs EPSG:{project.epsg}", PROJECTS.dsm_pixels * project.gsd_m
+    crs, cell = f"--t_srs EPSG:{project.epsg}", PROJECTS.node_pixels * project.gsd_m
     files |= {f"{image.id}.xml": isd_text(image.rpc) for image in project.paired}
     commands = [
         f"mapproject -t rpc {crs} --tr {project.gsd_m:.2f} {DEM_FILE} {file} {name}.xml {name}_map.tif"

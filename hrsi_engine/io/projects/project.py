@@ -17,6 +17,7 @@ from ...block.block import GroundPoints, Image, ImagePoints
 from ...block.stereo_pairs import StereoPair
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import GRIDS
 from ...ground.geodesy import WGS84, metres_per_degree
 from ...ground.sun import SunAngles
 from ...surface.dem import HeightSurface, surface_heights
@@ -39,11 +40,8 @@ class PROJECTS:
     node_pixels: float = threshold(4.0, "px", "smallest spacing of the initial DEM in image pixels")
     margin: float = threshold(0.25, "", "margin of the initial DEM relative to the area's extent")
     margin_deg: float = threshold(0.02, "deg", "margin of the initial DEM in addition to that")
-    dsm_pixels: float = threshold(4.0, "px", "cell of a surface model in image pixels", "advice of ASP's handbook")
-    outline_nodes: int = threshold(21, "nodes", "points along each side of an area that are projected")
     held_out_of: int = threshold(8, "views", "one of so many views is held out for a test", "custom of LLFF")
     stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles of black and white")
-    volume_layers: int = threshold(5, "layers", "layers of points from the lowest to the greatest height")
     perspective_px: float = threshold(
         0.5, "px", "largest difference of a perspective camera from its RPC without a message", "as COLMAP filters"
     )
@@ -139,7 +137,7 @@ def plan_images(
 
 def find_window(image: Image, area: Polygon, surface: HeightSurface) -> tuple[int, int, int, int]:
     """Return the window (first sample and line, samples, lines) of an image that shows an area; of size 0 outside."""
-    ground = sample_area(area.bounds, surface, PROJECTS.outline_nodes).reshape(-1, 3)
+    ground = sample_area(area.bounds, surface, GRIDS.fine).reshape(-1, 3)
     xy = image.rpc.project(ground[np.isfinite(ground[:, 2])])
     last = np.array(image.known_size)
     low = np.clip(np.floor(xy.min(axis=0) + 0.5), 0, last).astype(int)

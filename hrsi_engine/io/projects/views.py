@@ -10,6 +10,7 @@ from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.progress import silent
+from ...foundation.working_sizes import GRIDS
 from ..rasters.cropping import CropWindow, open_window, save_image
 from ..rasters.orthoimages import OrthoFormat
 from ..rpc_files.crop import crop_rpc
@@ -57,9 +58,9 @@ def find_views(project: BlockProject) -> list[CropView]:
 
 def sample_volume(project: BlockProject) -> np.ndarray:
     """Return ground points ``(n, 3)`` over the region, in layers from below the lowest to above the highest terrain."""
-    ground = sample_area(project.area.bounds, project.surface, PROJECTS.outline_nodes)
+    ground = sample_area(project.area.bounds, project.surface, GRIDS.fine)
     low, high = np.nanmin(ground[..., 2]), np.nanmax(ground[..., 2])
-    heights = np.linspace(low - PROJECTS.height_margin_m, high + PROJECTS.height_margin_m, PROJECTS.volume_layers)
+    heights = np.linspace(low - PROJECTS.height_margin_m, high + PROJECTS.height_margin_m, GRIDS.coarse)
     return np.concatenate([
         np.column_stack([ground[..., :2].reshape(-1, 2), np.full(ground[..., 0].size, height)]) for height in heights
     ])  # fmt: skip

@@ -19,6 +19,7 @@ from ...block.placement import PlacementDoubt, judge_size
 from ...foundation.errors import InputError
 from ...foundation.options import InMemory
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import MEMORY
 from ..opening.datasets import virtual_status
 from ..opening.files import open_raster, read_pixels
 from ..opening.item_images import item_of
@@ -38,7 +39,6 @@ class OPEN_IMAGES:
         32, "files", "most files that a thread keeps open", "a block of a thousand images must not keep all of them in "
         "memory"
     )  # fmt: skip
-    strip_pixels: int = threshold(4_000_000, "px", "pixels read together for a reduced image", "memory")
 
 
 _open_datasets = threading.local()
@@ -263,7 +263,7 @@ class GdalRaster:
         """
         samples, lines = self.size[0] // step, self.size[1] // step
         grey, valid = np.empty((lines, samples), dtype=np.float32), np.empty((lines, samples), dtype=bool)
-        strip = max(1, OPEN_IMAGES.strip_pixels // (samples * step * step))
+        strip = max(1, MEMORY.values // (samples * step * step))
         dataset = self.dataset
         masked = dataset.GetRasterBand(self._band).GetMaskFlags() != gdal.GMF_ALL_VALID
         means = {"buf_type": gdal.GDT_Float32, "resample_alg": gdal.GRIORA_Average}

@@ -16,6 +16,7 @@ import numpy as np
 from osgeo import gdal, gdal_array
 
 from ...foundation.errors import InputError, OutputError
+from ...foundation.statistical_limits import EQUALITY
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages
 from ..opening.files import read_pixels
@@ -40,9 +41,6 @@ class CHUNKS:
     same_size: float = threshold(1.5, "", "largest side of a chunk in the image, relative to a tile")
     warped_share: float = threshold(
         0.85, "", "share of the chunks of a COG in the running time; the rest writes the final format", "measured"
-    )
-    same_scale: float = threshold(
-        1.05, "", "pixel of the map over that of the image up to which both are equal", "as GDAL's warper"
     )
 
 
@@ -227,7 +225,7 @@ def _warp_options(source: OrthoSource, warp: Warp, is_complete: bool) -> gdal.GD
     chunks. The table of the inverse, from image to map, is not needed and made as small as possible. Chunks run in
     parallel, so they need no threads of their own, each of which would copy the tables.
     """
-    scale = 1.0 / warp.scale if warp.scale > CHUNKS.same_scale else 1.0
+    scale = 1.0 / warp.scale if warp.scale > (1.0 + EQUALITY.negligible) else 1.0
     options = [
         f"XSCALE={scale!r}", f"YSCALE={scale!r}", "SOURCE_EXTRA=100000", "SRC_FILL_RATIO_HEURISTICS=NO",
         "NUM_THREADS=1",

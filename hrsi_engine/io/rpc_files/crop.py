@@ -16,19 +16,8 @@ import numpy as np
 from ...camera.rpc import RPC
 from ...camera.rpc_fit import refit_rpc
 from ...foundation.errors import InputError, SolveError
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.statistical_limits import EQUALITY
 from ..opening.numbers import parse_finite
-
-
-@thresholds
-class CROPS:
-    """Limits for the differences of a crop's RPC."""
-
-    turned_px: float = threshold(1e-3, "px", "largest error of the RPC of a rotated or sheared crop")
-    chip_corner_px: float = threshold(
-        1e-6, "px", "largest residual of a shift and scale at the corners in ICHIPB of a NITF file", "rounding of the "
-        "fields"
-    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +76,7 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
         found = refit_rpc(rpc, lambda scene, ground: (scene - place.first) @ inverse, area, rpc.height_range)
     except SolveError as error:
         raise InputError(f"no RPC of the crop {place}: {error}") from error
-    if not found.max_px <= CROPS.turned_px:
+    if not found.max_px <= EQUALITY.file_px:
         raise InputError(
             f"no RPC follows the crop {place} ({found.max_px:.3g} px difference): write an RPC of these pixels into "
             "the image"
@@ -121,6 +110,6 @@ def _fit_axis(path: str, metadata: Mapping[str, str], axis: str) -> tuple[float,
     first, last = chip.argmin(), chip.argmax()
     scale = (full[last] - full[first]) / extent
     shift = full[first] - scale * chip[first]
-    if not scale > 0.0 or np.abs(shift + scale * chip - full).max() > CROPS.chip_corner_px:
+    if not scale > 0.0 or np.abs(shift + scale * chip - full).max() > EQUALITY.written_px:
         raise InputError(f"{path}: ICHIPB turns or warps the chip, which is not supported: use the full image")
     return float(shift), float(scale)

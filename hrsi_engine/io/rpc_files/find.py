@@ -22,7 +22,7 @@ from osgeo import gdal
 from ...block.block import Tile
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.statistical_limits import EQUALITY
 from ..opening.datasets import metadata_of, open_dataset, read_head
 from ..opening.files import open_raster
 from ..opening.item_images import item_of
@@ -46,14 +46,6 @@ RPC_READERS: dict[str, RpcReader] = {
 }
 #: Metadata of images made here, with data from the vendor's side files of the original.
 SENSOR_ITEM, HEIGHT_ITEM = "HRSI_SENSOR", "HRSI_GROUND_HEIGHT_M"
-
-
-@thresholds
-class RPC_SOURCES:
-    """Limits for equal RPCs from two sources."""
-
-    same_px: float = threshold(0.01, "px", "largest difference of one RPC in two files", "digits of the formats")
-    gdal_rounding_px: float = threshold(1e-4, "px", "largest difference by GDAL's rounding to 15 digits")
 
 
 #: Name of a source in the log, and a function that reads its RPC: it is called only for the source that is used.
@@ -169,7 +161,7 @@ def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
         off_px = difference_px(rpc, read_other().rpc)
     except InputError:
         return " (damaged)"
-    if off_px < RPC_SOURCES.same_px:
+    if off_px < EQUALITY.file_px:
         return ""
     return f" ({off_px:.3g} px off)" if np.isfinite(off_px) else " (another RPC)"
 
@@ -375,7 +367,7 @@ def read_back_px(path: str, rpc: RPC) -> float:
     """Return the difference (px) of the RPC that GDAL (for RPC files HRSI) reads from a written file from ``rpc``.
 
     GDAL rounds the doubles of a GeoTIFF tag to 15 digits. Raises `OutputError` if GDAL finds no RPC, or one with a
-    larger difference (`RPC_SOURCES.gdal_rounding_px`): then another file takes precedence.
+    larger difference (`EQUALITY.written_px`): then another file takes precedence.
     """
     rpc_source = read_rpc_file(path)
     if rpc_source is not None:
@@ -385,7 +377,7 @@ def read_back_px(path: str, rpc: RPC) -> float:
     if not metadata:
         raise OutputError(f"{path}: GDAL finds no RPC in it: check the version of GDAL")
     difference = difference_px(rpc, fields.rpc_from_gdal(path, metadata), (dataset.RasterXSize, dataset.RasterYSize))
-    if not difference <= RPC_SOURCES.gdal_rounding_px:
+    if not difference <= EQUALITY.written_px:
         raise OutputError(
             f"{path}: GDAL gives another RPC, {difference:.3g} px away: remove older RPC files in its folder"
         )

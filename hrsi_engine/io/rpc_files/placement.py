@@ -46,6 +46,7 @@ from ...block.placement import (
 from ...block.pointing import POINTING, SIGMAS_OF_CE90, find_sensor
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ...foundation.statistical_limits import EQUALITY, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import metadata_of, open_dataset
 from ..opening.georeference import Georeference
@@ -63,26 +64,16 @@ _FIRST_TILE = re.compile(r"_r0*1c0*1(?![0-9])", re.IGNORECASE)
 class PLACEMENT_EVIDENCE:
     """Limits for the position of an image in the image of its RPC."""
 
-    range_share: float = threshold(0.02, "", "tolerance of the ends of an RPC's range, relative to the range")
     pixel_scales: tuple[float, float] = threshold(
         (1.0 / 32.0, 128.0), "scene px", "smallest and largest pixel of an image, in pixels of its scene"
     )
-    same_end_share: float = threshold(0.05, "", "largest relative difference in size of a scene and its image")
     first_px: float = threshold(
         2.0, "px", "smallest origin of a crop with another pixel size; below, the RPC's origin is ambiguous"
     )
-    same_px: float = threshold(1e-3, "px", "largest difference from the RPC expected")
-    whole: float = threshold(1e-4, "px", "largest difference from a whole number of pixels", "15 digits of GDAL")
     step_share: float = threshold(
         0.03, "", "largest relative difference of a pixel's step on the map and by the RPC", "map products: 0.002"
     )
     map_m: float = threshold(50.0, "m", "largest distance of a pixel on the map and by its RPC of any sensor")
-    map_sigmas: float = threshold(
-        4.0,
-        "sigma",
-        "… over the sensor's pointing error of a coordinate",
-        "exp(-8) of refined RPCs exceed it by chance",
-    )
     map_px: float = threshold(2.0, "px", "… below which map and RPC confirm each other")
 
 
@@ -138,7 +129,7 @@ def place_in_scene(
 def _is_of_scene(rpc: RPC, place: CropPlace, size: Size, stated: Size | None) -> bool | None:
     """Return whether an RPC is that of the scene in which a crop has a place, or the crop's own; None if unclear."""
     low, high = (np.zeros(2), np.array(stated) - 1.0) if stated is not None else rpc_range(rpc)
-    slack = PLACEMENT_EVIDENCE.range_share * (high - low)
+    slack = EQUALITY.alike * (high - low)
     in_scene = place.to_scene(_corners_of(np.zeros(2), np.array(size) - 1.0))
     if (in_scene.min(axis=0) < low - slack).any() or (in_scene.max(axis=0) > high + slack).any():
         return None if judge_size(rpc, size, stated) else False
@@ -156,7 +147,7 @@ def _is_of_scene(rpc: RPC, place: CropPlace, size: Size, stated: Size | None) ->
     if nearer.any():
         return not (nearer < 0.0).any()
     # An image that begins with its scene: does the range end with the image, in the scene?
-    largest = PLACEMENT_EVIDENCE.same_end_share * (high - low)
+    largest = EQUALITY.negligible * (high - low)
     ends_with_scene = bool((np.abs(high - in_scene.max(axis=0)) < largest).all())
     ends_with_image = bool((np.abs(high - np.array(size)) < largest).all())
     return ends_with_scene if ends_with_scene != ends_with_image else None
@@ -229,7 +220,7 @@ def _compare_with_source(path: str, rpc: RPC, size: Size) -> PlacementDoubt | No
         return None
     source_rpc, step = fields.rpc_from_gdal(name, metadata), extent / target_extent
     right = crop_rpc(source_rpc, CropPlace.from_corner(np.diag(step), first - step * target_first), size)
-    offset, same_px = difference_px(right, rpc, size), PLACEMENT_EVIDENCE.same_px
+    offset, same_px = difference_px(right, rpc, size), EQUALITY.file_px
     half, is_resampled = 0.5 * (1.0 - 1.0 / step), (step != 1.0).any()
     if offset < same_px:
         return None
@@ -294,7 +285,7 @@ def compare_with_map(path: str, dataset: gdal.Dataset, rpc: RPC, sensor: str = "
     steps = np.column_stack([by_height[0, 1] - by_height[0, 0], by_height[0, 3] - by_height[0, 2]]) / (2.0 * half)
     published = find_sensor(sensor, os.path.basename(path))
     sigma_m = published.ce90_m / SIGMAS_OF_CE90 if published else POINTING.unknown_m
-    limit_m = min(PLACEMENT_EVIDENCE.map_m, PLACEMENT_EVIDENCE.map_sigmas * max(sigma_m, rpc.err_bias or 0.0))
+    limit_m = min(PLACEMENT_EVIDENCE.map_m, SIGNIFICANCE.gross * max(sigma_m, rpc.err_bias or 0.0))
     middle, height = 2.0 * half[None] - 0.5, rpc.height_range[0] + share * np.ptp(rpc.height_range)
     by_map, by_rpc = grid.to_lonlat(middle), rpc.localize(middle, height).ground[:, :2]
     places = (
@@ -342,7 +333,7 @@ def describe_map_evidence(path: str, dataset: gdal.Dataset, found: fields.FoundR
 def _find_scaled_centre(size: Size, rpc: RPC) -> PlacementDoubt | None:
     """Return the error if OFF of an RPC was scaled without half a pixel."""
     off, scale = np.array([rpc.samp_off, rpc.line_off]), np.array([rpc.samp_scale, rpc.line_scale])
-    beyond, tolerance = np.array(size) - 2.0 * off, PLACEMENT_EVIDENCE.whole
+    beyond, tolerance = np.array(size) - 2.0 * off, EQUALITY.written_px
     if not (beyond > 0.0).all() or (np.abs(beyond - np.round(beyond)) < tolerance).any():
         return None  # as vendors make them
     doubled = (np.abs(2.0 * (scale - off) - beyond) < tolerance * beyond).all()  # SPOT, WorldView: OFF + 1 is SCALE

@@ -23,6 +23,8 @@ from ...foundation.errors import InputError, OutputError
 from ...foundation.interruption import holding_signals
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import LISTS
+from .content_marks import CONTENT_SAMPLING
 
 WRITE_AHEAD_LOG = ("-wal", "-shm")  #: suffixes of the name of an SQLite file
 
@@ -31,10 +33,6 @@ WRITE_AHEAD_LOG = ("-wal", "-shm")  #: suffixes of the name of an SQLite file
 class REPLACING:
     """Copying, locking and flushing of files, and when an unfinished file is regarded as left over."""
 
-    copy_bytes: int = threshold(64 * 2**20, "byte", "length of the parts in which a file is copied")
-    many_files: int = threshold(
-        100, "files", "number of files above which the file system is flushed once, not each file", "a flush takes ms"
-    )
     lock_patience_s: float = threshold(0.1, "s", "time after which a locked folder is that of another run")
     old_s: float = threshold(
         7 * 86_400.0, "s", "age at which unfinished files of another machine on a shared disk are abandoned"
@@ -106,7 +104,7 @@ def flush(path: str) -> None:
 
 def flush_files(paths: Sequence[str]) -> None:
     """Flush files to the disk; many files at once by `os.sync`, if the system waits until that is complete."""
-    if len(paths) > REPLACING.many_files and sys.platform == "linux":  # POSIX does not wait; Linux does
+    if len(paths) > LISTS.images and sys.platform == "linux":  # POSIX does not wait; Linux does
         os.sync()
         return
     for path in paths:
@@ -129,8 +127,8 @@ def _copy_part(source: int, target: int) -> int:
     """Copy the next part from one open file to the other; return its length in bytes, 0 at the end."""
     if hasattr(os, "copy_file_range"):
         with contextlib.suppress(OSError):  # not between all file systems
-            return os.copy_file_range(source, target, REPLACING.copy_bytes)
-    content = os.read(source, REPLACING.copy_bytes)
+            return os.copy_file_range(source, target, CONTENT_SAMPLING.whole_bytes)
+    content = os.read(source, CONTENT_SAMPLING.whole_bytes)
     count = 0
     while count < len(content):
         count += os.write(target, content[count:])
