@@ -121,7 +121,7 @@ def _write_crop(job: CropJob, options: CropOptions, target: str, progress: Progr
     lineage = Lineage({**told.items, **items}, original)
     pixels = open_window(job.image.path, window, options.resampling)
     form, threads = OrthoFormat(options.format, options.compression), thread_count(options.common.threads)
-    return save_image(pixels, target, job.rpc, form, threads, lineage, progress)
+    return save_image(pixels, target, job.rpc, form=form, threads=threads, lineage=lineage, progress=progress)
 
 
 def summarise(report: Report) -> str:

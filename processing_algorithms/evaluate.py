@@ -104,7 +104,18 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         observations, fit = fit_tracks(seen, tracks)
         known_px, known_m = compute_given_residuals(seen)
         made_by = judges.makers[name].report if name in judges.makers else None
-        sets.append(RpcSet(name, source, made_by, seen, fit, fit_pairs(observations, fit), known_px, known_m))
+        sets.append(
+            RpcSet(
+                name,
+                source,
+                made_by,
+                block=seen,
+                fit=fit,
+                pairs=fit_pairs(observations, fit),
+                known_px=known_px,
+                known_m=known_m,
+            )
+        )
     wrong = find_wrong_tracks(observations, [one.pairs for one in sets], options.reject)
     everywhere = np.all([np.isfinite(one.fit.ground).all(axis=1) for one in sets], axis=0)
     kept = everywhere & ~wrong
@@ -117,7 +128,12 @@ def run(options: EvaluateOptions, context: Context) -> Report:
             "by_views": {str(k): int(np.sum(kept & (rays == k))) for k in np.unique(rays[kept]).tolist()},
             "made_rpcs": judges.left_out, "held_out": judges.held_out, "independent": judges.are_independent,
         },
-        "sets": {one.name: _set_entry(one, observations, kept, predicted, surface, control, options) for one in sets},
+        "sets": {
+            one.name: _set_entry(
+                one, observations, kept, predicted=predicted, surface=surface, control=control, options=options
+            )
+            for one in sets
+        },
     }  # fmt: skip
     if len(predicted) and (predictions := int(predicted.sum())) < SAMPLES.trend:
         why = "two images have none" if len(images) < 3 else "they need points on three images or more"
@@ -356,8 +372,9 @@ def _set_entry(
     # onto the surface: the error of the RPCs has the opposite sign
     if control is not None:
         found = SurfacePlan.match_points(
-            one.block.images, control[0], np.flatnonzero(kept), one.fit.ground, control[1], options.surface_kind,
-            options.surface_search_m,
+            one.block.images, control[0], np.flatnonzero(kept), ground=one.fit.ground, sigma_m=control[1],
+            kind=options.surface_kind,
+            search_m=options.surface_search_m,
         )  # fmt: skip
         entry["surface"] = None if found is None else describe_surface(found.summarise(np.arange(len(kept))))
     return entry

@@ -76,9 +76,9 @@ def run(options: HandOverOptions, context: Context) -> Report:
     )
     surveyed = points.select(np.zeros(len(points), dtype=bool)) if surveyed is None else surveyed  # no surveyed points
     project = BlockProject(
-        tuple(images), tuple(pairs), area, not options.extent, surface, gsd,
-        map_epsg(area.centroid.x, area.centroid.y), not options.link,
-        options.factor, suns, times, points, surveyed, measured,
+        tuple(images), tuple(pairs), area, whole=not options.extent, surface=surface, gsd_m=gsd,
+        epsg=map_epsg(area.centroid.x, area.centroid.y), copy=not options.link,
+        factor=options.factor, suns=suns, times=times, points=points, surveyed=surveyed, measured=measured,
     )  # fmt: skip
     planned = PROJECT_PLANNERS[options.to](project)
     warnings = [*planned.notices, *([SHAKEN] if (told.get("outputs") or {}).get("jitter") else [])]

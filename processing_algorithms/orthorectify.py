@@ -137,8 +137,9 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
             }  # fmt: skip
             try:
                 figures = write_orthoimage(
-                    job.path, job.source, job.grid, chunks, job.warp, job.form, job.made_from, threads, part,
-                    lineage,
+                    job.path, job.source, job.grid, chunks=chunks, warp=job.warp, form=job.form,
+                    made_from=job.made_from, threads=threads, progress=part,
+                    lineage=lineage,
                 )  # fmt: skip
             except Cancelled:
                 raise Cancelled(

@@ -58,7 +58,7 @@ def run(options: RunOptions, context: Context) -> Report:
     with only_writer(folder if options.output_dir is None else None):
         for number, step in enumerate(FOLDERS):
             part = context.stage(number / len(FOLDERS), (number + 1) / len(FOLDERS))
-            _do_step(step, project, images, results, report, options, part)
+            _do_step(step, project, images, results=results, report=report, options=options, context=part)
             write_report_json(os.path.join(folder, REPORT_FILE), report)  # a killed run continues from here
         report["verdict"], report["seconds"] = judge_plan(report["steps"]), {"total": time.monotonic() - begun}
         if failed := dict(failures(report["steps"])):

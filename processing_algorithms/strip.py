@@ -70,7 +70,9 @@ def run(options: StripOptions, context: Context) -> Report:
             joined = join_images([part.path for part in parts], places.first, places.size)
             form, threads = OrthoFormat(options.format, options.compression), thread_count(options.common.threads)
             lineage = _join_lineages(parts, places)
-            warnings += save_image(joined, target, strip.rpc, form, threads, lineage, context.progress)
+            warnings += save_image(
+                joined, target, strip.rpc, form=form, threads=threads, lineage=lineage, progress=context.progress
+            )
         else:
             write_rpc_text(target, strip.rpc)
         warnings += set_aside_conflicting_rpcs(os.path.join(folder, file), parts[0].path, strip.rpc, changes)

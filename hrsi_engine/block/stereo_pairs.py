@@ -93,7 +93,7 @@ def _score_pair(
     for difference, half in ((sun, STEREO.sun_deg), (season, STEREO.season_days)):
         score /= 1.0 + ((difference or 0.0) / half) ** 2
     score *= 1.0 if similarity is None else similarity
-    return StereoPair(names[0], names[1], pair, sun, season, similarity, score)
+    return StereoPair(names[0], names[1], pair, sun_deg=sun, season_days=season, similarity=similarity, score=score)
 
 
 def _days_between(first: datetime | None, second: datetime | None) -> float | None:

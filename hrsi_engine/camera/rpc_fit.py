@@ -43,7 +43,7 @@ class FIT:
 
 
 #: Nodes of the check points along each axis: one more, so that both have only the corners in common.
-CHECK_GRID = tuple(nodes + 1 for nodes in FIT.grid)
+CHECK_GRID = (FIT.grid[0] + 1, FIT.grid[1] + 1, FIT.grid[2] + 1)
 #: Smallest scales of the normalisation: degrees (about 1 m), degrees, metres, pixels, pixels.
 SMALLEST_SCALE = np.array([1e-5, 1e-5, FIT.flat_m, 1.0, 1.0])
 #: Terms that a number of points can determine: (points needed, terms of the numerator, terms of the denominator).

@@ -262,7 +262,16 @@ class CrsOperations:
             plate = self.is_plate_fixed(one) and operation.is_null
             uses.append(
                 OperationUse(
-                    source, self.crs.name, one, operation, len(positions), better, loss_m, substitute, grids, plate
+                    source,
+                    self.crs.name,
+                    one,
+                    operation=operation,
+                    points=len(positions),
+                    better=better,
+                    loss_m=loss_m,
+                    geoid=substitute,
+                    geoid_grids=grids,
+                    treats_plate_as_wgs84=plate,
                 )
             )
         return tuple(sorted(uses, key=lambda use: -use.points))

@@ -120,15 +120,18 @@ def read_entry(entry: Mapping[str, Any], points: int) -> OperationUse:
         raise ValueError("accuracies")
     grids, missing = (tuple((entry[name] or "").split(", ")) for name in ("grid", "missing_grid"))
     operation = CrsOperation(
-        str(entry["name"]), str(entry["code"] or ""), accuracy_m, sigma_m, grids, str(entry["area"] or ""), WORLD,
-        bool(entry["ballpark"]), is_null=False,
+        str(entry["name"]), str(entry["code"] or ""), accuracy_m, sigma_m=sigma_m, grids=grids,
+        area=str(entry["area"] or ""), bounds=WORLD,
+        is_ballpark=bool(entry["ballpark"]), is_null=False,
     )  # fmt: skip
     best_m = None if accuracy_m is None else accuracy_m - loss_m
     better = operation._replace(name=str(entry["missing_operation"]), accuracy_m=best_m, grids=missing)
     geoid = Geoid(str(entry["geoid"]), "", str(entry["geoid_stands_for"] or ""))
     return OperationUse(
-        str(entry["source"]), str(entry["crs"]), 0, operation, points, better if entry["missing_operation"] else None,
-        loss_m, geoid if entry["geoid"] else None, (), bool(entry["plate_fixed_as_wgs84"]),
+        str(entry["source"]), str(entry["crs"]), 0, operation=operation, points=points,
+        better=better if entry["missing_operation"] else None,
+        loss_m=loss_m, geoid=geoid if entry["geoid"] else None, geoid_grids=(),
+        treats_plate_as_wgs84=bool(entry["plate_fixed_as_wgs84"]),
     )  # fmt: skip
 
 

@@ -93,9 +93,9 @@ def _describe(operation: Any, crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> 
         name = re.sub("Ballpark geographic offset from (.+) to WGS 84", r"\1 taken for WGS 84", name)
     area = operation.area_of_use
     return CrsOperation(
-        name or title, ", ".join(codes), stated, _estimate_sigmas(stated, is_null, title, crs, flat),
-        tuple(grid.short_name for step in steps for grid in step.grids),
-        area.name if area else "", area.bounds if area else WORLD, is_ballpark, is_null,
+        name or title, ", ".join(codes), stated, sigma_m=_estimate_sigmas(stated, is_null, title, crs, flat),
+        grids=tuple(grid.short_name for step in steps for grid in step.grids),
+        area=area.name if area else "", bounds=area.bounds if area else WORLD, is_ballpark=is_ballpark, is_null=is_null,
     )  # fmt: skip
 
 

@@ -81,8 +81,9 @@ def transfer_point(
     origin = np.array([[template.grey.shape[1] // 2, template.grey.shape[0] // 2]])
     direction = span / max(float(np.hypot(*span)), 1e-9) if np.hypot(*span) > 0.0 else np.array([1.0, 0.0])
     peak = search_windows(
-        template, second_window, origin, np.array([[half, half]], dtype=np.float64), direction[None],
-        np.array([[along, across]]), TRANSFER.half_px,
+        template, second_window, origin, predicted=np.array([[half, half]], dtype=np.float64),
+        direction=direction[None],
+        reach=np.array([[along, across]]), half=TRANSFER.half_px,
     )  # fmt: skip
     if peak.correlation[0] < TRANSFER.correlation:
         return Transfer(refusal=f"no similar place is found (correlation {max(peak.correlation[0], 0.0):.2f})")

@@ -151,7 +151,15 @@ def linearise_by_rays(
     place_z = c[i, 6] * x + c[i, 7] * y + c[i, 8] * z
     none = 0.0 * place_z
     meeting, _, _, by_image, _, _ = intersect_frame_height(
-        constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z, (none, none)
+        constants,
+        coefficients,
+        i,
+        rays=rays,
+        row=row,
+        sample=xy[row, 0],
+        line=xy[row, 1],
+        z=place_z,
+        ahead=(none, none),
     )
     xs, xl, ys, yl = by_image
     determinant = xs * yl - xl * ys
@@ -159,7 +167,7 @@ def linearise_by_rays(
     ahead = (yl * miss_x - xl * miss_y) / determinant, (xs * miss_y - ys * miss_x) / determinant
     # the derivatives after the step are those of the projection, also for large residuals
     meeting, x_by, y_by, by_image, by_z, basis = intersect_frame_height(
-        constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z, ahead
+        constants, coefficients, i, rays=rays, row=row, sample=xy[row, 0], line=xy[row, 1], z=place_z, ahead=ahead
     )
     xs, xl, ys, yl = by_image
     determinant = xs * yl - xl * ys

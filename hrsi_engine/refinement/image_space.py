@@ -77,7 +77,16 @@ class ImagePolynomial:
         """
         terms = np.empty((len(ground), len(self.powers)))
         coefficients = self.coefficients(values)
-        correct_in_image(self.powers, constants, coefficients, which, computed, by_ground, terms, ALL_ROWS)
+        correct_in_image(
+            self.powers,
+            constants,
+            coefficients,
+            i=which,
+            computed=computed,
+            by_ground=by_ground,
+            terms=terms,
+            a=ALL_ROWS,
+        )
         return Equations(computed, np.einsum("nm,cmp->ncp", terms, self.mixing), by_ground)
 
     def constants(self, image: Image) -> np.ndarray:

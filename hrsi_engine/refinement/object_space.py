@@ -80,8 +80,9 @@ class GroundCorrection:
             computed, by_ground = image.rpc.project_with_metric_jacobian(shift_ground)
             by_frame = np.empty((len(ground), 2, 3))
             rotate_derivatives(
-                constants, coefficients, 0, ellipsoid.axes(*shift_ground.T[:2]), ellipsoid.axes(lon, lat),
-                by_ground, by_frame, ALL_ROWS,
+                constants, coefficients, 0, corrected_axes=ellipsoid.axes(*shift_ground.T[:2]),
+                given_axes=ellipsoid.axes(lon, lat),
+                by_ground=by_ground, by_frame=by_frame, a=ALL_ROWS,
             )  # fmt: skip
             by_values = by_frame[:, :, self.entries[:, 0]] * terms[:, self.entries[:, 1]][:, None, :]
             return Equations(computed, by_values, by_ground)

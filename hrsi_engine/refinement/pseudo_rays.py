@@ -137,7 +137,7 @@ def compute_pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> n
             position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)
             places.append(place_in_frame(constants, 0, position, axes, by_ground, ALL_ROWS))
         lower, middle, upper = places
-        draw_ray(constants, 0, image_px[:, 1], lower, middle[0], upper, rays, ALL_ROWS)
+        draw_ray(constants, 0, image_px[:, 1], lower=lower, middle=middle[0], upper=upper, rays=rays, a=ALL_ROWS)
     return rays
 
 

@@ -90,9 +90,9 @@ class PseudoSensor:
             by_quantity, terms = np.empty((count, 2, len(quantities))), np.empty((count, structure.terms))
             lon, lat, height = ground.T
             linearise_by_rays(
-                quantities, constants, self.coefficients(values)[None], 0, rays, observed_px, ALL_ROWS,
-                ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat),
-                computed, by_ground, by_quantity, terms, ALL_ROWS,
+                quantities, constants, self.coefficients(values)[None], i=0, rays=rays, xy=observed_px, row=ALL_ROWS,
+                position=ellipsoid.geocentric(lon, lat, height), axes=ellipsoid.axes(lon, lat),
+                computed=computed, by_ground=by_ground, by_quantity=by_quantity, terms=terms, a=ALL_ROWS,
             )  # fmt: skip
             by_coefficient = by_quantity[:, :, :, None] * terms[:, None, None, :]
             by_coefficient = by_coefficient.reshape(count, 2, len(quantities) * structure.terms)
@@ -181,7 +181,15 @@ class PseudoSensor:
         """Return the intersections ``(n, 2)`` m of corrected rays with heights ``z (n,)``, and ``(n, 2, 2)`` m/px."""
         rows = np.zeros_like(z), np.zeros_like(z)
         hit = intersect_frame_height(
-            constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, rows
+            constants,
+            coefficients,
+            0,
+            rays=rays,
+            row=ALL_ROWS,
+            sample=position[:, 0],
+            line=position[:, 1],
+            z=z,
+            ahead=rows,
         )
         return np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2)
 

@@ -171,7 +171,15 @@ def refine_image(
             f"{image.id}: the standard deviation of model {name} is {edge:.0f} px at the edges of the image: spread "
             "the GCPs or choose a simpler `model`"
         )
-    return Refinement(image, chosen_model, result, control_used, tuple(suspects), choice, tuple(warnings))
+    return Refinement(
+        image,
+        chosen_model,
+        result,
+        control=control_used,
+        left_out=tuple(suspects),
+        choice=choice,
+        warnings=tuple(warnings),
+    )
 
 
 def check_control(image: Image, control: Control) -> list[str]:

@@ -106,7 +106,15 @@ def find_reference_control(
         },
     }  # fmt: skip
     excessive = any(shift.is_excessive for shift in known)
-    return FromReference(with_pixels, control, accuracy, entries, warnings, excessive, reference.operations + of_dem)
+    return FromReference(
+        with_pixels,
+        control,
+        accuracy,
+        entries=entries,
+        warnings=warnings,
+        excessive=excessive,
+        operations=reference.operations + of_dem,
+    )
 
 
 def _image_entry(found: Any, shift: Any) -> Report:

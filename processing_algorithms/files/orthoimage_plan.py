@@ -154,7 +154,17 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
     operations = (*getattr(terrain.surface, "operations", ()), *operations_of(crs).uses_at("orthoimages", ground))
     warnings = [*terrain.warnings, *_terrain_warnings(images, terrain), *list_operation_warnings(operations)]
     grids = _make_grids(images, terrain.surface, crs, resolution, options.extent)
-    return BlockPlan(images, terrain, crs, resolution, grids, gsd, below, warnings, operations)
+    return BlockPlan(
+        images,
+        terrain,
+        crs,
+        resolution=resolution,
+        grids=grids,
+        gsd_m=gsd,
+        terrain_points=below,
+        warnings=warnings,
+        operations=operations,
+    )
 
 
 def _parse_crs(name: str, option: str) -> pyproj.CRS:
@@ -279,9 +289,15 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
             jitter, told = jitter_files[path].find_curve(image.id, image.rpc)
             plan.warnings.extend([told] if told else [])
         mapping = OrthoMapping(
-            image.rpc, source.size, plan.terrain.surface, plan.terrain_points[image.id], grid, options.error_px, jitter,
-            options.visibility,
-        )  # fmt: skip
+            image.rpc,
+            source.size,
+            plan.terrain.surface,
+            terrain=plan.terrain_points[image.id],
+            grid=grid,
+            error_px=options.error_px,
+            jitter=jitter,
+            visibility=options.visibility,
+        )
         scale = mapping.source_pixels_per_pixel()
         warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
@@ -298,7 +314,7 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
             made_from["jitter"] = hashlib.sha256(jitter.shift_px.tobytes()).hexdigest()
         if options.visibility:
             made_from["visibility"] = True
-        jobs.append(OrthoJob(image, path, source, mapping, warp, form, made_from))
+        jobs.append(OrthoJob(image, path, source, mapping=mapping, warp=warp, form=form, made_from=made_from))
     return jobs
 
 

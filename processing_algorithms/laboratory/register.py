@@ -51,10 +51,10 @@ def run(options: RegisterOptions, context: Context) -> Report:
         start,
         points["second"],
         points["kind"],
-        options.registration.form,
-        sigma,
-        options.registration.reject_sigma,
-        unit,
+        model=options.registration.form,
+        sigma_px=sigma,
+        reject_sigma=options.registration.reject_sigma,
+        unit=unit,
     )
     advance(context.progress, 0.6, "registered")
     everything = result.registrations["all"]

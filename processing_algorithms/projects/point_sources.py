@@ -187,8 +187,9 @@ def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSo
     notes += [f"columns {spec.partition('|columns=')[2]}"] if "|columns=" in spec and not notes else []
     notes += [f"CRS {crs} ({pyproj.CRS(crs).name}) by the place of the images"] if crs else []
     return PointSource(
-        path, [spec], crs, datum, tables.ground, [tables.image] if tables.image is not None else [], notes,
-        "have no height" not in told,
+        path, [spec], crs, datum=datum, ground=tables.ground,
+        measured=[tables.image] if tables.image is not None else [], notes=notes,
+        has_heights="have no height" not in told,
     )  # fmt: skip
 
 

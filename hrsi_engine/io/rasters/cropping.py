@@ -140,7 +140,9 @@ def save_image(
     if band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE"):  # predictors need whole bytes
         options = [option for option in options if not option.startswith("PREDICTOR")]
     with config_option(*INTERNAL_MASK):
-        return save_geotiff(source, target_path, rpc, FORMATS[form.name][0], options, progress, lineage)
+        return save_geotiff(
+            source, target_path, rpc, driver=FORMATS[form.name][0], options=options, progress=progress, lineage=lineage
+        )
 
 
 def pixel_view(path: str) -> str:

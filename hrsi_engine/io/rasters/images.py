@@ -147,7 +147,14 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     item = item_of(path)
     sensor = rpc_source.sensor or ("" if item is None else item.platform)
     image = Image(
-        image_id(path), rpc_source.rpc, raster.size, path, raster, rpc_source.tile, rpc_source.height_m, sensor
+        image_id(path),
+        rpc_source.rpc,
+        raster.size,
+        path=path,
+        raster=raster,
+        tile=rpc_source.tile,
+        stated_height_m=rpc_source.height_m,
+        sensor=sensor,
     )
     return image, rpc_source
 

@@ -178,11 +178,27 @@ def write_orthoimage(
     options = form.creation_options(source.is_integer, threads)
     with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden_folder, replacing(path) as temporary:
         if FORMATS[form.name][0] == "GTiff":
-            _write_tiles(temporary, path, options, source, grid, warp, lambda dataset: fill(dataset, progress))
+            _write_tiles(
+                temporary,
+                path,
+                options,
+                source=source,
+                grid=grid,
+                warp=warp,
+                fill=lambda dataset: fill(dataset, progress),
+            )
         else:
             plain = os.path.join(hidden_folder, "chunks.tif")
             part = stage(progress, 0.0, CHUNKS.warped_share)
-            _write_tiles(plain, path, [*TILED, "SPARSE_OK=TRUE"], source, grid, warp, lambda it: fill(it, part))
+            _write_tiles(
+                plain,
+                path,
+                [*TILED, "SPARSE_OK=TRUE"],
+                source=source,
+                grid=grid,
+                warp=warp,
+                fill=lambda it: fill(it, part),
+            )
             _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
             part = stage(progress, CHUNKS.warped_share, 1.0)
             create_copy(gdal.Open(plain), temporary, path, FORMATS[form.name][0], options, part)

@@ -103,7 +103,16 @@ def prepare_geotiff_copy(
         predictor = "3" if kind in ("Float32", "Float64") else "2" if kind in integer_types else "1"
         packing = f"NBITS={bits}" if bits else f"PREDICTOR={predictor}"  # predictors need whole bytes
         options = ["BIGTIFF=IF_SAFER", "TILED=YES", "COMPRESS=DEFLATE", packing]
-        return notices + save_geotiff(source, target_path, rpc, "GTiff", options, progress, lineage, changes.replacing)
+        return notices + save_geotiff(
+            source,
+            target_path,
+            rpc,
+            driver="GTiff",
+            options=options,
+            progress=progress,
+            lineage=lineage,
+            replace=changes.replacing,
+        )
     # GDAL's side files of a TIFF: mask, overviews, and the auxiliary metadata without an old RPC
     for suffix in (".msk", ".ovr"):
         if os.path.isfile(source_path + suffix):

@@ -121,8 +121,9 @@ def _grow_once(
     selected = similar[find_mutual_best(point[similar], candidate[similar], -correlation[similar])]
     father = node[point[selected]]
     return Network(
-        rows[point[selected]], candidate[selected], father, network.generation[father] + 1, correlation[selected],
-        first.xy[rows[point[selected]]], second.xy[candidate[selected]], network.matrix,
+        rows[point[selected]], candidate[selected], father, generation=network.generation[father] + 1,
+        correlation=correlation[selected],
+        first=first.xy[rows[point[selected]]], second=second.xy[candidate[selected]], matrix=network.matrix,
     )  # fmt: skip
 
 

@@ -240,8 +240,10 @@ def match_views(
         design = np.column_stack([first_xy, np.ones(len(first_xy))])
         affine = np.linalg.lstsq(design, second_xy, rcond=None)[0].T if len(first_xy) >= 3 else np.full((2, 3), np.nan)
         candidate = ControlNetworkMatch(
-            FOUND, "", positions._replace(**scaled), first.points.kind[refined.first_row], refined.generation,
-            refined.father, seed.hypothesis.count, seed.runner_up, (len(first.xy), len(second.xy)), affine,
+            FOUND, "", positions._replace(**scaled), kind=first.points.kind[refined.first_row],
+            generation=refined.generation,
+            father=refined.father, network=seed.hypothesis.count, runner_up=seed.runner_up,
+            points=(len(first.xy), len(second.xy)), affine=affine,
         )  # fmt: skip
         if best is None or len(candidate) > len(best):
             best = candidate
@@ -271,8 +273,9 @@ def _make_failure(
             "choose larger windows or others with something that is there once"
         )
     return ControlNetworkMatch(
-        status, message, empty, np.empty(0, dtype="U9"), np.empty(0, dtype=int), np.empty(0, dtype=int), network,
-        runner_up, (len(first.xy), len(second.xy)), np.full((2, 3), np.nan),
+        status, message, empty, kind=np.empty(0, dtype="U9"), generation=np.empty(0, dtype=int),
+        father=np.empty(0, dtype=int), network=network,
+        runner_up=runner_up, points=(len(first.xy), len(second.xy)), affine=np.full((2, 3), np.nan),
     )  # fmt: skip
 
 

@@ -174,7 +174,16 @@ def make_network(
     father, generation = np.zeros(len(a), dtype=int), np.ones(len(a), dtype=int)
     father[0], generation[0] = NO_FATHER, 0
     matrix = rotate_offset(np.eye(2), best.rotation_rad, best.scale).T
-    return Network(a, b, father, generation, np.zeros(len(a)), first.xy[a], second.xy[b], matrix)
+    return Network(
+        a,
+        b,
+        father,
+        generation=generation,
+        correlation=np.zeros(len(a)),
+        first=first.xy[a],
+        second=second.xy[b],
+        matrix=matrix,
+    )
 
 
 def verify_network(network: Network, first: NetworkWindow, second: NetworkWindow, least_correlation: float) -> Network:

@@ -143,7 +143,11 @@ def draw_acquisitions(count: int, lat_deg: float, seed: int) -> tuple[Acquisitio
         )
         snow = float(rng.uniform(0.4, 1.0)) if rng.random() < DATES.snow_chance and winter else 0.0
         haze, gain = float(DATES.most_haze * rng.random() ** 2), float(rng.uniform(0.8, 1.2))
-        acquisitions.append(Acquisition(number + 1, day, azimuth, max(elevation, 5.0), snow, haze, gain))
+        acquisitions.append(
+            Acquisition(
+                number + 1, day, azimuth, sun_elevation_deg=max(elevation, 5.0), snow=snow, haze=haze, gain=gain
+            )
+        )
     return tuple(acquisitions)
 
 

@@ -134,7 +134,9 @@ def _draw_pass(
         stated = offset_m * across + way[:, None] * along
         stated = stated[(np.abs(stated) < half_m).all(axis=1)]
         if len(stated):
-            track = _measure_heights(terrain, stated, stated + place, along, across, spec, bias, rng)
+            track = _measure_heights(
+                terrain, stated, stated + place, along=along, across=across, spec=spec, bias=bias, rng=rng
+            )
             beams.append(track | {"track": np.full(len(stated), name)})
     return beams
 

@@ -69,7 +69,15 @@ class LitPainter(TilePainter):
         flat = [item for item in touching if not self.height_m[item[0]]]
         raised = [item for item in touching if self.height_m[item[0]]]
         for index, part in flat:
-            paint_objects(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
+            paint_objects(
+                grey[part],
+                east[part],
+                north[part],
+                objects=self.objects,
+                index=index,
+                sigma_m=self.blur_m,
+                band=self.texture.band,
+            )
         # Shadows fall on all that lies flat; where several fall, it is as dark as under one
         lit = np.ones_like(light)
         for index, part in raised:

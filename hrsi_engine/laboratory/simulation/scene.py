@@ -130,12 +130,29 @@ def make_scene(spec: SceneSpec, views: Sequence[SceneView]) -> Scene:
             f"a scene of {2e-3 * half_extent:.1f} km so near the pole ({1e-3 * to_pole:.1f} km): an RPC in longitude "
             "and latitude does not follow it: make the scene smaller, or move it away"
         )
-    bare = make_fractal_terrain(chart, half_extent, post, spec.mean_height_m, relief_m, spec.seed, spec.cliff_m)
+    bare = make_fractal_terrain(
+        chart,
+        half_extent,
+        post,
+        mean_height_m=spec.mean_height_m,
+        relief_m=relief_m,
+        seed=spec.seed,
+        cliff_m=spec.cliff_m,
+    )
     scale = spec.scale or max(1.0, finest / SCENE.unit_gsd_m)
     landscape = Landscape(spec.seed, scale, town=landform.town)
     dated = any(view.acquisition is not None for view in views)  # then the chronicle determines them
     terrain = bare if landform.town is None or dated else build_town(bare, landscape, half_extent)
-    return Scene(spec, chart, terrain, landscape, half_extent, finest, np.empty((0, 2)), bare)
+    return Scene(
+        spec,
+        chart,
+        terrain,
+        landscape=landscape,
+        half_extent_m=half_extent,
+        finest_gsd_m=finest,
+        targets_m=np.empty((0, 2)),
+        bare=bare,
+    )
 
 
 def select_buildable(landscape: Landscape, ground: TerrainSurface, half_extent_m: float) -> Objects:

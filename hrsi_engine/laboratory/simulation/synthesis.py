@@ -201,8 +201,9 @@ def simulate_block(
     wrong_height = np.zeros(len(ids), dtype=bool)
     wrong_height[is_surveyed] = has_wrong_height
     truth = BlockTruth(
-        cameras, vendor_cameras, vendor_rpcs, scene.terrain.height_range, ids, ground, role, image_points, blunder,
-        wrong_height,
+        cameras, vendor_cameras, vendor_rpcs, height_range_m=scene.terrain.height_range, ids=ids, ground=ground,
+        role=role, image_points=image_points, blunder=blunder,
+        wrong_height=wrong_height,
     )  # fmt: skip
     return BlockSimulation(spec, tuple(views), noise, scene, assemble(images, [surveyed], [measured]), truth)
 

@@ -96,7 +96,15 @@ class TilePainter:
         """
         grey = self.texture.grey(east, north)
         for index, part in self.touching(row, column):
-            paint_objects(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
+            paint_objects(
+                grey[part],
+                east[part],
+                north[part],
+                objects=self.objects,
+                index=index,
+                sigma_m=self.blur_m,
+                band=self.texture.band,
+            )
         return grey
 
     def touching(self, row: int, column: int) -> list[tuple[int, tuple[slice, slice]]]:

@@ -78,7 +78,13 @@ class SceneView:
         """
         target = chart.to_ground(np.array([self.offset_m]), np.array([height_m]))[0]
         camera = aim_camera(
-            self.sensor, self.size, target, self.along_deg, self.across_deg, self.heading_deg, self.scan_deg
+            self.sensor,
+            self.size,
+            target,
+            along_deg=self.along_deg,
+            across_deg=self.across_deg,
+            heading_deg=self.heading_deg,
+            scan_deg=self.scan_deg,
         )
         # Images of a pass that began its vibration together are as many lines apart as their middles on the ground
         heading = np.radians(self.heading_deg if self.scan_deg is None else self.scan_deg)
@@ -175,7 +181,9 @@ def make_strip_views(
             shift = (strip - (strips - 1) / 2) * across * left + (place - (per_strip - 1) / 2) * along * forward
             offset = float(shift[0]), float(shift[1])
             prefix = f"strip{strip + 1}_{place + 1}"
-            views += make_along_track_views(sensor, images_per_place, size, 0.0, heading_deg, offset, prefix)
+            views += make_along_track_views(
+                sensor, images_per_place, size, across_deg=0.0, heading_deg=heading_deg, offset_m=offset, prefix=prefix
+            )
     return tuple(views)
 
 

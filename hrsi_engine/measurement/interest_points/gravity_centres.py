@@ -123,7 +123,9 @@ def find_gravity_centres(
         shapes[kind] = shape.select(shape.good), trial_rows[shape.good]
         open_rows = np.setdiff1d(open_rows, trial_rows[shape.good])
     tables = [
-        _score_shapes(kind, shape, sign[rows], support[rows], slopes, statistics, options)
+        _score_shapes(
+            kind, shape, sign[rows], support=support[rows], slopes=slopes, statistics=statistics, options=options
+        )
         for kind, (shape, rows) in shapes.items()
     ]
     candidates = _CentreCandidates(
@@ -137,8 +139,9 @@ def find_gravity_centres(
         outline = shape.edges[row][shape.found[row]] + window.origin
         centres.append(
             GravityCentre(
-                shape.xy[row] + window.origin, shape.covariance_px2[row], kind, shape.size_px[row],
-                float(shape.azimuth_rad[row]), float(shape.rmse_px[row]), float(candidates.contrast[k]), worth, outline,
+                shape.xy[row] + window.origin, shape.covariance_px2[row], kind, size_px=shape.size_px[row],
+                azimuth_rad=float(shape.azimuth_rad[row]), rmse_px=float(shape.rmse_px[row]),
+                contrast=float(candidates.contrast[k]), quality=worth, outline=outline,
             )
         )  # fmt: skip
     is_inside = window.core.contains(np.array([centre.xy for centre in centres]).reshape(-1, 2))
@@ -213,8 +216,8 @@ def _score_shapes(
     score = np.asarray(np.prod(np.clip(scores, 0.0, 1.0), axis=0))
     index = np.flatnonzero(keep)
     return _CentreCandidates(
-        shapes.xy[index], shapes.size_px[index], contrast[index], score[index], support[index],
-        np.full(len(index), kind), index,
+        shapes.xy[index], shapes.size_px[index], contrast[index], score=score[index], support=support[index],
+        kind=np.full(len(index), kind), row=index,
     )  # fmt: skip
 
 

@@ -153,7 +153,17 @@ def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: GradientImage
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
     closed = _mean_of_rows(on_shape, SHAPE.ellipse_points)
     valid = (rmse <= compute_size_tolerance(SHAPE.ellipse_tolerance, size)) & (closed >= SHAPE.closed_share)
-    return Shapes(valid, centre, _add_sigma_floor(covariance), size, azimuth, rmse, closed, edges, on_shape)
+    return Shapes(
+        valid,
+        centre,
+        _add_sigma_floor(covariance),
+        size_px=size,
+        azimuth_rad=azimuth,
+        rmse_px=rmse,
+        closed=closed,
+        edges=edges,
+        found=on_shape,
+    )
 
 
 def _measure_edges(
@@ -271,8 +281,9 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, is_edge: np.ndarray) -> S
     valid &= rmse <= compute_size_tolerance(SHAPE.rectangle_tolerance, size)
     count = edges.shape[1] * edges.shape[2]
     return Shapes(
-        valid, lines.corners.mean(axis=1), _add_sigma_floor(covariance), size, azimuth, rmse, closed,
-        edges.reshape(-1, count, 2), on_side.reshape(-1, count),
+        valid, lines.corners.mean(axis=1), _add_sigma_floor(covariance), size_px=size, azimuth_rad=azimuth,
+        rmse_px=rmse, closed=closed,
+        edges=edges.reshape(-1, count, 2), found=on_side.reshape(-1, count),
     )  # fmt: skip
 
 
@@ -318,7 +329,17 @@ def fit_polygons(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) ->
         hull = ConvexHull(xy[row, : count[row]])
         valid[row] = area[row] >= SHAPE.solidity * hull.volume  # in two dimensions, `volume` is the area
     covariance = _add_sigma_floor(variance[:, None, None] * np.eye(2))
-    return Shapes(valid, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
+    return Shapes(
+        valid,
+        centroid,
+        covariance,
+        size_px=size,
+        azimuth_rad=azimuth,
+        rmse_px=rmse,
+        closed=closed,
+        edges=outlines.xy,
+        found=outlines.found,
+    )
 
 
 ShapeFit = Callable[[Outlines, GradientImage, np.ndarray], Shapes]

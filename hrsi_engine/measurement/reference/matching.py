@@ -162,8 +162,9 @@ def _refuse_image(
 ) -> ImageControl:
     none = np.zeros(0)
     return ImageControl(
-        image.id, gsd_m, step, none.astype(np.int64), np.zeros((0, 2)), none, np.zeros((0, 2)), none,
-        none.astype(bool), None, refusal, rough_bias_px,
+        image.id, gsd_m, step, places=none.astype(np.int64), xy=np.zeros((0, 2)), sigma_px=none,
+        offset_px=np.zeros((0, 2)), score=none,
+        used=none.astype(bool), agreement=None, refusal=refusal, rough_bias_px=rough_bias_px,
     )  # fmt: skip
 
 
@@ -212,8 +213,9 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
         agreement = None
     agreeing = np.zeros(len(rows), dtype=bool) if agreement is None else agreement.agreeing
     return ImageControl(
-        task.image.id, task.gsd_m, task.step, rows, xy, sigma, offset, score, agreeing, agreement, refusal,
-        task.bias.offset_px,
+        task.image.id, task.gsd_m, task.step, places=rows, xy=xy, sigma_px=sigma, offset_px=offset, score=score,
+        used=agreeing, agreement=agreement, refusal=refusal,
+        rough_bias_px=task.bias.offset_px,
     )  # fmt: skip
 
 
@@ -223,9 +225,10 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     side = 2 * half + 1
     origin = expected - task.step * (half + TILE_MATCH.edge_px)
     template = predict_patch(
-        task.image, task.reference, task.surface, origin,
-        (side + 2 * TILE_MATCH.edge_px, side + 2 * TILE_MATCH.edge_px), task.step, task.bias.offset_px,
-        options.node_px, task.gsd_m,
+        task.image, task.reference, task.surface, origin=origin,
+        shape=(side + 2 * TILE_MATCH.edge_px, side + 2 * TILE_MATCH.edge_px), step=task.step,
+        offset_px=task.bias.offset_px,
+        node_px=options.node_px, gsd_m=task.gsd_m,
     )  # fmt: skip
     if template.valid.mean() < 0.9:
         return None
@@ -385,7 +388,9 @@ def find_agreement(
     # the cluster was selected among all offsets, so the probability is multiplied by their number
     tail = max(float(special.bdtrc(inliers.sum() - 2, len(offset) - 1, chance)), float(np.finfo(np.float64).tiny))
     log10 = float(np.log10(tail) + np.log10(len(offset)))
-    return Agreement(coefficients, centre, half_size, residual, inliers, spread, log10)
+    return Agreement(
+        coefficients, centre, half_size, residual_px=residual, agreeing=inliers, spread_px=spread, chance_log10=log10
+    )
 
 
 def _build_design(xy: np.ndarray, centre: np.ndarray, half_size: np.ndarray) -> np.ndarray:

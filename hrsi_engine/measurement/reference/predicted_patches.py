@@ -206,7 +206,9 @@ def search_bias(
     reach = min(BIAS.first_search_px * max(step, 1.0), search_px)
     while True:
         coarse = max(step, min(reach / BIAS.reach, min(size) / BIAS.least_side))
-        peak = _find_peak(image, reference, surface, gsd_m, coarse, np.zeros(2), int(np.ceil(reach / coarse)))
+        peak = _find_peak(
+            image, reference, surface, gsd_m=gsd_m, step=coarse, offset=np.zeros(2), reach=int(np.ceil(reach / coarse))
+        )
         if peak is not None and peak.contrast >= BIAS.contrast and peak.rival <= BIAS.rival:
             break
         if reach >= search_px:
@@ -215,7 +217,7 @@ def search_bias(
     offset = peak.shift
     while coarse > step:
         coarse = max(coarse / BIAS.growth, step)
-        finer = _find_peak(image, reference, surface, gsd_m, coarse, offset, BIAS.fine_reach)
+        finer = _find_peak(image, reference, surface, gsd_m=gsd_m, step=coarse, offset=offset, reach=BIAS.fine_reach)
         if finer is None:
             return None
         offset = finer.shift
@@ -239,7 +241,17 @@ def _find_peak(
         sides.append(side)
     sites = [(np.array([sample, line]), (sides[1], sides[0])) for line in starts[1] for sample in starts[0]]
     for origin, shape in sites:
-        template = predict_patch(image, reference, surface, origin, shape, step, offset, BIAS.node, gsd_m)
+        template = predict_patch(
+            image,
+            reference,
+            surface,
+            origin=origin,
+            shape=shape,
+            step=step,
+            offset_px=offset,
+            node_px=BIAS.node,
+            gsd_m=gsd_m,
+        )
         if not template.valid.any():
             continue
         window = (shape[0] + 2 * reach, shape[1] + 2 * reach)

@@ -92,7 +92,15 @@ def make_refusal(kind: str, reason: str) -> TargetMeasurement:
     """Return a refused measurement."""
     nothing = np.empty((0, 2))
     return TargetMeasurement(
-        kind, np.full(2, np.nan), np.full((2, 2), np.nan), np.nan, nothing, np.empty(0, bool), (), np.nan, reason
+        kind,
+        np.full(2, np.nan),
+        np.full((2, 2), np.nan),
+        rmse_px=np.nan,
+        edges=nothing,
+        used=np.empty(0, bool),
+        curves=(),
+        quality=np.nan,
+        refusal=reason,
     )
 
 
@@ -180,15 +188,16 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
         return _report_ellipse(fit_ellipse_robust(best.outline), best.outline, best.quality)
     is_used = np.ones(len(best.outline), dtype=bool)
     return TargetMeasurement(
-        TARGET_CENTER, best.xy, best.covariance_px2, best.rmse_px, best.outline, is_used, (_close_ring(best.outline),),
-        best.quality,
+        TARGET_CENTER, best.xy, best.covariance_px2, rmse_px=best.rmse_px, edges=best.outline, used=is_used,
+        curves=(_close_ring(best.outline),),
+        quality=best.quality,
     )  # fmt: skip
 
 
 def _report_ellipse(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
     return TargetMeasurement(
-        TARGET_CENTER, ellipse.centre, ellipse.covariance_px2, ellipse.rmse_px, edges, ellipse.used,
-        (_close_ring(ellipse.outline()),), quality,
+        TARGET_CENTER, ellipse.centre, ellipse.covariance_px2, rmse_px=ellipse.rmse_px, edges=edges, used=ellipse.used,
+        curves=(_close_ring(ellipse.outline()),), quality=quality,
     )  # fmt: skip
 
 
@@ -304,8 +313,9 @@ def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) ->
         )
     quality = 1.0 / (1.0 + corner.rmse_px / 0.2)
     return TargetMeasurement(
-        TARGET_CORNER, corner.position + origin, corner.covariance_px2, corner.rmse_px, edges + origin, inliers,
-        tuple(curves), quality,
+        TARGET_CORNER, corner.position + origin, corner.covariance_px2, rmse_px=corner.rmse_px, edges=edges + origin,
+        used=inliers,
+        curves=tuple(curves), quality=quality,
     )  # fmt: skip
 
 

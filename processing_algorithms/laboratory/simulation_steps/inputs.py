@@ -42,10 +42,20 @@ def make_views(options: ViewOptions, vendor: VendorErrorOptions, scene: SceneSpe
         if options.strips * options.places > 1:
             raise InputError("`dates` are taken of one place: leave `strips` and `places` at 1")
         taken_on = draw_acquisitions(options.dates, scene.lat_deg, scene.seed)
-        taken = make_views_of_dates(sensor, taken_on, images, size, heading, options.off_nadir, scene.seed)
+        taken = make_views_of_dates(
+            sensor, taken_on, images, size=size, heading_deg=heading, off_nadir_deg=options.off_nadir, seed=scene.seed
+        )
         across = options.across or None
     elif options.strips * options.places > 1:
-        taken = make_strip_views(sensor, options.strips, options.places, images, size, options.overlap, heading)
+        taken = make_strip_views(
+            sensor,
+            options.strips,
+            options.places,
+            images_per_place=images,
+            size=size,
+            overlap=options.overlap,
+            heading_deg=heading,
+        )
     else:
         taken = make_along_track_views(sensor, images, size, heading_deg=heading)
     angles = _numbers("along", options.along, images) if options.along else None
