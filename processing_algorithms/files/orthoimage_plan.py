@@ -296,7 +296,7 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
             grid=grid,
             error_px=options.error_px,
             jitter=jitter,
-            visibility=options.visibility,
+            masks_occlusions=options.visibility,
         )
         scale = mapping.source_pixels_per_pixel()
         warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
