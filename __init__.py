@@ -52,7 +52,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "processing_algorithms.facade.calls": (
             "triangulate tie_points adjust evaluate refine write_rpc crop strip hand_over rpc_info project localize "
             "fit_rpc gcps_from_reference interest_points match measure_targets orthorectify ortho_check run simulate "
-            "register init open"
+            "surface_model register init open"
         ),
         "processing_algorithms.facade.result": "Result read_result",
         "hrsi_engine": "RPC Block GroundPoints HrsiError Image ImagePoints MODELS Role read_rpc refine_rpc",

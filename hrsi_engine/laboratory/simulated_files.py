@@ -22,6 +22,7 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import WGS84_3D
 from ..io.opening.datasets import Messages, gdal_messages
 from ..io.point_files.csv_text import write_csv, write_measurements
+from ..io.rasters.dems import ELLIPSOIDAL_HEIGHTS, VERTICAL_DATUM
 from ..io.rpc_files.fields import gdal_metadata
 from ..io.rpc_files.placement import Geotransform
 from ..io.safety.replacing import replacing
@@ -139,7 +140,7 @@ def write_dem(path: str, heights: np.ndarray, geotransform: Geotransform) -> Non
         with gdal_messages() as messages:
             dataset = _create_file(path, temporary, (columns, rows, 1), gdal.GDT_Float32, messages)
             _georeference_file(dataset, geotransform)
-            dataset.SetMetadata({"VERTICAL_DATUM": "ellipsoidal heights above WGS84", "AREA_OR_POINT": "Point"})
+            dataset.SetMetadata({VERTICAL_DATUM: ELLIPSOIDAL_HEIGHTS, "AREA_OR_POINT": "Point"})
             band = dataset.GetRasterBand(1)
             band.SetUnitType("m")
             band.SetDescription("ellipsoidal height")

@@ -18,7 +18,7 @@ from ...ground.operation_uses import OperationUse, with_geoid
 from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import require_heights, require_raster
-from ..opening.datasets import call_quiet, check_advice, open_dataset
+from ..opening.datasets import call_quiet, check_advice, metadata_of, open_dataset
 from ..opening.files import read_pixels
 from ..opening.georeference import Georeference
 from ..opening.plain_files import require_plain
@@ -29,6 +29,9 @@ HEIGHT_UNITS_M = {
     "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200.0 / 3937.0, "us survey foot": 1200.0 / 3937.0,
 }  # fmt: skip
 
+ELLIPSOIDAL_DATUM = "ellipsoidal"
+#: Metadata item of rasters whose CRS cannot state that their heights are ellipsoidal, and its content.
+VERTICAL_DATUM, ELLIPSOIDAL_HEIGHTS = "VERTICAL_DATUM", "ellipsoidal heights above WGS84"
 Undulations = Callable[[np.ndarray], np.ndarray]  # (n, 2) x, y in the DEM's CRS -> (n,) m to add
 
 
@@ -52,7 +55,9 @@ def open_dem(path: str, height_datum: str = "layer", epoch: float | None = None)
 def surface_of_dataset(dataset: gdal.Dataset, path: str, height_datum: str, epoch: float | None) -> GridSurface:
     """Return the surface of an open raster; arguments as in `open_dem`, messages name ``path``."""
     place = Georeference(dataset, path, "DEM", endless=True, epoch=epoch)
-    undulations, operations = _find_heights(path, place, height_datum)
+    is_stated = metadata_of(dataset).get(VERTICAL_DATUM) == ELLIPSOIDAL_HEIGHTS and not has_heights(place.crs)
+    datum = ELLIPSOIDAL_DATUM if height_datum == "layer" and is_stated else height_datum
+    undulations, operations = _find_heights(path, place, datum)
     reader = _DemReader(dataset, path, place, undulations)
     size = dataset.RasterYSize, place.turn or dataset.RasterXSize
     if min(size) < 2:
@@ -88,7 +93,7 @@ def _find_heights(
 
         return find_offsets, operations.uses_at(path, place.nodes_lonlat())
     uses = flat.uses_at(path, place.nodes_lonlat())
-    if height_datum == "ellipsoidal":
+    if height_datum == ELLIPSOIDAL_DATUM:
         return None, uses
     geoid = open_geoid(height_datum)
     uses = tuple(use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in uses)

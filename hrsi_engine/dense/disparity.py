@@ -1,0 +1,131 @@
+"""Dense disparities of a rectified pair: semi-global matching, then least-squares matching at every pixel.
+
+OpenCV's semi-global matching (Hirschmueller 2008) finds the whole pixel on images that are normalised to local mean 0
+and standard deviation 1, as radiometry differs between images. Its fractions of pixels are drawn to whole ones. They
+are replaced by least-squares matching (Ackermann 1984; thesis chapter 3) in a window around each pixel: with the second
+image resampled by the disparities ``R(u - d)``, a correction ``delta`` and an offset ``o`` are estimated in
+
+    L - R = -R' delta + o,      delta = -cov(R', L - R) / var(R'),      sigma² = s² / (n var(R')),
+
+where ``cov`` and ``var`` are those of the window: box filters, thus some operations a pixel for all windows. Each pixel
+of a window is resampled by its own disparity, and disparities are smoothed only over neighbours of similar ones:
+windows across the wall of a building do not mix its roof with the ground.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..foundation.pixel_filters import box_mean, load_opencv
+from ..foundation.thresholds import threshold, thresholds
+
+
+@thresholds
+class DISPARITY:
+    """Semi-global and dense least-squares matching."""
+
+    speckle_px: int = threshold(60, "px", "smallest area of connected disparities")
+    least_support: float = threshold(0.35, "", "smallest mean correlation of the windows around a pixel, 0 where none")
+    largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a disparity")
+
+
+CONTRAST_PX = 25  #: side of the window whose mean and contrast are normalised
+#: Semi-global matching: side of its block, and penalties of disparity steps of 1 and more, for each pixel of the block.
+BLOCK_PX, PENALTIES = 3, (8, 32)
+#: Least-squares matching: side of the window, iterations, and largest correction of an iteration.
+WINDOW_PX, LSM_ITERATIONS, STEP_PX = 7, 3, 0.5
+SUPPORT_PX = 15  #: side of the area in which matches support one another
+SMOOTH_PX = 1.0  #: difference of disparities whose neighbours are smoothed with a weight of 0.6
+
+
+class Disparities(NamedTuple):
+    """Disparities and their standard deviations ``(rows, columns)``, px, float32; NaN where nothing matches."""
+
+    disparity: np.ndarray
+    sigma_px: np.ndarray
+
+
+def normalise_contrast(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Return grey values with local mean 0 and standard deviation 1, float32; 0 where they are not valid."""
+    side = CONTRAST_PX
+    filled = np.where(valid, grey, 0).astype(np.float32)
+    share = np.maximum(box_mean(valid.astype(np.float32), side), 1e-6)
+    mean = box_mean(filled, side) / share
+    centred = np.where(valid, filled - mean, np.float32(0.0))
+    contrast = np.sqrt(np.maximum(box_mean(centred * centred, side), 0.0) / share)
+    floor = 1e-3 * float(np.abs(mean).max() or 1.0)
+    return np.where(valid, centred / (contrast + floor), np.float32(0.0))
+
+
+def compute_disparities(
+    left: np.ndarray, right: np.ndarray, valid: np.ndarray, disparities: tuple[float, float], mode: str = "SGBM_3WAY"
+) -> Disparities:
+    """Return the disparities of normalised images of equal size.
+
+    valid : mask of usable pixels of the left image
+    disparities : smallest and largest one to be searched
+    """
+    cv2 = load_opencv()
+    first = int(np.floor(disparities[0])) - 2
+    count = -(-(int(np.ceil(disparities[1])) + 2 - first) // 16) * 16
+    p1, p2 = (p * BLOCK_PX**2 for p in PENALTIES)
+    matcher = cv2.StereoSGBM_create(
+        minDisparity=first, numDisparities=count, blockSize=BLOCK_PX, P1=p1, P2=p2, disp12MaxDiff=1,
+        preFilterCap=31, uniquenessRatio=3, speckleWindowSize=DISPARITY.speckle_px, speckleRange=1,
+        mode=getattr(cv2, f"STEREO_SGBM_MODE_{mode}"),
+    )  # fmt: skip
+    bytes_of = [np.clip(128.0 + 42.0 * grey, 0, 255).astype(np.uint8) for grey in (left, right)]
+    whole = matcher.compute(*bytes_of).astype(np.float32) / 16.0
+    found = (whole >= first) & valid
+    return refine_disparities(left, right, np.where(found, whole, np.float32(np.nan)))
+
+
+def refine_disparities(left: np.ndarray, right: np.ndarray, start: np.ndarray) -> Disparities:
+    """Return disparities refined by least-squares matching in a window around every pixel; ``start`` is NaN if none."""
+    cv2 = load_opencv()
+    found = np.isfinite(start)
+    side, count = WINDOW_PX, WINDOW_PX**2
+    v, u = np.indices(start.shape, dtype=np.float32)
+    slope = cv2.sepFilter2D(right, -1, np.array([-0.5, 0.0, 0.5], np.float32), np.array([1.0], np.float32))
+    disparity = _smooth(start, found)
+    weight = found.astype(np.float32)
+    share = np.maximum(box_mean(weight, side), 1e-6)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        """Return the mean of the valid pixels of each window."""
+        return np.asarray(box_mean(values * weight, side) / share)
+
+    for _ in range(LSM_ITERATIONS):
+        disparity = np.rint(disparity * 32.0) / np.float32(32.0)  # steps of cv2.remap
+        position = u - disparity
+        resampled = cv2.remap(right, position, v, cv2.INTER_CUBIC)
+        derivative = cv2.remap(slope, position, v, cv2.INTER_LINEAR)
+        difference = left - resampled
+        g, r = mean(derivative), mean(difference)
+        g_variance = np.maximum(mean(derivative * derivative) - g * g, 1e-6)
+        correction = -(mean(derivative * difference) - g * r) / g_variance
+        disparity = disparity + np.clip(correction, -STEP_PX, STEP_PX)
+        disparity = _smooth(np.where(found, disparity, np.float32(np.nan)), found)
+    r_variance = np.maximum(mean(difference * difference) - r * r, 1e-6)
+    first, second = mean(left), mean(resampled)
+    covariance = mean(left * resampled) - first * second
+    variances = (mean(left * left) - first * first) * (mean(resampled * resampled) - second * second)
+    correlation = covariance / np.sqrt(np.maximum(variances, 1e-6))
+    sigma = np.sqrt(r_variance / (count * share * g_variance))
+    # A wall has windows of low correlation among good ones; water and clouds have chance matches among nothing
+    support = box_mean(np.where(found, np.maximum(correlation, 0.0), np.float32(0.0)), SUPPORT_PX)
+    usable = found & (support > DISPARITY.least_support) & (sigma < DISPARITY.largest_sigma_px)
+    none = np.float32(np.nan)
+    return Disparities(np.where(usable, disparity, none), np.where(usable, sigma, none))
+
+
+def _smooth(disparity: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Return disparities smoothed over neighbours with similar ones (bilateral filter); 0 where there are none."""
+    if not found.any():
+        return np.zeros_like(disparity)
+    apart = np.float32(np.nanmin(disparity) - 20.0 * SMOOTH_PX)
+    filled = np.where(found, disparity, apart).astype(np.float32)
+    smooth = load_opencv().bilateralFilter(filled, 5, SMOOTH_PX, 2.0)
+    return np.where(found, smooth, np.float32(0.0))

@@ -1,0 +1,168 @@
+"""Heights of matched points in the cells of a map grid, and the fusion of the heights of several pairs.
+
+A cell takes the points within its neighbourhood with Gaussian weights, but only those on the level of the point nearest
+to its centre: at a wall a cell is roof or ground and not their mean. Pairs are fused by weights 1/sigma², iteratively
+without those that contradict the others (three sigma); the sigma of a cell is enlarged where pairs scatter more than
+their sigmas say.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..foundation.pixel_filters import load_opencv
+from ..foundation.thresholds import threshold, thresholds
+from ..ortho.grid import GridWindow
+
+
+@thresholds
+class GRIDDING:
+    """Gridding of matched points, and fusion of pairs."""
+
+    level_px: float = threshold(1.0, "px", "largest height difference of the points of a cell, in disparity")
+    sigma_factor: float = threshold(2.0, "", "standard deviation of a height over that of its least-squares matching")
+    roughness: float = threshold(0.5, "", "part of the standard deviation of neighbouring heights in that of a cell")
+    outlier: float = threshold(3.0, "sigma", "deviation of a pair from the others above which it is not used")
+
+
+WIDTH_CELLS = 0.5  #: standard deviation of the Gaussian weights of points
+FLOOR_PX = 0.02  #: part of the standard deviation of a disparity that its residuals do not show (resampling)
+LEAST_CELLS = 100  #: fewest common cells of two pairs whose bias is estimated
+FUSION_ROUNDS = 2  #: iterations of the robust fusion
+
+
+class FusedHeights(NamedTuple):
+    """Heights (m), their standard deviations (m) and the number of pairs ``(rows, columns)``, float32; NaN, NaN, 0."""
+
+    height: np.ndarray
+    sigma: np.ndarray
+    pairs: np.ndarray
+
+
+def grid_heights(
+    points: np.ndarray, sigma_m: np.ndarray, window: GridWindow, cell_m: float, metres_per_px: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return heights and standard deviations ``(rows, columns)`` of a window, float32, NaN in empty cells.
+
+    points : (3, n) column, row of the grid, height (m); sigma_m : (n,) of the heights
+    """
+    rows, columns = window.rows, window.columns
+    column, row = points[0] - window.column, points[1] - window.row
+    inside = (column > -1.5) & (column < columns + 0.5) & (row > -1.5) & (row < rows + 0.5)
+    column, row, height, sigma = column[inside], row[inside], points[2][inside], sigma_m[inside]
+    # A border of one cell, whose points also count for the cells at the edge
+    i, j = np.rint(row).astype(np.int64) + 1, np.rint(column).astype(np.int64) + 1
+    dx, dy = column + 1 - j, row + 1 - i
+    wide = columns + 2
+    cell, size = i * wide + j, (rows + 2) * wide
+    level = np.full(size, np.nan)
+    order = np.argsort(-(dx * dx + dy * dy), kind="stable")
+    level[cell[order]] = height[order]  # the last assignment is that of the nearest point
+    level = _close_holes(level.reshape(rows + 2, wide)).ravel()
+    total, weighted, weighted_sigma = np.zeros((3, size))
+    tolerance = GRIDDING.level_px * metres_per_px + cell_m
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            distance = (dx - right) ** 2 + (dy - down) ** 2
+            target = cell + down * wide + right
+            use = (distance < 2.25) & (target >= 0) & (target < size)
+            target = target[use]
+            near = np.abs(height[use] - level[target]) < tolerance  # False for NaN
+            target = target[near]
+            weight = np.exp(-0.5 * distance[use][near] / WIDTH_CELLS**2)
+            total += np.bincount(target, weight, size)
+            weighted += np.bincount(target, weight * height[use][near], size)
+            weighted_sigma += np.bincount(target, weight * sigma[use][near], size)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        heights, sigmas = (
+            (values / total).reshape(rows + 2, wide)[1:-1, 1:-1] for values in (weighted, weighted_sigma)
+        )
+    return _widen_sigmas(heights.astype(np.float32), sigmas.astype(np.float32), metres_per_px)
+
+
+def _close_holes(level: np.ndarray) -> np.ndarray:
+    """Return levels in which single empty cells have the mean of their neighbours."""
+    empty = np.isnan(level)
+    box = load_opencv().boxFilter
+    count = box((~empty).astype(np.float64), -1, (3, 3), normalize=False)
+    total = box(np.where(empty, 0.0, level), -1, (3, 3), normalize=False)
+    return np.where(empty & (count >= 4), total / np.maximum(count, 1.0), level)
+
+
+def _widen_sigmas(height: np.ndarray, sigma: np.ndarray, metres_per_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return heights and standard deviations that include the roughness of the surface around each cell."""
+    found = np.isfinite(height)
+    weight = found.astype(np.float32)
+    box = load_opencv().boxFilter
+    count = np.maximum(box(weight, -1, (3, 3), normalize=False), 1.0)
+    middle = np.float32(np.nanmean(height)) if found.any() else np.float32(0.0)
+    centred = np.where(found, height - middle, np.float32(0.0))
+    mean = box(centred, -1, (3, 3), normalize=False) / count
+    variance = np.maximum(box(centred * centred, -1, (3, 3), normalize=False) / count - mean * mean, 0.0)
+    noise = GRIDDING.sigma_factor * np.hypot(sigma, FLOOR_PX * metres_per_px)
+    return height, np.hypot(noise, GRIDDING.roughness * np.sqrt(variance)).astype(np.float32)
+
+
+def measure_differences(heights: np.ndarray) -> np.ndarray:
+    """Return ``(pairs, pairs, 2)``: median difference of the heights of two pairs (m), and the number of common cells.
+
+    heights : (pairs, rows, columns), NaN where a pair has none
+    """
+    count = len(heights)
+    result = np.zeros((count, count, 2))
+    for i in range(count):
+        for j in range(i + 1, count):
+            difference = heights[i] - heights[j]
+            difference = difference[np.isfinite(difference)]
+            if len(difference) >= LEAST_CELLS:
+                result[i, j] = np.median(difference), len(difference)
+    return result
+
+
+def estimate_pair_biases(differences: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
+    """Return the height bias (m) of each pair against the weighted mean of all.
+
+    differences : (tiles, pairs, pairs, 2) of `measure_differences`
+    sigma_m : (pairs,) typical standard deviation of the heights of a pair
+    """
+    count = len(sigma_m)
+    rows, values, weights = [1.0 / sigma_m**2], [0.0], [1.0]  # the weighted mean of all biases is 0
+    rows[0] /= rows[0].sum()
+    for i in range(count):
+        for j in range(i + 1, count):
+            median, cells = differences[:, i, j].T
+            if cells.any():
+                order = np.argsort(median)
+                middle = np.searchsorted(np.cumsum(cells[order]), cells.sum() / 2.0)
+                rows.append(np.eye(count)[i] - np.eye(count)[j])
+                values.append(median[order][min(middle, len(order) - 1)])
+                weights.append(float(np.sqrt(cells.sum()) / np.hypot(sigma_m[i], sigma_m[j])))
+    design, scale = np.array(rows), np.array(weights)
+    return np.asarray(np.linalg.lstsq(design * scale[:, None], np.array(values) * scale, rcond=None)[0])
+
+
+def fuse_heights(heights: np.ndarray, sigmas: np.ndarray) -> FusedHeights:
+    """Return the fused heights of several pairs ``(pairs, rows, columns)``, NaN where a pair has none."""
+    use = np.isfinite(heights)
+    weight = np.where(use, 1.0 / np.where(use, sigmas, 1.0) ** 2, 0.0)
+    filled = np.where(use, heights, 0.0)
+    # Start at the most accurate pair: a mean of contradicting pairs is the height of nothing
+    best = np.argmax(weight, axis=0)
+    height = np.take_along_axis(filled, best[None], 0)[0]
+    for _ in range(FUSION_ROUNDS):
+        smallest = np.take_along_axis(np.where(use, sigmas, np.inf), best[None], 0)[0]
+        agrees = use & (np.abs(filled - height) <= GRIDDING.outlier * np.hypot(np.where(use, sigmas, 0.0), smallest))
+        total = np.maximum((weight * agrees).sum(axis=0), 1e-30)
+        height = (weight * agrees * filled).sum(axis=0) / total
+    count = agrees.sum(axis=0)
+    chi2 = (weight * agrees * (filled - height) ** 2).sum(axis=0) / np.maximum(count - 1, 1)
+    # Pairs that share images are not independent: their mean is taken as accurate as the best one alone
+    sigma = np.take_along_axis(np.where(use, sigmas, np.nan), best[None], 0)[0] * np.sqrt(np.maximum(chi2, 1.0))
+    exists = count > 0
+    none = np.float32(np.nan)
+    return FusedHeights(
+        np.where(exists, height, none).astype(np.float32), np.where(exists, sigma, none).astype(np.float32),
+        count.astype(np.float32),
+    )  # fmt: skip

@@ -1,0 +1,192 @@
+"""Heights of the tiles of a surface model by all pairs of a block: first coarsely, then at full resolution.
+
+A coarse surface of the block comes from images reduced by a factor of up to 8, over the complete range of heights. Its
+heights limit the search of a tile, so that the cost of a tile does not depend on the relief of the block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..block.block import ArrayRaster, Image
+from ..foundation.pixel_filters import load_opencv
+from ..foundation.thresholds import threshold, thresholds
+from ..ortho.grid import GridWindow, MapGrid
+from .disparity import compute_disparities, normalise_contrast
+from .epipolar import RectifiedTile, rectify_tile
+from .gridding import fuse_heights, grid_heights
+
+
+@thresholds
+class DENSE:
+    """Levels and search ranges of dense matching."""
+
+    least_px: int = threshold(100, "px", "shorter side of the coarsest images")
+    margin_px: float = threshold(12.0, "px", "disparities searched beyond those of the coarse surface")
+    range_m: float = threshold(60.0, "m", "smallest enlargement of this range")
+
+
+REDUCTIONS = (8, 4, 2)  #: reductions of the images for the coarse surface
+MARGIN_CELLS = 8  #: cells of the coarse surface around a tile that also limit its heights
+RANGE_SHARE = 0.2  #: enlargement of the range of known heights for the coarse surface
+
+
+class PairHeights(NamedTuple):
+    """Heights of a window by each pair ``(pairs, rows, columns)``, their sigmas (m), and errors of rectification (px).
+
+    NaN where a pair has no height.
+    """
+
+    height: np.ndarray
+    sigma: np.ndarray
+    error_px: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class DenseBlock:
+    """Images, pairs (indices of the first and second image) and the map grid of a surface model.
+
+    cell_m : side of a cell in metres
+    """
+
+    images: tuple[Image, ...]
+    pairs: tuple[tuple[int, int], ...]
+    grid: MapGrid
+    cell_m: float
+
+    def coarsen(self, factor: int) -> DenseBlock:
+        """Return the block of reduced images (in memory), with cells larger by the same factor."""
+        images = []
+        for image in self.images:
+            samples, lines = (size // factor for size in image.known_size)
+            grey, valid = np.empty((lines, samples), np.float32), np.empty((lines, samples), bool)
+            rows = max(1, (1 << 22) // (samples * factor * factor))
+            for line in range(0, lines, rows):  # by strips, for memory
+                count = min(rows, lines - line)
+                part, mask = image.pixels.read(0, line * factor, samples * factor, count * factor)
+                shape = count, factor, samples, factor
+                grey[line : line + count] = part.reshape(shape).mean(axis=(1, 3), dtype=np.float32)
+                valid[line : line + count] = mask.reshape(shape).all(axis=(1, 3))
+            first = (factor - 1) / 2.0
+            rpc = image.rpc.resample((float(factor), float(factor)), (first, first))
+            images.append(replace(image, raster=ArrayRaster(grey, valid), rpc=rpc))
+        resolution = self.grid.resolution * factor
+        grid = MapGrid.from_bounds(self.grid.crs, resolution, self.grid.bounds)
+        return replace(self, images=tuple(images), grid=grid, cell_m=self.cell_m * factor)
+
+
+class CoarseSurface(NamedTuple):
+    """Heights (rows, columns) of a coarse grid, NaN where there are none, and its cells per cell of the fine grid."""
+
+    heights: np.ndarray
+    grid: MapGrid
+
+    def limit_window(self, grid: MapGrid, window: GridWindow) -> tuple[np.ndarray, tuple[float, float]] | None:
+        """Return the plane through the surface in a window of a finer grid, and its lowest and highest height.
+
+        Result: (3,) plane @ (column, row, 1) of the fine grid, and metres; None without heights.
+        """
+        factor = self.grid.resolution / grid.resolution
+        # Position of the centre of fine cell 0 in the coarse grid
+        x0 = (grid.left + 0.5) / factor - self.grid.left - 0.5
+        y0 = self.grid.top - (grid.top - 0.5) / factor - 0.5
+        margin = MARGIN_CELLS
+        first = np.floor([y0 + window.row / factor, x0 + window.column / factor]).astype(int) - margin
+        last = first + np.ceil([window.rows / factor, window.columns / factor]).astype(int) + 2 * margin
+        (top, left), (bottom, right) = np.maximum(first, 0), np.maximum(last, 0)
+        part = self.heights[top:bottom, left:right]
+        row, column = np.nonzero(np.isfinite(part))
+        if not len(row):
+            return None
+        height = part[row, column].astype(np.float64)
+        x, y = (column + left - x0) * factor, (row + top - y0) * factor
+        design = np.column_stack([x, y, np.ones(len(x))])
+        plane = np.array([0.0, 0.0, height.mean()])
+        if len(height) > 10:
+            plane = np.linalg.lstsq(design, height, rcond=None)[0]
+        return plane, (float(height.min()), float(height.max()))
+
+
+def match_surface_tile(
+    block: DenseBlock, window: GridWindow, plane: np.ndarray, heights_m: tuple[float, float]
+) -> PairHeights:
+    """Return the heights of a window of the map grid by each pair.
+
+    plane : (3,) reference of disparities, plane @ (column, row, 1)
+    heights_m : lowest and highest height that is searched
+    """
+    shape = len(block.pairs), window.rows, window.columns
+    result = PairHeights(np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32), np.zeros(shape[0]))
+    for number, (first, second) in enumerate(block.pairs):
+        images = block.images[first], block.images[second]
+        tile = rectify_tile(images, block.grid, window, heights_m, plane)
+        result.error_px[number] = tile.error_px
+        pixels = [_warp(image, affine, tile) for image, affine in zip(images, (tile.left, tile.right), strict=True)]
+        if not all(valid.any() for _, valid in pixels):
+            continue
+        left, right = (normalise_contrast(grey, valid) for grey, valid in pixels)
+        matches = compute_disparities(left, right, pixels[0][1], tile.disparities)
+        v, u = np.nonzero(np.isfinite(matches.disparity))
+        if not len(u):
+            continue
+        points = tile.intersect(u.astype(float), v.astype(float), matches.disparity[v, u].astype(float))
+        metres = tile.height_per_px()
+        sigma = matches.sigma_px[v, u].astype(float) * metres
+        result.height[number], result.sigma[number] = grid_heights(points, sigma, window, block.cell_m, metres)
+    return result
+
+
+def _warp(image: Image, affine: np.ndarray, tile: RectifiedTile) -> tuple[np.ndarray, np.ndarray]:
+    """Return the grey values (float32) and the mask of an image in the rectified geometry of a tile."""
+    cv2 = load_opencv()
+    columns, rows = tile.size
+    corners = np.array([[0, 0, 1], [columns, 0, 1], [0, rows, 1], [columns, rows, 1]]) @ affine.T
+    size = np.array(image.known_size)
+    low = np.clip(np.floor(corners.min(axis=0)).astype(int) - 4, 0, size)
+    extent = np.clip(np.ceil(corners.max(axis=0)).astype(int) + 5, 0, size) - low
+    if (extent < 2).any():
+        return np.zeros((rows, columns), np.float32), np.zeros((rows, columns), bool)
+    grey, valid = image.pixels.read(int(low[0]), int(low[1]), int(extent[0]), int(extent[1]))
+    local = affine - np.column_stack([np.zeros((2, 2)), low])
+    back = cv2.WARP_INVERSE_MAP
+    warped = cv2.warpAffine(grey.astype(np.float32), local, tile.size, flags=cv2.INTER_CUBIC | back)
+    mask = cv2.warpAffine(valid.astype(np.float32), local, tile.size, flags=cv2.INTER_LINEAR | back)
+    return warped, mask > 0.999
+
+
+def match_coarse_surface(block: DenseBlock, known_m: Sequence[float]) -> CoarseSurface:
+    """Return a coarse surface of a block.
+
+    known_m : heights that are known, of tie points or a DEM, which limit the search
+    """
+    shortest = min(min(image.known_size) for image in block.images)
+    factor = next((one for one in REDUCTIONS if shortest >= one * DENSE.least_px), 1)
+    coarse = block.coarsen(factor) if factor > 1 else block
+    low, high = float(np.min(known_m)), float(np.max(known_m))
+    more = max(DENSE.range_m, RANGE_SHARE * (high - low))
+    grid, plane = coarse.grid, np.array([0.0, 0.0, (low + high) / 2.0])
+    heights = np.full((grid.rows, grid.columns), np.nan, np.float32)
+    for window in grid.chunks(512):
+        matched = match_surface_tile(coarse, window, plane, (low - more, high + more))
+        fused = fuse_heights(matched.height, matched.sigma)
+        heights[window.row : window.row + window.rows, window.column : window.column + window.columns] = fused.height
+    return CoarseSurface(heights, grid)
+
+
+def limit_search(
+    block: DenseBlock, coarse: CoarseSurface, window: GridWindow
+) -> tuple[np.ndarray, tuple[float, float]] | None:
+    """Return the reference plane and the range of heights of a tile at full resolution; None where nothing is known."""
+    limits = coarse.limit_window(block.grid, window)
+    if limits is None:
+        return None
+    plane, (low, high) = limits
+    more = 0.0
+    for first, second in block.pairs:
+        tile = rectify_tile((block.images[first], block.images[second]), block.grid, window, (low, high), plane)
+        more = max(more, DENSE.margin_px * tile.height_per_px())
+    return plane, (low - more, high + more)

@@ -1,0 +1,115 @@
+"""Surface models on disk: height, standard deviation and number of pairs as the three bands of a COG.
+
+Heights above a vertical datum have a compound CRS. Ellipsoidal ones have that of the map, since GeoTIFF has no
+three-dimensional projected CRS, and the metadata item `VERTICAL_DATUM`. `open_dem` reads both.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyproj
+from osgeo import gdal
+
+from ...foundation.errors import InputError, OutputError
+from ...foundation.progress import Progress, advance, stage
+from ...ground.crs_operations import operations_of
+from ...ground.proj_operations import has_heights
+from ..opening.datasets import gdal_messages
+from ..rpc_files.write import create_copy
+from ..safety.replacing import open_hidden_folder, replacing
+from .dems import ELLIPSOIDAL_DATUM, ELLIPSOIDAL_HEIGHTS, VERTICAL_DATUM
+from .images import GdalRaster
+from .ortho_warp import CHUNKS
+from .orthoimages import TILED, Grid, OrthoFormat
+
+SURFACE_BANDS = ("height", "standard deviation", "pairs")
+NODATA = -9999.0
+#: Vertical CRS by the words of the option.
+VERTICAL_CODES = {"egm96": "EPSG:5773", "egm2008": "EPSG:3855"}
+
+HeightOffsets = Callable[[np.ndarray], np.ndarray]  # (n, 2) x, y in the map's CRS -> (n,) m to subtract
+
+
+def find_vertical_crs(crs: str, vertical: str) -> tuple[str, HeightOffsets | None]:
+    """Return the CRS of a surface model (WKT), and the ellipsoidal heights of its height 0 (None for ellipsoidal ones).
+
+    crs : of the map, WKT; vertical : ``ellipsoidal``, ``egm96``, ``egm2008``, or a vertical CRS (EPSG:5773)
+    Raises `InputError` if it is no vertical CRS, or its geoid grid is missing.
+    """
+    flat = pyproj.CRS.from_wkt(crs)
+    if vertical == ELLIPSOIDAL_DATUM:
+        return crs, None
+    try:
+        heights = pyproj.CRS.from_user_input(VERTICAL_CODES.get(vertical, vertical))
+    except pyproj.exceptions.CRSError:
+        heights = flat
+    if not heights.is_vertical:
+        raise InputError(
+            f"`vertical` {vertical!r} is no vertical reference: give ellipsoidal, egm96, egm2008 or the EPSG code of a "
+            "vertical CRS (EPSG:5773)"
+        )
+    compound = pyproj.crs.CompoundCRS(f"{flat.name} + {heights.name}", [flat, heights]).to_wkt()
+    return str(compound), operations_of(str(compound)).height_offsets
+
+
+def write_surface(
+    path: str, grid: Grid, crs: str, names: Sequence[str], tiles: Iterator[tuple[Any, Sequence[np.ndarray]]],
+    form: OrthoFormat, threads: int, progress: Progress, lineage: Mapping[str, str],
+) -> None:  # fmt: skip
+    """Write a surface model, or another raster of heights.
+
+    crs : WKT with the vertical reference; grid : its cells
+    names : of the bands; tiles : windows of the grid with the bands, NaN where there is no height
+
+    Raises `OutputError` if it cannot be written, `Cancelled` if ``progress`` returns False.
+    """
+    with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as folder, replacing(path) as temporary:
+        plain = os.path.join(folder, "tiles.tif")
+        with gdal_messages() as messages:
+            dataset = gdal.GetDriverByName("GTiff").Create(
+                plain, grid.columns, grid.rows, len(names), gdal.GDT_Float32, [*TILED, "SPARSE_OK=TRUE"]
+            )
+            if dataset is not None:
+                dataset.SetProjection(crs)
+                dataset.SetGeoTransform(grid.geotransform)
+                for number, name in enumerate(names, 1):
+                    dataset.GetRasterBand(number).SetDescription(name)
+                    dataset.GetRasterBand(number).SetNoDataValue(NODATA)
+                    if name != SURFACE_BANDS[-1]:
+                        dataset.GetRasterBand(number).SetUnitType("metre")
+                is_ellipsoidal = not has_heights(pyproj.CRS.from_wkt(crs))
+                dataset.SetMetadata({**lineage, **({VERTICAL_DATUM: ELLIPSOIDAL_HEIGHTS} if is_ellipsoidal else {})})
+                part = stage(progress, 0.0, CHUNKS.warped_share)
+                for window, bands in tiles:
+                    advance(part, window.row / grid.rows, "fusing pairs")
+                    empty = np.isnan(bands[0])
+                    for band, values in enumerate(bands, 1):
+                        filled = np.where(empty, np.float32(NODATA), values)
+                        dataset.GetRasterBand(band).WriteArray(filled, window.column, window.row)
+            is_created = dataset is not None
+            del dataset  # closed here, so that failures of the last writing are noticed
+        if messages or not is_created:
+            raise OutputError(f"{path}: cannot be written ({messages.reason})")
+        options = [*form.creation_options(False, threads), "OVERVIEW_RESAMPLING=AVERAGE"]
+        create_copy(gdal.Open(plain), temporary, path, "COG", options, stage(progress, CHUNKS.warped_share, 1.0))
+
+
+STYLE = (
+    "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+    '<qgis styleCategories="Symbology"><pipe><rasterrenderer type="hillshade" band="1" azimuth="315" angle="45" '
+    'zfactor="1" multidirection="1" opacity="1" alphaBand="-1"/></pipe></qgis>\n'
+)  # a file of this content beside a raster is its style in QGIS
+
+
+class ShadedSurface(GdalRaster):
+    """A surface model as a picture that is lit from the north-west, for `read_picture`."""
+
+    def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """As `GdalRaster.read_means`."""
+        height, valid = super().read_means(step)
+        cell = self.dataset.GetGeoTransform()[1] * step
+        down, right = np.gradient(np.where(valid, height, np.nan), cell)
+        shade = (1.0 - 0.7 * right - 0.7 * down) / np.sqrt(1.0 + right**2 + down**2)
+        return np.nan_to_num(shade).astype(np.float32), valid & np.isfinite(shade)

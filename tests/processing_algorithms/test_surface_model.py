@@ -1,0 +1,172 @@
+"""`surface-model`: heights against the simulated terrain, their standard deviations, and runs that are stopped."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+import pytest
+from long_tests import mark_beyond
+from osgeo import gdal
+
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
+from hrsi.hrsi_engine.surface.dem import surface_heights
+from hrsi.processing_algorithms import run
+
+SIZE = 420
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three simulated images of hills with exact RPCs, and the block adjusted with many GCPs."""
+    folder = tmp_path_factory.mktemp("block")
+    made = folder / "made"
+    run(
+        "simulate", images=3, along="-10,0,10", size=SIZE, gcps=30, checks=2, ties=100, landform="hills", seed=11,
+        noise_image=0.02, noise_gcp_xy=0.01, noise_gcp_h=0.01, vendor_error=0.0, output_dir=str(made),
+    )  # fmt: skip
+    run(
+        "adjust", images=[str(made / f"image_{k}.tif") for k in (1, 2, 3)], gcps=str(made / "ground_points.csv"),
+        image_points=str(made / "image_points.csv"), height_datum="ellipsoidal", report=False, sigma_gcp_xy=0.01,
+        sigma_gcp_h=0.01, sigma_image=0.05, output_dir=str(folder / "result"),
+    )  # fmt: skip
+    return folder
+
+
+def make(block: Path, name: str, **options: Any) -> tuple[Path, dict]:
+    folder = block / name
+    return folder, run("surface-model", result=str(block / "result"), output_dir=str(folder), **options)
+
+
+def differences(block: Path, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors against the true terrain and stated sigmas (m), where there is a height; both read anew by GDAL."""
+    dataset = gdal.Open(str(path))
+    height, sigma = dataset.GetRasterBand(1).ReadAsArray(), dataset.GetRasterBand(2).ReadAsArray()
+    row, column = np.nonzero(height != dataset.GetRasterBand(1).GetNoDataValue())
+    west, step, _, north, _, _ = dataset.GetGeoTransform()
+    to_wgs84 = pyproj.Transformer.from_crs(32631, 4326, always_xy=True)
+    lonlat = np.column_stack(to_wgs84.transform(west + (column + 0.5) * step, north - (row + 0.5) * step))
+    truth = surface_heights(open_dem(str(block / "made" / "dem.tif")), lonlat)
+    return height[row, column] - truth, sigma[row, column]
+
+
+@pytest.fixture(scope="module")
+def surface(block: Path) -> tuple[Path, dict]:
+    return make(block, "surface", reference=str(block / "made" / "dem.tif"))
+
+
+def test_heights_are_those_of_the_terrain(block: Path, surface: tuple[Path, dict]):
+    """To a tenth of a pixel of disparity, 0.05 px x 2.1 m/px for the widest pair, and 0.1 m in the mean."""
+    folder, report = surface
+    error, sigma = differences(block, folder / "surface.tif")
+    bias = np.median(error)
+    assert abs(bias) < 0.1
+    assert 1.4826 * np.median(np.abs(error - bias)) < 0.25
+    assert np.percentile(np.abs(error), 90.0) < 0.5
+    assert np.mean(np.abs(error) < 1.645 * sigma) > 0.86
+    assert report["cells_with_height"] == len(error) > 0.6 * report["cells"]
+
+
+def test_comparison_agrees_with_own_figures(block: Path, surface: tuple[Path, dict]):
+    folder, report = surface
+    error, _ = differences(block, folder / "surface.tif")
+    figures = report["reference"]
+    assert figures["compared"] == len(error)
+    assert figures["bias_m"] == pytest.approx(np.median(error), abs=1e-3)
+    assert figures["le90_m"] == pytest.approx(np.percentile(np.abs(error), 90.0), abs=1e-3)
+    difference = gdal.Open(str(folder / "difference.tif")).ReadAsArray()
+    assert np.median(difference[difference != -9999.0]) == pytest.approx(figures["bias_m"], abs=1e-3)
+
+
+def test_file_states_what_it_contains(surface: tuple[Path, dict]):
+    folder, report = surface
+    dataset = gdal.Open(str(folder / "surface.tif"))
+    assert [dataset.GetRasterBand(k).GetDescription() for k in (1, 2, 3)] == ["height", "standard deviation", "pairs"]
+    pairs = dataset.GetRasterBand(3).ReadAsArray()
+    assert {1.0, 2.0, 3.0} >= set(np.unique(pairs[pairs != -9999.0]).tolist()) >= {3.0}
+    assert gdal.Info(dataset, format="json")["metadata"]["IMAGE_STRUCTURE"]["LAYOUT"] == "COG"
+    open_dem(str(folder / "surface.tif"))  # the height datum is in the CRS: nothing has to be told
+    assert "hillshade" in (folder / "surface.qml").read_text()
+    assert all(pair["rectification_px"] < 0.1 for pair in report["pairs"])
+    assert not (folder / "unfinished_surface").exists()
+
+
+def test_vertical_crs_changes_heights_by_the_geoid(block: Path, surface: tuple[Path, dict]):
+    """49.7 m at this place, from PROJ's grid by the independent way of cs2cs."""
+    folder, _ = make(block, "egm96", vertical="egm96", report=False)
+    above_geoid, ellipsoidal = (gdal.Open(str(one / "surface.tif")).ReadAsArray()[0] for one in (folder, surface[0]))
+    exists = above_geoid != -9999.0
+    geoid = pyproj.Transformer.from_crs("EPSG:4326+5773", 4979, always_xy=True).transform(5.45, 43.53, 0.0)[2]
+    assert (ellipsoidal - above_geoid)[exists] == pytest.approx(geoid, abs=0.1)
+    assert open_dem(str(folder / "surface.tif")).operations[0].operation.name
+
+
+def test_stopped_run_continues(block: Path, surface: tuple[Path, dict]):
+    """With the tiles that are finished, and with the same result, byte for byte."""
+    matched: list[float] = []
+
+    def stop(fraction: float, message: str) -> bool:
+        matched.append(fraction)
+        return not message.startswith("matching tiles (3")
+
+    options = {"tile": 128, "report": False, "resolution": 1.0}
+    with pytest.raises(Cancelled):
+        make(block, "stopped", progress=stop, **options)
+    stored = sorted((block / "stopped" / "unfinished_surface").glob("*.npz"))
+    assert len(stored) >= 3
+    messages: list[str] = []
+    folder, _ = make(block, "stopped", log=messages.append, **options)
+    assert any(f"continues with {len(stored)} finished tiles" in text for text in messages)
+    straight, _ = make(block, "straight", **options)
+    assert (folder / "surface.tif").read_bytes() == (straight / "surface.tif").read_bytes()
+
+
+def test_pair_without_angle_is_refused(block: Path, tmp_path: Path):
+    """Two images from the same direction: the message has the angle of the pair."""
+    made = tmp_path / "made"
+    run("simulate", images=2, along="0,0.4", size=160, gcps=8, checks=0, ties=40, seed=2, output_dir=str(made))
+    run(
+        "adjust", images=[str(made / f"image_{k}.tif") for k in (1, 2)], gcps=str(made / "ground_points.csv"),
+        image_points=str(made / "image_points.csv"), height_datum="ellipsoidal", report=False, force_write=True,
+        output_dir=str(tmp_path / "result"),
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"image_1 and image_2: convergence 0\.\d\d deg"):
+        run("surface-model", result=str(tmp_path / "result"), output_dir=str(tmp_path / "surface"))
+
+
+@pytest.mark.parametrize(("vertical", "crs", "text"), [
+    ("EPSG:4326", None, "is no vertical reference"), ("ellipsoidal", "EPSG:4326", "is not projected"),
+])  # fmt: skip
+def test_wrong_options(block: Path, tmp_path: Path, vertical: str, crs: str | None, text: str):
+    with pytest.raises(InputError, match=text):
+        run("surface-model", result=str(block / "result"), output_dir=str(tmp_path), vertical=vertical, crs=crs)
+
+
+def cover(path: Path, area: tuple[slice, slice], kind: str) -> None:
+    """Paint water (noise of the sensor), a cloud (smooth and bright) or nothing at all over a part of an image."""
+    dataset = gdal.Open(str(path), gdal.GA_Update)
+    grey = dataset.ReadAsArray().astype(float)
+    shape = grey[area].shape
+    seed = sum(path.name.encode())
+    noise = np.random.default_rng(seed).normal(0.0, 3.0, shape)
+    grey[area] = (20.0 if kind == "water" else 2500.0) + noise
+    dataset.GetRasterBand(1).WriteArray(grey)
+
+
+@pytest.mark.parametrize("kind", mark_beyond(1, "thorough", ["water", "cloud"]))
+def test_water_and_clouds_are_nodata(block: Path, tmp_path: Path, kind: str):
+    """Less than 5 % of the cells in the middle of a patch without texture have a height."""
+    shutil.copytree(block, tmp_path / "block")
+    for k in (1, 2, 3):
+        cover(tmp_path / "block" / "made" / f"image_{k}.tif", np.s_[150:290, 150:290], kind)
+    record = tmp_path / "block" / "result" / "block.json"
+    record.write_text(record.read_text().replace(str(block), str(tmp_path / "block")))
+    folder, report = make(tmp_path / "block", f"with_{kind}", report=False)
+    height = gdal.Open(str(folder / "surface.tif")).ReadAsArray()[0]
+    middle = tuple(slice(size // 2 - 35, size // 2 + 35) for size in height.shape)
+    assert np.mean(height[middle] != -9999.0) < 0.05
+    assert report["cells_with_height"] > 0.4 * report["cells"]
