@@ -1791,6 +1791,112 @@ def fit_rpc(
     """
     ...
 
+def surface_model(
+    result: Path,
+    *,
+    resolution: float | None = None,
+    crs: str | None = None,
+    vertical: str = "ellipsoidal",
+    extent: str | None = None,
+    reference: RasterSource | None = None,
+    reference_datum: str = "layer",
+    most_pairs: int = 4,
+    tile: int = 512,
+    max_sigma: float | None = None,
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
+    height_datum: str = "layer",
+    compression: Literal["deflate", "lzw", "zstd", "none"] = "deflate",
+    scheduler: str | None = None,
+    scheduler_ca: Path | None = None,
+    scheduler_certificate: Path | None = None,
+    scheduler_key: Path | None = None,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    report: bool = True,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Digital surface model (DSM) of an adjusted block by dense matching.
+
+    Matches the best pairs of an adjusted block at every pixel and intersects the rays of their refined
+    RPCs. Pairs are chosen by convergence angle (10 to 25 degrees are best), overlap, sun, season and
+    common tie points. The surface model is a cloud-optimised GeoTIFF with three bands: height, its
+    standard deviation, and the number of pairs that agree. Where no pair supports a height (water,
+    clouds, occlusions, changes between dates) it is nodata. The search starts at the heights of the tie
+    points, or of ``dem``. Finished tiles are kept when a run is stopped, and the same command
+    continues.
+
+    Parameters
+    ----------
+    result : path
+        Output directory of an adjustment.
+    resolution : float, optional
+        Cell size, in units of the CRS; by default the finest pixel of the block on the ground, rounded
+        (at least 1e-09).
+    crs : str, optional
+        CRS of the map, projected; by default the UTM zone (or UPS) at the centre of the block.
+    vertical : str, optional
+        Reference of the heights: ellipsoidal, egm96, egm2008, or a vertical CRS (default ellipsoidal).
+    extent : str, optional
+        A box in the CRS of the map, or in the CRS in brackets after it; by default the ground that the
+        chosen pairs show.
+    reference : path or rasterio dataset, optional
+        DEM with which the surface is compared: bias, NMAD, LE90, and a raster of the differences.
+    reference_datum : str, optional
+        Height datum of the reference (default layer).
+    most_pairs : int, optional
+        Largest number of stereo pairs; the best ones are chosen by convergence, overlap, sun, season
+        and common tie points (at least 1; default 4).
+    tile : int, optional
+        Side of the tiles that are matched together (unit cells; at least 64; at most 2048; default
+        512).
+    max_sigma : float, optional
+        Largest standard deviation of a height; cells with a larger one become nodata. By default all
+        are kept (unit m; at least 0.001).
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        Height datum of the DEM, if it differs from ``height_datum``.
+    height_datum : str, optional
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
+    compression : str, optional
+        Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they need the
+        files under the same paths); by default threads of this machine are used. The block adjustment
+        itself always runs in this process.
+    scheduler_ca : path, optional
+        Certificates (PEM) of the authority of a scheduler at tls://HOST:PORT; this and the next two
+        default to the Dask configuration (distributed.comm.tls).
+    scheduler_certificate : path, optional
+        Client certificate (PEM) for a scheduler at tls://HOST:PORT.
+    scheduler_key : path, optional
+        Private key (PEM) of the client certificate, if it is not in the same file.
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    report : bool, optional
+        Write report.html (default yes).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
 def orthorectify(
     images: Images,
     *,
