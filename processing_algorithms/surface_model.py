@@ -216,7 +216,7 @@ def choose_pairs(adjusted: AdjustedBlock, options: SurfaceModelOptions) -> list[
     least, *_, most = STEREO.convergence_deg
     raise InputError(
         f"{options.result}: no pair gives heights ("
-        f"{'; '.join(angles[: LENGTH.most_pairs]) or 'no two images overlap'}): "
+        f"{'; '.join(angles[:10]) or 'no two images overlap'}): "
         f"add images that overlap under {least:g} to {most:g} degrees"
     )
 
