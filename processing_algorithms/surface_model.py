@@ -64,7 +64,7 @@ class TileJob(NamedTuple):
 
 @dataclass
 class MatchedTiles:
-    """The stored tiles of a run and what they say together.
+    """The stored tiles of a run, with the figures of all.
 
     differences : per tile, of `measure_differences`; sigmas : per tile, median of each pair (m), NaN without heights
     error_px : largest error of rectification of each pair
@@ -250,7 +250,7 @@ def match_tiles(
     block: DenseBlock, adjusted: AdjustedBlock, windows: Sequence[GridWindow], store: PartStore,
     options: SurfaceModelOptions, context: Context,
 ) -> MatchedTiles:  # fmt: skip
-    """Match the tiles that are not stored yet, and store them; return what all of them say."""
+    """Match the tiles that are not stored yet, and store them; return all of them."""
     if stored := len(store):
         context.log(f"continues with {stored} finished tiles in {store.folder}")
     threads = thread_count(options.common.threads)

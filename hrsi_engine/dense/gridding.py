@@ -3,7 +3,7 @@
 A cell takes the points within its neighbourhood with Gaussian weights, but only those on the level of the point nearest
 to its centre: at a wall a cell is roof or ground and not their mean. Pairs are fused by weights 1/sigma², iteratively
 without those that contradict the others (three sigma); the sigma of a cell is enlarged where pairs scatter more than
-their sigmas say.
+their sigmas state.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def grid_heights(
     column, row = points[0] - window.column, points[1] - window.row
     inside = (column > -1.5) & (column < columns + 0.5) & (row > -1.5) & (row < rows + 0.5)
     column, row, height, sigma = column[inside], row[inside], points[2][inside], sigma_m[inside]
-    # A border of one cell, whose points also count for the cells at the edge
+    # A border of one cell, whose points also belong to the cells at the edge
     i, j = np.rint(row).astype(np.int64) + 1, np.rint(column).astype(np.int64) + 1
     dx, dy = column + 1 - j, row + 1 - i
     wide = columns + 2

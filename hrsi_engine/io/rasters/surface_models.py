@@ -100,7 +100,7 @@ STYLE = (
     "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
     '<qgis styleCategories="Symbology"><pipe><rasterrenderer type="hillshade" band="1" azimuth="315" angle="45" '
     'zfactor="1" multidirection="1" opacity="1" alphaBand="-1"/></pipe></qgis>\n'
-)  # a file of this content beside a raster is its style in QGIS
+)  # a file of this content next to a raster is its style in QGIS
 
 
 class ShadedSurface(GdalRaster):
