@@ -20,6 +20,10 @@
       <translation>, außerhalb des Bildes</translation>
     </message>
     <message>
+      <source>1 GCP: no check possible</source>
+      <translation>1 Passpunkt: keine Kontrolle möglich</translation>
+    </message>
+    <message>
       <source>1 image chosen</source>
       <translation>1 Bild gewählt</translation>
     </message>
@@ -1784,8 +1788,16 @@
       <translation>die Bilder werden erzeugt …</translation>
     </message>
     <message>
+      <source>measure more GCPs, or a check point</source>
+      <translation>messen Sie mehr Passpunkte oder einen Kontrollpunkt</translation>
+    </message>
+    <message>
       <source>no DEM: as typed</source>
       <translation>kein DGM: wie eingegeben</translation>
+    </message>
+    <message>
+      <source>no GCP: no check possible</source>
+      <translation>kein Passpunkt: keine Kontrolle möglich</translation>
     </message>
     <message>
       <source>no other image contains this point</source>
@@ -1866,6 +1878,10 @@
     <message>
       <source>warning</source>
       <translation>Warnung</translation>
+    </message>
+    <message>
+      <source>{} GCPs: no check possible</source>
+      <translation>{} Passpunkte: keine Kontrolle möglich</translation>
     </message>
     <message>
       <source>{} images chosen</source>

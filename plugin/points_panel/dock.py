@@ -19,7 +19,7 @@ from ..background_task import BackgroundTask
 from ..translation import tr
 from .actions import ShortcutMap, show_errors
 from .block_files import BlockFiles
-from .layout import PanelLayout
+from .layout import PanelLayout, describe_missing_check
 from .live_adjustment import LiveAdjustment
 from .project_link import MapLink
 from .table_models import MeasurementsModel, PointsModel, ResidualsModel
@@ -432,7 +432,9 @@ class PointsDock(QDockWidget):
                 point_session.save(self.session)
                 self.files.show_save()
             if is_asked:
-                self.tell(task.outcome.headline, is_error=task.outcome.verdict.level is Level.UNUSABLE)
+                unchecked = describe_missing_check(task.outcome) if task.outcome.verdict.level is Level.OK else ""
+                text = f"{unchecked}; {tr('measure more GCPs, or a check point')}" if unchecked else ""
+                self.tell(text or task.outcome.headline, is_error=task.outcome.verdict.level is Level.UNUSABLE)
             if self.ui.live.isChecked() and not self.session.is_adjusted:
                 self.show_edit()
         self.refresh()

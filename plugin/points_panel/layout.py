@@ -29,6 +29,7 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
+from ...hrsi_engine.foundation.reasons import Level
 from ...processing_algorithms.point_session import MODEL, PointSession
 from ...processing_algorithms.point_session.rows import CLICK_KINDS, ROLES
 from ..translation import tr
@@ -262,8 +263,9 @@ class PanelLayout(QWidget):
         title, lines = tr("Verdict"), list[tuple[str, Any]]([(remark, None)] if remark else [])
         if adjusted is not None:
             verdict, warnings = adjusted.verdict, adjusted.warnings
-            title = f"{title}: {tr(adjusted.level)}"
-            lines += [(text, None) for text in (adjusted.uncontrolled, verdict.sentence) if text]
+            unchecked = describe_missing_check(adjusted)
+            title = f"{title}: {unchecked if unchecked and verdict.level is Level.OK else tr(verdict.level.label)}"
+            lines += [(text, None) for text in (unchecked, verdict.sentence) if text]
             lines += [(f"{one.level.label}: {one.message} [{one.code}]\n{one.advice}", one) for one in verdict.reasons]
             lines += [(f"{tr('warning')}: {text}", None) for text in warnings]
         self.tabs.setTabText(self.tabs.indexOf(self.verdict), title)
@@ -323,6 +325,13 @@ class PanelLayout(QWidget):
         ):
             action.setEnabled(bool(title))
             action.setToolTip(f"{word}: {title or tr('nothing')}")
+
+
+def describe_missing_check(adjusted: AdjustmentView) -> str:
+    """Return "1 GCP: no check possible" if no residual can show an error of the GCPs, otherwise an empty text."""
+    gcps = adjusted.unchecked_gcps
+    texts = "", tr("no GCP: no check possible"), tr("1 GCP: no check possible"), tr("{} GCPs: no check possible")
+    return texts[min(-1 if gcps is None else gcps, 2) + 1].format(gcps)
 
 
 def _open_photo(item: QListWidgetItem) -> None:

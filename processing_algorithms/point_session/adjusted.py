@@ -10,7 +10,6 @@ import numpy as np
 from ...hrsi_engine.adjustment.following import BlockUpdater
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block
-from ...hrsi_engine.foundation.reasons import Level
 from ...hrsi_engine.refinement.model import RefinementModel
 from ...hrsi_engine.results.residuals import Residuals
 from ...hrsi_engine.results.verdict import Verdict
@@ -95,12 +94,12 @@ class AdjustmentView(CurrentView):
     """An adjustment for display in the panel.
 
     verdict : of the block; check : figures of the check points as in the report
-    uncontrolled : why no error of the GCPs can be found, empty if one can
+    unchecked_gcps : number of GCPs if no residual can show an error of one, otherwise None
     follower : continues the adjustment after edits of points; listed : ids of the points of the list
     """
 
     verdict: Verdict
-    uncontrolled: str
+    unchecked_gcps: int | None
     check: Mapping[str, Any]
     warnings: tuple[str, ...]
     result: Adjustment
@@ -117,15 +116,8 @@ class AdjustmentView(CurrentView):
         return ListedMeasurements(kept, list_keys(kept), self.left.measured_sigma_px[rows])
 
     @property
-    def level(self) -> str:
-        """The level of the verdict; if it is *ok* and nothing is controlled, this."""
-        return self.uncontrolled if self.verdict.level is Level.OK and self.uncontrolled else self.verdict.level.label
-
-    @property
     def headline(self) -> str:
         """The verdict in one line."""
-        if self.level == self.uncontrolled:
-            return f"Verdict: {self.uncontrolled}: measure more GCPs, or a check point"
         return verdict_lines(self.verdict.entry())[-1]
 
 

@@ -70,24 +70,21 @@ def adjust_block(
         image_suspicions={keys[row]: describe_outlier(keys[row][1], statistics[row])
                           for row in rows[outlying[rows]].tolist()},
         point_suspicions=suspects, verdict=judged.verdict, check=judged.figures["check"], warnings=judged.warnings,
-        uncontrolled=explain_missing_control(result), result=result, left=residuals, follower=follower, listed=listed,
+        unchecked_gcps=count_unchecked_gcps(result), result=result, left=residuals, follower=follower, listed=listed,
     )  # fmt: skip
 
 
-def explain_missing_control(result: Adjustment) -> str:
-    """Return the text "1 GCP: no check possible" if no residual can show an error of the GCPs, otherwise empty.
+def count_unchecked_gcps(result: Adjustment) -> int | None:
+    """Return the number of GCPs if no residual can show an error of one, otherwise None.
 
-    That is so without a measured check point, if there is one GCP, or if the measurements of all GCPs together have
-    less than one redundant observation.
+    None can without a measured check point if there is one GCP, or if the measurements of all GCPs together have less
+    than one redundant observation.
     """
     role, point = result.block.points.role, result.block.measurements.point
-    if (role[point] == Role.CHECK).any():
-        return ""
     rows = role[point] == Role.GCP
     gcps = len(np.unique(point[rows]))
-    if gcps > 1 and np.nansum(result.redundancy_numbers[rows]) >= 1.0:
-        return ""
-    return f"{gcps or 'no'} GCP{'s' if gcps > 1 else ''}: no check possible"
+    has_redundancy = gcps > 1 and np.nansum(result.redundancy_numbers[rows]) >= 1.0
+    return None if has_redundancy or (role[point] == Role.CHECK).any() else gcps
 
 
 def follow(session: PointSession) -> CurrentView:

@@ -60,6 +60,10 @@ BUSY = (
     "panel().search.is_running() or panel().adjustment.is_waiting() or panel().adjustment.is_running() or "
     "any(view.canvas.isDrawing() for view in panel().ui.grid.list_views())"
 )
+REMOVE_RESULTS = (
+    "QgsProject.instance().removeMapLayers([key for key, one in QgsProject.instance().mapLayers().items() "
+    "if one.name() not in LAYERS])"
+)
 MEASURED = "sorted([*key, one.sample] for key, one in panel().session.measured.items())"
 
 
@@ -131,9 +135,13 @@ class Operator:
             desktop.ask("panel().hide(), panel().show()")
 
     def run_algorithm(self) -> None:
-        """Run the next of five algorithms, and after each second one open another project and return."""
+        """Run the next of five algorithms, and after each second one open another project and return.
+
+        The layers of the run before are removed first: what a project shows is no leak.
+        """
         desktop, number = self.desktop, self.counts["algorithms"]
         self.counts["algorithms"] += 1
+        desktop.ask(REMOVE_RESULTS)
         source = Path(self.blocks[number % len(self.blocks)]).parents[1]
         images = [str(path) for path in sorted(source.glob("image_?.tif"))]
         points = {"GCPS": str(source / "ground_points.csv"), "IMAGE_POINTS": str(source / "image_points.csv")}
@@ -170,8 +178,7 @@ def read_memory_mb(desktop: Desktop) -> float:
 def work(operator: Operator) -> float:
     """Do all actions, spread over the session; return the growth of the memory, MB an action after the warm-up.
 
-    Single values differ by 100 MB, as after an algorithm: medians of many actions are compared. Layers of results stay
-    in the project and count.
+    Single values differ by 100 MB, as after an algorithm: medians of many actions are compared.
     """
     desktop, began_s, memory_mb = operator.desktop, time.monotonic(), list[float]()
     for number in range(1, ACTIONS + 1):
@@ -184,6 +191,8 @@ def work(operator: Operator) -> float:
             print("actions so far:", operator.done)
             raise
         memory_mb.append(read_memory_mb(desktop))
+        if number % 10 == 0 and os.environ.get("TRACE"):
+            print(number, round(memory_mb[-1]), desktop.ask("len(gc.get_objects())"), desktop.ask("len(QApplication.allWidgets())"), desktop.ask("len(QgsProject.instance().mapLayers())"), flush=True)
         if number % 40 == 0:
             desktop.picture(f"after_{number}")
             print(f"after {number} actions: {memory_mb[-1]:.0f} MB", flush=True)
