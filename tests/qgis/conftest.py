@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from qgis.core import QgsApplication
 
+from hrsi.hrsi_engine.io.rasters.images import close_images
 from hrsi.plugin.provider import HrsiProvider
 from hrsi.tests.qgis.tiny import TINY
 
@@ -30,6 +31,7 @@ def hrsi_provider(qgis_processing: None) -> Iterator[HrsiProvider]:
     QgsApplication.processingRegistry().addProvider(provider)
     yield provider
     QgsApplication.processingRegistry().removeProvider(provider)
+    close_images()  # before the end of GDAL, which the plugin of pytest brings about before that of Python
 
 
 @pytest.fixture
