@@ -13,7 +13,7 @@ readonly PACKAGES="qgis python3-qgis python3-gdal python3-numpy python3-scipy py
 
 inside() {
   chroot "$FOLDER" /usr/bin/env -i HOME=/root LANG=C.UTF-8 DEBIAN_FRONTEND=noninteractive OPENBLAS_NUM_THREADS=1 \
-    PATH=/usr/sbin:/usr/bin:/sbin:/bin PIP_CERT=/etc/ssl/certs/ca-certificates.crt PYTHONPATH=/root/work PYTHONDONTWRITEBYTECODE=1 bash -c "$1"
+    PATH=/usr/sbin:/usr/bin:/sbin:/bin PIP_CERT=/etc/ssl/certs/ca-certificates.crt HRSI_TEST_DATA=/mnt PYTHONPATH=/root/work PYTHONDONTWRITEBYTECODE=1 bash -c "$1"
 }
 
 command -v debootstrap >/dev/null || { echo "install debootstrap" >&2; exit 2; }
@@ -22,7 +22,7 @@ if [ ! -e "$FOLDER/usr/bin/apt-get" ]; then
   address=$(grep -oE 'https?://[^ ]+/debian/?( |$)' <<<"$sources" | head -1) || true
   debootstrap --variant=minbase "$SUITE" "$FOLDER" ${address:-http://deb.debian.org/debian}
 fi
-readonly DATA="${HRSI_TEST_DATA:-../shared/data}" PLACE="$FOLDER/root/work/shared/data"
+readonly DATA="${HRSI_TEST_DATA:-../shared/data}" PLACE="$FOLDER/mnt" # read-only, outside what is removed below
 readonly MODULES="$FOLDER/usr/lib/python3/dist-packages" ASIDE="$FOLDER/root/aside"
 put_back() {
   [ ! -d "$ASIDE" ] || { mv "$ASIDE"/* "$MODULES"; rmdir "$ASIDE"; }

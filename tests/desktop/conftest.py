@@ -19,6 +19,7 @@ from hrsi.tests.desktop.desktop import Desktop, build_zip
 
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "desktop"  #: of every step, to be looked at
 BLOCK = {"images": 3, "size": 700, "gcps": 9, "checks": 3, "ties": 30, "seed": 5, "noise_image": 0.0}
+COMPILED = f"\n[hrsi]\ncompiled_for={VERSION}\n"  #: settings with which the plugin compiles nothing at its start
 RUN_S = 300.0  # of an algorithm, on cores that others keep busy
 DIALOG = """
 import processing
@@ -30,9 +31,9 @@ dialog.show()
 
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A profile into which QGIS's plugin manager has installed the zip."""
+    """A profile into which QGIS's plugin manager has installed the zip; no loop is compiled."""
     work = tmp_path_factory.mktemp("profile")
-    with Desktop(work, build_zip(tmp_path_factory.mktemp("zip"))):
+    with Desktop(work, build_zip(tmp_path_factory.mktemp("zip")), settings=COMPILED):
         pass
     return work
 
@@ -71,7 +72,7 @@ def start(installed: Path, tmp_path: Path, request: pytest.FixtureRequest) -> It
             if packages:
                 link_packages(work / "profiles" / "default")
         if not compiles:
-            options["settings"] = f"{options.get('settings', '')}\n[hrsi]\ncompiled_for={VERSION}\n"
+            options["settings"] = options.get("settings", "") + COMPILED
         running.append(Desktop(work, pictures=PICTURES / request.node.name, **options).__enter__())
         return running[-1]
 
