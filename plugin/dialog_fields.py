@@ -49,6 +49,21 @@ class DialogField:
         return wrapper
 
 
+_SHOWN: set[QWidget] = set()
+
+
+def make_container() -> QWidget:
+    """Return an empty widget whose Python half lives as long as its C++ half.
+
+    Processing wraps it again as a plain QWidget; the C++ half calls the first Python half when it is deleted, which
+    crashes QGIS 3.40 if that one is gone.
+    """
+    widget = QWidget()
+    _SHOWN.add(widget)
+    widget.destroyed.connect(lambda: _SHOWN.discard(widget))
+    return widget
+
+
 class LayerOrFile:
     """An editable list of words and project layers, with a button to choose a file; ``widget`` contains all.
 
@@ -57,7 +72,7 @@ class LayerOrFile:
     """
 
     def __init__(self, words: Sequence[str] = (), layers: bool = True, file_filter: str = "") -> None:
-        self.widget = QWidget()
+        self.widget = make_container()
         self._filter = file_filter
         self.box = QComboBox(self.widget)
         self.box.setEditable(True)
@@ -154,7 +169,7 @@ class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
     """
 
     def createWidget(self) -> QWidget:
-        widget = self._widget = QWidget()  # kept: Qt would call a deleted Python object
+        widget = make_container()
         self._text = QLineEdit(widget)
         self._text.setReadOnly(True)
         button = QToolButton(widget)
@@ -203,7 +218,7 @@ class ExtentWrapper(QgsAbstractProcessingParameterWidgetWrapper):
     _box: Any = None
 
     def createWidget(self) -> QWidget:
-        widget = self._widget = QWidget()  # kept: Qt would call a deleted Python object
+        widget = make_container()
         self._words, self._box = QComboBox(widget), QgsExtentWidget(widget, QgsExtentWidget.WidgetStyle.CondensedStyle)
         for word in self.parameterDefinition().metadata().get("words", ()):
             self._words.addItem(word, word)

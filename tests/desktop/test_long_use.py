@@ -191,8 +191,6 @@ def work(operator: Operator) -> float:
             print("actions so far:", operator.done)
             raise
         memory_mb.append(read_memory_mb(desktop))
-        if number % 10 == 0 and os.environ.get("TRACE"):
-            print(number, round(memory_mb[-1]), desktop.ask("len(gc.get_objects())"), desktop.ask("len(QApplication.allWidgets())"), desktop.ask("len(QgsProject.instance().mapLayers())"), flush=True)
         if number % 40 == 0:
             desktop.picture(f"after_{number}")
             print(f"after {number} actions: {memory_mb[-1]:.0f} MB", flush=True)
