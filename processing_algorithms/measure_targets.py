@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..hrsi_engine.block.block import ImagePoints
+from ..hrsi_engine.block.control_visibility import CONTROL_VISIBILITY
 from ..hrsi_engine.drawing.target_chips import draw_target_chip
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
@@ -15,7 +16,6 @@ from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters.images import image_id
 from ..hrsi_engine.measurement.targets.measuring import TARGETS, TargetMeasurement, measure_edges, measure_target
-from ..hrsi_engine.plausibility.places import PLACEMENT
 from .declarations.image_points import AUTOMATIC_KIND, TARGETS_FILE, TARGETS_LAYER, MeasureTargetsOptions
 from .files.opening import ImagePixels, ground_of, open_pixels, require_ids
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
@@ -147,7 +147,7 @@ def _of_edges(
     size = {image.id: image.raster.size for image in images}
     last = np.array([size.get(name, (np.inf, np.inf)) for name in points.image_ids.tolist()]).reshape(-1, 2)
     outside = ~np.all(
-        (points.xy > -0.5 - PLACEMENT.edge_slack_px) & (points.xy < last - 0.5 + PLACEMENT.edge_slack_px), axis=1
+        (points.xy > -0.5 - CONTROL_VISIBILITY.edge_px) & (points.xy < last - 0.5 + CONTROL_VISIBILITY.edge_px), axis=1
     )
     if outside.any():
         ids = list_ids(np.unique(points.ids[outside]).tolist())

@@ -16,6 +16,7 @@ across the epipolar lines is n'e, whatever the ground point at which e was compu
 images, the distances of the image points from each other's epipolar lines are n'e / |n1| and n'e / |n2|.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -89,7 +90,8 @@ def sum_groups(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """
     ones = np.ones(len(values))
     groups = sparse.csr_matrix((ones, np.arange(len(values)), bounds), (len(bounds) - 1, len(values)))
-    return np.asarray(groups @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
+    shape = values.shape[1:]  # not -1, which an empty array cannot have
+    return np.asarray(groups @ values.reshape(len(values), math.prod(shape))).reshape(-1, *shape)
 
 
 def fit_tracks(

@@ -235,7 +235,6 @@ class STRIP:
     bent_px: float = threshold(2.0, "px", "largest variation of the offset between two parts in their overlap")
     whole_px: float = threshold(0.25, "px", "largest offset of a part from whole pixels without a message")
     rounds: int = threshold(8, "rounds", "iterations that reduce the largest residual", "WorldView-1, two parts")
-    least_growth: float = threshold(0.05, "", "factor of a weight whose residual is zero; the largest is 1.05")
 
 
 class StripPlaces(NamedTuple):
@@ -322,7 +321,7 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
         residual_px = _measure_apart(rpc, *points)
         # Of the weighted fits, use the one with the smallest maximum difference at the check points
         for _ in range(STRIP.rounds if largest_px > EQUALITY.rpc_px else 0):
-            weights *= residual_px / residual_px.max() + STRIP.least_growth
+            weights *= residual_px / residual_px.max() + EQUALITY.negligible
             weighted = fit_rpc(*points, weights=weights, ridge=fit.ridge).rpc
             residual_px = _measure_apart(weighted, *points)
             if (worst := float(_measure_apart(weighted, *check).max())) < largest_px:

@@ -36,7 +36,7 @@ class RPCStack:
         if is_wanted(len(ground) >= COMPILED_LOOPS.from_points):
             return self._project_by_loops(rpc_index, ground)[0]
         image = np.empty((len(ground), 2))
-        for part in chunks(len(ground), EVALUATION.stack_batch):
+        for part in chunks(len(ground)):
             rpc_part = rpc_index[part]
             ratios, _, _ = self._compute_ratios(rpc_part, self._normalise(rpc_part, ground[part]))
             image[part] = ratios * self._image_scale[rpc_part] + self._image_off[rpc_part]
@@ -47,7 +47,7 @@ class RPCStack:
         if is_wanted(len(ground) >= COMPILED_LOOPS.from_points):
             return self._project_by_loops(rpc_index, ground)
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
-        for part in chunks(len(ground), EVALUATION.stack_batch):
+        for part in chunks(len(ground)):
             rpc_part = rpc_index[part]
             ratios, slopes = self._compute_slopes(rpc_part, self._normalise(rpc_part, ground[part]), 3)
             image[part] = ratios * self._image_scale[rpc_part] + self._image_off[rpc_part]
@@ -74,7 +74,7 @@ class RPCStack:
         has_converged = np.empty(len(image), dtype=bool)
         solve = self._solve_by_loops if is_wanted(len(image) >= COMPILED_LOOPS.from_points) else self._solve
         with np.errstate(all="ignore"):
-            for part in chunks(len(image), EVALUATION.stack_batch):
+            for part in chunks(len(image)):
                 rpc_part = rpc_index[part]
                 target = (image[part] - self._image_off[rpc_part]) / self._image_scale[rpc_part]
                 height = (heights[part] - self._ground_off[rpc_part, 2]) / self._ground_scale[rpc_part, 2]

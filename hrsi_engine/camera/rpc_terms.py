@@ -38,7 +38,6 @@ class EVALUATION:
     chord_evaluations: int = threshold(4, "evaluations", "largest number with the derivatives of the fitted inverse")
     nodes: int = threshold(7, "nodes", "along each axis, for the fit of the inverse polynomial")
     domain_margin: float = threshold(1.5, "half extents", "normalised coordinate up to which the cubic inverse is used")
-    stack_batch: int = threshold(4096, "points", "points of a batch, whose coefficients fit the cache", _SPEED)
 
 
 #: Powers of (L, P, H) of the 20 terms, in RPC00B order.

@@ -13,7 +13,7 @@ Lemarechal and Pedersen 1982, "the watchdog technique", Math. Programming Study 
 3. `converged` means at the minimum: twice the decrease that the undamped step predicts is g' N^-1 g, the squared
    distance to the minimum in standard deviations: no linear function of the unknowns differs from its value there by
    more multiples of its own sigma. The descent ends at a distance of `DESCENT.done_sigma`; after the last permitted
-   step, `DESCENT.near_sigma` is sufficient.
+   step, `ITERATIONS.settled` is sufficient.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from .statistical_limits import EQUALITY
+from .statistical_limits import EQUALITY, ITERATIONS
 from .thresholds import threshold, thresholds
 
 
@@ -31,15 +31,12 @@ class DESCENT:
     """Damping and convergence of the Levenberg-Marquardt iteration."""
 
     first_damping: float = threshold(1e-4, "", "damping after the first rejected step, relative to the diagonal")
-    least_damping: float = threshold(1e-10, "", "smallest damping after a rejected step")
     most_damping: float = threshold(1e8, "", "damping beyond which the iteration fails")
     raised: float = threshold(4.0, "", "factor of the damping after a rejected step, doubled after each further one")
     lowered: float = threshold(0.1, "", "smallest factor of the damping after an accepted step")
-    unimportant_share: float = threshold(0.1, "", "share of the damping in a step's decrease below which it is reduced")
     look_ahead: int = threshold(2, "steps", "steps after a rise of the cost, before it is rejected")
     great_leap: float = threshold(0.5, "", "largest ratio of costs after and before such a step")
     done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum at convergence (sigma0 included)")
-    near_sigma: float = threshold(1e-2, "sigma", "distance to the minimum accepted after the last step")
 
 
 CONVERGED = "converged"  # status of a descent that ended at a minimum
@@ -111,7 +108,7 @@ def descend(
         if converged and damping == 0.0:
             return Descent(trial.ahead if decreased else best, True, CONVERGED, number)
         if number == largest:
-            is_near = predicted <= 0.5 * DESCENT.near_sigma**2 * variance(best)
+            is_near = predicted <= 0.5 * ITERATIONS.settled**2 * variance(best)
             status = (
                 CONVERGED if is_near else f"stopped at the iteration limit, {_distance_text(predicted, variance(best))}"
             )
@@ -123,7 +120,7 @@ def descend(
             if damping:
                 # a damped step always predicts little, therefore the next step is undamped if this one predicts little
                 fallback_damping = max(
-                    _lower_damping(damping, gain, damping_term / max(predicted, 1e-300)), DESCENT.least_damping
+                    _lower_damping(damping, gain, damping_term / max(predicted, 1e-300)), EQUALITY.rounding
                 )
                 damping = 0.0 if converged else fallback_damping
         elif ahead_steps < DESCENT.look_ahead and trial.ahead.cost < (
@@ -147,7 +144,7 @@ def _lower_damping(damping: float, came: float, share: float) -> float:
     damping in the predicted decrease. If it is small, the damping is reduced by the full factor. Otherwise 2 - came is
     the curvature of the cost along the step relative to the damped equations (1: they fit, as with large residuals).
     """
-    if share < DESCENT.unimportant_share:
+    if share < EQUALITY.negligible:
         return DESCENT.lowered * damping
     return damping * float(np.clip(2.0 - came, DESCENT.lowered, 1.5))
 

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from osgeo import gdal
 
+from ..block.imaging_geometry import GEOMETRY
 from ..block.laser import LaserPoints
 from ..foundation.errors import InputError
 from ..foundation.json_values import json_text
-from ..foundation.thresholds import threshold, thresholds
 from .opening.budgets import FILE_BUDGETS, GROUND_HEIGHTS
 from .opening.datasets import gdal_messages, quiet, read_head
 from .point_files.find import choose_fields, read_table, split_spec
@@ -53,7 +53,7 @@ def read_laser(
     else:
         table = read_parquet(path, choose_fields(spec)) if head.startswith(b"PAR1") else read_table(spec)
         points = _read_points(table, Reference(ground_crs or "", height_datum, epoch=epoch))
-    is_impossible = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
+    is_impossible = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GEOMETRY.highest_height_m)
     if not len(points) or is_impossible.all():
         raise InputError(f"{points.source}: none of its points has a height that is on the ground: obtain it again")
     return replace(points, doubt=np.where(is_impossible & (points.doubt == ""), "a height of no ground", points.doubt))
@@ -117,7 +117,7 @@ def read_parquet(path: str, selection: Mapping[str, str] | None = None) -> Point
         ) from None
     try:
         file = parquet.ParquetFile(path)
-        if file.metadata.num_rows > FILE_BUDGETS.laser_values:
+        if file.metadata.num_rows > FILE_BUDGETS.array_values:
             raise InputError(f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
                              "obtain it again")  # fmt: skip
         # The file's description of its geometry
@@ -169,13 +169,6 @@ def _parse_points(path: str, column: Any) -> np.ndarray:
 
 
 HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
-
-
-@thresholds
-class GRANULE_FILL:
-    """Range of the values of laser products; values outside it mean nodata."""
-
-    largest: float = threshold(1e30, "m", "largest absolute value of an observation", "the products fill with 3.4e38")
 
 
 #: Arrays of a beam, by HRSI's names; arrays that the granule lacks are omitted.
@@ -288,7 +281,7 @@ def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
     if array is None:
         return None
     size = int(np.prod([dimension.GetSize() for dimension in array.GetDimensions()], dtype=np.float64))
-    if size > FILE_BUDGETS.laser_values:
+    if size > FILE_BUDGETS.array_values:
         raise InputError(f"{path}, {name}: claims {size} values, more than any granule has: obtain it again")
     values = None
     with gdal_messages() as messages:
@@ -296,7 +289,7 @@ def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
     if values is None:
         raise InputError(f"{path}, {name}: cannot be read ({' '.join(messages)}): obtain it again")
     numbers = np.asarray(values, dtype=np.float64)
-    return np.where((np.abs(numbers) > GRANULE_FILL.largest) | (numbers < GROUND_HEIGHTS.no_data_m), np.nan, numbers)
+    return np.where((numbers >= np.finfo(np.float32).max) | (numbers <= GROUND_HEIGHTS.no_data_m), np.nan, numbers)
 
 
 def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:

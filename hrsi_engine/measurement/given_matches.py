@@ -39,9 +39,7 @@ _LEARNED = "errors of learned matchers are 1 or 2 px, of half-precision files 4 
 class EXTERNAL:
     """Windows for measuring given matches again, and their largest errors."""
 
-    border_px: int = threshold(40, "px", "border around matches: half a matching window and a reserve")
-    reach_px: tuple[float, float] = threshold((6.0, 6.0), "px", "smallest and largest half length of the search")
-    across_px: float = threshold(4.0, "px", "half width of the search: error of given matches", _LEARNED)
+    error_px: float = threshold(6.0, "px", "largest error of given matches: half side of the search", _LEARNED)
     height_margin_m: float = threshold(10.0, "m", "margin of the search beyond the heights of the given matches")
 
 
@@ -148,18 +146,16 @@ def _divide_into_jobs(images: Sequence[Image], given_points: ImagePoints) -> Ite
 def measure_external_matches(job: ExternalMatchJob) -> PartResult:
     """Measure the matches of a job; return the results in the columns of `block_matching.star.match_stars`."""
     rows = []
-    tile = read_tile(job.reference, job.window.grow(EXTERNAL.border_px))
+    tile = read_tile(job.reference, job.window.grow(MEMORY.border_px))
     for pair in () if tile is None else job.pairs:
         # The matches of a pair that are consistent with the geometry of its RPCs
         start, rpcs = float(np.mean(job.reference.rpc.height_range)), (job.reference.rpc, pair.image.rpc)
-        consistent = check_rpc_consistency(
-            *rpcs, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px
-        ).good
+        consistent = check_rpc_consistency(*rpcs, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.error_px).good
         agreed = replace(pair, first_xy=pair.first_xy[consistent], second_xy=pair.second_xy[consistent])
         if not len(agreed.first_xy):
             continue
         # Read only the area of consistent matches: one wrong match could extend it to the complete image
-        border = EXTERNAL.border_px * compute_resolution_step(job.reference, pair.image)
+        border = MEMORY.border_px * compute_resolution_step(job.reference, pair.image)
         low, high = np.floor(agreed.second_xy.min(axis=0)), np.floor(agreed.second_xy.max(axis=0)) + 1.0
         place = ImageWindow(*low.astype(int).tolist(), *(high - low).astype(int).tolist()).grow(border)
         inside = place.contains(pair.second_xy)
@@ -171,9 +167,9 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
         low_m, high_m = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m
         difference = agreed.second_xy - transfer(*rpcs, agreed.first_xy, heights)
         bias = np.median(difference, axis=0)
-        margin = float(np.abs(difference - bias).max()) + max(EXTERNAL.reach_px)
+        margin = float(np.abs(difference - bias).max()) + EXTERNAL.error_px
         geometry = TilePairGeometry(*rpcs, low_m, high_m, (float(bias[0]), float(bias[1])), (margin, margin))
-        options = TileMatchOptions(reach_px=EXTERNAL.reach_px, across_px=EXTERNAL.across_px)
+        options = TileMatchOptions(reach_px=(EXTERNAL.error_px,) * 2, across_px=EXTERNAL.error_px)
         refined = refine_points(tile, partner_tile, geometry, pair.first_xy[inside], pair.second_xy[inside], options)
         rows.append(PartnerMatches(pair.number, refined))
     return stack_matches(rows)

@@ -20,9 +20,11 @@ from ..block.imaging_geometry import compute_view_directions
 from ..block.laser import LASER_KIND, LaserPoints
 from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
+from ..foundation.statistical_limits import SAMPLES
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.scheduling import open_calls
 from ..foundation.workers.threads import thread_count
+from ..foundation.working_sizes import MEMORY
 from .block_matching.joining import collect_matches, to_image_points
 from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, predict_window, read_tile
@@ -38,10 +40,7 @@ class LASER_TIES:
     """Selection of laser points, and of tie points around them."""
 
     most_points: int = threshold(2000, "laser points", "largest number in use, of more an even choice")
-    window_px: int = threshold(384, "px", "side of the window whose laser points are measured together")
     radius_m: float = threshold(15.0, "m", "largest distance of tie points", "footprints: ICESat-2 11 m, GEDI 25 m")
-    ties_per_point: int = threshold(6, "ties", "largest number of tie points at a laser point")
-    height_margin_m: float = threshold(8.0, "m", "largest height difference of tie points and their laser point")
 
 
 MATCHED_AT_LASER = TileMatchOptions(features=0, windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
@@ -92,19 +91,19 @@ def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.nda
         place[number] = image.rpc.project(ground)
         size = np.array(image.known_size, dtype=np.float64)
         with np.errstate(invalid="ignore"):
-            inside = np.all((place[number] > EXTERNAL.border_px) & (place[number] < size - EXTERNAL.border_px), 1)
+            inside = np.all((place[number] > MEMORY.border_px) & (place[number] < size - MEMORY.border_px), 1)
         steep[number, inside] = compute_view_directions(image.rpc, ground[inside])[:, 2]
     best = steep.argmax(axis=0)
     is_stereo = np.isfinite(steep).sum(axis=0) >= 2
     windows = []
     for number in usable:
         rows_of_image = np.flatnonzero(is_stereo & (best == number))
-        cells = np.floor(place[number, rows_of_image] / LASER_TIES.window_px).astype(np.int64)
+        cells = np.floor(place[number, rows_of_image] / MEMORY.window_px).astype(np.int64)
         keys, inverse = np.unique(cells, axis=0, return_inverse=True)
         for key in range(len(keys)):
             rows = rows_of_image[inverse.ravel() == key]
             xy = place[number, rows]
-            border = _radius_px(images[number], ground[rows[0]]) + EXTERNAL.border_px
+            border = _radius_px(images[number], ground[rows[0]]) + MEMORY.border_px
             low, high = np.floor(xy.min(axis=0) - border), np.ceil(xy.max(axis=0) + border)
             window = ImageWindow(int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
             windows.append(_Window(number, window.inside(images[number].known_size), xy, ground[rows, 2]))
@@ -127,19 +126,19 @@ def _measure_window(images: Sequence[Image], usable: Sequence[int], task: _Windo
     candidates = np.flatnonzero(distance <= _radius_px(image, ground[0]))
     # The nearest interest points of each laser point
     candidates = candidates[np.lexsort((distance[candidates], nearest[candidates]))]
-    candidates = candidates[rank_in_groups(nearest[candidates]) < LASER_TIES.ties_per_point]
+    candidates = candidates[rank_in_groups(nearest[candidates]) < SAMPLES.redundant]
     xy, height = xy[candidates], task.height_m[nearest[candidates]]
     if not len(xy):
         return []
-    partner_matches, margin_m = [], LASER_TIES.height_margin_m
+    partner_matches, margin_m = [], EXTERNAL.height_margin_m
     low, high = float(task.height_m.min()) - margin_m, float(task.height_m.max()) + margin_m
     for number in (number for number in usable if number != task.image):
         partner = images[number]
         geometry = TilePairGeometry(image.rpc, partner.rpc, low, high, margin_px=(4.0, 4.0))
-        partner_window = predict_window(geometry, task.window, EXTERNAL.border_px).inside(partner.known_size)
+        partner_window = predict_window(geometry, task.window, MEMORY.border_px).inside(partner.known_size)
         partner_tile = (
             read_tile(partner, partner_window)
-            if min(partner_window.samples, partner_window.lines) > 2 * EXTERNAL.border_px
+            if min(partner_window.samples, partner_window.lines) > 2 * MEMORY.border_px
             else None
         )
         if partner_tile is not None:

@@ -14,7 +14,9 @@ import numpy as np
 
 from ..block.block import Image
 from ..foundation.pixel_filters import load_opencv
+from ..foundation.statistical_limits import SAMPLES
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import MEMORY
 from .block_matching.overlaps import CHOICE
 from .block_matching.windows import read_overview
 from .tie_points import PairSummary
@@ -25,13 +27,6 @@ from .tile_matching.epipolar import EPIPOLAR
 class LIKELY_CAUSES:
     """Reduced images, and limits for the causes of a search without result."""
 
-    side_px: int = threshold(1000, "px", "largest side of the reduced images")
-    inliers: int = threshold(
-        12,
-        "matches",
-        "fewest that agree with one affine map",
-        "28 comparisons of unrelated real images: 3 to 6; random descriptors: 4 or 5, 2026-11-28",
-    )
     turned_deg: float = threshold(20.0, "deg", "smallest rotation against the RPCs that is a cause")
 
 
@@ -77,12 +72,12 @@ def _find_cause(first: Image, second: Image) -> str:
         return f"{names} have hardly any valid pixels: check nodata and masks"
     as_given = _match(one.grey, second_overview.grey)
     mirrored = _match(np.ascontiguousarray(one.grey[:, ::-1]), second_overview.grey)
-    if mirrored.inliers >= max(LIKELY_CAUSES.inliers, 2 * as_given.inliers):
+    if mirrored.inliers >= max(SAMPLES.fewest, 2 * as_given.inliers):
         return (
             f"{names} agree if one of them is mirrored ({mirrored.inliers} matches, {as_given.inliers} as they are): "
             "flip the pixels of the wrong one back, or write the RPC of its pixels into it"
         )
-    if as_given.inliers < LIKELY_CAUSES.inliers:
+    if as_given.inliers < SAMPLES.fewest:
         return (
             f"{names} show nothing in common ({as_given.inliers} features agree anywhere in them): one RPC is that of "
             "another image, or clouds, water or another season hide the ground; compare the images in a viewer"
@@ -102,10 +97,10 @@ def _find_cause(first: Image, second: Image) -> str:
 def _reduce(image: Image) -> _Overview | None:
     """Return a reduced image with grey values between its 1st and 99th percentile; None without valid pixels."""
     size = image.known_size
-    step = max(1, -(-max(size) // LIKELY_CAUSES.side_px))
+    step = max(1, -(-max(size) // MEMORY.part_px))
     tile = read_overview(image, step)
     grey, valid = tile.pixels, tile.valid
-    if np.count_nonzero(valid) < LIKELY_CAUSES.side_px:
+    if np.count_nonzero(valid) < MEMORY.part_px:
         return None
     low, high = np.percentile(grey[valid], [1.0, 99.0])
     scaled = np.clip((grey - low) / max(high - low, 1e-9), 0.0, 1.0) * 255.0
@@ -124,7 +119,7 @@ def _match(first: np.ndarray, second: np.ndarray) -> _AffineMap:
         return nothing
     nearest = cv2.BFMatcher().knnMatch(described, described_others, k=2)
     distinct = [best for best, second_best in nearest if best.distance < EPIPOLAR.ratio * second_best.distance]
-    if len(distinct) < LIKELY_CAUSES.inliers:
+    if len(distinct) < SAMPLES.fewest:
         return nothing
     source = np.array([places[match.queryIdx].pt for match in distinct])
     target = np.array([second_places[match.trainIdx].pt for match in distinct])

@@ -37,7 +37,6 @@ class TRANSFER:
     deformation: float = threshold(
         0.12, "", "largest deformation of a chip relative to the cameras", "slopes of 30 % at 20 degrees between views"
     )
-    finest_px: float = threshold(0.8, "px", "smallest pixel of a window in pixels of the second image")
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ def transfer_point(
     if not np.isfinite(line).all() or not scale > 0.0:
         return Transfer(refusal="the cameras do not determine its position")
     # If the first image has smaller pixels, it is reduced to about those of the second
-    step = max(1.0, float(TRANSFER.finest_px / scale))
+    step = max(1.0, float((1.0 / EQUALITY.size) / scale))
     by_first, scale = by_first * step, scale * step
     middle, span = line.mean(axis=0), np.linalg.inv(by_first) @ (line[1] - line[0])
     along = float(np.hypot(*span)) / 2.0 + (margin_px + TRANSFER.across_px) / scale

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..block.block import Block, Image
+from ..block.control_visibility import CONTROL_VISIBILITY
 from ..block.placement import PlacementDoubt, judge_size
 from ..block.points import Role, are_apart
 from ..camera.rpc import RPC
@@ -27,7 +28,6 @@ class PLACEMENT:
     """Limits for the positions of image points, heights and a DEM relative to the images."""
 
     far_outside: float = threshold(0.5, "", "distance of a point outside an image, over its size, that is an error")
-    edge_slack_px: float = threshold(1.5, "px", "tolerance at the edge, for coordinates that begin at 1")
     many_outside: float = threshold(0.5, "", "share of an image's points outside it that is reported")
     bent_px: float = threshold(
         0.01, "px", "curvature of rays beyond which the order of RPC00A is tested", "60 vendor RPCs of 12 sensors: "
@@ -75,7 +75,7 @@ def find_points_outside(block: Block) -> list[Reason]:
     half = np.array([image.half_size_px + 0.5 for image in block.images])[measured.image]
     beyond = np.abs(measured.xy - middle) - half
     is_far = (beyond > PLACEMENT.far_outside * 2.0 * half).any(axis=1) & has_size[measured.image]
-    outside = (beyond > PLACEMENT.edge_slack_px).any(axis=1) & has_size[measured.image]
+    outside = (beyond > CONTROL_VISIBILITY.edge_px).any(axis=1) & has_size[measured.image]
     count = np.bincount(measured.image, minlength=len(has_size))
     mostly_outside = np.bincount(measured.image[outside], minlength=len(has_size)) > np.maximum(
         PLACEMENT.many_outside * count, PLACEMENT.several_points

@@ -23,7 +23,7 @@ from ..block.columns import Columns
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
-from ..foundation.statistical_limits import ITERATIONS
+from ..foundation.statistical_limits import ITERATIONS, REDUNDANCY
 from ..foundation.thresholds import threshold, thresholds
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
@@ -35,11 +35,9 @@ TUNED_ON = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/proto
 class ESTIMATION:
     """Limits of the iterations that estimate the parameters of one image."""
 
-    scaled_steps: int = threshold(4, "steps", "most with reduced weights, while residuals are large", TUNED_ON)
     large_residual: float = threshold(100.0, "sigma", "RMS residual above which weights are reduced", TUNED_ON)
     gauss_newton_steps: int = threshold(8, "steps", "Gauss-Newton steps before second derivatives are used", TUNED_ON)
     difference_sigmas: float = threshold(0.1, "sigma", "step of numerical second derivatives, for each parameter")
-    least_curvature: float = threshold(1e-2, "", "smallest eigenvalue of the Hessian, relative to the normal matrix")
     unsettled_ratio: float = threshold(
         2.0, "", "increase of the cost by new weights from which there is no common minimum"
     )
@@ -206,7 +204,7 @@ class ObservationEquations:
 
         With A the matrix and r the residuals it is ``A' A + I - sum_i r_i H_i``; the sum by differences of A along each
         parameter. Its eigenvalues relative to ``A' A + I`` are replaced by their absolute values, at least
-        `ESTIMATION.least_curvature`, so that every step descends (saddle-free Newton, Dauphin et al. 2014).
+        `REDUNDANCY.regularised`, so that every step descends (saddle-free Newton, Dauphin et al. 2014).
         """
         p = len(self.sigmas)
         normal = state.matrix.T @ state.matrix + np.eye(p)
@@ -222,7 +220,7 @@ class ObservationEquations:
         inverse = np.linalg.inv(half)
         bends, vectors = np.linalg.eigh(np.eye(p) - inverse @ (0.5 * (second + second.T)) @ inverse.T)
         axes = half @ vectors
-        return np.asarray((axes * np.maximum(np.abs(bends), ESTIMATION.least_curvature)) @ axes.T)
+        return np.asarray((axes * np.maximum(np.abs(bends), REDUNDANCY.regularised)) @ axes.T)
 
 
 #: From the equations of an image to values ``(p,)``, number of steps and status; a model can have its own as `solve`.
@@ -296,7 +294,7 @@ def iterate_least_squares(
         return max(1.0, 2.0 * state.cost / freedom)
 
     state = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
-    for _ in range(ESTIMATION.scaled_steps):
+    for _ in range(ITERATIONS.most):
         misfit = float(np.sqrt(np.mean(state.right**2)))
         if misfit <= ESTIMATION.large_residual:
             break

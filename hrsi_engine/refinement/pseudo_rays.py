@@ -24,6 +24,7 @@ from ..block.block import Image
 from ..block.imaging_geometry import GEOMETRY
 from ..camera.rpc import RPC
 from ..foundation.errors import SolveError
+from ..foundation.statistical_limits import EQUALITY
 from ..foundation.thresholds import threshold, thresholds
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number, Triple
@@ -38,7 +39,6 @@ class SENSOR:
     usual_height_m: float = threshold(600e3, "m", "height of the sensor, if not computed", "thesis, section 4.3")
     least_height_m: float = threshold(1e3, "m", "smallest plausible height: an aircraft")
     largest_height_m: float = threshold(2e6, "m", "largest plausible height: above all mapping satellites")
-    largest_climb: float = threshold(0.02, "", "largest relative change of height over half an image (else noise)")
     height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays at convergence")
 
 
@@ -110,7 +110,7 @@ def compute_sensor_frame(image: Image) -> SensorFrame:
     heights = first, middle, last
     if not SENSOR.least_height_m <= middle <= SENSOR.largest_height_m:
         heights = (SENSOR.usual_height_m,) * 3
-    elif not max(abs(first - middle), abs(last - middle)) <= SENSOR.largest_climb * middle:
+    elif not max(abs(first - middle), abs(last - middle)) <= EQUALITY.alike * middle:
         heights = (middle,) * 3
     return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=heights)
 

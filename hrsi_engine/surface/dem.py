@@ -82,7 +82,6 @@ class RAY_TRACING:
 
     step: float = threshold(0.5, "cells", "step of a ray in plan between two heights of the surface")
     accuracy_m: float = threshold(1e-3, "m", "height error of the intersection at convergence")
-    margin_m: float = threshold(1.0, "m", "margin of a ray above the highest and below the lowest cell")
 
 
 class Status(IntEnum):
@@ -173,8 +172,8 @@ def _find_ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayE
         lowest, highest = surface.bounds(passed.min(axis=0) - 1.0, passed.max(axis=0) + 1.0)
         if np.isnan(lowest):
             return ends._replace(heights=(np.nan, np.nan))
-        enclosed = low <= lowest - RAY_TRACING.margin_m and high >= highest + RAY_TRACING.margin_m
-        low, high = lowest - RAY_TRACING.margin_m, highest + RAY_TRACING.margin_m
+        enclosed = low <= lowest - RAY_TRACING.accuracy_m and high >= highest + RAY_TRACING.accuracy_m
+        low, high = lowest - RAY_TRACING.accuracy_m, highest + RAY_TRACING.accuracy_m
         if enclosed:
             break
     return _localize_between(rpc, image, surface, low, high)

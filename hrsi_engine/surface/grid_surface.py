@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.working_sizes import MEMORY
 from ..ground.geodesy import longitudes_near
 from ..ground.operation_uses import OperationUse
 
@@ -19,7 +20,6 @@ class SURFACE:
     """Tiles of a surface in memory."""
 
     tile: int = threshold(256, "cells", "side of a tile that is kept in memory")
-    tiles: int = threshold(128, "tiles", "largest number of tiles in memory: 68 MB")
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class GridSurface:
                 columns = min(SURFACE.tile + 1, self.shape[1] - column)
                 tile = np.asarray(self._read(row, column, rows, columns), dtype=np.float64)
             self._tiles[place] = tile
-            while len(self._tiles) > SURFACE.tiles:
+            while len(self._tiles) > (MEMORY.values // SURFACE.tile**2):
                 self._tiles.popitem(last=False)
             return tile
 

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST
-from ..foundation.statistical_limits import ITERATIONS, SAMPLES, SIGNIFICANCE
+from ..foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.working_sizes import MEMORY
 from ..ground.geodesy import ground_difference_m, move_ground
@@ -50,8 +50,6 @@ class SURFACE_MATCHING:
     uneven: float = threshold(0.7, "", "curvature of the surface over its slope, from which the weight is zero …")
     part_cells: float = threshold(12.0, "cells", "smallest side of the parts of the ground with independent errors …")
     noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less that at 3", "GLO-30: exp(-d / 300 m)")
-    least_relief: float = threshold(0.03, "", "smallest share of the slopes' squares that is not noise")
-    known_share: float = threshold(0.6, "", "smallest share of points with heights at a displacement")
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,9 +199,7 @@ class SurfaceMatcher:
             of_mean = np.outer(M[:2, 2], M[:2, 2]) / M[2, 2]
             values, axes = np.linalg.eigh(M[:2, :2] - of_mean)
             noise = SURFACE_MATCHING.noise_alike * (min(self.noise_m, scale) / (2.0 * self.cell_m)) ** 2 * weight.sum()
-            M[:2, :2] = (
-                axes * np.maximum(values - noise, SURFACE_MATCHING.least_relief * np.abs(values))
-            ) @ axes.T + of_mean
+            M[:2, :2] = (axes * np.maximum(values - noise, EQUALITY.negligible * np.abs(values))) @ axes.T + of_mean
             # N contains the noise, so that steps are too short, but never too long, as they would be if M is too small
             step = np.linalg.solve(N + ridge, B.T @ (weight * r))
             size = float(np.hypot(*step[:2]))
@@ -236,7 +232,7 @@ class SurfaceMatcher:
         parts = np.array_split(offsets, 16)
         miss = np.concatenate([self._heights(part, rows) - self.height[rows] for part in parts])
         middle, score = shortest_half(miss)
-        score[np.isfinite(miss).sum(axis=1) < SURFACE_MATCHING.known_share * len(rows)] = np.nan
+        score[np.isfinite(miss).sum(axis=1) < EQUALITY.majority * len(rows)] = np.nan
         return offsets, score, middle
 
 

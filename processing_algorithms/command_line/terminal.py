@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import TextIO
 
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.statistical_limits import EQUALITY
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.foundation.version import run_date
 
@@ -18,12 +19,9 @@ class LIVE_LINE:
     """Drawing of the line of progress, and lines of progress in the log."""
 
     redraw_s: float = threshold(0.1, "s", "smallest time between two drawings")
-    foreseen_share: float = threshold(0.02, "", "smallest share of the work for an estimate of the rest")
     foreseen_s: float = threshold(3.0, "s", "smallest time of work for an estimate of the rest")
     least_columns: int = threshold(20, "characters", "smallest width of the line")
-    least_bar: int = threshold(6, "characters", "smallest width of the bar (none below)")
     most_bar: int = threshold(30, "characters", "largest width of the bar")
-    step_share: float = threshold(0.05, "", "smallest progress for another line in the log with the same message")
 
 
 _REST_COLUMNS = len(" 59:59 min left")
@@ -137,11 +135,11 @@ def progress_line(message: str, fraction: float, elapsed_s: float, columns: int)
     """Return one line of progress for a number of columns: message, bar, percentage, remaining time."""
     columns = max(columns, LIVE_LINE.least_columns) - 1  # a full line would wrap
     rest = ""
-    if fraction >= LIVE_LINE.foreseen_share and elapsed_s >= LIVE_LINE.foreseen_s:
+    if fraction >= EQUALITY.negligible and elapsed_s >= LIVE_LINE.foreseen_s:
         rest = f" {spell_duration(elapsed_s * (1.0 - fraction) / fraction)} left"
     tail = f"{int(100 * fraction + 1e-9):3d} %{rest:<{_REST_COLUMNS}}"
     bar = min(LIVE_LINE.most_bar, (columns - len(tail)) // 3)
-    if bar >= LIVE_LINE.least_bar:
+    if bar > 0:
         done = int(fraction * bar + 1e-9)
         tail = f"[{'#' * done}{'.' * (bar - done)}] {tail}"
     room = columns - len(tail) - 1
@@ -215,7 +213,7 @@ class RunLog:
 
     def progress(self, fraction: float, message: str = "") -> bool:
         """Append the progress if the message is new or the progress has increased enough."""
-        if message not in ("", self._message) or fraction >= self._told + LIVE_LINE.step_share:
+        if message not in ("", self._message) or fraction >= self._told + EQUALITY.negligible:
             self._told, self._message = max(fraction, self._told), message or self._message
             self.write("PROGRESS", f"{100 * self._told:.0f} % {self._message}")
         return True

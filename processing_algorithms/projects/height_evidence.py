@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...hrsi_engine.block.block import Image, ImagePoints
+from ...hrsi_engine.block.imaging_geometry import GEOMETRY
 from ...hrsi_engine.block.pointing import compute_gsd_m, estimate_pointing
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
-from ...hrsi_engine.foundation.statistical_limits import SAMPLES
+from ...hrsi_engine.foundation.statistical_limits import SAMPLES, SIGNIFICANCE
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.foundation.working_sizes import GRIDS
 from ...hrsi_engine.io.rasters.dems import open_geoid
@@ -27,11 +28,7 @@ from ...hrsi_engine.plausibility.mistakes import find_undulations
 class HEIGHT_EVIDENCE:
     """Limits for the decision on a height datum."""
 
-    decisive_ratio: float = threshold(20.0, "", "smallest ratio of the likelihoods of both hypotheses that decides")
     dem_sigma_m: float = threshold(2.0, "m", "smallest sigma of the median difference from a DEM: canopy, coarse cells")
-    reach_m: float = threshold(
-        150.0, "m", "heights above and below the expected one, between which points are searched"
-    )
 
 
 class DatumEvidence(NamedTuple):
@@ -66,7 +63,7 @@ def weigh_hypotheses(
     sigma = float(np.hypot(np.hypot(sigma_m, spread), HEIGHT_EVIDENCE.dem_sigma_m))
     middle = [float(np.median(difference)), float(np.median(difference - geoid[1]))]
     loss = 0.5 * np.square(middle) / sigma**2  # negative logarithms of the likelihoods of normal errors
-    best, limit = int(np.argmin(loss)), np.log(HEIGHT_EVIDENCE.decisive_ratio)
+    best, limit = int(np.argmin(loss)), SIGNIFICANCE.decisive / 2.0
     is_decisive = loss[1 - best] - loss[best] > limit > loss[best]  # other units, other places agree with neither
     figures = (
         f"{what} are {middle[0]:+.1f} m higher if these are ellipsoidal, {middle[1]:+.1f} m if these refer to the "
@@ -90,7 +87,7 @@ def _intersect(
     first: Image, second: Image, xy: np.ndarray, other_xy: np.ndarray, height_m: float, ids: Sequence[str]
 ) -> RayHeights:
     """Return the heights of points (n, 2) that are measured in two images."""
-    low_m, high_m = height_m - HEIGHT_EVIDENCE.reach_m, height_m + HEIGHT_EVIDENCE.reach_m
+    low_m, high_m = height_m - GEOMETRY.ray_reach_m, height_m + GEOMETRY.ray_reach_m
     low, high = _trace(first, second, xy, low_m, high_m)
     line = high - low
     length2 = np.square(line).sum(axis=1)
@@ -123,7 +120,7 @@ def _places(tables: Sequence[ImagePoints], image_id: str) -> dict[str, np.ndarra
 
 def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:
     """Return ray heights of a few points that are measured in the pixels of the pair with the steepest intersection."""
-    reach = HEIGHT_EVIDENCE.reach_m
+    reach = GEOMETRY.ray_reach_m
     pairs = []
     for first, second in combinations([image for image in images if image.raster is not None], 2):
         line = _trace(first, second, first.centre_px[None], height_m - reach, height_m + reach)

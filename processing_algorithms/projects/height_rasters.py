@@ -15,11 +15,11 @@ from scipy import ndimage
 
 from ...hrsi_engine.foundation.statistical_limits import EQUALITY
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.working_sizes import MEMORY
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.ground.proj_operations import has_heights
 from ...hrsi_engine.io.opening.datasets import open_dataset
 from ...hrsi_engine.io.rasters.raster_kinds import (
-    RASTER_KINDS,
     RasterFacts,
     RasterKind,
     find_raster_kind,
@@ -156,7 +156,7 @@ def _sample_heights(surface: GridSurface, region: np.ndarray) -> tuple[np.ndarra
     high = np.minimum(np.ceil(cells.max(axis=0)), (columns - 1, rows - 1)).astype(int)
     if (high <= low).any():
         return None
-    step = max(1, int((high - low).max()) // RASTER_KINDS.sample)
+    step = max(1, int((high - low).max()) // MEMORY.window_px)
     column, row = np.meshgrid(np.arange(low[0], high[0] + 1, step), np.arange(low[1], high[1] + 1, step))
     heights = surface.heights(np.column_stack([column.ravel(), row.ravel()]).astype(np.float64))
     return heights.reshape(column.shape), step

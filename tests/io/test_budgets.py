@@ -190,7 +190,7 @@ def test_a_spreadsheet_that_unfolds_without_end(tmp_path: Path, monkeypatch: pyt
     path = tmp_path / "points.xlsx"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("xl/worksheets/sheet1.xml", b"\0" * (21 * budgets.MIB))
-    monkeypatch.setattr(budgets, "FILE_BUDGETS", replace(budgets.FILE_BUDGETS, unfolded_bytes=20 * budgets.MIB))
+    monkeypatch.setattr(budgets, "FILE_BUDGETS", replace(budgets.FILE_BUDGETS, binary_bytes=20 * budgets.MIB))
     with pytest.raises(InputError, match=r"points.xlsx: unfolds to 21 MiB"):
         read_points(str(path))
 

@@ -8,7 +8,8 @@ import pytest
 from simulated_blocks import oblique_rpc
 
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
-from hrsi.hrsi_engine.measurement.no_match import LIKELY_CAUSES, _match, explain_no_matches
+from hrsi.hrsi_engine.foundation.statistical_limits import SAMPLES
+from hrsi.hrsi_engine.measurement.no_match import _match, explain_no_matches
 from hrsi.hrsi_engine.measurement.tie_points import PairSummary
 
 SIDE, MARGIN = 600, 200
@@ -54,4 +55,4 @@ def test_likely_causes(change, cause) -> None:  # type: ignore[no-untyped-def]
 def test_chance_is_below_the_limit(seed: int) -> None:
     """Of unrelated pictures fewer than half as many matches agree as a cause needs."""
     first, second = (np.uint8(cv2.normalize(draw_ground(k), None, 0, 255, cv2.NORM_MINMAX)) for k in (seed, seed + 50))
-    assert _match(first, second).inliers <= LIKELY_CAUSES.inliers // 2
+    assert _match(first, second).inliers <= SAMPLES.fewest // 2

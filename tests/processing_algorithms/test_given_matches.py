@@ -11,6 +11,7 @@ import rendered_blocks as scenes
 import simulated_blocks as blocks
 from colmap_database import write_database
 
+from hrsi.hrsi_engine.foundation.working_sizes import MEMORY
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -116,5 +117,5 @@ def test_a_match_far_away_does_not_have_the_whole_image_read(given, monkeypatch)
     job = ExternalMatchJob(0, images[0], ImageWindow(0, 0, 200, 200), (ExternalPair(1, images[1], first, second),))
     found = measure_external_matches(job)
     (window,) = [window for image, window in read if image is images[1]]
-    assert window.samples <= 130 + 2 * given_matches.EXTERNAL.border_px
+    assert window.samples <= 130 + 2 * MEMORY.border_px
     assert len(found["first_xy"]) > 0.6 * len(near)

@@ -111,7 +111,7 @@ def _list_files(name: str, folder: str) -> list[str]:
     if folder.startswith("/vsi"):
         fixed = list_archive(name)
         packed, unfolded = os.path.getsize(name), sum(size for _name, size in fixed)
-        if unfolded > max(FILE_BUDGETS.points_bytes, FILE_BUDGETS.packed_factor * packed):
+        if unfolded > max(FILE_BUDGETS.text_bytes, FILE_BUDGETS.packed_factor * packed):
             raise InputError(f"{name}: {packed} bytes that unfold to {unfolded} are no images: obtain it again")
         require_delivery(name, len(fixed))
         may_be = sum(one.lower().endswith((*IMAGE_ENDINGS, ".xml", ".dim")) for one, _size in fixed)

@@ -20,6 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from osgeo import gdal
 
+from ...block.imaging_geometry import GEOMETRY
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from .datasets import virtual_status
@@ -33,37 +34,24 @@ ROLE_OF_TIES = re.compile(rb"""[,;\t]["']?(?:tie|held[-_]out)["']?[,;\t\r\n]""",
 class FILE_BUDGETS:
     """Largest sizes that readers accept: bytes by the kind of file, values of an array, characters of a text."""
 
-    rpc_bytes: int = threshold(
-        32 * MIB, "byte", "largest RPC file that is read", "the largest vendor XML known has about 2 MB"
-    )
-    points_bytes: int = threshold(
-        256 * MIB, "byte", "largest text file of points that is read line by line", "some millions of points"
-    )
+    description_bytes: int = threshold(
+        32 * MIB, "byte", "largest RPC file, list of images, and directory of an archive",
+        "the largest vendor XML known has about 2 MB; a file in an archive takes 1 kB of memory",
+    )  # fmt: skip
+    text_bytes: int = threshold(
+        256 * MIB, "byte", "largest text of points, journal, report and file of STAC items",
+        "some millions of points; ten thousand images with 10 kB each",
+    )  # fmt: skip
     gcp_rows: int = threshold(
         600_000, "rows", "most rows of a text file of GCPs, without tie points",
         "surveys have hundreds, matches with a reference about 1e5; image points and tie points may have more",
     )  # fmt: skip
-    matches_bytes: int = threshold(2048 * MIB, "byte", "largest binary file of matches")
-    report_bytes: int = threshold(128 * MIB, "byte", "largest report", "ten thousand images and points: about 20 MB")
-    items_bytes: int = threshold(
-        256 * MIB, "byte", "largest file of STAC items", "as many images as a block can have, about 10 kB each"
-    )
-    names_bytes: int = threshold(32 * MIB, "byte", "largest list of images")
-    journal_bytes: int = threshold(256 * MIB, "byte", "largest journal of points measured by hand")
-    result_bytes: int = threshold(2048 * MIB, "byte", "largest result of one finished part of a search")
-    laser_values: int = threshold(
-        50_000_000, "values", "most values of an array of laser heights", "a granule of GEDI has some 2e5 x 101"
-    )
+    binary_bytes: int = threshold(
+        2048 * MIB, "byte", "largest file of matches or results, sum of a spreadsheet's parts, and column of texts",
+        "NumPy gives every row of a column the width of the longest text",
+    )  # fmt: skip
     line_characters: int = threshold(4 * MIB, "characters", "longest line of a text file")
     text_characters: int = threshold(4096, "characters", "longest id or image name", "paths and signed addresses fit")
-    plain_text_characters: int = threshold(64, "characters", "names up to this length may occur in any number of rows")
-    wide_text_bytes: int = threshold(
-        512 * MIB, "byte", "largest column of longer texts", "NumPy gives every row the width of the longest"
-    )
-    unfolded_bytes: int = threshold(2048 * MIB, "byte", "largest sum of a spreadsheet's parts")
-    directory_bytes: int = threshold(
-        32 * MIB, "byte", "largest directory of a zip archive", "an entry has about 100 bytes, and takes 1 kB of memory"
-    )
     delivery_files: int = threshold(
         200_000, "files", "most files of a folder or archive that is looked through", "all of an archive of orders"
     )
@@ -75,8 +63,7 @@ class FILE_BUDGETS:
         20_000, "files", "most files of an archive that may be images", "each takes GDAL 0.1 ms to find and 1 to open"
     )  # fmt: skip
     delivery_depth: int = threshold(32, "folders", "deepest level of folders in a delivery")
-    hdf_values: float = threshold(1e8, "values", "most numbers of an array of matches or keypoints in HDF5")
-    hdf_groups: int = threshold(10_000_000, "groups", "most groups of a file of matches in HDF5")
+    array_values: float = threshold(1e8, "values", "most numbers of an array of matches or laser heights in HDF5")
     point_bytes: int = threshold(
         128, "byte", "longest geometry of a point in a database", "a point with the longest header of a GeoPackage"
     )
@@ -88,9 +75,9 @@ class FILE_BUDGETS:
 
 #: Most bytes of files that are read as a whole, by their content.
 MOST_BYTES = {
-    "RPC": FILE_BUDGETS.rpc_bytes, "points": FILE_BUDGETS.points_bytes, "matches": FILE_BUDGETS.matches_bytes,
-    "report": FILE_BUDGETS.report_bytes, "items": FILE_BUDGETS.items_bytes, "names": FILE_BUDGETS.names_bytes,
-    "journal": FILE_BUDGETS.journal_bytes, "result": FILE_BUDGETS.result_bytes,
+    "RPC": FILE_BUDGETS.description_bytes, "points": FILE_BUDGETS.text_bytes, "matches": FILE_BUDGETS.binary_bytes,
+    "report": FILE_BUDGETS.text_bytes, "items": FILE_BUDGETS.text_bytes, "names": FILE_BUDGETS.description_bytes,
+    "journal": FILE_BUDGETS.text_bytes, "result": FILE_BUDGETS.binary_bytes,
 }  # fmt: skip
 
 
@@ -113,7 +100,6 @@ class GROUND_HEIGHTS:
     """Range of the heights of the ground; heights outside it are refused."""
 
     lowest_m: float = threshold(-12_000.0, "m", "lowest height of the ground", "deepest trench, and a datum's error")
-    highest_m: float = threshold(9_000.0, "m", "greatest height of the ground", "highest mountain, and a datum's error")
     no_data_m: float = threshold(
         -9999.0, "m", "height that means nodata in files that do not declare it", "images show no ground as deep as "
         "this"
@@ -125,14 +111,12 @@ class RPC_BUDGETS:
     """Ranges of the offsets, scales and coefficients of an RPC; others are refused."""
 
     image_px: float = threshold(1e8, "px", "largest image offset or scale, and sample or line of a point")
-    lat_off_deg: float = threshold(90.0, "deg", "largest latitude offset", "the pole")
-    long_off_deg: float = threshold(540.0, "deg", "largest longitude offset", "0 to 360, or across the date line")
-    lat_scale_deg: float = threshold(180.0, "deg", "largest latitude scale", "from pole to pole")
-    long_scale_deg: float = threshold(360.0, "deg", "largest longitude scale", "a whole turn")
+    latitude_deg: float = threshold(90.0, "deg", "largest offset and scale of latitudes", "the pole")
+    longitude_deg: float = threshold(
+        540.0, "deg", "largest offset and scale of longitudes", "0 to 360, or across the date line"
+    )
     height_m: float = threshold(1e5, "m", "largest height offset and scale")
-    least_image_scale_px: float = threshold(1e-3, "px", "smallest scale of samples and lines")
-    least_ground_scale_deg: float = threshold(1e-9, "deg", "smallest scale of latitudes and longitudes")
-    least_height_scale_m: float = threshold(1e-3, "m", "smallest scale of heights")
+    least_scale: float = threshold(1e-5, "", "smallest scale, in degrees, metres or pixels", "a metre in degrees")
     denominator: float = threshold(
         1e3, "", "largest coefficient of a denominator relative to its constant term", "the constant term is 1 in the "
         "files of all vendors; with larger coefficients the denominator becomes zero"
@@ -143,13 +127,13 @@ class RPC_BUDGETS:
 #: For each number of an RPC: largest magnitude of an offset, or smallest and largest value of a scale.
 RPC_RANGES = {
     "line_off": (0.0, RPC_BUDGETS.image_px), "samp_off": (0.0, RPC_BUDGETS.image_px),
-    "lat_off": (0.0, RPC_BUDGETS.lat_off_deg), "long_off": (0.0, RPC_BUDGETS.long_off_deg),
+    "lat_off": (0.0, RPC_BUDGETS.latitude_deg), "long_off": (0.0, RPC_BUDGETS.longitude_deg),
     "height_off": (0.0, RPC_BUDGETS.height_m),
-    "line_scale": (RPC_BUDGETS.least_image_scale_px, RPC_BUDGETS.image_px),
-    "samp_scale": (RPC_BUDGETS.least_image_scale_px, RPC_BUDGETS.image_px),
-    "lat_scale": (RPC_BUDGETS.least_ground_scale_deg, RPC_BUDGETS.lat_scale_deg),
-    "long_scale": (RPC_BUDGETS.least_ground_scale_deg, RPC_BUDGETS.long_scale_deg),
-    "height_scale": (RPC_BUDGETS.least_height_scale_m, RPC_BUDGETS.height_m),
+    "line_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.image_px),
+    "samp_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.image_px),
+    "lat_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.latitude_deg),
+    "long_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.longitude_deg),
+    "height_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.height_m),
 }  # fmt: skip
 
 
@@ -194,9 +178,7 @@ def file_bytes(path: str) -> int | None:
 
 def require_texts(source: str, field: str, rows: int, longest: int) -> None:
     """Raise `InputError` for a column of texts that are too long for names; ``longest`` is in characters."""
-    if longest > FILE_BUDGETS.text_characters or (
-        longest > FILE_BUDGETS.plain_text_characters and rows * longest * 4 > FILE_BUDGETS.wide_text_bytes
-    ):
+    if longest > FILE_BUDGETS.text_characters or rows * longest * 4 > FILE_BUDGETS.binary_bytes:
         raise InputError(
             f"{source}: field {field!r} contains a text of {longest} characters ({rows} rows): names are shorter; "
             "correct it, or obtain the file again"
@@ -208,7 +190,7 @@ def require_small_archive(path: str) -> None:
     require_plain(path)
     if not path.startswith("/vsi") and zipfile.is_zipfile(path):
         size = sum(size for _name, size in list_archive(path))
-        if size > FILE_BUDGETS.unfolded_bytes:
+        if size > FILE_BUDGETS.binary_bytes:
             raise InputError(f"{path}: unfolds to {size // MIB} MiB, no table does: obtain it again, or save it as CSV")
 
 
@@ -227,7 +209,7 @@ def list_archive(path: str) -> list[tuple[str, int]]:
             size = int.from_bytes(tail[end + 12 : end + 16], "little")
             if size == 2**32 - 1 and wide >= 0:
                 size = int.from_bytes(tail[wide + 40 : wide + 48], "little")
-            if size > FILE_BUDGETS.directory_bytes:
+            if size > FILE_BUDGETS.description_bytes:
                 raise InputError(f"{path}: has a directory of {size // MIB} MiB: unpack it, and name the images")
             with zipfile.ZipFile(path) as archive:
                 return [(part.filename, part.file_size) for part in archive.infolist()]
@@ -239,7 +221,7 @@ def list_archive(path: str) -> list[tuple[str, int]]:
                 unfolded = member.offset_data + member.size
                 if len(members) > FILE_BUDGETS.delivery_files:
                     raise InputError(f"{path}: contains more than {FILE_BUDGETS.delivery_files} files: name its images")
-                if unfolded > FILE_BUDGETS.unfolded_bytes and unfolded > os.path.getsize(path):  # a compressed one
+                if unfolded > FILE_BUDGETS.binary_bytes and unfolded > os.path.getsize(path):  # a compressed one
                     raise InputError(
                         f"{path}: unfolds to more than {unfolded // MIB} MiB: unpack it, and name the folder"
                     )
@@ -300,7 +282,7 @@ def require_heights(heights_m: np.ndarray, where: Callable[[int], str]) -> None:
 
     ``where`` returns the place of an index: file and cell, or file and row.
     """
-    wrong = (heights_m < GROUND_HEIGHTS.lowest_m) | (heights_m > GROUND_HEIGHTS.highest_m)
+    wrong = (heights_m < GROUND_HEIGHTS.lowest_m) | (heights_m > GEOMETRY.highest_height_m)
     wrong |= heights_m == GROUND_HEIGHTS.no_data_m
     if wrong.any():
         index = int(np.flatnonzero(wrong)[0])

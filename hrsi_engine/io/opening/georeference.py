@@ -7,18 +7,11 @@ import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.statistical_limits import EQUALITY
 from ...ground.crs_operations import operations_of
 from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
 from ...ground.proj_operations import without_heights
 from .budgets import RASTER_BUDGETS
-
-
-@thresholds
-class MAP_GRID:
-    """Condition for a raster to extend around the Earth."""
-
-    turn_columns: float = threshold(1e-3, "columns", "largest difference of a raster's columns from a full circle")
 
 
 class Georeference:
@@ -67,7 +60,7 @@ class Georeference:
         self._middle_x, self._half_width = float(middle), min(180.0, 0.5 * abs(float(east - west)))
         # Columns of a whole turn, 0 for a raster that has an edge
         columns = 360.0 / geotransform[1] if endless and self._geographic and geotransform[1] > 0.0 else 0.0
-        is_full_turn = abs(columns - round(columns)) < MAP_GRID.turn_columns and round(columns) <= dataset.RasterXSize
+        is_full_turn = abs(columns - round(columns)) < EQUALITY.file_px and round(columns) <= dataset.RasterXSize
         self.turn = round(columns) if is_full_turn else 0
         self._placed = not self.turn
         self._lock = threading.Lock()

@@ -34,6 +34,7 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
+from ...foundation.working_sizes import MEMORY
 from ..opening.budgets import FILE_BUDGETS, require_size
 from ..opening.databases import require_sound, sound_database
 from ..opening.datasets import gdal_messages
@@ -275,7 +276,7 @@ def _list_groups(path: str) -> list[tuple[str, gdal.Group]]:
         waiting = [] if dataset is None else [("", dataset.GetRootGroup())]
         while waiting:
             name, group = waiting.pop()
-            if group is None or len(groups) > FILE_BUDGETS.hdf_groups:
+            if group is None or len(groups) > MEMORY.values:
                 groups = []
                 break
             groups.append((name, group))
@@ -307,7 +308,7 @@ def _read_array(path: str, group: gdal.Group, name: str) -> np.ndarray:
         sizes = [dimension.GetSize() for dimension in array.GetDimensions()]
         if 0 in sizes:
             return np.zeros(sizes)
-        if np.prod(sizes, dtype=float) > FILE_BUDGETS.hdf_values:
+        if np.prod(sizes, dtype=float) > FILE_BUDGETS.array_values:
             raise InputError(f"{path}: {name!r} claims {sizes} numbers, more than any image has: obtain the file again")
         values = array.ReadAsArray()
     if values is None or values.dtype.kind not in "iuf":

@@ -10,8 +10,10 @@ import numpy as np
 import pyproj
 from osgeo import gdal
 
+from ...block.imaging_geometry import GEOMETRY
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.working_sizes import MEMORY
 from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import GROUND_HEIGHTS
@@ -34,7 +36,6 @@ class RasterKind(StrEnum):
 class RASTER_KINDS:
     """Sampling of a raster whose kind is determined."""
 
-    sample: int = threshold(600, "pixels", "largest number of values along a side that are read")
     mask_values: int = threshold(3, "values", "largest number of different values of a mask")
 
 
@@ -90,14 +91,14 @@ def find_raster_kind(path: str, crs: str = "") -> RasterFacts | None:
 
 
 def _sample_values(band: Any) -> np.ndarray:
-    step = max(1, max(band.XSize, band.YSize) // RASTER_KINDS.sample)
+    step = max(1, max(band.XSize, band.YSize) // MEMORY.window_px)
     values = band.ReadAsArray(buf_xsize=-(-band.XSize // step), buf_ysize=-(-band.YSize // step))
     return np.empty(0) if values is None else np.asarray(values).ravel()
 
 
 def _find_fill_value(values: np.ndarray) -> float | None:
     """Return the only value that is no height of the ground; None if there is none, or several."""
-    is_impossible = (values < GROUND_HEIGHTS.lowest_m) | (values > GROUND_HEIGHTS.highest_m)
+    is_impossible = (values < GROUND_HEIGHTS.lowest_m) | (values > GEOMETRY.highest_height_m)
     fills = np.unique(values[is_impossible | (values == GROUND_HEIGHTS.no_data_m)])
     return float(fills[0]) if len(fills) == 1 else None
 

@@ -27,7 +27,6 @@ class CONTENT_SAMPLING:
     edge_bytes: int = threshold(
         2**20, "byte", "length of the beginnings and ends of all files together", "headers and tables of tiles"
     )
-    least_edge_bytes: int = threshold(4096, "byte", "smallest length of the beginning and the end of a file")
     blocks: int = threshold(512, "blocks", "blocks spread over all files together")
     block_bytes: int = threshold(2**14, "byte", "length of a block, and of the beginning of a remote file")
 
@@ -79,7 +78,7 @@ def files_mark(paths: Iterable[str], times: bool = True) -> str:
 
 def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
     """Return start and length of the blocks of a file that are hashed; ``share`` is its part of all hashed bytes."""
-    edge = max(int(CONTENT_SAMPLING.edge_bytes * share), CONTENT_SAMPLING.least_edge_bytes)
+    edge = max(int(CONTENT_SAMPLING.edge_bytes * share), CONTENT_SAMPLING.block_bytes)
     count = max(int(CONTENT_SAMPLING.blocks * share), 1)
     # Not at equal distances, which lines and tiles of an image have too. Odd steps of the golden ratio are as even
     jitter = ((k * 0.6180339887498949) % 1.0 for k in range(count))

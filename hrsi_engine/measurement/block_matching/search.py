@@ -12,7 +12,7 @@ from ...foundation.errors import InputError, list_ids
 from ...foundation.progress import Progress, stage
 from ...foundation.version import VERSION
 from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler, WorkPart, digest, run_parts
-from ...foundation.working_sizes import MEMORY
+from ...foundation.working_sizes import GRIDS, MEMORY
 from ...surface.dem import HeightSurface
 from ..tie_options import AUTOMATIC_CELLS, TIE_SEARCH, TieOptions
 from ..tile_matching.options import TileMatchOptions
@@ -347,7 +347,7 @@ class TieSearch:
                 for candidate in partner_list
             ]
             options = choose_match_options(self.options, image, linked, predicted)
-            per_part = TIE_SEARCH.cells_per_part if linked or not is_matched_everywhere(image) else 1
+            per_part = GRIDS.cells if linked or not is_matched_everywhere(image) else 1
             for start in range(0, len(cells), per_part):
                 job = StarJob(number, image, tuple(cells[start : start + per_part]), tuple(partner_list), options)
                 key = digest(VERSION, self._marks[number], number, job.cells, partner_marks, job.options)

@@ -27,7 +27,6 @@ from .windows import STATISTICS_HALO_PX, DetectionWindow, ImageStatistics, norma
 class CENTRE:
     """Conditions for gravity centres of closed regions, and their quality (0 to 1)."""
 
-    largest_gap: float = threshold(0.12, "", "largest share of the outline in one gap", SIMULATED_OBJECTS)
     centroid_agreement: tuple[float, float] = threshold(
         (0.4, 0.05), "px, share", "largest distance of centroid and centre: constant and per size", SIMULATED_OBJECTS
     )
@@ -100,17 +99,7 @@ def find_gravity_centres(
         return []
     slopes = GradientImage(window.grey, window.usable, statistics.noise)
     outlines = measure_outlines(slopes, regions)
-    # Keep outlines with a sufficient share of clear edges and without a wide gap
-    share = outlines.found.sum(axis=1) / outlines.count
-    column = np.arange(outlines.found.shape[1])
-    real = column < outlines.count[:, None]
-    clear = np.where(outlines.found, column, -1)
-    last = np.maximum.accumulate(clear, axis=1)
-    first = np.argmax(outlines.found, axis=1)
-    wrapped = np.where(last < 0, column + outlines.count[:, None] - clear.max(axis=1)[:, None], column - last)
-    gap = np.where(real, wrapped, 0).max(axis=1)
-    gap = np.where(first > 0, np.maximum(gap, first + outlines.count - 1 - clear.max(axis=1)), gap)
-    closed = np.asarray((share >= SHAPE.sides_share) & (gap <= np.maximum(1.0, CENTRE.largest_gap * outlines.count)))
+    closed = np.asarray(outlines.found.sum(axis=1) >= SHAPE.closed_share * outlines.count)
     outlines, sign, support = _merge_outlines(
         outlines.select(closed), -regions.sign[closed].astype(np.float64), window.origin
     )

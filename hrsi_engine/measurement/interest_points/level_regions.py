@@ -31,11 +31,9 @@ class REGION:
     even_stable_steps: int = threshold(
         16, "levels", "difference of the compared gradient levels (even regions)", SIMULATED_OBJECTS
     )
-    even_largest_change: float = threshold(1.0, "", "largest relative change of area between them", SIMULATED_OBJECTS)
     half_slope: float = threshold(0.5, "sigma/px", "gradient at half of the gradient levels")
     smallest_at_scale_px: int = threshold(12, "px", "smallest side of a region in reduced pixels")
     compactness: float = threshold(0.86, "", "smallest area over that of the inertial ellipse", SIMULATED_OBJECTS)
-    largest_elongation: float = threshold(4.0, "", "largest ratio of the axes; longer regions are roads and shadows")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +86,7 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
             smooth, slope = make_gaussian_kernels(0.5)
             steepness = np.hypot(*slopes(reduced, smooth, slope, "reflect"))
             evenness = np.rint(255.0 * REGION.half_slope / (steepness + REGION.half_slope)).astype(np.uint8)
-            even = _find_stable_regions(evenness, REGION.even_stable_steps, REGION.even_largest_change, reach)
+            even = _find_stable_regions(evenness, REGION.even_stable_steps, REGION.largest_change, reach)
             tables.append(_select_compact(even, closed, reach - 2.0 * BLUR.edge_px, scale, HOMOGENEOUS))
     counts = np.concatenate([np.diff(table.bounds) for table in tables])
     return LevelRegions(
@@ -129,8 +127,6 @@ def _select_compact(
         np.concatenate(selected), np.r_[0, np.cumsum(count[keep])], np.full(len(selected), scale),
         np.full(len(selected), sign),
     )  # fmt: skip
-    # Ratio of the axes, for even regions that of their edge, which is ``within_px`` outside the region
-    within_px = BLUR.edge_px if sign == HOMOGENEOUS else 0.0
     starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
     def mean(values: np.ndarray) -> np.ndarray:
@@ -140,13 +136,7 @@ def _select_compact(
     x, y = mean(columns), mean(rows)
     dx, dy = columns - np.repeat(x, count), rows - np.repeat(y, count)
     xx, yy, xy = mean(dx * dx) + 1.0 / 12.0, mean(dy * dy) + 1.0 / 12.0, mean(dx * dy)
-    determinant, half_trace = xx * yy - xy * xy, (xx + yy) / 2.0
-    root = np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
-    longer, shorter = np.sqrt(half_trace + root), np.sqrt(np.maximum(half_trace - root, 1e-9))
-    slender = (2.0 * longer + within_px) / (2.0 * shorter + within_px)
-    is_compact = (count >= REGION.compactness * 4.0 * np.pi * np.sqrt(determinant)) & (
-        slender < REGION.largest_elongation
-    )
+    is_compact = count >= REGION.compactness * 4.0 * np.pi * np.sqrt(xx * yy - xy * xy)
     if not usable.all():
         free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]
         is_compact &= np.logical_and.reduceat(free, regions.bounds[:-1])

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from ...foundation.pixel_filters import BLUR
+from ...foundation.statistical_limits import EQUALITY
 from ...foundation.thresholds import threshold, thresholds
 from ..targets.ellipse import (
     compute_axes,
@@ -32,16 +32,10 @@ class SHAPE:
     """Conditions for an ellipse, rectangle or polygon to fit an outline."""
 
     closed_share: float = threshold(0.85, "", "smallest share of clear edge points on the shape", SIMULATED_OBJECTS)
-    sides_share: float = threshold(0.72, "", "smallest share of edge points on a rectangle", SIMULATED_OBJECTS)
-    side_share: float = threshold(0.6, "", "smallest share of edge points on each side", SIMULATED_OBJECTS)
     sigma_floor_px: float = threshold(0.02, "px", "added to the standard deviation of a centre (in squares)")
     correlation_length_px: float = threshold(4.0, "px", "correlation length of the edge", SIMULATED_OBJECTS)
     ellipse_tolerance: tuple[float, float] = threshold(
-        (0.20, 0.012), "px, share", "largest RMS of edge points about an ellipse: constant and per size",
-        SIMULATED_OBJECTS
-    )  # fmt: skip
-    rectangle_tolerance: tuple[float, float] = threshold(
-        (0.2, 0.004), "px, share", "largest RMS of edge points about a rectangle: constant and per size",
+        (0.20, 0.012), "px, share", "largest RMS of edge points about an ellipse or a rectangle: constant and per size",
         SIMULATED_OBJECTS
     )  # fmt: skip
     polygon_tolerance: tuple[float, float] = threshold(
@@ -50,17 +44,13 @@ class SHAPE:
     )  # fmt: skip
     independent_parts: int = threshold(8, "parts", "number of independent errors along a polygon's outline")
     fourfold: float = threshold(0.25, "", "smallest fourfold moment of a rectangle's normals", SIMULATED_OBJECTS)
-    smallest_angle_deg: float = threshold(55.0, "°", "smallest angle at a corner of a rectangle (oblique view)")
-    solidity: float = threshold(0.88, "", "smallest area of a polygon over its convex hull's", SIMULATED_OBJECTS)
     robust_px: tuple[float, ...] = threshold(
         (1.0, 0.5, 0.3, 0.3), "px", "residual with a quarter of the weight, in each step", SIMULATED_OBJECTS
     )
     on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point on a shape or edge")
-    final_steps: int = threshold(3, "steps", "final Gauss-Newton steps (the last below 1e-3 px)", SIMULATED_OBJECTS)
     ellipse_points: int = threshold(48, "points", "edge points measured around an ellipse")
     side_points: int = threshold(20, "points", "edge points measured along a side")
     fine_reach_px: float = threshold(1.25, "px", "half length of the normals of a fitted shape")
-    corner_share: float = threshold(0.12, "", "share of a side that is not used at each end (rounded corner)")
 
 
 class Shapes(NamedTuple):
@@ -141,7 +131,7 @@ def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: GradientImage
         centre, Q = iterate_ellipses(edges, weight, centre, Q, 1)
     on_shape = is_edge & (np.abs(compute_ellipse_distances(edges, centre, Q)) < SHAPE.on_shape_px)
     weight = on_shape.astype(np.float64)
-    centre, Q = iterate_ellipses(edges, weight, centre, Q, SHAPE.final_steps)
+    centre, Q = iterate_ellipses(edges, weight, centre, Q, 1)
     residual = compute_ellipse_distances(edges, centre, Q)
     semi_axes, azimuth = compute_axes(Q)
     size = 2.0 * semi_axes
@@ -204,7 +194,7 @@ def fit_rectangles(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) 
         c = lines.corners
         starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k is between corners k - 1 and k
         length = np.linalg.norm(ends - starts, axis=-1)
-        margin = np.clip(np.maximum(SHAPE.corner_share, BLUR.edge_px / np.maximum(length, 1e-6)), 0.0, 0.4)
+        margin = np.clip(BLUR.edge_px / np.maximum(length, 1e-6), 0.0, 0.4)
         t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SHAPE.side_points)
         points = starts[:, :, None] + t[..., None] * (ends - starts)[:, :, None]
         normal = np.concatenate([lines.normal, lines.normal], axis=1)
@@ -251,7 +241,7 @@ def _fit_sides(xy: np.ndarray, is_edge: np.ndarray, robust_px: tuple[float, ...]
     offset = np.sum(middle * side_normal, axis=-1)
     valid = (is_edge.sum(axis=2) >= 3.0).all(axis=1)
     cross = normal[:, 0, 0] * normal[:, 1, 1] - normal[:, 0, 1] * normal[:, 1, 0]
-    valid &= np.abs(cross) > np.sin(np.radians(SHAPE.smallest_angle_deg))
+    valid &= np.abs(cross) > EQUALITY.rounding
     inverse = np.linalg.inv(np.where(valid[:, None, None], normal, np.eye(2)))
     ends = np.stack([offset[:, [0, 2, 2, 0]], offset[:, [1, 1, 3, 3]]], axis=-1)  # sides 0&1, 2&1, 2&3, 0&3
     corners = ends @ np.swapaxes(inverse, 1, 2)
@@ -277,8 +267,8 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, is_edge: np.ndarray) -> S
     size = np.sort(sides, axis=1)[:, ::-1]
     rmse = np.sqrt(np.sum(on_side * lines.residual**2, axis=(1, 2)) / counted.sum(axis=1))
     closed = on_side.mean(axis=(1, 2))
-    valid = lines.good & (closed >= SHAPE.sides_share) & (on_side.mean(axis=2).min(axis=1) >= SHAPE.side_share)
-    valid &= rmse <= compute_size_tolerance(SHAPE.rectangle_tolerance, size)
+    valid = lines.good & (closed >= SHAPE.closed_share)
+    valid &= rmse <= compute_size_tolerance(SHAPE.ellipse_tolerance, size)
     count = edges.shape[1] * edges.shape[2]
     return Shapes(
         valid, lines.corners.mean(axis=1), _add_sigma_floor(covariance), size_px=size, azimuth_rad=azimuth,
@@ -325,9 +315,6 @@ def fit_polygons(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) ->
     closed = count / np.maximum(outlines.count, 1)
     fits = rmse <= compute_size_tolerance(SHAPE.polygon_tolerance, size)
     valid = (closed >= SHAPE.closed_share) & (area > 1.0) & fits
-    for row in np.flatnonzero(valid):
-        hull = ConvexHull(xy[row, : count[row]])
-        valid[row] = area[row] >= SHAPE.solidity * hull.volume  # in two dimensions, `volume` is the area
     covariance = _add_sigma_floor(variance[:, None, None] * np.eye(2))
     return Shapes(
         valid,

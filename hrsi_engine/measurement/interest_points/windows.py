@@ -16,8 +16,9 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.pixel_filters import apply_opening, box_mean, dilate, enlarge, filter_separable
 from ...foundation.robust_scale import MAD_TO_SIGMA, ROBUST
+from ...foundation.statistical_limits import SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import MEMORY
+from ...foundation.working_sizes import GRIDS, MEMORY
 
 
 @thresholds
@@ -26,12 +27,9 @@ class WINDOWS:
 
     core_px: int = threshold(1536, "px", "side of a window without its border; with one of 256 it is 2048")
     grid_px: int = threshold(32, "px", "grid of window origins; side of the cells of local statistics")
-    saturated_share: float = threshold(1e-4, "", "share of pixels from which the largest grey value is saturation")
     fill_side_px: int = threshold(31, "px", "side of the square whose mean replaces invalid pixels")
     saturated_side_px: int = threshold(3, "px", "side of the smallest saturated area that is excluded")
     averaged_cells: int = threshold(5, "cells", "side of the square of cells with one local mean")
-    samples_per_side: int = threshold(4, "areas", "largest number of samples along each side of an image")
-    contrast_floor: float = threshold(0.15, "", "… and relative to the median local deviation of the image")
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,15 +138,11 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
     # The largest grey value is regarded as saturated if an implausibly large number of pixels has it
     greys = [window.grey[window.usable] for window in samples if window.usable.any()] if mask_saturated else []
     largest = max((float(grey.max()) for grey in greys), default=np.nan)
-    limit = WINDOWS.saturated_share * sum(grey.size for grey in greys)
+    limit = SIGNIFICANCE.false_alarm * sum(grey.size for grey in greys)
     saturation = largest if sum(int(np.sum(grey == largest)) for grey in greys) > limit else None
     noises = [estimate_noise(window.grey, window.usable) for window in samples if window.usable.any()]
     noise = float(np.median(noises)) if noises else 0.0
-    deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
-    finite = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
-    typical = float(np.median(finite)) if len(finite) else 0.0
-    floor = max(ROBUST.rejected * noise, WINDOWS.contrast_floor * typical, 1e-6)
-    return ImageStatistics(saturation, noise, floor)
+    return ImageStatistics(saturation, noise, max(ROBUST.rejected * noise, 1e-6))
 
 
 def choose_sample_areas(region: Area) -> list[Area]:
@@ -162,7 +156,7 @@ def choose_sample_areas(region: Area) -> list[Area]:
 
 
 def _choose_starts(first: int, end: int) -> list[int]:
-    count = min(WINDOWS.samples_per_side, -(-(end - first) // MEMORY.window_px))
+    count = min(GRIDS.parts, -(-(end - first) // MEMORY.window_px))
     last = max(first, end - MEMORY.window_px)
     return sorted(
         {int(start) // WINDOWS.grid_px * WINDOWS.grid_px for start in np.linspace(first, last, count)} | {first}

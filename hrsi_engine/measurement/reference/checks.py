@@ -18,7 +18,9 @@ import numpy as np
 
 from ...block.block import Image
 from ...block.orthoimage import DEM, ORTHOIMAGE_ERRORS
+from ...block.pointing import POINTING
 from ...foundation.robust_scale import ROBUST, robust_sigma
+from ...foundation.statistical_limits import SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.working_sizes import GRIDS
 from .matching import ImageControl, ReferenceControl
@@ -29,8 +31,6 @@ class REFERENCE_CHECKS:
     """Limits for the differences of a reference from RPCs and surveyed GCPs, and within itself."""
 
     far: float = threshold(1.3, "", "factor of this limit for a certain offset", "normal, in the plane: 1 of 25 000")
-    unknown_bias_m: float = threshold(15.0, "m", "a priori error of a coordinate by an RPC without ERR_BIAS")
-    fewest_places: int = threshold(4, "places", "fewest places of an image in a part that is tested")
     drift_m: float = threshold(1.0, "m", "standard deviation of an image's bias between two parts")
 
 
@@ -88,7 +88,7 @@ def compute_reference_shift(
     middle, _ = image.rpc.localize(image.centre_px[None], float(np.median(ground[:, 2])))
     _, by_ground = image.rpc.project_with_metric_jacobian(middle)
     east, north = np.linalg.solve(by_ground[0, :, :2], bias)
-    rpc_bias_m = image.rpc.err_bias or REFERENCE_CHECKS.unknown_bias_m
+    rpc_bias_m = image.rpc.err_bias or POINTING.unknown_m
     # height errors shift the ground position along the line of sight
     along = np.linalg.solve(by_ground[0, :, :2], by_ground[0, :, 2]) * accuracy.sigma_h_m
     limit = ROBUST.outlier * float(np.sqrt(rpc_bias_m**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
@@ -234,7 +234,7 @@ def drop_wrong_parts(
             difference[part_of[image_control.places] == number] - np.median(difference, axis=0)
             for image_control, difference in zip(agreeing_images, differences, strict=True)
         ]
-        values = [value for value in values if len(value) >= REFERENCE_CHECKS.fewest_places]
+        values = [value for value in values if len(value) >= SAMPLES.plane]
         if values:
             image_medians = [np.median(value, axis=0) for value in values]
             middle[index] = np.mean(image_medians, axis=0)

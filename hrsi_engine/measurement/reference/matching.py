@@ -33,7 +33,7 @@ from ...foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import open_calls
 from ...foundation.workers.threads import thread_count
-from ...foundation.working_sizes import GRIDS
+from ...foundation.working_sizes import GRIDS, MEMORY
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from ..tile_matching.options import TILE_MATCH
 from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak
@@ -282,7 +282,7 @@ def choose_places(
     dense = np.unique(np.floor((pixels[inside][:, None] + steps).reshape(-1, 2) / cell).astype(np.int64), axis=0)
     last = np.floor((size - 1) / cell)
     dense = dense[np.all((dense >= 0) & (dense <= last), axis=1)]
-    cells = dense[:: max(len(dense) // PATCH.most_cells, 1)]
+    cells = dense[:: max(len(dense) // MEMORY.rows, 1)]
     spots, texture = [], []
     for column, row in cells:
         spot = _find_best_spot(reference, column * cell, row * cell, cell, step, window_px)

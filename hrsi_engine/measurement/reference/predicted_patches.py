@@ -19,7 +19,7 @@ from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import blur, erode, interpolate, reduce_by_area
 from ...foundation.statistical_limits import EQUALITY
 from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import MEMORY
+from ...foundation.working_sizes import GRIDS, MEMORY
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..window_matching.correlation import (
     CorrelationPeak,
@@ -37,7 +37,6 @@ class PATCH:
     valid: float = threshold(0.999, "", "smallest valid share of a resampled pixel (1 but for rounding)")
     largest_px: int = threshold(64_000_000, "working px", "largest source window; beyond, the position is wrong")
     cell_px: int = threshold(192, "working px", "side of the part of a cell in which a place is selected")
-    most_cells: int = threshold(20_000, "cells", "largest number of cells in all images together")
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +179,6 @@ class BIAS:
     least_side: int = threshold(128, "working px", "smallest shorter side of an image at the coarsest level")
     fine_reach: int = threshold(8, "working px", "half width of the search at finer levels")
     site: int = threshold(160, "working px", "side of a correlated part of the image")
-    sites: int = threshold(4, "parts", "largest number of parts along each side of an image")
     contrast: float = threshold(9.0, "sigma", "smallest height of a peak above the others, in robust sigmas")
     rival: float = threshold(0.75, "", "largest ratio of the second and the highest peak (ambiguity)")
     node: float = threshold(8.0, "working px", "spacing of the nodes of a predicted part")
@@ -234,7 +232,7 @@ def _find_peak(
     starts, sides = [], []
     for size in image.known_size:
         width = max(int(size / step), 1)
-        count = min(max(int(np.ceil(width / BIAS.site)), 1), BIAS.sites)
+        count = min(max(int(np.ceil(width / BIAS.site)), 1), GRIDS.parts)
         side = min(width, BIAS.site) if count > 1 else width
         places = np.linspace(0.0, size - step * side, count) if count > 1 else np.zeros(1)
         starts.append(places)

@@ -15,23 +15,22 @@ import numpy as np
 
 from ...foundation.errors import SolveError
 from ...foundation.pixel_filters import BLUR, erode, slopes
+from ...foundation.robust_scale import ROBUST
 from ...foundation.statistical_limits import SAMPLES
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.corners import make_gaussian_kernels
 from ..interest_points.outlines import compute_slope_noise, interpolate_bilinear
+from ..interest_points.shapes import SHAPE
 
 
 @thresholds
 class LINES:
     """Conditions for edge points, straight edges and corners of two edges."""
 
-    slope_to_noise: float = threshold(5.0, "sigma", "smallest gradient of an edge point over its noise")
     weakest_share: float = threshold(0.15, "", "… and over the largest gradient of the window")
-    line_distance_px: float = threshold(0.8, "px", "largest distance of an edge point from its line")
     direction_deg: float = threshold(
         20.0, "°", "largest angle of its gradient to the normal, and turn of it along the line"
     )
-    largest_gap_px: float = threshold(2.5, "px", "largest gap between the points of a straight edge")
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +196,7 @@ def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> Edge
     strength = np.hypot(by_x, by_y)
     clear = erode(usable, 5)
     threshold = max(
-        LINES.slope_to_noise * noise * compute_slope_noise(),
+        ROBUST.rejected * noise * compute_slope_noise(),
         LINES.weakest_share * float(strength[clear].max(initial=0.0)),
     )
     rows, columns = np.nonzero(clear & (strength > threshold))
@@ -241,14 +240,14 @@ def _grow_segment(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray
     run = np.array([seed])
     for _ in range(3):
         offset = points.xy - centre
-        is_near = free & (np.abs(offset @ normal) < LINES.line_distance_px)
+        is_near = free & (np.abs(offset @ normal) < SHAPE.on_shape_px)
         is_near &= points.direction @ normal > np.cos(np.radians(LINES.direction_deg))
         candidates = np.flatnonzero(is_near)
         if len(candidates) < 3:
             return candidates
         along = offset[candidates] @ np.array([-normal[1], normal[0]])
         order = np.argsort(along)
-        breaks = np.flatnonzero(np.diff(along[order]) > LINES.largest_gap_px)
+        breaks = np.flatnonzero(np.diff(along[order]) > BLUR.end_px)
         middle = int(np.searchsorted(along[order], 0.0))
         start = int(breaks[breaks < middle][-1]) + 1 if np.any(breaks < middle) else 0
         end = int(breaks[breaks >= middle][0]) + 1 if np.any(breaks >= middle) else len(order)

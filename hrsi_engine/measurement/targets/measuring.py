@@ -40,7 +40,6 @@ class TARGETS:
 
     largest_sigma_px: float = threshold(0.5, "px", "largest sigma of a coordinate, or RMS of edge points about edges")
     smallest_quality: float = threshold(0.4, "", "smallest quality of an object", "simulated targets, 2026-11-21")
-    smallest_angle_deg: float = threshold(30.0, "°", "smallest angle of a corner's edges")
     shortest_edge_px: float = threshold(3.0, "px", "smallest length of an edge in use")
     far_px: float = threshold(20.0, "px", "largest distance of edge points from the corner")
     end_px: float = threshold(4.0, "px", "largest distance of the end of an edge from the corner")
@@ -240,7 +239,7 @@ def _find_crossings(
     offset = np.array([line.normal @ (line.centroid - approximate) for line in lines])
     i, j = np.triu_indices(len(lines), 1)
     sine = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
-    steep = np.abs(sine) > np.sin(np.radians(TARGETS.smallest_angle_deg - LINES.direction_deg / 2.0))
+    steep = np.abs(sine) > np.sin(np.radians(LINES.direction_deg - LINES.direction_deg / 2.0))
     i, j, sine = i[steep], j[steep], sine[steep, None]
     across = np.column_stack([normal[:, 1], -normal[:, 0]])
     crossing = (offset[i, None] * across[j] - offset[j, None] * across[i]) / sine
@@ -264,7 +263,7 @@ def _rate_corner(
     except SolveError:
         return None
     distance = float(np.hypot(*(corner.position - approximate)))
-    is_acceptable = corner.angle_deg >= TARGETS.smallest_angle_deg and corner.rmse_px <= TARGETS.largest_sigma_px
+    is_acceptable = corner.angle_deg >= LINES.direction_deg and corner.rmse_px <= TARGETS.largest_sigma_px
     is_acceptable &= all(_measure_turn_deg(points, segment, rough) < LINES.direction_deg for segment in (first, second))
     if distance > search_px or not is_acceptable or corner.sigma_px > TARGETS.largest_sigma_px:
         return None
