@@ -27,7 +27,6 @@ class OUTLINE_SAMPLING:
     """Sampling of a region's outline and detection of its edge points."""
 
     step_px: float = threshold(0.5, "px", "spacing of samples along a normal")
-    fine_reach: float = threshold(0.75, "", "half length at full resolution, relative to the scale")
     first_peak_share: float = threshold(0.5, "", "smallest gradient of an edge over the largest", SIMULATED_OBJECTS)
     smoothing_points: float = threshold(1.5, "points", "standard deviation of the outline's smoothing")
     opened_pixels: int = threshold(60, "px", "area above which thin connections are removed by opening")
@@ -103,7 +102,7 @@ def measure_outlines(slopes: GradientImage, regions: LevelRegions) -> Outlines:
         edge_xy, steep, clear = find_edges_along(level, points[rows], *along, BLUR.end_px)
         edge_xy = (edge_xy + 0.5) * factor - 0.5
         if factor > 1:
-            edge_xy, steep, fine = find_edges_along(slopes, edge_xy, *along, OUTLINE_SAMPLING.fine_reach * factor)
+            edge_xy, steep, fine = find_edges_along(slopes, edge_xy, *along, 0.5 * factor)  # a pixel there
             clear &= fine
         points[rows], slope[rows], is_edge[rows] = edge_xy, steep, clear
     place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)

@@ -50,6 +50,7 @@ class SHAPE:
     on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point on a shape or edge")
     ellipse_points: int = threshold(48, "points", "edge points measured around an ellipse")
     side_points: int = threshold(20, "points", "edge points measured along a side")
+    corner_share: float = threshold(0.12, "", "share of a side that is not used at each end (rounded corner)")
     fine_reach_px: float = threshold(1.25, "px", "half length of the normals of a fitted shape")
 
 
@@ -194,7 +195,7 @@ def fit_rectangles(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) 
         c = lines.corners
         starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k is between corners k - 1 and k
         length = np.linalg.norm(ends - starts, axis=-1)
-        margin = np.clip(BLUR.edge_px / np.maximum(length, 1e-6), 0.0, 0.4)
+        margin = np.clip(np.maximum(SHAPE.corner_share, BLUR.edge_px / np.maximum(length, 1e-6)), 0.0, 0.4)
         t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SHAPE.side_points)
         points = starts[:, :, None] + t[..., None] * (ends - starts)[:, :, None]
         normal = np.concatenate([lines.normal, lines.normal], axis=1)

@@ -13,6 +13,7 @@ influence. The search range is increased until there is a distinct peak.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from ...block.block import Image, Raster
 from ...block.orthoimage import Orthoimage
@@ -153,20 +154,9 @@ def predict_patch(
         design = np.column_stack([np.ones(len(grid)), grid])
         coefficients = np.linalg.lstsq(design[intersected], place[intersected], rcond=None)[0]
         place = np.where(intersected[:, None], place, design @ coefficients)
-    x, y = (_interpolate_nodes(place[:, axis].reshape(nodes[::-1]), shape, node_px) for axis in (0, 1))
+    pixels = np.indices(shape) / node_px  # NaN next to a node without position
+    x, y = (ndimage.map_coordinates(values.reshape(nodes[::-1]), pixels, order=1, mode="nearest") for values in place.T)
     return Patch(*sample_patch(reference.raster, x, y, step * gsd_m / reference.gsd_m), origin, step)
-
-
-def _interpolate_nodes(values: np.ndarray, shape: tuple[int, int], node_px: float) -> np.ndarray:
-    """Return node values ``(rows, columns)`` interpolated to every working pixel; NaN next to a node without value."""
-    row, column = np.arange(shape[0]) / node_px, np.arange(shape[1]) / node_px
-    i = np.minimum(row.astype(int), max(values.shape[0] - 2, 0))
-    j = np.minimum(column.astype(int), max(values.shape[1] - 2, 0))
-    down, right = (row - i)[:, None], (column - j)[None]
-    next_row, next_column = np.minimum(i + 1, values.shape[0] - 1), np.minimum(j + 1, values.shape[1] - 1)
-    upper = values[i][:, j] * (1.0 - right) + values[i][:, next_column] * right
-    lower = values[next_row][:, j] * (1.0 - right) + values[next_row][:, next_column] * right
-    return upper * (1.0 - down) + lower * down
 
 
 @thresholds

@@ -27,7 +27,6 @@ from ..interest_points.shapes import SHAPE
 class LINES:
     """Conditions for edge points, straight edges and corners of two edges."""
 
-    weakest_share: float = threshold(0.15, "", "… and over the largest gradient of the window")
     direction_deg: float = threshold(
         20.0, "°", "largest angle of its gradient to the normal, and turn of it along the line"
     )
@@ -195,11 +194,7 @@ def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> Edge
     by_x, by_y = slopes(grey, smooth, slope, "reflect")
     strength = np.hypot(by_x, by_y)
     clear = erode(usable, 5)
-    threshold = max(
-        ROBUST.rejected * noise * compute_slope_noise(),
-        LINES.weakest_share * float(strength[clear].max(initial=0.0)),
-    )
-    rows, columns = np.nonzero(clear & (strength > threshold))
+    rows, columns = np.nonzero(clear & (strength > ROBUST.rejected * noise * compute_slope_noise()))
     inner = (rows > 1) & (columns > 1) & (rows < grey.shape[0] - 2) & (columns < grey.shape[1] - 2)
     rows, columns = rows[inner], columns[inner]
     edge_strength = strength[rows, columns]
