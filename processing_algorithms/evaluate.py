@@ -60,6 +60,8 @@ from .files.result_folder import LENGTH, PAGE_FILE, check_folder, plan_folder, s
 from .interface.declare import Context, Report
 from .interface.option_groups import SearchOptions
 
+#: Source, files and RPCs of a set.
+CameraSet = tuple[str, Sequence[str], Sequence[RPC]]
 SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # part of a layer's name
 
 
@@ -97,25 +99,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     clock.lap("tracks")
     # The same points for all sets: tracks in at least two images that are no outliers for at least one set
     tracks = (block.points.role == Role.TIE) & (block.rays_per_point() >= 2)
-    sets: list[RpcSet] = []
-    for done, (name, (source, _, rpcs)) in enumerate(cameras.items()):
-        advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
-        seen = block.with_cameras(rpcs)
-        observations, fit = fit_tracks(seen, tracks)
-        known_px, known_m = compute_given_residuals(seen)
-        made_by = judges.makers[name].report if name in judges.makers else None
-        sets.append(
-            RpcSet(
-                name,
-                source,
-                made_by,
-                block=seen,
-                fit=fit,
-                pairs=fit_pairs(observations, fit),
-                known_px=known_px,
-                known_m=known_m,
-            )
-        )
+    observations, sets = _fit_sets(block, tracks, cameras, judges, context)
     wrong = find_wrong_tracks(observations, [one.pairs for one in sets], options.reject)
     everywhere = np.all([np.isfinite(one.fit.ground).all(axis=1) for one in sets], axis=0)
     kept = everywhere & ~wrong
@@ -158,6 +142,22 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     return report
 
 
+def _fit_sets(
+    block: Block, tracks: np.ndarray, cameras: Mapping[str, CameraSet], judges: EvaluationPoints, context: Context
+) -> tuple[Observations, list[RpcSet]]:
+    """Return the observations of the selected ``tracks (points,)``, and their fit by each set of RPCs."""
+    sets = []
+    for done, (name, (source, _, rpcs)) in enumerate(cameras.items()):
+        advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
+        seen = block.with_cameras(rpcs)
+        observations, fit = fit_tracks(seen, tracks)
+        known_px, known_m = compute_given_residuals(seen)
+        made_by = judges.makers[name].report if name in judges.makers else None
+        pairs = fit_pairs(observations, fit)
+        sets.append(RpcSet(name, source, made_by, seen, fit, pairs=pairs, known_px=known_px, known_m=known_m))
+    return observations, sets
+
+
 # ---- input ----------------------------------------------------------------------------------------------------------
 
 
@@ -177,12 +177,10 @@ def _plan_run(
     return plan_folder(options.folder, EVALUATION_FILE, counts, warnings, context, options.report)
 
 
-def _open_sets(
-    options: EvaluateOptions, images: Sequence[Image], context: Context
-) -> dict[str, tuple[str, Sequence[str], Sequence[RPC]]]:
+def _open_sets(options: EvaluateOptions, images: Sequence[Image], context: Context) -> dict[str, CameraSet]:
     """Return source, files and RPCs of each set; the set of the images' own RPCs first, unless one is equal to it."""
     own = [image.rpc for image in images]
-    named: dict[str, tuple[str, Sequence[str], Sequence[RPC]]] = {}
+    named: dict[str, CameraSet] = {}
     for text in options.rpcs:
         name, _, folder = (part.strip() for part in text.partition("="))
         if not SET_NAME.fullmatch(name) or name == OWN:
