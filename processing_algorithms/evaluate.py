@@ -142,22 +142,6 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     return report
 
 
-def _fit_sets(
-    block: Block, tracks: np.ndarray, cameras: Mapping[str, CameraSet], judges: EvaluationPoints, context: Context
-) -> tuple[Observations, list[RpcSet]]:
-    """Return the observations of the selected ``tracks (points,)``, and their fit by each set of RPCs."""
-    sets = []
-    for done, (name, (source, _, rpcs)) in enumerate(cameras.items()):
-        advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
-        seen = block.with_cameras(rpcs)
-        observations, fit = fit_tracks(seen, tracks)
-        known_px, known_m = compute_given_residuals(seen)
-        made_by = judges.makers[name].report if name in judges.makers else None
-        pairs = fit_pairs(observations, fit)
-        sets.append(RpcSet(name, source, made_by, seen, fit, pairs=pairs, known_px=known_px, known_m=known_m))
-    return observations, sets
-
-
 # ---- input ----------------------------------------------------------------------------------------------------------
 
 
@@ -314,6 +298,22 @@ def _read_points(
 
 
 # ---- figures ---------------------------------------------------------------------------------------------------------
+
+
+def _fit_sets(
+    block: Block, tracks: np.ndarray, cameras: Mapping[str, CameraSet], judges: EvaluationPoints, context: Context
+) -> tuple[Observations, list[RpcSet]]:
+    """Return the observations of the selected ``tracks (points,)``, and their fit by each set of RPCs."""
+    sets = []
+    for done, (name, (source, _, rpcs)) in enumerate(cameras.items()):
+        advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
+        seen = block.with_cameras(rpcs)
+        observations, fit = fit_tracks(seen, tracks)
+        known_px, known_m = compute_given_residuals(seen)
+        made_by = judges.makers[name].report if name in judges.makers else None
+        pairs = fit_pairs(observations, fit)
+        sets.append(RpcSet(name, source, made_by, seen, fit, pairs=pairs, known_px=known_px, known_m=known_m))
+    return observations, sets
 
 
 def _set_entry(
