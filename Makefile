@@ -80,7 +80,7 @@ run_tests = install -d -m 700 $(BUILD)/runtime; status=0; \
 test: set-up-test lint  ## lint, then the tests of every feature, QGIS included, in 15 minutes of processor time
 	@echo "test: inside QGIS, then all the others; they end with a summary each. make test-all has the long ones too"
 	@$(call run_tests,-m "not ($(LONG))")
-test-all: set-up-test lint scan  ## lint, the scan of the zip, and all tests, also the long ones: nightly, and what CI runs
+test-all: set-up-test lint scan speed-guard  ## lint, the scan of the zip, the speed, and all tests, also the long ones: nightly, and what CI runs
 	@echo "test-all: inside QGIS, then all the others; they end with a summary each"
 	@$(call run_tests,)
 

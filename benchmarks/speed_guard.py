@@ -3,6 +3,8 @@
     speed_guard.py [ROW …]           measure, and end with 1 if a ratio is more than 15 % above the recorded one
     speed_guard.py --record [ROW …]  measure on a quiet machine and write benchmarks/speed_guard.csv
 
+`make test-all` begins with it. Where CI is set, and on a machine that is busy already, it only prints.
+
 The fixed work runs right before and after the command, on the same machine, and no code of HRSI takes part in it. Of up
 to four runs the fastest counts, because other load only ever adds time. A slower row names the part of the command
 (read, tie points, check, adjust, judge, write) whose share of the wall-clock time has grown most.
@@ -149,6 +151,11 @@ def measure_ratio(row: Row, enough: float) -> tuple[float, dict[str, float]]:
     return float(smallest), parts
 
 
+def is_machine_shared() -> bool:
+    """Return whether other work makes ratios uncertain: on a machine for CI, or by more processes than cores."""
+    return bool(os.environ.get("CI")) or os.getloadavg()[0] > (os.cpu_count() or 1)
+
+
 def name_slower_part(parts: Mapping[str, float], recorded: Mapping[str, float]) -> str:
     """Return the part whose share of the total time has grown most."""
     growth = {
@@ -160,14 +167,14 @@ def name_slower_part(parts: Mapping[str, float], recorded: Mapping[str, float]) 
 
 
 def main() -> int:
-    """Measure the rows; return 1 if one is slower than recorded."""
+    """Measure the rows; return 1 if one is slower than recorded, on a machine without other work."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("rows", nargs="*")
     parser.add_argument("--record", action="store_true")
     arguments = parser.parse_args()
     with open(RECORD, encoding="utf-8", newline="") as file:
         record = {row["row"]: row for row in csv.DictReader(file)}
-    slower = 0
+    slower, is_shared = 0, is_machine_shared()
     with tempfile.TemporaryDirectory(prefix="hrsi-speed-") as folder:
         rows = prepare_rows(Path(folder))
         for name in arguments.rows or rows:
@@ -186,7 +193,9 @@ def main() -> int:
             writer = csv.DictWriter(file, ["row", "ratio", "parts"], lineterminator="\n")
             writer.writeheader()
             writer.writerows(record.values())
-    return int(slower > 0)
+    if slower and is_shared:
+        print(f"{slower} slower on a machine with other work: no failure")
+    return int(slower > 0 and not is_shared)
 
 
 if __name__ == "__main__":
