@@ -24,6 +24,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geoids import geoid_heights
 from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.large_tables import write_large_table
 from hrsi.hrsi_engine.io.opening import budgets
 from hrsi.hrsi_engine.io.opening.databases import require_sound, widths
 from hrsi.hrsi_engine.io.opening.datasets import quiet
@@ -162,6 +163,33 @@ def test_millions_of_points_are_looked_through_quickly(tmp_path: Path) -> None:
     looked = time.thread_time() - started
     read_points(str(path), image_ids=["image_1"])
     assert looked < 0.5 * (time.thread_time() - started - looked) + 0.1
+
+
+@pytest.mark.large
+def test_the_largest_block_of_the_pages_is_read(tmp_path: Path) -> None:
+    """7 million image points; of 2 million rows of ground points all but 300 are tie points, which are no attack."""
+    ties, gcps = 2_000_000, 300
+    ids = np.char.add("P", np.arange(ties + gcps).astype(str))
+    ground = {
+        "id": ids, "role": np.repeat(["gcp", "tie"], [gcps, ties]),
+        "lon": np.linspace(14.0, 15.0, len(ids)), "lat": np.linspace(44.0, 45.0, len(ids)),
+        "height": np.full(len(ids), 500.0),
+    }  # fmt: skip
+    rows = np.repeat(np.arange(len(ids)), 4)[:7_000_000]
+    image = np.array(["image_1", "image_2"])[np.arange(len(rows)) % 2]
+    place = np.arange(len(rows)) % 30_000 + 0.25
+    measured = {"id": ids[rows], "image": image, "sample": place, "line": place}
+    files = {"ground_points.csv": ground, "image_points.csv": measured}
+    for name, columns in files.items():
+        step = 500_000
+        parts = [{key: one[k : k + step] for key, one in columns.items()} for k in range(0, len(columns["id"]), step)]
+        write_large_table(str(tmp_path / name), parts)
+    budgets.require_gcp_rows(str(tmp_path / "ground_points.csv"))
+    points = read_points(str(tmp_path / "ground_points.csv"), height_datum="ellipsoidal").ground
+    assert points is not None and len(points) == ties + gcps
+    image_points = read_points(str(tmp_path / "image_points.csv"), image_ids=["image_1", "image_2"]).image
+    assert image_points is not None and len(image_points) == len(rows)
+    np.testing.assert_allclose(image_points.xy[:, 0], place, atol=1e-6)
 
 
 # ---- other point files ---------------------------------------------------------------------------------------------
