@@ -222,6 +222,7 @@ def large_pair(folder: str, size: int) -> tuple[list[str], np.ndarray]:
         np.pad(texture, 64, mode="wrap"), at + 64, rows + 64, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP
     )
     paths = []
+    os.makedirs(folder, exist_ok=True)
     for name, pixels, tilt in (("first", texture, 0.0), ("second", second, TILT)):
         paths.append(f"{folder}/{name}_{size}.tif")
         if not os.path.exists(paths[-1]):
