@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from long_tests import mark_beyond
 from scipy import stats
 
+from hrsi.hrsi_engine import judge
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.adjustment.solver import adjust
@@ -147,12 +148,25 @@ def test_one_of_few_gcps_that_is_wrong_is_doubtful_and_in_the_prediction(gcps: i
     assert 2.0 * part.le90_m > np.percentile(np.abs(error[:, 2]), 90.0)
 
 
-def test_a_lone_check_point_is_named():
-    block = sound()
-    wrong = rows_of(block, Role.CHECK)[4:5]
-    found = reasons_of(moved(block, wrong, (5.0, 0.0, 0.0)))
-    assert found.keys() == {"check-misfit"}
-    assert found["check-misfit"].points == (str(block.points.ids[wrong[0]]),)
+@pytest.mark.parametrize(("wrong", "level"), [(1, Level.DOUBTFUL), (2, Level.DOUBTFUL), (4, Level.UNUSABLE)])
+@pytest.mark.parametrize("step", [(5.0, 0.0, 0.0), (20.0, 0.0, 0.0), (0.0, 0.0, 20.0)])
+@pytest.mark.parametrize("ties", [60, 0])
+def test_a_minority_of_wrong_check_points_is_named_and_a_majority_refuses(
+    wrong: int, level: Level, step: tuple[float, float, float], ties: int
+):
+    """Six check points; without tie points the images are refined separately, which tells 20 m, too."""
+    block = sound(gcps=6, checks=6, ties=ties)
+    rows = rows_of(block, Role.CHECK)[:wrong]
+    block = moved(block, rows, step)
+    verdict = judge(adjust(block, SNOOPING), check_block(block))
+    if step[0] == 5.0:  # a misfit of a few sigma
+        assert verdict.level is Level.DOUBTFUL or wrong == 4
+    else:
+        assert verdict.level is level
+    if wrong < 4:
+        (misfit,) = (reason for reason in verdict.reasons if reason.code == "check-misfit")
+        assert set(misfit.points) == set(block.points.ids[rows].tolist())
+        assert "the majority agrees" in misfit.message
 
 
 # ---- ties -----------------------------------------------------------------------------------------------------------
@@ -334,8 +348,6 @@ def test_level_is_the_worst_and_stands_first():
 
 
 def test_python_users_get_the_same_verdict():
-    from hrsi.hrsi_engine import adjust, judge
-
     block = sound()
     verdict = judge(adjust(block, SNOOPING), check_block(block))
     assert verdict.level is Level.OK and verdict.reasons == ()

@@ -10,13 +10,14 @@ from typing import Any
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ..lineage import add_untested_error
-from . import common_deformation, connections, datums, ground_truth, jitter, solution, surfaces
+from . import common_deformation, connections, datums, ground_truth, heights, jitter, solution, surfaces
 from .evidence import Evidence
 
 #: Every check of a finished adjustment.
 CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *solution.ON_SOLUTION,
     *ground_truth.ON_GROUND_TRUTH,
+    *heights.ON_HEIGHTS,
     *connections.ON_CONNECTIONS,
     *jitter.ON_JITTER,
     *common_deformation.ON_SURVEY,
@@ -32,7 +33,7 @@ CONSEQUENCES = frozenset({
 })  # fmt: skip
 #: Reasons that are reduced to doubtful if check points agree. These cannot detect errors common to them and the GCPs: a
 #: wrong datum, and a correction by it beyond any error of an RPC.
-MISFITS = frozenset({"sigmas-implausible", "control-misfit", "sources-disagree"})
+MISFITS = frozenset({"sigmas-implausible", "control-misfit", "control-outliers", "sources-disagree"})
 
 
 @dataclass(frozen=True)
@@ -104,10 +105,13 @@ def find_reasons(evidence: Evidence, input_reasons: Sequence[Reason] = ()) -> li
     """
     result_reasons = [reason for check in CHECKS for reason in check(evidence)]
     if ground_truth.do_check_points_agree(evidence):
-        result_reasons = [
-            replace(reason, level=min(reason.level, Level.DOUBTFUL)) if reason.code in MISFITS else reason
-            for reason in result_reasons
-        ]
+        result_reasons, input_reasons = (
+            [
+                replace(reason, level=min(reason.level, Level.DOUBTFUL)) if reason.code in MISFITS else reason
+                for reason in reasons
+            ]
+            for reasons in (result_reasons, input_reasons)
+        )
     if all(reason.level is not Level.UNUSABLE for reason in result_reasons):
         input_reasons = [
             replace(reason, level=min(reason.level, Level.DOUBTFUL))

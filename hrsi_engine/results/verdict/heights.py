@@ -1,0 +1,150 @@
+"""Heights against the block: laser points and DEM against each other, the GCPs, and the ground in the images."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...adjustment.external.laser_heights import MISFIT
+from ...adjustment.result import HeightAgreement, SourceGroup
+from ...foundation.errors import list_ids
+from ...foundation.reasons import Level, Reason
+from ...foundation.thresholds import threshold, thresholds
+from .evidence import Evidence
+from .significance import EFFECT, SOUND_BLOCKS
+
+
+@thresholds
+class HEIGHTS:
+    """Limits for heights that contradict the block."""
+
+    few_laser: int = threshold(
+        10, "points", "number below which laser points that alone determine the height are reported", SOUND_BLOCKS
+    )
+    few_laser_share: float = threshold(0.1, "", "… if also less than this share of their file", SOUND_BLOCKS)
+    outvoted_share: float = threshold(0.5, "", "share of GCPs that contradict other heights: block unusable")
+    doubtful_parts: float = threshold(0.1, "", "smallest reported share of a source in contradicting parts")
+    canopy_m: float = threshold(3.0, "m", "height difference of laser points on the ground from canopy", SOUND_BLOCKS)
+
+
+def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
+    """Yield reasons for laser points or a DEM that contradict one another, or the GCPs, in the block's height.
+
+    GCPs that agree decide, and so do most parts of a DEM; otherwise it is ambiguous which height is correct. A
+    contradiction exceeds the full standard deviation of the heights: that of the group, with the rays, and the stated
+    one of the source, which is common to its cells. Parts of a surface model above the ground by less than trees and
+    buildings are no contradiction.
+    """
+    le90_m = max((part.le90_m for part in evidence.result.parts if part.le90_m is not None), default=np.inf)
+    for one in evidence.result.heights:
+        off, compared = one.gcps
+        told = [group for group in one.groups if group.wrong and _is_contradiction(one, group)]
+        undecided = any(not group.left_out for group in told)
+        told = [group for group in told if not (undecided and group.left_out)]
+        middle = float(np.median([group.offset_m for group in told])) if told else 0.0
+        share = sum(group.observations for group in told) / max(one.observations, 1)
+        outvoted = off > HEIGHTS.outvoted_share * compared and one.left_out < one.observations
+        if not (undecided or outvoted or share > HEIGHTS.doubtful_parts):
+            continue
+        open_between = undecided or (not compared and share > HEIGHTS.outvoted_share)
+        if outvoted:
+            what = f"its heights contradict those of {off} of {compared} GCPs, and outweigh them in the adjustment"
+        else:
+            who = (
+                "all of its heights"
+                if len(told) == len(one.groups)
+                else f"the heights of {list_ids(g.name for g in told)}"
+            )
+            done = "were used, because the wrong ones cannot be identified" if undecided else "were not used"
+            what = f"{who} differ by {middle:+.1f} m (median) from the other height observations of the block"
+            what += f" (sigma {_compute_full_sigma_m(one, told[0]):.1f} m); they {done}"
+        unusable = outvoted or (open_between and abs(middle) > 2.0 * le90_m)
+        yield Reason(
+            "sources-disagree", Level.UNUSABLE if unusable else Level.DOUBTFUL, f"{one.source}: {what}",
+            "check the height datum of laser points, DEM and GCPs: heights above a geoid and above the ellipsoid "
+            "differ by tens of metres; a DEM with contradicting parts may be a mosaic with steps",
+        )  # fmt: skip
+
+
+def _compute_full_sigma_m(source: HeightAgreement, group: SourceGroup) -> float:
+    """Return the standard deviation of a group's offset, with the stated one of its source, in metres."""
+    return float(np.hypot(group.sigma_m, source.sigma_m / source.sigma_factor))
+
+
+def _is_contradiction(source: HeightAgreement, group: SourceGroup) -> bool:
+    """Return True if the offset of a group exceeds its full standard deviation, trees and buildings included."""
+    limit_m = EFFECT.doubtful_factor * _compute_full_sigma_m(source, group)
+    above_m = HEIGHTS.canopy_m if source.source == "DEM" else 0.0
+    return not -limit_m <= group.offset_m <= limit_m + above_m
+
+
+def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for heights that move the block by more than the errors of its RPCs explain."""
+    result = evidence.result
+    sigma_m = result.rpcs_height_sigma_m
+    if not result.heights or result.rpcs_alone_m is None or sigma_m is None:
+        return
+    away_m = -result.rpcs_alone_m[2]
+    if abs(away_m) > EFFECT.doubtful_factor * sigma_m:
+        held = [one.source for one in result.heights if one.left_out < one.observations]
+        yield Reason(
+            "sources-disagree", Level.DOUBTFUL,
+            f"the heights of {' and '.join(held)} move the block by {away_m:+.1f} m from its height by the RPCs "
+            f"alone, {abs(away_m) / sigma_m:.0f} times the standard deviation of that height",
+            "check unit and datum of these heights (`laser_datum`, `dem_datum`): heights above a geoid and above "
+            "the ellipsoid differ by tens of metres",
+        )  # fmt: skip
+
+
+def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
+    """Yield reasons for heights whose scatter about the ground is much larger than their standard deviations."""
+    for one in evidence.result.heights:
+        if one.sigma_factor > EFFECT.doubtful_factor and not one.contradicts:
+            yield Reason(
+                "sources-disagree", Level.DOUBTFUL,
+                f"{one.source}: the RMS difference of its heights from the ground in the images is {one.rmse_m:.0f} "
+                f"m, {one.sigma_factor:.0f} times the given standard deviation",
+                "check position, column and unit of these heights, or give a realistic sigma",
+            )  # fmt: skip
+
+
+def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for laser points rejected because they are lower: the used ones may be canopy."""
+    laser = evidence.result.laser
+    if laser is None:
+        return
+    fits = laser.reason == ""
+    low = (laser.reason == MISFIT) & (laser.residual_m < -HEIGHTS.canopy_m)
+    if low.sum() < max(HEIGHTS.few_laser, HEIGHTS.few_laser_share * (fits.sum() + (laser.reason == MISFIT).sum())):
+        return
+    yield Reason(
+        "sources-disagree", Level.DOUBTFUL,
+        f"{low.sum()} laser points are {-np.median(laser.residual_m[low]):.1f} m (median) lower than the "
+        f"{fits.sum()} used ones, which may be canopy or roofs",
+        "use ground heights (terrain heights of ATL08, a SlideRule fit without canopy), give the canopy height in "
+        "a field `canopy_m`, or name a DEM",
+    )  # fmt: skip
+
+
+def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for a file of laser points of which none, or too few to control one another, are used."""
+    found = evidence.result.laser
+    if found is None:
+        return
+    used, number = int((found.reason == "").sum()), len(found.reason)
+    enough = min(HEIGHTS.few_laser, HEIGHTS.few_laser_share * number)
+    if used and (used >= enough or any(part.gcps for part in evidence.result.parts)):
+        return
+    reasons, count = np.unique(found.reason[found.reason != ""], return_counts=True)
+    most = ", ".join(f"{count[k]} {reasons[k]}" for k in np.argsort(-count)[:3].tolist())
+    yield Reason(
+        "laser-few", Level.DOUBTFUL,
+        f"{f'only {used}' if used else 'none'} of the {number} laser points can be used for the height of the block: "
+        f"{most}",
+        "the layer laser_points lists the reason for each; check coordinates and datum of the file, or name a file "
+        "with more passes over the images",
+    )  # fmt: skip
+
+
+ON_HEIGHTS = (
+    find_conflicting_heights, find_heights_off_rpcs, find_height_scatter, find_laser_canopy, find_unused_laser,
+)  # fmt: skip
