@@ -70,7 +70,9 @@ class SigmaEstimation:
             problem.block, problem.observations, options.variance_groups, options.sensor_images
         )
         count = len(self.groups.names)
-        self.sigmas = components.Sigmas.start_groups(self.groups, problem.observations)
+        self.sigmas = components.Sigmas.start_groups(
+            self.groups, problem.observations, corrected=options.jitter_estimate is not None
+        )
         drifts = [estimate_priors(image).drift for image in problem.observations.images]
         per_px = float(np.sqrt(np.mean(np.square(drifts))))
         self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.usual_drift, per_px, problem.common)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
+from scipy import sparse, special
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import SuperLU, splu
 
@@ -34,7 +34,7 @@ from ...block.block import Image, Measurements, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.robust_scale import ROBUST
-from ...foundation.statistical_limits import ITERATIONS
+from ...foundation.statistical_limits import ITERATIONS, SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import estimate_priors
 from ...refinement.stacked_cameras import linearise_images
@@ -121,6 +121,7 @@ def estimate_jitter(
         fits.append((fit.compute_log_likelihood(), weighted.noise, fit))
     _, weighted.noise, likely = max(fits, key=lambda one: one[0])
     mean, sampled_curves = likely.solved, likely.draw(JITTER_CURVES.samples)
+    sampled_curves = likely.compare_with_surveys(problem.observations.surveyed) * sampled_curves
     curves: dict[str, JitterCurve] = {}
     samples: list[dict[str, JitterCurve]] = [{} for _ in range(JITTER_CURVES.samples)]
     exposures = number_exposures(problem.observations.images)
@@ -231,7 +232,9 @@ def _form_rows(
     usable = observations.contributing_points & np.isfinite(ground).all(axis=1)
     usable &= np.logical_and.reduceat(np.isfinite(right).all(axis=1), observations.first[:-1])
     usable &= np.logical_or.reduceat(splines.any(axis=1), observations.first[:-1])
-    priors, heights = solution.weighting.points, problem.height_observations
+    # Surveys as stated: their sigmas and rejections, estimated without these curves, are consequences of the jitter
+    weighting, heights = solution.weighting, problem.height_observations
+    priors = problem.survey_weighting(weighting.image, observations.survey_weight, weighting.points).points
     if heights is not None:  # jitter displaces the points, so that most heights deviate
         priors = heights.add_to_priors(priors, ground, solution.normals.inverse, by_cell=True)
     selected = np.flatnonzero(usable & ((np.diff(observations.first) > 1) | priors.held))
@@ -412,6 +415,33 @@ class _Fit:
                     self.noisy[count][axis] = root.T @ rng.normal(0.0, 1.0, (root.shape[0], count))
         right = self.weighted.draw(count) / np.sqrt(self.weighted.noise) + self.noisy[count] / np.sqrt(self.variance)
         return self._condition(self._solve(right))
+
+    def compare_with_surveys(self, surveyed: np.ndarray) -> float:
+        """Return the factor, 1 or more, from the posterior's errors of the curves to those that surveyed points show.
+
+        A wave that passes all images of a point by chance in nearly the same phase hardly shows in tie points, and its
+        variance is too small. With residuals r of a point, the covariance C of its equations by the curves and cameras,
+        the noise n and a weight w, its error in an adjustment without it has the square ``r' (I - C w / n)^-1 r / n``.
+        Of its p degrees of freedom, trace C w / n belong to the curves. The median over the points is not changed by
+        few wrong surveys. surveyed : (m,) mask of the points
+        """
+        weighted, tests = self.weighted, list[tuple[float, float, int]]()
+        points = np.unique(weighted.rows.point[weighted.rows.point >= 0])
+        points = points[surveyed[points]]
+        for point in points[:: max(-(-len(points) // SAMPLES.dense), 1)]:
+            rows = np.flatnonzero(weighted.rows.point == point)
+            matrix, weight = weighted.rows.matrix[rows], weighted.weight[rows[0]]
+            covariance = matrix @ self._condition(self._solve(matrix.T.toarray())) * weight / weighted.noise
+            residual = weighted.rows.right[rows] - matrix @ self.solved
+            square = residual @ np.linalg.solve(np.eye(len(rows)) - covariance, residual) / weighted.noise
+            tests.append((float(square), float(np.trace(covariance)), len(rows)))
+        if len(tests) < SAMPLES.plane:
+            return 1.0
+        squares, of_curves, freedom = np.array(tests).T
+        excess = float(np.median(squares / special.chdtri(freedom, 0.5)))
+        if special.chdtrc(freedom.sum(), freedom.sum() * excess) > SIGNIFICANCE.level:
+            return 1.0
+        return float(np.sqrt(1.0 + (excess - 1.0) * freedom.sum() / of_curves.sum()))
 
     def _factorise(self) -> None:
         """Compute ``solved`` for the current noise and variance."""

@@ -219,11 +219,17 @@ class Sigmas:
     of_image: np.ndarray
 
     @classmethod
-    def start_groups(cls, groups: Groups, observations: Observations) -> Sigmas:
-        """Return the given sigmas (factors of 1), none of them free."""
+    def start_groups(cls, groups: Groups, observations: Observations, corrected: bool = False) -> Sigmas:
+        """Return the given sigmas (factors of 1), none of them free.
+
+        corrected : True if image points are corrected by curves of jitter. Then the sigmas of the GCPs' image points
+            contain that of the curves, whose errors points share: small residuals do not show a small noise
+        """
         median_sigmas, count = groups.find_median_sigmas(observations), len(groups.names)
         smallest = np.zeros(count)
         smallest[:-SURVEYS] = np.minimum(VARIANCE.least_matched_px / median_sigmas[:-SURVEYS], 1.0)
+        if corrected:
+            smallest[1:-SURVEYS:2] = smallest[-SURVEYS:] = 1.0
         images = np.ones(len(observations.images))
         return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(smallest), images)
 
