@@ -62,9 +62,7 @@ def test_jitter_that_two_images_share_stays_a_reason():
         assert "positions in plan of" in reasons["jitter"].message
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("jitter, two images", 81_009), ("jitter, two images, surface", 81_000)]
-)
+@pytest.mark.parametrize(("name", "seed"), [("jitter, two images", 81_009), ("jitter, two images, surface", 81_000)])
 def test_waves_of_nearly_one_phase_are_predicted_and_accuse_no_gcps(name: str, seed: int):
     """The waves of both images differ little, and GCPs alone show their size; heights of check points keep their noise.
 
