@@ -14,7 +14,7 @@ from .significance import EFFECT, SOUND_BLOCKS
 
 
 @thresholds
-class HEIGHTS:
+class HEIGHT_CONFLICTS:
     """Limits for heights that contradict the block."""
 
     few_laser: int = threshold(
@@ -42,10 +42,10 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
         told = [group for group in told if not (undecided and group.left_out)]
         middle = float(np.median([group.offset_m for group in told])) if told else 0.0
         share = sum(group.observations for group in told) / max(one.observations, 1)
-        outvoted = off > HEIGHTS.outvoted_share * compared and one.left_out < one.observations
-        if not (undecided or outvoted or share > HEIGHTS.doubtful_parts):
+        outvoted = off > HEIGHT_CONFLICTS.outvoted_share * compared and one.left_out < one.observations
+        if not (undecided or outvoted or share > HEIGHT_CONFLICTS.doubtful_parts):
             continue
-        open_between = undecided or (not compared and share > HEIGHTS.outvoted_share)
+        open_between = undecided or (not compared and share > HEIGHT_CONFLICTS.outvoted_share)
         if outvoted:
             what = f"its heights contradict those of {off} of {compared} GCPs, and outweigh them in the adjustment"
         else:
@@ -73,7 +73,7 @@ def _compute_full_sigma_m(source: HeightAgreement, group: SourceGroup) -> float:
 def _is_contradiction(source: HeightAgreement, group: SourceGroup) -> bool:
     """Return True if the offset of a group exceeds its full standard deviation, trees and buildings included."""
     limit_m = EFFECT.doubtful_factor * _compute_full_sigma_m(source, group)
-    above_m = HEIGHTS.canopy_m if source.source == "DEM" else 0.0
+    above_m = HEIGHT_CONFLICTS.canopy_m if source.source == "DEM" else 0.0
     return not -limit_m <= group.offset_m <= limit_m + above_m
 
 
@@ -113,8 +113,10 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     if laser is None:
         return
     fits = laser.reason == ""
-    low = (laser.reason == MISFIT) & (laser.residual_m < -HEIGHTS.canopy_m)
-    if low.sum() < max(HEIGHTS.few_laser, HEIGHTS.few_laser_share * (fits.sum() + (laser.reason == MISFIT).sum())):
+    low = (laser.reason == MISFIT) & (laser.residual_m < -HEIGHT_CONFLICTS.canopy_m)
+    if low.sum() < max(
+        HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_laser_share * (fits.sum() + (laser.reason == MISFIT).sum())
+    ):
         return
     yield Reason(
         "sources-disagree", Level.DOUBTFUL,
@@ -131,7 +133,7 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     if found is None:
         return
     used, number = int((found.reason == "").sum()), len(found.reason)
-    enough = min(HEIGHTS.few_laser, HEIGHTS.few_laser_share * number)
+    enough = min(HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_laser_share * number)
     if used and (used >= enough or any(part.gcps for part in evidence.result.parts)):
         return
     reasons, count = np.unique(found.reason[found.reason != ""], return_counts=True)
