@@ -36,8 +36,8 @@ GROUND_TRUTH = GroundTruthThresholds()
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
-    """Agreement of points with their predicted errors, by those that are no outliers.
+class MajorityFit:
+    """Fit of points to their predicted errors, by those that are no outliers.
 
     is_outlier : (k,) points of a minority whose errors do not belong to the distribution of the others
     factor : RMS error of the others over the predicted one; dimensions : degrees of freedom of one point
@@ -48,8 +48,8 @@ class Agreement:
     dimensions: float
 
     @classmethod
-    def estimate(cls, squares: np.ndarray, freedom: np.ndarray) -> Agreement:
-        """Return the agreement of points from d' C^-1 d ``(k,)`` and its degrees of freedom.
+    def estimate(cls, squares: np.ndarray, freedom: np.ndarray) -> MajorityFit:
+        """Return the fit of points from d' C^-1 d ``(k,)`` and its degrees of freedom.
 
         Outliers are relative to the (lower) median, so that a minority of gross errors is not evidence against the
         majority, and too small standard deviations make no outliers.
@@ -115,21 +115,21 @@ def _find_misfit(evidence: Evidence, role: Role) -> Iterator[Reason]:
     if not len(rows):
         return
     squares = np.sum(in_sigmas[rows] ** 2, axis=1)
-    agreement = Agreement.estimate(squares, np.full(len(rows), 2.0))
+    fit = MajorityFit.estimate(squares, np.full(len(rows), 2.0))
     code, subject = {Role.GCP: ("control-misfit", "GCP"), Role.CHECK: ("check-misfit", "check point")}[role]
     length_px = np.hypot(*left.measured_px[rows].T)
-    if agreement.is_outlier.any():
-        outlying = block.measurements.point[rows[agreement.is_outlier]]
+    if fit.is_outlier.any():
+        outlying = block.measurements.point[rows[fit.is_outlier]]
         ids = tuple(dict.fromkeys(block.points.ids[outlying].tolist()))
-        yield _make_outlier_reason(code, subject, ids, f"{length_px[agreement.is_outlier].max():.2g} px")
-    if agreement.is_misfit:
-        rest = ~agreement.is_outlier
+        yield _make_outlier_reason(code, subject, ids, f"{length_px[fit.is_outlier].max():.2g} px")
+    if fit.is_misfit:
+        rest = ~fit.is_outlier
         misfitting = np.unique(block.measurements.point[rows[squares > compute_chi_square_limit(2.0)]])
         ids = tuple(block.points.ids[misfitting].tolist())
         yield Reason(
-            code, agreement.level,
+            code, fit.level,
             f"the {subject}s do not fit the refined RPCs: their RMS residual is "
-            f"{np.sqrt(np.mean(length_px[rest] ** 2)):.2g} px, {agreement.factor:.2g} times the expected one; "
+            f"{np.sqrt(np.mean(length_px[rest] ** 2)):.2g} px, {fit.factor:.2g} times the expected one; "
             f"significant are {list_ids(ids)}",
             "compare coordinates, heights, datum and ids of these points with their source, and give realistic sigmas",
             images=tuple(block.images[index].id for index in np.unique(block.measurements.image[rows])),
@@ -192,21 +192,21 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     usable = np.flatnonzero(finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2)))
     if not len(usable):
         return
-    agreement = Agreement.estimate(*_compute_chi_squares(error[usable], covariance[usable]))
-    if agreement.is_outlier.any():
-        outlying = usable[agreement.is_outlier]
+    fit = MajorityFit.estimate(*_compute_chi_squares(error[usable], covariance[usable]))
+    if fit.is_outlier.any():
+        outlying = usable[fit.is_outlier]
         largest = error[outlying[np.argmax(np.nansum(error[outlying] ** 2, axis=1))]]
         yield _make_outlier_reason(
             "check-misfit", "check point", points.ids[check[outlying]].tolist(),
             f"{_format_metres(largest)} m (east, north, height)",
         )  # fmt: skip
-    rest = usable[~agreement.is_outlier]
+    rest = usable[~fit.is_outlier]
     axes = _find_mean_errors(evidence, error[rest], block_part[rest], survey_covariance[rest], cofactors[rest])
-    if axes or agreement.is_misfit:
+    if axes or fit.is_misfit:
         predicted = np.sqrt(np.nanmean(covariance[rest].diagonal(axis1=1, axis2=2), axis=0))
         yield Reason(
-            "check-misfit", agreement.level,
-            f"the errors of {len(rest)} check points are {agreement.factor:.2g} times the predicted ones: RMSE "
+            "check-misfit", fit.level,
+            f"the errors of {len(rest)} check points are {fit.factor:.2g} times the predicted ones: RMSE "
             f"{_format_metres(np.sqrt(np.nanmean(error[rest] ** 2, axis=0)))} m, predicted "
             f"{_format_metres(predicted)} m (east, north, height)" + "".join(f"; {axis}" for axis in axes),
             "compare the datum and heights of check points and GCPs; in the report, residual arrows in one "
@@ -291,7 +291,7 @@ def do_check_points_agree(evidence: Evidence) -> bool:
     usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     if not usable.any():
         return False
-    on_ground = Agreement.estimate(*_compute_chi_squares(error[usable], covariance[usable]))
+    on_ground = MajorityFit.estimate(*_compute_chi_squares(error[usable], covariance[usable]))
     confirming = check[usable][~on_ground.is_outlier]
     if len(confirming) < EFFECT.fewest_points or on_ground.factor >= EFFECT.agreeing_factor:
         return False
