@@ -392,6 +392,10 @@
       <translation>Detektor</translation>
     </message>
     <message>
+      <source>Digital surface model (DSM) of an adjusted block by dense matching</source>
+      <translation>Digitales Oberflächenmodell (DOM) eines ausgeglichenen Blocks durch dichte Zuordnung</translation>
+    </message>
+    <message>
       <source>Discard</source>
       <translation>Verwerfen</translation>
     </message>
@@ -668,6 +672,10 @@
       <translation>Zurückhalten</translation>
     </message>
     <message>
+      <source>How a surface model is matched</source>
+      <translation>Wie ein Oberflächenmodell zugeordnet wird</translation>
+    </message>
+    <message>
       <source>How corners are found, on the strength of the normalised image</source>
       <translation>Wie Ecken gefunden werden, nach der Stärke im normierten Bild</translation>
     </message>
@@ -886,6 +894,10 @@
     <message>
       <source>Max height</source>
       <translation>Größte Höhe</translation>
+    </message>
+    <message>
+      <source>Max sigma</source>
+      <translation>Größte Standardabweichung</translation>
     </message>
     <message>
       <source>Max slope</source>
@@ -1150,6 +1162,10 @@
     <message>
       <source>Reference band</source>
       <translation>Referenzkanal</translation>
+    </message>
+    <message>
+      <source>Reference datum</source>
+      <translation>Höhenbezug der Referenz</translation>
     </message>
     <message>
       <source>Reference points</source>
@@ -1472,6 +1488,10 @@
       <translation>Art der Oberfläche</translation>
     </message>
     <message>
+      <source>Surface model</source>
+      <translation>Oberflächenmodell</translation>
+    </message>
+    <message>
       <source>Surface search</source>
       <translation>Suchbereich der Oberfläche</translation>
     </message>
@@ -1548,6 +1568,10 @@
       <translation>Verknüpfungspunkte</translation>
     </message>
     <message>
+      <source>Tile</source>
+      <translation>Kachel</translation>
+    </message>
+    <message>
       <source>Title</source>
       <translation>Titel</translation>
     </message>
@@ -1622,6 +1646,14 @@
     <message>
       <source>Verdict: ok, doubtful or unusable</source>
       <translation>Urteil: gut, zweifelhaft oder unbrauchbar</translation>
+    </message>
+    <message>
+      <source>Vertical</source>
+      <translation>Höhenbezug</translation>
+    </message>
+    <message>
+      <source>Visibility</source>
+      <translation>Sichtbarkeit</translation>
     </message>
     <message>
       <source>What a free DEM of a scene is like</source>

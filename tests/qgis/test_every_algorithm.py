@@ -88,7 +88,10 @@ def adjust_images(pixels: Path) -> str:
     """Return the result folder of an adjustment of the simulated images."""
     points = {"gcps": str(pixels / "ground_points.csv"), "image_points": str(pixels / "image_points.csv")}
     folder = str(pixels / "adjusted")
-    run("adjust", images=images(pixels), **points, height_datum="ellipsoidal", report=False, output_dir=folder)
+    run(
+        "adjust", images=images(pixels), **points, height_datum="ellipsoidal", report=False, output_dir=folder,
+        overwrite=True,
+    )  # fmt: skip
     return folder
 
 
@@ -112,6 +115,7 @@ RUNS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "crop": lambda pixels, grid: {"IMAGES": images(pixels)[:1], "FACTOR": 0.5},
     "strip": lambda pixels, grid: {"IMAGES": cut_parts(pixels)},
     "hand-over": lambda pixels, grid: {"RESULT": adjust_images(pixels), "TO": "cars"},
+    "surface-model": lambda pixels, grid: {"RESULT": adjust_images(pixels)},
     "fit-rpc": lambda pixels, grid: {"POINTS": grid},
     "simulate": lambda pixels, grid: {"SIZE": 128, "GCPS": 2, "CHECKS": 1, "TIES": 2, "PIXELS": False},
     "interest-points": lambda pixels, grid: {"IMAGES": images(pixels)[:1]},
