@@ -22,6 +22,7 @@ from ..hrsi_engine.io.pages.report import name_crs_unit, write_page, write_repor
 from ..hrsi_engine.io.safety.folder_lock import only_writer
 from . import REGISTRY
 from .declarations.projects import RunOptions
+from .declarations.surfaces import SURFACE_FILE
 from .files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from .interface.declare import Context, Report, is_unusable
 from .interface.options import check_options
@@ -173,13 +174,17 @@ def _chain_inputs(
         return {}, "the refined RPCs are unusable" if block else "there are no refined RPCs"
     if step == "evaluate":
         return {"images": images, "rpcs": [f"refined={refined}"] if is_refined else []}, ""
+    if step == "surface-model":
+        return {"result": refined}, "" if is_refined and len(images) > 1 else "there is no adjusted block"
     if step == "orthorectify":
         given: dict[str, Any] = {"images": images}
         if block is not None and is_refined:
             made = find_image_outputs(block, refined).values()
             given = {"images": [one for one in made if not one.lower().endswith(RPC_TEXT)]}
         if not {"dem", "height", "terrain_points"} & {*project.shared, *project.steps[step]}:
-            given["terrain_points"] = refined
+            surface = os.path.join(folder, FOLDERS["surface-model"], SURFACE_FILE)
+            has_surface = "surface-model" in results
+            given |= {"dem": surface, "dem_datum": "layer"} if has_surface else {"terrain_points": refined}
         return given, ""
     orthoimages = results.get("orthorectify")
     found = find_image_outputs(orthoimages, os.path.join(folder, FOLDERS["orthorectify"])) if orthoimages else {}
@@ -190,12 +195,12 @@ def _tell_result(report: Report) -> str:
     """Return the result of a step in one line."""
     if report.get("verdict"):
         return str(report["verdict"]["sentence"])
-    if "grid" in report:
+    if report["algorithm"] == "orthorectify":
         return (
             f"{len(report['images'])} orthoimages, {report['grid']['crs']}, pixels of {report['grid']['resolution']:g} "
             + name_crs_unit(report["grid"]["crs"])
         )
-    if "pairs" in report:
+    if report["algorithm"] == "ortho-check":
         after = report["all"]["after"]
         return f"misregistration: median {after['median_px']:.2f} px, 90 % within {after['p90_px']:.2f} px"
     lines = REGISTRY[report["algorithm"]].summarise(report).strip().splitlines()

@@ -317,7 +317,8 @@ class ReferenceComparison:
 def summarise(report: Report) -> str:
     """Return the pairs, the grid, the share of heights, and the comparison."""
     grid, reference = report["grid"], report.get("reference")
-    lines = [
+    lines = [report["images"]["surface"]["output"]]
+    lines += [
         f"{pair['left']} {pair['right']}: convergence {pair['convergence_deg']:.1f} deg, bias {pair['bias_m']:+.2f} m, "
         f"sigma {pair['sigma_m']:.2f} m, rectified to {pair['rectification_px']:.3f} px"
         for pair in report["pairs"]
@@ -333,4 +334,4 @@ def summarise(report: Report) -> str:
             f"LE90 {reference['le90_m']:.2f} m"
         )
     lines += [f"warning: {text}" for text in report["warnings"]]
-    return "\n".join([*lines, report["images"]["surface"]["output"]])
+    return "\n".join(lines)

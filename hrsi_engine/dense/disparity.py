@@ -5,7 +5,7 @@ and standard deviation 1, as radiometry differs between images. Its fractions of
 are replaced by least-squares matching (Ackermann 1984; thesis chapter 3) in a window around each pixel: with the second
 image resampled by the disparities ``R(u - d)``, a correction ``delta`` and an offset ``o`` are estimated in
 
-    L - R = -R' delta + o,      delta = -cov(R', L - R) / var(R'),      sigma² = s² / (n var(R')),
+    L - R = -R' delta + o,      delta = -cov(R', L - R) / var(R'),      sigma² = s² / (n (var(R') - s²/4)),
 
 where ``cov`` and ``var`` are those of the window: box filters, thus some operations a pixel for all windows. Each pixel
 of a window is resampled by its own disparity, and disparities are smoothed only over neighbours of similar ones:
@@ -26,14 +26,16 @@ from ..foundation.thresholds import threshold, thresholds
 class DISPARITY:
     """Semi-global and dense least-squares matching."""
 
-    speckle_px: int = threshold(60, "px", "smallest area of connected disparities")
+    speckle_px: int = threshold(100, "px", "smallest area of connected disparities")
+    least_correlation: float = threshold(0.2, "", "smallest correlation of a window")
     least_support: float = threshold(0.35, "", "smallest mean correlation of the windows around a pixel, 0 where none")
     largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a disparity")
 
 
-CONTRAST_PX = 25  #: side of the window whose mean and contrast are normalised
+#: Normalisation: sides of the windows of the local median, of the mean that smooths its steps, and of the contrast.
+MEDIAN_PX, MEDIAN_SMOOTH_PX, CONTRAST_PX = 15, 5, 41
 #: Semi-global matching: side of its block, and penalties of disparity steps of 1 and more, for each pixel of the block.
-BLOCK_PX, PENALTIES = 3, (8, 32)
+BLOCK_PX, PENALTIES = 3, (4, 16)
 #: Least-squares matching: side of the window, iterations, and largest correction of an iteration.
 WINDOW_PX, LSM_ITERATIONS, STEP_PX = 7, 3, 0.5
 SUPPORT_PX = 15  #: side of the area in which matches support one another
@@ -48,15 +50,27 @@ class Disparities(NamedTuple):
 
 
 def normalise_contrast(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Return grey values with local mean 0 and standard deviation 1, float32; 0 where they are not valid."""
-    side = CONTRAST_PX
-    filled = np.where(valid, grey, 0).astype(np.float32)
-    share = np.maximum(box_mean(valid.astype(np.float32), side), 1e-6)
-    mean = box_mean(filled, side) / share
-    centred = np.where(valid, filled - mean, np.float32(0.0))
-    contrast = np.sqrt(np.maximum(box_mean(centred * centred, side), 0.0) / share)
-    floor = 1e-3 * float(np.abs(mean).max() or 1.0)
-    return np.where(valid, centred / (contrast + floor), np.float32(0.0))
+    """Return grey values with local mean 0 and standard deviation 1, float32; 0 where they are not valid.
+
+    Bright roofs must not flatten the ground around them: what exceeds a multiple of the usual contrast of the tile is
+    cut off, and the local level is a median: a mean draws an outline of a bright object at half the size of its window.
+    """
+    if not valid.any():
+        return np.zeros(grey.shape, np.float32)
+    filled, weight = np.where(valid, grey, 0).astype(np.float32), valid.astype(np.float32)
+
+    def mean(values: np.ndarray, side: int) -> np.ndarray:
+        return np.asarray(box_mean(values * weight, side) / np.maximum(box_mean(weight, side), 1e-6))
+
+    low, high = np.percentile(filled[valid], (0.5, 99.5))
+    step = max(float(high - low) / 255.0, 1e-6)
+    levels = np.clip((filled - low) / step, 0, 255).astype(np.uint8)
+    median = load_opencv().medianBlur(levels, MEDIAN_PX).astype(np.float32)
+    deviation = filled - (np.float32(low) + step * mean(median, MEDIAN_SMOOTH_PX))
+    usual = max(1.4826 * float(np.median(np.abs(deviation)[valid])), 1e-6)
+    deviation = np.clip(deviation, -4.0 * usual, 4.0 * usual)
+    contrast = np.sqrt(np.maximum(mean(deviation * deviation, CONTRAST_PX), 0.0))
+    return np.where(valid, deviation / (contrast + 0.15 * usual), np.float32(0.0))
 
 
 def compute_disparities(
@@ -73,7 +87,7 @@ def compute_disparities(
     p1, p2 = (p * BLOCK_PX**2 for p in PENALTIES)
     matcher = cv2.StereoSGBM_create(
         minDisparity=first, numDisparities=count, blockSize=BLOCK_PX, P1=p1, P2=p2, disp12MaxDiff=1,
-        preFilterCap=31, uniquenessRatio=3, speckleWindowSize=DISPARITY.speckle_px, speckleRange=1,
+        preFilterCap=31, uniquenessRatio=5, speckleWindowSize=DISPARITY.speckle_px, speckleRange=1,
         mode=getattr(cv2, f"STEREO_SGBM_MODE_{mode}"),
     )  # fmt: skip
     bytes_of = [np.clip(128.0 + 42.0 * grey, 0, 255).astype(np.uint8) for grey in (left, right)]
@@ -113,10 +127,17 @@ def refine_disparities(left: np.ndarray, right: np.ndarray, start: np.ndarray) -
     covariance = mean(left * resampled) - first * second
     variances = (mean(left * left) - first * first) * (mean(resampled * resampled) - second * second)
     correlation = covariance / np.sqrt(np.maximum(variances, 1e-6))
-    sigma = np.sqrt(r_variance / (count * share * g_variance))
+    # Noise has gradients too: those of its difference [-1/2, 0, 1/2] are a quarter of the variance of L - R
+    g_signal = np.maximum(g_variance - 0.25 * r_variance, 1e-6)
+    sigma = np.sqrt(r_variance / (count * share * g_signal))
     # A wall has windows of low correlation among good ones; water and clouds have chance matches among nothing
     support = box_mean(np.where(found, np.maximum(correlation, 0.0), np.float32(0.0)), SUPPORT_PX)
-    usable = found & (support > DISPARITY.least_support) & (sigma < DISPARITY.largest_sigma_px)
+    usable = (
+        found
+        & (correlation > DISPARITY.least_correlation)
+        & (support > DISPARITY.least_support)
+        & (sigma < DISPARITY.largest_sigma_px)
+    )
     none = np.float32(np.nan)
     return Disparities(np.where(usable, disparity, none), np.where(usable, sigma, none))
 

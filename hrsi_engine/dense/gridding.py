@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..foundation.pixel_filters import load_opencv
+from ..foundation.pixel_filters import box_mean, load_opencv
 from ..foundation.thresholds import threshold, thresholds
 from ..ortho.grid import GridWindow
 
@@ -22,12 +22,13 @@ class GRIDDING:
     """Gridding of matched points, and fusion of pairs."""
 
     level_px: float = threshold(1.0, "px", "largest height difference of the points of a cell, in disparity")
-    sigma_factor: float = threshold(2.0, "", "standard deviation of a height over that of its least-squares matching")
-    roughness: float = threshold(0.5, "", "part of the standard deviation of neighbouring heights in that of a cell")
+    sigma_factor: float = threshold(1.4, "", "standard deviation of a height over that of its least-squares matching")
+    roughness: float = threshold(1.5, "", "standard deviation of a cell over the roughness of its neighbourhood")
     outlier: float = threshold(3.0, "sigma", "deviation of a pair from the others above which it is not used")
 
 
 WIDTH_CELLS = 0.5  #: standard deviation of the Gaussian weights of points
+ROUGHNESS_CELLS = 5  #: side of the area whose roughness is part of the standard deviation of a cell
 FLOOR_PX = 0.02  #: part of the standard deviation of a disparity that its residuals do not show (resampling)
 LEAST_CELLS = 100  #: fewest common cells of two pairs whose bias is estimated
 FUSION_ROUNDS = 2  #: iterations of the robust fusion
@@ -95,14 +96,17 @@ def _widen_sigmas(height: np.ndarray, sigma: np.ndarray, metres_per_px: float) -
     """Return heights and standard deviations that include the roughness of the surface around each cell."""
     found = np.isfinite(height)
     weight = found.astype(np.float32)
-    box = load_opencv().boxFilter
-    count = np.maximum(box(weight, -1, (3, 3), normalize=False), 1.0)
-    middle = np.float32(np.nanmean(height)) if found.any() else np.float32(0.0)
-    centred = np.where(found, height - middle, np.float32(0.0))
-    mean = box(centred, -1, (3, 3), normalize=False) / count
-    variance = np.maximum(box(centred * centred, -1, (3, 3), normalize=False) / count - mean * mean, 0.0)
+    count = np.maximum(box_mean(weight, ROUGHNESS_CELLS), 1e-6)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.asarray(box_mean(np.where(found, values, np.float32(0.0)), ROUGHNESS_CELLS) / count)
+
+    # What remains of the heights without their local mean has no slope
+    centred = height - np.float32(np.nanmean(height) if found.any() else 0.0)
+    remainder = centred - mean(centred)
+    roughness = np.sqrt(np.maximum(mean(remainder * remainder), 0.0))
     noise = GRIDDING.sigma_factor * np.hypot(sigma, FLOOR_PX * metres_per_px)
-    return height, np.hypot(noise, GRIDDING.roughness * np.sqrt(variance)).astype(np.float32)
+    return height, np.hypot(noise, GRIDDING.roughness * roughness).astype(np.float32)
 
 
 def measure_differences(heights: np.ndarray) -> np.ndarray:

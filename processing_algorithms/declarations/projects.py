@@ -47,7 +47,7 @@ class RunOptions:
         help="Project file (TOML), or the folder of project.toml", kind=Kind.PROJECT, metavar="PROJECT"
     )
     steps: tuple[str, ...] | None = option(
-        None, "Only these steps, of triangulate, orthorectify, ortho-check, evaluate", metavar="A,B,…"
+        None, "Only these steps, of triangulate, surface-model, orthorectify, ortho-check, evaluate", metavar="A,B,…"
     )
     output_dir: str | None = option(
         None, "Directory for the results, instead of the one that the project names", kind=Kind.OUTPUT_DIR,
@@ -60,11 +60,11 @@ class RunOptions:
 
 RUN = Algorithm(
     name="run", title="Run project", group="Project",
-    summary="All steps of a project: triangulate, orthorectify, check and evaluate, with one report",
+    summary="All steps of a project: triangulate, surface model, orthorectify, check, evaluate",
     help=(
         "Reads images, points, DEM and the options of each step from a project file and runs the steps in order: "
-        "refined RPCs, orthoimages, their misregistration, evaluation of the RPCs. Each step has a folder in the "
-        "output directory and a chapter of the report. One image is refined from its GCPs alone.\n\n"
+        "refined RPCs, surface model, orthoimages, their misregistration, evaluation of the RPCs. Each step has a "
+        "folder in the output directory and a chapter of the report. One image is refined from its GCPs alone.\n\n"
         "A stopped run continues. After a finished run only steps with other inputs (by SHA-256) or options are "
         "repeated."
     ),

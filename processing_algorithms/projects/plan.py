@@ -33,6 +33,8 @@ def check_plan(project: Project, context: Context, steps: tuple[str, ...] | None
         for step in FOLDERS:
             if step not in project.steps or step not in (steps or FOLDERS):
                 entries[step] = {"status": LEFT_OUT, "told": project.skipped.get(step, NOT_ASKED)}
+            elif step == "surface-model":  # of the block that the run adjusts
+                entries[step] = {"status": PLANNED, "told": f"surface of up to {len(images)} images"}
             elif step == "ortho-check":  # its inputs are made by the run
                 entries[step] = {"status": PLANNED, "told": f"up to {len(images)} orthoimages"}
             else:

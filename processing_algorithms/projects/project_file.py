@@ -18,7 +18,8 @@ from ..interface.options import suggestion
 
 #: Steps in their order, and the folder of each in the output directory.
 FOLDERS = {
-    "triangulate": "triangulated", "orthorectify": "orthoimages", "ortho-check": "check", "evaluate": "evaluation",
+    "triangulate": "triangulated", "surface-model": "surface", "orthorectify": "orthoimages", "ortho-check": "check",
+    "evaluate": "evaluation",
 }  # fmt: skip
 SINGLE = "refine-rpc"  #: replaces `triangulate` if there is one image
 TEXTS = {

@@ -236,6 +236,9 @@ def _choose_steps(made: Understanding, points: PointRoles, dem: HeightRaster | N
             "one image without measured GCPs: its RPC is used as delivered" if len(images) == 1 else
             "RPC files without pixels, and no tie points or measured GCPs"
         )  # fmt: skip
+    left_out["surface-model"] = (
+        "takes minutes: remove this line for a surface model" if len(pixels) > 1 else "fewer than two images"
+    )
     if not pixels:
         left_out["orthorectify"] = "RPC files without pixels"
     else:

@@ -170,3 +170,23 @@ def test_water_and_clouds_are_nodata(block: Path, tmp_path: Path, kind: str):
     middle = tuple(slice(size // 2 - 35, size // 2 + 35) for size in height.shape)
     assert np.mean(height[middle] != -9999.0) < 0.05
     assert report["cells_with_height"] > 0.4 * report["cells"]
+
+
+def test_run_makes_the_surface_and_orthoimages_on_it(block: Path, tmp_path: Path):
+    """A table in the project file is enough, and the orthoimages take their terrain from the surface."""
+    made = block / "made"
+    (tmp_path / "project.toml").write_text(
+        f'images = [{", ".join(f""""{made}/image_{k}.tif" """ for k in (1, 2, 3))}]\n'
+        f'gcps = "{made}/ground_points.csv"\nimage_points = "{made}/image_points.csv"\nheight_datum = "ellipsoidal"\n'
+        f'[triangulate]\ntie_points = "{made}/image_points.csv"\nreport = false\n'
+        "[surface-model]\nresolution = 1.0\n[orthorectify]\n[ortho-check]\nskip = true\n[evaluate]\nskip = true\n"
+    )
+    report = run("run", project=str(tmp_path / "project.toml"), output_dir=str(tmp_path / "result"))
+    assert [report["steps"][step]["status"] for step in ("triangulate", "surface-model", "orthorectify")] == [
+        "done"
+    ] * 3
+    assert "median sigma" in report["steps"]["surface-model"]["told"]
+    surface = tmp_path / "result" / "surface" / "surface.tif"
+    made_from = gdal.Open(str(tmp_path / "result" / "orthoimages" / "image_1_ortho.tif")).GetMetadata()["HRSI_TERRAIN"]
+    assert Path(made_from).name == surface.name
+    assert 'id="surface-model-' in (tmp_path / "result" / "report.html").read_text() or surface.exists()
