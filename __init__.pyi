@@ -2142,12 +2142,12 @@ def run(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
-    """All steps of a project: triangulate, orthorectify, check and evaluate, with one report.
+    """All steps of a project: triangulate, surface model, orthorectify, check, evaluate.
 
     Reads images, points, DEM and the options of each step from a project file and runs the steps in
-    order: refined RPCs, orthoimages, their misregistration, evaluation of the RPCs. Each step has a
-    folder in the output directory and a chapter of the report. One image is refined from its GCPs
-    alone.
+    order: refined RPCs, surface model, orthoimages, their misregistration, evaluation of the RPCs. Each
+    step has a folder in the output directory and a chapter of the report. One image is refined from its
+    GCPs alone.
 
     A stopped run continues. After a finished run only steps with other inputs (by SHA-256) or options
     are repeated.
@@ -2157,7 +2157,7 @@ def run(
     project : path
         Project file (TOML), or the folder of project.toml.
     steps : sequence of str, optional
-        Only these steps, of triangulate, orthorectify, ortho-check, evaluate.
+        Only these steps, of triangulate, surface-model, orthorectify, ortho-check, evaluate.
     output_dir : path, optional
         Directory for the results, instead of the one that the project names.
     overwrite : bool, optional
