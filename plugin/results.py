@@ -117,7 +117,8 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     folder = Path(options["output_dir"]).name
     group = f"HRSI {tr(declaration.title)}" + (f": {folder}" if folder != TEMPORARY else "")
     rasters = list_written_images(report) if declaration.are_maps else list_quick_looks(options)
-    load_sources([*rasters, *_list_layers(declaration, options)], group, context)
+    mosaics = [report["mosaic"]["output"]] if "mosaic" in report else []
+    load_sources([*rasters, *mosaics, *_list_layers(declaration, options)], group, context, lowest=mosaics)
 
 
 def write_folder_layers(report: Report) -> list[str]:

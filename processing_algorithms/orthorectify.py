@@ -20,11 +20,14 @@ from ..hrsi_engine.io.output_dir import require_no_input
 from ..hrsi_engine.io.pages.report import name_crs_unit, read_picture, write_page
 from ..hrsi_engine.io.rasters.images import GdalRaster
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
-from .declarations.orthoimages import OrthorectifyOptions
+from .declarations.orthoimages import MOSAIC_FILE, SEAMLINES_FILE, OrthorectifyOptions
 from .files.opening import open_images
 from .files.orthoimage_plan import OrthoJob, chunks_of, jobs_of, open_ortho_terrain, plan_block
+from .files.orthomosaic import MosaicPlan, make_mosaic, plan_mosaic
 from .files.result_folder import LENGTH, PAGE_FILE, REPORT_FILE, plan, stage_results
 from .interface.declare import Context, Report
+
+ORTHO_SHARE = 0.7  # of the running time, with a mosaic
 
 
 def run(options: OrthorectifyOptions, context: Context) -> Report:
@@ -32,15 +35,20 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     start = time.monotonic()
     planned = plan_block(open_images(options.images, context), open_ortho_terrain(options), options)
     jobs, folder = jobs_of(planned, options), options.folder.output_dir
-    check_ortho_folder(options, jobs, context.inputs)
+    mosaic = plan_mosaic(jobs, planned, options) if options.mosaic else None
+    check_ortho_folder(options, [*jobs, *([mosaic] if mosaic else [])], context.inputs)
     if context.dry_run:
         missing = [job for job in jobs if stamp_of(job.path) != job.key]
         counts = {"images": len(jobs), "orthoimages that are finished and kept": len(jobs) - len(missing)}
         counts["pixels to be computed"] = sum(job.grid.columns * job.grid.rows for job in missing)
         names = [REPORT_FILE, *([PAGE_FILE] if options.report else [])]
         names += [os.path.basename(job.path) for job in missing]
+        if mosaic is not None and not mosaic.is_finished:
+            names += [MOSAIC_FILE, SEAMLINES_FILE]
         return plan(context, folder, names, counts, planned.warnings)
-    entries = make_all(jobs, options, context)
+    end = ORTHO_SHARE if mosaic else 1.0
+    entries = make_all(jobs, options, context.stage(0.0, end))
+    blended = make_mosaic(mosaic, options, stage(context.progress, end, 1.0), context.record) if mosaic else None
     warnings = [
         *planned.warnings,
         *(f"{name}: the orthoimage is empty: check the pixels and the nodata value of the image"
@@ -49,6 +57,11 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
           "small gaps of the DEM; for large ones use another DEM"
           for name, entry in entries.items() if entry["unknown_pixels"]),
     ]  # fmt: skip
+    if blended and blended["unfilled_pixels"]:
+        warnings.append(
+            f"{blended['unfilled_pixels']} pixels of the mosaic are nodata: their ground is hidden in all images, or "
+            "has no DEM height: add images from other directions, or use `fill_gaps`"
+        )
     crs = pyproj.CRS.from_wkt(planned.crs)
     code = crs.to_epsg()
     name = f"EPSG:{code}" if code else str(crs.name)
@@ -59,7 +72,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
         "grid": {"crs": name, "wkt": planned.crs, "resolution": planned.resolution},
         "resampling": options.resampling, "error_px": options.error_px,
         "images": {key: {"gsd_m": planned.gsd_m[key], **entry} for key, entry in entries.items()},
-        "warnings": warnings,
+        "warnings": warnings, **({"mosaic": blended} if blended else {}),
     }  # fmt: skip
     with stage_results(options.folder, report, context) as staged:
         if options.report:
@@ -81,10 +94,15 @@ def summarise(report: Report) -> str:
             + ("" if error is None else f", position error at most {error:.3f} px of {entry['checked']} checked")
             + (f", {entry['hidden_share']:.1%} of the ground is hidden" if "hidden_share" in entry else "")
         )
+    if "mosaic" in report:
+        entry = report["mosaic"]
+        lines.append(f"{MOSAIC_FILE}: {entry['columns']} x {entry['rows']} px, {entry['status']}")
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])
 
 
-def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], inputs: Sequence[str]) -> None:
+def check_ortho_folder(
+    options: OrthorectifyOptions, jobs: Sequence[OrthoJob | MosaicPlan], inputs: Sequence[str]
+) -> None:
     """Raise `InputError` if the output directory contains files that must not be replaced."""
     if options.folder.output_dir.startswith(VIRTUAL):
         raise InputError(

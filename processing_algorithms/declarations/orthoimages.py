@@ -13,6 +13,8 @@ RESAMPLING_NAMES = (
 )  # fmt: skip
 #: Formats (`io.rasters.orthoimages`).
 FORMAT_NAMES = ("cog", "gtiff")
+#: The mosaic and its seamlines in the output directory.
+MOSAIC_FILE, SEAMLINES_FILE, SEAMLINES_LAYER = "mosaic.tif", "seamlines.gpkg", "seamlines"
 
 
 @options(kw_only=True)
@@ -36,6 +38,12 @@ class OrthorectifyOptions:
         False,
         "Ground that the DEM hides from the sensor becomes nodata (true orthoimages); the DEM is a surface model with "
         "buildings and trees",
+        advanced=True,
+    )
+    mosaic: bool = option(
+        False,
+        f"Also one mosaic of all orthoimages ({MOSAIC_FILE}) and its seamlines ({SEAMLINES_FILE}); ground that an "
+        "image does not show is taken from the others",
         advanced=True,
     )
     crs: str | None = option(
@@ -86,10 +94,11 @@ ORTHORECTIFY = Algorithm(
         "gives the errors of positions at random pixels. Orthoimages that were made from the same files with the same "
         "options are kept, so that a stopped run can be continued. With `scheduler` the tiles are warped by workers of "
         "a Dask scheduler, with the same result. Hidden ground shows the object in front of it, "
-        "unless `visibility` masks it."
+        "unless `visibility` masks it. `mosaic` makes one image of all, with the areas of the images as a layer."
     ),
     options=OrthorectifyOptions,
     main=("dem", "dem-datum", "terrain-points", "crs", "resolution", "extent", "resampling", "format"),
+    layers=(f"{SEAMLINES_FILE}|layername={SEAMLINES_LAYER}",),
     images_made="Orthoimages",
     are_maps=True,
     examples=(

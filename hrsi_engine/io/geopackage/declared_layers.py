@@ -196,6 +196,14 @@ class MisregistrationRows(LayerRows, layer="misregistration"):
     sigma_px: FloatColumn = column("Standard deviation of the shift along each axis", "px")
 
 
+class SeamlineRows(LayerRows, layer="seamlines"):
+    """Areas of a mosaic, with the image from which their pixels are."""
+
+    id: TextColumn = column("Id of the image")
+    path: TextColumn = column("Orthoimage")
+    incidence_deg: FloatColumn = column("Incidence angle at the middle of the image", "degrees")
+
+
 # ---- geometry of RPCs -----------------------------------------------------------------------------------------------
 
 

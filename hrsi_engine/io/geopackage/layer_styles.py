@@ -174,6 +174,7 @@ NEEDED: dict[str, frozenset[str]] = {
 }
 STYLES: dict[str, Callable[[LayerColumns, float], Style]] = {
     "images": lambda _fields, _width_m: _render_style("images.qml.j2", "Footprints"),
+    "seamlines": lambda _fields, _width_m: _render_style("images.qml.j2", "Seamlines"),
     "ground_points": _ground_points,
     "image_points": _image_points,
     "interest_points": _interest_points,

@@ -169,19 +169,23 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
         if warp.nodata is None:
             return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
         if (is_complete or valid is not None) and not np.isnan(warp.nodata):
-            # Change grey values of valid pixels that equal nodata by the smallest step
-            is_nodata_value = values == warp.nodata
-            if valid is not None:
-                is_nodata_value &= valid
-            if is_nodata_value.any():
-                dtype = values.dtype  # by the smallest step that it has
-                if np.issubdtype(dtype, np.integer):
-                    values[is_nodata_value] = warp.nodata - 1 if warp.nodata == np.iinfo(dtype).max else warp.nodata + 1
-                else:
-                    values[is_nodata_value] = np.nextafter(dtype.type(warp.nodata), dtype.type(np.inf))
+            change_nodata_values(values, warp.nodata, valid)
         return Pixels(values, None)
     finally:
         gdal.Unlink(table)
+
+
+def change_nodata_values(values: np.ndarray, nodata: float, valid: np.ndarray | None) -> None:
+    """Change grey values ``(bands, rows, columns)`` of valid pixels that equal nodata by the smallest step."""
+    is_nodata_value = values == nodata
+    if valid is not None:
+        is_nodata_value &= valid
+    if is_nodata_value.any():
+        dtype = values.dtype  # by the smallest step that it has
+        if np.issubdtype(dtype, np.integer):
+            values[is_nodata_value] = nodata - 1 if nodata == np.iinfo(dtype).max else nodata + 1
+        else:
+            values[is_nodata_value] = np.nextafter(dtype.type(nodata), dtype.type(np.inf))
 
 
 def _with_alpha(source: OrthoSource, warp: Warp, is_complete: bool) -> bool:

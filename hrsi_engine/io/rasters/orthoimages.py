@@ -166,7 +166,7 @@ def write_orthoimage(
     def fill(dataset: gdal.Dataset, part: Progress) -> None:
         total = sum(1 for _ in chunk_windows(grid, warp))
         for chunks_done, chunk in enumerate(islice(chunks, total)):
-            advance(part, chunks_done / total, f"warping {os.path.basename(source.path)}")
+            advance(part, chunks_done / total, f"writing {os.path.basename(path)}")
             figures.unknown += chunk.unknown
             figures.hidden += chunk.hidden
             figures.errors_px.append(chunk.errors_px)
