@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pyproj
 
+from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.errors import Cancelled, InputError
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.foundation.workers.scheduling import open_calls
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.foundation.working_sizes import LISTS
+from ..hrsi_engine.io.catalogue.deliveries import resolve_images
 from ..hrsi_engine.io.catalogue.lineage import rpc_history
 from ..hrsi_engine.io.opening.datasets import VIRTUAL
 from ..hrsi_engine.io.opening.files import read_json
@@ -21,6 +23,7 @@ from ..hrsi_engine.io.pages.report import name_crs_unit, read_picture, write_pag
 from ..hrsi_engine.io.rasters.images import GdalRaster
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
 from .declarations.orthoimages import MOSAIC_FILE, SEAMLINES_FILE, OrthorectifyOptions
+from .files.exposure_pairs import add_colour, pair_exposures
 from .files.opening import open_images
 from .files.orthoimage_plan import OrthoJob, chunks_of, jobs_of, open_ortho_terrain, plan_block
 from .files.orthomosaic import MosaicPlan, make_mosaic, plan_mosaic
@@ -33,8 +36,11 @@ ORTHO_SHARE = 0.7  # of the running time, with a mosaic
 def run(options: OrthorectifyOptions, context: Context) -> Report:
     """Plan the grids, make the orthoimages that do not exist yet, and write the report."""
     start = time.monotonic()
-    planned = plan_block(open_images(options.images, context), open_ortho_terrain(options), options)
+    images, colour = open_exposures(options, context)
+    planned = plan_block(images, open_ortho_terrain(options), options)
     jobs, folder = jobs_of(planned, options), options.folder.output_dir
+    if colour:
+        jobs = [add_colour(job, colour[job.image.id], planned, options) for job in jobs]
     mosaic = plan_mosaic(jobs, planned, options) if options.mosaic else None
     check_ortho_folder(options, [*jobs, *([mosaic] if mosaic else [])], context.inputs)
     if context.dry_run:
@@ -81,6 +87,17 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
             pictures = [read_picture(raster, key, k, LENGTH.picture_px) for k, (key, raster) in enumerate(read)]
             write_page(str(staged / PAGE_FILE), "orthoimages.html.j2", report, pictures=[p for p in pictures if p])
     return report
+
+
+def open_exposures(options: OrthorectifyOptions, context: Context) -> tuple[list[Image], dict[str, Image]]:
+    """Return the images, and the multispectral ones that they are combined with, by the ids of the former."""
+    if options.pansharpen is None:
+        return open_images(options.images, context), {}
+    if options.workers.scheduler:
+        raise InputError("`pansharpen` runs on this machine: leave `scheduler` out")
+    found = resolve_images([part.strip() for part in options.pansharpen.split(";") if part.strip()], context.log)
+    files = [file for file in found if file not in options.images]
+    return pair_exposures(open_images([*options.images, *files], context), files)
 
 
 def summarise(report: Report) -> str:

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from ..foundation.pixel_filters import blur, load_opencv
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.statistical_limits import SIGNIFICANCE
+from ..foundation.statistical_limits import REDUNDANCY, SIGNIFICANCE
 from ..foundation.thresholds import threshold, thresholds
 
 NONE = -1  #: label of pixels that no image shows
@@ -31,7 +31,6 @@ class MOSAIC:
     )
     sampled_px: int = threshold(10_000, "px", "pixels of an overlap from which levels are estimated (time)")
     gains: tuple[float, float] = threshold((0.5, 2.0), "", "smallest and largest gain of an image")
-    pull: float = threshold(1e-2, "", "weight of an unchanged level, relative to a pair of images")
     margin_px: int = threshold(2, "px", "distance from hidden ground within which another image is preferred")
     blend_px: float = threshold(1.0, "px", "standard deviation of the transition at a seamline")
 
@@ -62,7 +61,7 @@ def fit_levels(bands: np.ndarray) -> np.ndarray:
     design = np.zeros((len(pairs) + count, count))
     for row, (i, j) in enumerate(pairs):
         design[row, [i, j]] = 1.0, -1.0
-    design[len(pairs) :] = MOSAIC.pull * np.eye(count)
+    design[len(pairs) :] = REDUNDANCY.regularised * np.eye(count)
 
     def solve(differences: Sequence[float]) -> np.ndarray:
         return np.linalg.lstsq(design, np.r_[differences, np.zeros(count)], rcond=None)[0]

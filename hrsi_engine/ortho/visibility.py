@@ -12,6 +12,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.packages import require_package
+from ..foundation.statistical_limits import ITERATIONS
 from ..foundation.thresholds import threshold, thresholds
 from ..surface.grid_surface import GridSurface
 
@@ -23,7 +24,6 @@ class VISIBILITY:
     clearance_m: float = threshold(0.01, "m", "height of the surface above a line of sight that is neglected")
     block: int = threshold(16, "cells", "side of the blocks of cells that a ray crosses in one step")
     most_cells: int = threshold(16_000_000, "cells", "largest part of the surface that is read at once (memory)")
-    rounds: int = threshold(8, "rounds", "enlargements of the area in which something can hide the ground")
 
 
 def compute_sight_slopes(
@@ -56,7 +56,7 @@ def find_occlusions(
         return occlusion
     bottom, top = surface.bounds(low, high)
     # What can hide the ground lies towards the sensor, at most as far as the ray to the highest point there
-    for _ in range(VISIBILITY.rounds):
+    for _ in range(ITERATIONS.most):
         reach = nodes[2:] * max(top - bottom, 0.0)
         box = np.minimum(low, low + reach.min(axis=1)), np.maximum(high, high + reach.max(axis=1))
         previous, (_, top) = top, surface.bounds(*box)

@@ -46,6 +46,12 @@ class OrthorectifyOptions:
         "image does not show is taken from the others",
         advanced=True,
     )
+    pansharpen: str | None = option(
+        None,
+        "Multispectral image of the exposure of the panchromatic image, or a folder with those of all: each pair "
+        "becomes one pan-sharpened orthoimage; several files are separated by semicolons",
+        kind=Kind.FILE, metavar="FILE|DIR", advanced=True,
+    )  # fmt: skip
     crs: str | None = option(
         None,
         "CRS of the orthoimages; by default the UTM zone at the centre of the block, or UPS beyond 84 degrees north "
@@ -94,7 +100,8 @@ ORTHORECTIFY = Algorithm(
         "gives the errors of positions at random pixels. Orthoimages that were made from the same files with the same "
         "options are kept, so that a stopped run can be continued. With `scheduler` the tiles are warped by workers of "
         "a Dask scheduler, with the same result. Hidden ground shows the object in front of it, "
-        "unless `visibility` masks it. `mosaic` makes one image of all, with the areas of the images as a layer."
+        "unless `visibility` masks it. `pansharpen` combines panchromatic and multispectral images. `mosaic` makes one "
+        "image of all, with the areas of the images as a layer."
     ),
     options=OrthorectifyOptions,
     main=("dem", "dem-datum", "terrain-points", "crs", "resolution", "extent", "resampling", "format"),

@@ -31,6 +31,7 @@ from ...hrsi_engine.io.rasters import orthoimages
 from ...hrsi_engine.io.rasters.dems import fill_gaps
 from ...hrsi_engine.io.rasters.images import path_elsewhere
 from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp
+from ...hrsi_engine.io.rasters.pansharpening import Pansharpening
 from ...hrsi_engine.ortho import grid as map_grids
 from ...hrsi_engine.ortho.mapping import OrthoMapping
 from ...hrsi_engine.ortho.point_surface import surface_of_points
@@ -255,7 +256,10 @@ DECISIVE = ("hrsi", "gdal", "proj")
 
 @dataclass(frozen=True, eq=False)
 class OrthoJob:
-    """One orthoimage: mapping of its pixels, parameters of the warping, and all inputs for the fingerprint."""
+    """One orthoimage: mapping of its pixels, parameters of the warping, and all inputs for the fingerprint.
+
+    source : the image whose bands the orthoimage has; with ``pansharpening`` it is the multispectral one
+    """
 
     image: Image
     path: str
@@ -264,6 +268,7 @@ class OrthoJob:
     warp: Warp
     form: orthoimages.OrthoFormat
     made_from: Mapping[str, Any]
+    pansharpening: Pansharpening | None = None
 
     @property
     def grid(self) -> map_grids.MapGrid:
@@ -274,51 +279,75 @@ class OrthoJob:
         """Fingerprint that the file of the orthoimage will contain."""
         return orthoimages.fingerprint(self.made_from)
 
+    def make_chunk(self, window: map_grids.GridWindow) -> orthoimages.OrthoChunk:
+        """Return a window of the orthoimage."""
+        if self.pansharpening is not None:
+            return self.pansharpening.make_chunk(window)
+        return orthoimages.make_chunk(self.source, self.mapping.chunk, self.warp, window)
+
 
 def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
     """Return the orthoimages of a plan, one job each."""
     form, used = orthoimages.OrthoFormat(options.format, options.compression), versions()
     jobs, jitter_files = [], dict[str, JitterFile]()
     for image in plan.images:
-        source = OrthoSource(image.path)
-        grid = plan.grids[image.id]
-        jitter, path = None, find_jitter_file(image.path)
-        if path is not None:
-            if path not in jitter_files:
-                jitter_files[path] = JitterFile(path)
-            jitter, told = jitter_files[path].find_curve(image.id, image.rpc)
-            plan.warnings.extend([told] if told else [])
-        mapping = OrthoMapping(
-            image.rpc,
-            source.size,
-            plan.terrain.surface,
-            terrain=plan.terrain_points[image.id],
-            grid=grid,
-            error_px=options.error_px,
-            jitter=jitter,
-            masks_occlusions=options.visibility,
-        )
-        scale = mapping.source_pixels_per_pixel()
-        warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
-        path = os.path.join(options.folder.output_dir, image.id + ENDING)
+        source, grid = OrthoSource(image.path), plan.grids[image.id]
+        mapping = make_mapping(image, source, plan, grid, options, jitter_files)
+        warp = Warp(options.resampling, mapping.source_pixels_per_pixel(), choose_nodata(options.nodata, source))
         # All data on which the pixels and the file depend
-        coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
         made_from = {
-            "image": orthoimages.file_state(image.path), "terrain": plan.terrain.identity, "crs": grid.crs,
-            "rpc": hashlib.sha256(json_text(coefficients, sort_keys=True).encode()).hexdigest(),
+            "terrain": plan.terrain.identity, "crs": grid.crs,
             "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows], "resampling": warp.resampling,
             "nodata": str(warp.nodata), "error_px": options.error_px, "format": form.name,
             "compression": form.compression, "versions": {name: used[name] for name in DECISIVE},
+            **identify_image(image, mapping),
         }  # fmt: skip
-        if jitter is not None:
-            made_from["jitter"] = hashlib.sha256(jitter.shift_px.tobytes()).hexdigest()
         if options.visibility:
             made_from["visibility"] = True
+        path = os.path.join(options.folder.output_dir, image.id + ENDING)
         jobs.append(OrthoJob(image, path, source, mapping=mapping, warp=warp, form=form, made_from=made_from))
     return jobs
 
 
-def _nodata_value(given: str | None, source: OrthoSource) -> float | None:
+def make_mapping(
+    image: Image, source: OrthoSource, plan: BlockPlan, grid: map_grids.MapGrid, options: OrthorectifyOptions,
+    jitter_files: dict[str, JitterFile],
+) -> OrthoMapping:  # fmt: skip
+    """Return the mapping of an image, with its jitter; warnings are added to the plan, opened files to the dict."""
+    jitter, path = None, find_jitter_file(image.path)
+    if path is not None:
+        if path not in jitter_files:
+            jitter_files[path] = JitterFile(path)
+        jitter, told = jitter_files[path].find_curve(image.id, image.rpc)
+        plan.warnings.extend([told] if told else [])
+    terrain = plan.terrain_points.get(image.id)
+    if terrain is None:
+        terrain = map_grids.find_terrain_points(image, plan.terrain.surface)
+    return OrthoMapping(
+        image.rpc,
+        source.size,
+        plan.terrain.surface,
+        terrain=terrain,
+        grid=grid,
+        error_px=options.error_px,
+        jitter=jitter,
+        masks_occlusions=options.visibility,
+    )
+
+
+def identify_image(image: Image, mapping: OrthoMapping) -> dict[str, Any]:
+    """Return the state of an image's file, RPC and jitter for the fingerprint."""
+    coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
+    identity = {
+        "image": orthoimages.file_state(image.path),
+        "rpc": hashlib.sha256(json_text(coefficients, sort_keys=True).encode()).hexdigest(),
+    }
+    if mapping.jitter is not None:
+        identity["jitter"] = hashlib.sha256(mapping.jitter.shift_px.tobytes()).hexdigest()
+    return identity
+
+
+def choose_nodata(given: str | None, source: OrthoSource) -> float | None:
     """Return the value of pixels outside the image; None for a mask band."""
     own = [value for value in source.nodata if value is not None]
     if given == MASK or (given is None and not own and source.masked):
@@ -350,8 +379,7 @@ def chunks_of(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, calls: Cal
     """Yield the chunks of all orthoimages in the order in which they are written."""
     windows = ((job, window) for job in jobs for window in orthoimages.chunk_windows(job.grid, job.warp))
     if not calls.elsewhere:
-        parts = ((job.source, job.mapping.chunk, job.warp, window) for job, window in windows)
-        yield from calls.answers(lambda part: orthoimages.make_chunk(*part), parts)
+        yield from calls.answers(lambda part: part[0].make_chunk(part[1]), windows)
         return
     recipes = {job.key: recipe_of(job, options) for job in jobs}
     yield from calls.answers(_chunk_elsewhere, ((recipes[job.key], window) for job, window in windows))

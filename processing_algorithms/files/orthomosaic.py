@@ -127,8 +127,9 @@ def make_mosaic(plan: MosaicPlan, options: OrthorectifyOptions, progress: Progre
         }  # fmt: skip
         parts = ((window, labels.read(_enlarge(window, plan.grid, BLEND_REACH))) for window in windows)
         figures = write_orthoimage(
-            plan.path, sources[0].pixels, plan.grid, calls.answers(mosaic.make_chunk, parts), mosaic.warp,
-            plan.jobs[0].form, plan.made_from, threads, stage(progress, LABELLED_SHARE, 1.0), lineage,
+            plan.path, sources[0].pixels, plan.grid, chunks=calls.answers(mosaic.make_chunk, parts), warp=mosaic.warp,
+            form=plan.jobs[0].form, made_from=plan.made_from, threads=threads,
+            progress=stage(progress, LABELLED_SHARE, 1.0), lineage=lineage,
         )  # fmt: skip
     levels = {job.image.id: level.tolist() for job, level in zip(plan.jobs, mosaic.levels, strict=True)}
     return {**entry, "status": "made", **_select_counts(figures.summary()), "gain_offset": levels}
