@@ -1909,6 +1909,8 @@ def orthorectify(
     ground_crs: str | None = None,
     fill_gaps: int = 0,
     visibility: bool = False,
+    mosaic: bool = False,
+    pansharpen: Path | None = None,
     crs: str | None = None,
     resolution: float | None = None,
     extent: str = "each",
@@ -1937,7 +1939,9 @@ def orthorectify(
     complete area. The report gives the errors of positions at random pixels. Orthoimages that were made
     from the same files with the same options are kept, so that a stopped run can be continued. With
     ``scheduler`` the tiles are warped by workers of a Dask scheduler, with the same result. Hidden
-    ground shows the object in front of it, unless ``visibility`` masks it.
+    ground shows the object in front of it, unless ``visibility`` masks it. ``pansharpen`` combines
+    panchromatic and multispectral images. ``mosaic`` makes one image of all, with the areas of the
+    images as a layer.
 
     Parameters
     ----------
@@ -1966,6 +1970,12 @@ def orthorectify(
     visibility : bool, optional
         Ground that the DEM hides from the sensor becomes nodata (true orthoimages); the DEM is a
         surface model with buildings and trees (default no).
+    mosaic : bool, optional
+        Also one mosaic of all orthoimages (mosaic.tif) and its seamlines (seamlines.gpkg); ground that
+        an image does not show is taken from the others (default no).
+    pansharpen : path, optional
+        Multispectral image of the exposure of the panchromatic image, or a folder with those of all:
+        each pair becomes one pan-sharpened orthoimage; several files are separated by semicolons.
     crs : str, optional
         CRS of the orthoimages; by default the UTM zone at the centre of the block, or UPS beyond 84
         degrees north and 80 south.

@@ -46,17 +46,17 @@ PAGE = """\
 Made by `python benchmarks/true_orthoimages.py --docs`.
 
 {about}
-The images have {size} x {size} px. Hidden is ground of the image's area that the image does not show. Ghosts are pixels of hidden
-ground with grey values. Without `--visibility` all hidden ground has the pixels of
-what hides it. Masked is visible ground without grey values, as a share of the orthoimage. The renderer follows rays in steps
-of half a cell of the surface, and does not see that corners are in the way for less than that.
+The images have {size} x {size} px. Hidden is ground of the image's area that the image does not show. Ghosts are
+pixels of hidden ground with grey values. Without `--visibility` all hidden ground has the pixels of what hides it.
+Masked is visible ground without grey values, as a share of the orthoimage. The renderer follows rays in steps of half
+a cell of the surface, and does not see that corners are in the way for less than that.
 
 {images}
 
 The mosaic takes each pixel from one of the three images. Ghosts are pixels whose ground this image does not show, as a
-share of the ground that is hidden in any image; "without" is the same mosaic without `--visibility`. Unfilled are pixels
-that no image shows. The misregistration at seamlines is the distance between the true positions of what the images on
-both sides show at a pixel.
+share of the ground that is hidden in any image; "without" is the same mosaic without `--visibility`. Unfilled are
+pixels that no image shows. The misregistration at seamlines is the distance between the true positions of what the
+images on both sides show at a pixel.
 
 {mosaics}
 
