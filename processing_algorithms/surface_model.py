@@ -317,8 +317,7 @@ class ReferenceComparison:
 def summarise(report: Report) -> str:
     """Return the pairs, the grid, the share of heights, and the comparison."""
     grid, reference = report["grid"], report.get("reference")
-    lines = [report["images"]["surface"]["output"]]
-    lines += [
+    lines = [
         f"{pair['left']} {pair['right']}: convergence {pair['convergence_deg']:.1f} deg, bias {pair['bias_m']:+.2f} m, "
         f"sigma {pair['sigma_m']:.2f} m, rectified to {pair['rectification_px']:.3f} px"
         for pair in report["pairs"]

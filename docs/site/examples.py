@@ -40,6 +40,7 @@ COMMANDS = {
     "register": "block/image_1.tif block/image_2.tif --image-points 'triangulated/block.gpkg|layername=image_points' "
     "--output-dir registered",
     "evaluate": f"{BLOCK} --rpcs refined=triangulated --tracks none {BLOCK_POINTS} --output-dir compared",
+    "surface-model": "triangulated --output-dir surface",
     "hand-over": "triangulated --to cars --output-dir handed",
     "write-rpc": "block/image_1.tif --rpc triangulated/image_1.tif --write vrt --output-dir written",
     "crop": "block/image_1.tif --window 40,60,100,80 --output-dir cropped",

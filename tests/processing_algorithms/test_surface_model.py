@@ -190,3 +190,14 @@ def test_run_makes_the_surface_and_orthoimages_on_it(block: Path, tmp_path: Path
     made_from = gdal.Open(str(tmp_path / "result" / "orthoimages" / "image_1_ortho.tif")).GetMetadata()["HRSI_TERRAIN"]
     assert Path(made_from).name == surface.name
     assert 'id="surface-model-' in (tmp_path / "result" / "report.html").read_text() or surface.exists()
+
+
+@pytest.mark.thorough
+def test_workers_make_the_same_surface(block: Path):
+    """Tiles that two Dask workers match have the bytes of tiles that threads match."""
+    distributed = pytest.importorskip("distributed")
+    options = {"tile": 128, "report": False, "resolution": 1.0, "overwrite": True}
+    threads, _ = make(block, "by_threads", **options)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        workers, _ = make(block, "by_workers", scheduler=cluster.scheduler_address, **options)
+    assert (workers / "surface.tif").read_bytes() == (threads / "surface.tif").read_bytes()
