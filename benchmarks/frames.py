@@ -37,7 +37,7 @@ from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment, Decision
 from hrsi.hrsi_engine.adjustment.observations import select_points
-from hrsi.hrsi_engine.adjustment.starting_values.intersection import compute_image_residuals, intersect_points
+from hrsi.hrsi_engine.adjustment.starting_values.intersection import compute_intersection_residuals
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.block.exposures import join_exposures
@@ -86,8 +86,8 @@ def judge_strip(simulated: BlockSimulation, model: str) -> dict[str, Any]:
     right = ~spoilt[block.measurements.point]
     exact = replace(block, measurements=replace(block.measurements, xy=simulated.truth.image_points.xy))
     observations = select_points(exact, (exact.points.role == Role.TIE) & (exact.rays_per_point() >= 2))
-    ground = intersect_points(observations, result.model, result.values, result.ground[observations.points])
-    apart = compute_image_residuals(observations, result.model, result.values, ground)
+    start = result.ground[observations.points]
+    apart = compute_intersection_residuals(observations, result.model, result.values, start)
     return {
         "images": len(block.images),
         "relative_px": float(np.sqrt(np.nanmean((apart**2).sum(axis=1)))),
@@ -214,8 +214,7 @@ def off_camera_px(result: Adjustment, cameras: list[PushbroomCamera], ground: np
     ]
     block = assemble(images, [], rows)
     observations = select_points(block, np.ones(len(ids), dtype=bool))
-    placed = intersect_points(observations, result.model, result.values, ground)
-    apart = compute_image_residuals(observations, result.model, result.values, placed)
+    apart = compute_intersection_residuals(observations, result.model, result.values, ground)
     return of_pan, float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 

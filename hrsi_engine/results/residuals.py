@@ -22,8 +22,8 @@ import numpy as np
 from ..adjustment.observations import Observations, select_points
 from ..adjustment.result import Adjustment, Decision
 from ..adjustment.starting_values.intersection import (
-    compute_image_residuals,
     compute_intersection_cofactors,
+    compute_intersection_residuals,
     intersect_points,
 )
 from ..block.block import Block, Role
@@ -271,9 +271,10 @@ def _tie_residuals_before(result: Adjustment) -> np.ndarray:
     ties = block.with_measurements(is_used)
     observations = select_points(ties, ties.rays_per_point() >= 2)
     vendor, no_values = MODELS["none"], np.zeros((len(block.images), 0))
-    ground = intersect_points(observations, vendor, no_values, result.ground[observations.points])
-    residual_before = compute_image_residuals(observations, vendor, no_values, ground)
-    residual[np.flatnonzero(is_used)[observations.rows]] = residual_before
+    start = result.ground[observations.points]
+    residual[np.flatnonzero(is_used)[observations.rows]] = compute_intersection_residuals(
+        observations, vendor, no_values, start
+    )
     return residual
 
 

@@ -71,11 +71,13 @@ def compute_intersection_cofactors(
     return form_point_equations(observations, model).form_normals(state, weight, priors, nobody).inverse
 
 
-def compute_image_residuals(
+def compute_intersection_residuals(
     observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:
-    """Return observed - computed ``(n, 2)`` of all measurements."""
-    return form_point_equations(observations, model).compute_residuals(State(values, ground))
+    """Return observed - computed ``(n, 2)`` of all measurements at the positions of `intersect_points`."""
+    equations, priors = form_point_equations(observations, model), PointPriors.from_surveys(observations, ground)
+    intersected = equations.intersect(State(values, ground), 1.0 / observations.sigma_px**2, priors)
+    return equations.compute_residuals(State(values, intersected))
 
 
 def form_point_equations(observations: Observations, model: RefinementModel, threads: int = 0) -> NormalEquations:
