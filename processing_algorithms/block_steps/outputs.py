@@ -7,6 +7,7 @@ import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -174,9 +175,14 @@ def write_results(
         part = stage(context.progress, 0.5, 0.7)
         left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
         layers = [layer for layer in result.layers if layer.name != left_out]
-        write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
-        for name, parts in result.tables.items():
-            write_large_table(str(folder / COMPLETE_FILES[name]), parts)
+        with ThreadPoolExecutor(1) as pool:  # rows become text while SQLite inserts those of the layers
+            tables = [
+                pool.submit(write_large_table, str(folder / COMPLETE_FILES[name]), parts)
+                for name, parts in result.tables.items()
+            ]
+            write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
+        for name, table in zip(result.tables, tables, strict=True):
+            table.result()
             report["outputs"][name] = complete[name]
         for file in stale:
             changes.remove(file)
