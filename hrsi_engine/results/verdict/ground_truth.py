@@ -1,8 +1,7 @@
 """Surveyed points against the block: GCPs and check points against their predicted accuracy.
 
 Standard deviations of surveys are often guesses, and in one sigma0 over thousands of tie points a dozen GCPs have no
-effect. So GCPs have a separate test: their residuals at the surveyed positions, normalised by the standard deviations
-of survey and measurement.
+effect. So GCPs are judged by data snooping and by leave-one-out errors, check points by their predicted errors.
 """
 
 from __future__ import annotations
@@ -75,61 +74,25 @@ class MajorityFit:
 AXES = {"east": ("west of", "east of"), "north": ("south of", "north of"), "height": ("below", "above")}
 
 
-def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for GCPs whose residuals exceed their expected standard deviations, singly or together."""
-    misfits = list(_find_misfit(evidence, Role.GCP))
-    yield from misfits
-    result, points = evidence.result, evidence.result.block.points
-    rejected = [finding.id for finding in result.findings if finding.left_out]
-    gcps = np.flatnonzero((points.role == Role.GCP) & ~np.isin(points.ids, rejected))
-    survey_covariance, cofactors = result.survey_covariance_m2(gcps), _compute_ray_cofactors(evidence, gcps)
-    axes = _find_mean_errors(
-        evidence, evidence.left.ground_m[gcps], np.zeros_like(survey_covariance), survey_covariance, cofactors
-    )
-    if axes and not misfits:
-        yield Reason(
-            "control-misfit", Level.DOUBTFUL, f"the {len(gcps)} GCPs disagree with the adjusted block: "
-                                              f"{'; '.join(axes)}",
-            "compare the GCPs with the other constraints of the block (DEM, laser points, reference, RPCs), and "
-            "correct the wrong one",
-            points=tuple(points.ids[gcps].tolist()),
-        )  # fmt: skip
-
-
 def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for check points that misfit images refined separately (without predicted ground accuracy)."""
-    if not np.isfinite(evidence.result.ground_covariance_m2).any():
-        yield from _find_misfit(evidence, Role.CHECK)
-
-
-def _find_misfit(evidence: Evidence, role: Role) -> Iterator[Reason]:
+    """Yield reasons for check points that misfit images refined separately (without predicted ground accuracy)."""
     result, left, block = evidence.result, evidence.left, evidence.result.block
+    if np.isfinite(result.ground_covariance_m2).any():
+        return
     in_sigmas = left.measured_px / np.hypot(state_known_sigmas_px(result, left), evidence.camera_px)
-    rejected = [finding.id for finding in result.findings if finding.left_out]
-    takes_part = (
-        (evidence.row_role == role)
-        & ~evidence.left_out
-        & ~np.isin(block.points.ids, rejected)[block.measurements.point]
-    )
-    rows = np.flatnonzero(takes_part & finite_rows(in_sigmas))
+    rows = np.flatnonzero((evidence.row_role == Role.CHECK) & ~evidence.left_out & finite_rows(in_sigmas))
     if not len(rows):
         return
-    squares = np.sum(in_sigmas[rows] ** 2, axis=1)
-    fit = MajorityFit.estimate(squares, np.full(len(rows), 2.0))
-    code, subject = {Role.GCP: ("control-misfit", "GCP"), Role.CHECK: ("check-misfit", "check point")}[role]
-    length_px = np.hypot(*left.measured_px[rows].T)
+    squares, names = np.sum(in_sigmas[rows] ** 2, axis=1), block.points.ids[block.measurements.point[rows]]
+    fit, length_px = MajorityFit.estimate(squares, np.full(len(rows), 2.0)), np.hypot(*left.measured_px[rows].T)
     if fit.is_outlier.any():
-        outlying = block.measurements.point[rows[fit.is_outlier]]
-        ids = tuple(dict.fromkeys(block.points.ids[outlying].tolist()))
-        yield _make_outlier_reason(code, subject, ids, f"{length_px[fit.is_outlier].max():.2g} px")
+        yield _make_outlier_reason(names[fit.is_outlier], f"{length_px[fit.is_outlier].max():.2g} px")
     if fit.is_misfit:
-        rest = ~fit.is_outlier
-        misfitting = np.unique(block.measurements.point[rows[squares > compute_chi_square_limit(2.0)]])
-        ids = tuple(block.points.ids[misfitting].tolist())
+        ids = tuple(dict.fromkeys(names[squares > compute_chi_square_limit(2.0)].tolist()))
         yield Reason(
-            code, fit.level,
-            f"the {subject}s do not fit the refined RPCs: their RMS residual is "
-            f"{np.sqrt(np.mean(length_px[rest] ** 2)):.2g} px, {fit.factor:.2g} times the expected one; "
+            "check-misfit", fit.level,
+            "the check points do not fit the refined RPCs: their RMS residual is "
+            f"{np.sqrt(np.mean(length_px[~fit.is_outlier] ** 2)):.2g} px, {fit.factor:.2g} times the expected one; "
             f"significant are {list_ids(ids)}",
             "compare coordinates, heights, datum and ids of these points with their source, and give realistic sigmas",
             images=tuple(block.images[index].id for index in np.unique(block.measurements.image[rows])),
@@ -137,12 +100,13 @@ def _find_misfit(evidence: Evidence, role: Role) -> Iterator[Reason]:
         )  # fmt: skip
 
 
-def _make_outlier_reason(code: str, subject: str, ids: Sequence[str], largest: str) -> Reason:
+def _make_outlier_reason(names: np.ndarray, largest: str) -> Reason:
+    ids = tuple(dict.fromkeys(names.tolist()))
     return Reason(
-        code, Level.DOUBTFUL,
-        f"{subject} {list_ids(ids)} has a gross error of up to {largest}, and the majority agrees without it",
+        "check-misfit", Level.DOUBTFUL,
+        f"check point {list_ids(ids)} has a gross error of up to {largest}, and the majority agrees without it",
         "compare these points with their source and their measurements in the images",
-        points=tuple(ids),
+        points=ids,
     )  # fmt: skip
 
 
@@ -196,10 +160,7 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     if fit.is_outlier.any():
         outlying = usable[fit.is_outlier]
         largest = error[outlying[np.argmax(np.nansum(error[outlying] ** 2, axis=1))]]
-        yield _make_outlier_reason(
-            "check-misfit", "check point", points.ids[check[outlying]].tolist(),
-            f"{_format_metres(largest)} m (east, north, height)",
-        )  # fmt: skip
+        yield _make_outlier_reason(points.ids[check[outlying]], f"{_format_metres(largest)} m (east, north, height)")
     rest = usable[~fit.is_outlier]
     axes = _find_mean_errors(evidence, error[rest], block_part[rest], survey_covariance[rest], cofactors[rest])
     if axes or fit.is_misfit:
@@ -349,6 +310,6 @@ def _format_metres(values: np.ndarray) -> str:
 
 
 ON_GROUND_TRUTH = (
-    find_control_misfit, find_check_misfit_in_images, find_control_outliers, find_check_point_errors,
+    find_check_misfit_in_images, find_control_outliers, find_check_point_errors,
     find_leave_one_out_errors,
 )  # fmt: skip
