@@ -1,6 +1,8 @@
 """An adjusted block with the judgement on it: residuals, refined RPCs, figures, warnings and verdict, each once."""
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,9 +59,13 @@ def judge_block(
     """
     images = adjustment.block.images
     with one_thread_calls():  # cameras are refitted with small matrices, for which BLAS threads only cost time
-        residuals = compute_residuals(adjustment)
-        cameras = zip(images, adjustment.values, strict=True)
-        refined = state_accuracy(adjustment, [adjustment.model.compute_refined_rpc(*camera) for camera in cameras])
+        with ThreadPoolExecutor(1) as pool:  # Python fits RPCs while compiled loops intersect the points
+            cameras = list(zip(images, adjustment.values, strict=True))
+            rpcs = [
+                pool.submit(copy_context().run, adjustment.model.compute_refined_rpc, *camera) for camera in cameras
+            ]
+            residuals = compute_residuals(adjustment)
+        refined = state_accuracy(adjustment, [rpc.result() for rpc in rpcs])
         lap("residuals")
         evidence = Evidence(adjustment, residuals, refined)
         figures = block_report(adjustment, residuals, refined)
