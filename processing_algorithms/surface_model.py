@@ -34,6 +34,7 @@ from ..hrsi_engine.io.rasters.surface_models import (
     SURFACE_BANDS,
     HeightOffsets,
     ShadedSurface,
+    bounded_cache,
     find_vertical_crs,
     write_surface,
 )
@@ -104,6 +105,7 @@ class MatchedTiles:
             yield job.window, fuse_heights(tile["height"] - biases, tile["sigma"])
 
 
+@bounded_cache()
 def run(options: SurfaceModelOptions, context: Context) -> Report:
     """Choose pairs and grid, match tile by tile, fuse the pairs, and write the surface."""
     start = time.monotonic()

@@ -155,15 +155,17 @@ def fuse_heights(heights: np.ndarray, sigmas: np.ndarray) -> FusedHeights:
     # Start at the most accurate pair: a mean of contradicting pairs is the height of nothing
     best = np.argmax(weight, axis=0)
     height = np.take_along_axis(filled, best[None], 0)[0]
+    smallest = np.take_along_axis(np.where(use, sigmas, np.inf), best[None], 0)[0]
     for _ in range(FUSION_ROUNDS):
-        smallest = np.take_along_axis(np.where(use, sigmas, np.inf), best[None], 0)[0]
-        agrees = use & (np.abs(filled - height) <= GRIDDING.outlier * np.hypot(np.where(use, sigmas, 0.0), smallest))
-        total = np.maximum((weight * agrees).sum(axis=0), 1e-30)
-        height = (weight * agrees * filled).sum(axis=0) / total
+        # Geman and McClure's weights: a surface has no steps where a pair begins to contradict
+        deviation = (filled - height) / np.hypot(np.where(use, sigmas, 1.0), smallest)
+        robust = weight / (1.0 + (deviation / GRIDDING.outlier) ** 2) ** 2
+        height = (robust * filled).sum(axis=0) / np.maximum(robust.sum(axis=0), 1e-30)
+    agrees = use & (np.abs(deviation) <= GRIDDING.outlier)
     count = agrees.sum(axis=0)
     chi2 = (weight * agrees * (filled - height) ** 2).sum(axis=0) / np.maximum(count - 1, 1)
     # Pairs that share images are not independent: their mean is taken as accurate as the best one alone
-    sigma = np.take_along_axis(np.where(use, sigmas, np.nan), best[None], 0)[0] * np.sqrt(np.maximum(chi2, 1.0))
+    sigma = smallest * np.sqrt(np.maximum(chi2, 1.0))
     exists = count > 0
     none = np.float32(np.nan)
     return FusedHeights(

@@ -6,6 +6,7 @@ three-dimensional projected CRS, and the metadata item `VERTICAL_DATUM`. `open_d
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,20 @@ NODATA = -9999.0
 VERTICAL_CODES = {"egm96": "EPSG:5773", "egm2008": "EPSG:3855"}
 
 HeightOffsets = Callable[[np.ndarray], np.ndarray]  # (n, 2) x, y in the map's CRS -> (n,) m to subtract
+
+
+CACHE_BYTES = 256 << 20  #: for blocks of the images and of the surface
+
+
+@contextmanager
+def bounded_cache() -> Iterator[None]:
+    """Limit GDAL's cache of blocks, by default a twentieth of the machine's memory, to the same size anywhere."""
+    usual = gdal.GetCacheMax()
+    gdal.SetCacheMax(min(CACHE_BYTES, usual))
+    try:
+        yield
+    finally:
+        gdal.SetCacheMax(usual)
 
 
 def find_vertical_crs(crs: str, vertical: str) -> tuple[str, HeightOffsets | None]:
