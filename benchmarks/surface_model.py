@@ -107,7 +107,7 @@ def make_surfaces(adjusted: Path, folder: Path, cell_m: float) -> dict[str, tupl
             settings |= {"dsm_resolution": cell_m, "max_processes": 1}
         else:
             settings["output"]["resolution"] = cell_m
-            settings["orchestrator"] = {"mode": "sequential"}
+            settings |= {"orchestrator": {"mode": "sequential"}, "subsampling": {"advanced": {"resolutions": [1]}}}
         path.write_text(json.dumps(settings))
         script = f"cd '{project}' && exec '{program}' {name}.json"
         cost = call(["sh", "-c", script], folder, folder / f"{name}.log")
@@ -151,7 +151,7 @@ def compare(path: Path, dem: Path, centre: np.ndarray, radius_m: float) -> list[
     figures = [bias, 1.4826 * float(np.median(np.abs(values - bias))), float(np.percentile(np.abs(values), 90.0))]
     within = "" if sigma is None else f"{np.mean(np.abs(values) < 1.645 * sigma[exists]):.1%}"
     wall = f"{np.percentile(at_walls, 90.0):.2f}" if len(at_walls) > 100 else ""
-    return [f"{len(values) / area:.1%}", *(f"{one:.3f}" for one in figures), wall, within]
+    return [f"{min(len(values) / area, 1.0):.1%}", *(f"{one:.3f}" for one in figures), wall, within]
 
 
 HEAD = (

@@ -34,8 +34,8 @@ from ..hrsi_engine.io.rasters.surface_models import (
     SURFACE_BANDS,
     HeightOffsets,
     ShadedSurface,
-    bounded_cache,
     find_vertical_crs,
+    limit_block_cache,
     write_surface,
 )
 from ..hrsi_engine.io.safety.array_files import PartStore
@@ -105,7 +105,7 @@ class MatchedTiles:
             yield job.window, fuse_heights(tile["height"] - biases, tile["sigma"])
 
 
-@bounded_cache()
+@limit_block_cache()
 def run(options: SurfaceModelOptions, context: Context) -> Report:
     """Choose pairs and grid, match tile by tile, fuse the pairs, and write the surface."""
     start = time.monotonic()

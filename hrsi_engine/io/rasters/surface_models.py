@@ -37,7 +37,7 @@ CACHE_BYTES = 256 << 20  #: for blocks of the images and of the surface
 
 
 @contextmanager
-def bounded_cache() -> Iterator[None]:
+def limit_block_cache() -> Iterator[None]:
     """Limit GDAL's cache of blocks, by default a twentieth of the machine's memory, to the same size anywhere."""
     usual = gdal.GetCacheMax()
     gdal.SetCacheMax(min(CACHE_BYTES, usual))
