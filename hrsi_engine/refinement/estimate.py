@@ -294,7 +294,7 @@ def iterate_least_squares(
         return max(1.0, 2.0 * state.cost / freedom)
 
     state = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
-    for _ in range(ITERATIONS.most):
+    for _ in range(ESTIMATION.gauss_newton_steps):  # the others remain for the descent
         misfit = float(np.sqrt(np.mean(state.right**2)))
         if misfit <= ESTIMATION.large_residual:
             break

@@ -2,7 +2,7 @@
 
 **Model (rule auto).** Each candidate is tested by leave-one-out prediction: each GCP is predicted from the others. The
 simplest candidate is taken whose mean squared prediction error is not significantly larger than the smallest one, by a
-one-sided paired t-test of the points' errors at `SIGNIFICANCE.level` (in the spirit of the "one standard error"
+one-sided paired t-test of the points' errors at `SELECTION.significance` (in the spirit of the "one standard error"
 rule; Breiman et al. 1984, CART, section 3.4.3). A model with more parameters fits the GCPs more closely but may predict
 worse, which this test shows without check points. A candidate is tested if each image has twice the GCPs that it needs;
 the generic method only if no other candidate predicts within `SELECTION.expected_error` sigmas. If no tested model
@@ -48,6 +48,10 @@ class SELECTION:
     """Limits for the choice of a model by GCPs, and for the detection of wrong GCPs."""
 
     expected_error: float = threshold(2.0, "sigma", "RMS prediction error of a good model", "accuracy_blunders.md")
+    significance: float = threshold(
+        0.05, "", "significance level at which a model with more parameters predicts better",
+        "Breiman et al. 1984, one standard error rule",
+    )  # fmt: skip
     large_error: float = threshold(5.0, "sigma", "largest RMS prediction error of a model that explains the GCPs")
     drift_measurements: int = threshold(
         25_000, "measurements", "most per image for an estimate of the drift: with more, treated as independent, small "
@@ -291,7 +295,7 @@ def select_simplest(errors: Mapping[str, np.ndarray | None], standard_errors: fl
     for name, squared in judged.items():
         excess = squared - judged[best]
         standard_error = float(np.std(excess, ddof=1) / np.sqrt(len(excess))) if len(excess) > 1 else 0.0
-        quantile = float(-special.stdtrit(max(len(excess) - 1, 1), SIGNIFICANCE.level))
+        quantile = float(-special.stdtrit(max(len(excess) - 1, 1), SELECTION.significance))
         allowed = standard_error * (quantile if standard_errors is None else standard_errors)
         if float(np.mean(excess)) <= allowed:
             rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
