@@ -16,10 +16,17 @@ def make_environment(folder: str, filters: Mapping[str, Callable[..., Any]], *, 
     """
     import jinja2
 
+    class CompiledTemplates(jinja2.FileSystemBytecodeCache):
+        def load_bytecode(self, bucket: Any) -> None:
+            try:
+                super().load_bytecode(bucket)
+            except Exception:  # whatever a damaged file causes: the template is compiled again
+                bucket.reset()
+
     compiled, cache = os.path.join(folder, COMPILED), None
     if os.access(folder, os.W_OK) and not sys.dont_write_bytecode:
         os.makedirs(compiled, exist_ok=True)
-        cache = jinja2.FileSystemBytecodeCache(compiled)
+        cache = CompiledTemplates(compiled) if os.access(compiled, os.W_OK) else None
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(folder),
         autoescape=True,
