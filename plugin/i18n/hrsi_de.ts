@@ -156,8 +156,8 @@
       <translation>Alle Pakete für die Bildzuordnung sind da.</translation>
     </message>
     <message>
-      <source>All steps of a project: triangulate, orthorectify, check and evaluate, with one report</source>
-      <translation>Alle Schritte eines Projekts: triangulieren, orthorektifizieren, prüfen und bewerten, mit einem Bericht</translation>
+      <source>All steps of a project: triangulate, surface model, orthorectify, check, evaluate</source>
+      <translation>Alle Schritte eines Projekts: triangulieren, Oberflächenmodell, orthorektifizieren, prüfen, auswerten</translation>
     </message>
     <message>
       <source>Along</source>
@@ -932,6 +932,10 @@
       <translation>Modell</translation>
     </message>
     <message>
+      <source>Mosaic</source>
+      <translation>Mosaik</translation>
+    </message>
+    <message>
       <source>Most</source>
       <translation>Höchstens</translation>
     </message>
@@ -1062,6 +1066,10 @@
     <message>
       <source>Packages for matching</source>
       <translation>Pakete für die Bildzuordnung</translation>
+    </message>
+    <message>
+      <source>Pansharpen</source>
+      <translation>Pan-Schärfung</translation>
     </message>
     <message>
       <source>Parameters</source>

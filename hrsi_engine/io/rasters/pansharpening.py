@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from osgeo import gdal, gdal_array
-from scipy.optimize import nnls
 
 from ...foundation.errors import OutputError
 from ...foundation.pixel_filters import blur, load_opencv
@@ -103,6 +102,8 @@ class Pansharpening:
 
 def fit_weights(samples: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, ...]:
     """Return the weights of the bands whose sum is the panchromatic grey value; none is negative."""
+    from scipy.optimize import nnls  # takes a tenth of a second, which other orthoimages do not need
+
     grey, bands = (
         np.concatenate([one[part].reshape(len(one[part]), -1) for one in samples], axis=1) for part in (0, 1)
     )
