@@ -18,6 +18,7 @@ from qgis.core import (
     QgsProcessingOutputFile,
     QgsProcessingOutputHtml,
     QgsProcessingOutputMultipleLayers,
+    QgsProcessingOutputRasterLayer,
     QgsProcessingOutputString,
     QgsProcessingOutputVectorLayer,
     QgsProcessingUtils,
@@ -38,6 +39,7 @@ BATCH_LISTS_REPORTS = 32800  #: version of QGIS since which a batch can list rep
 TEMPORARY = "OUTPUT_DIR"  #: name of a temporary folder in QGIS: that of the parameter
 LOWEST = "hrsi/lowest"  #: property of a layer below all others of its group
 REPORT, REPORT_HTML, VERDICT, IMAGES_MADE = "REPORT", "REPORT_HTML", "VERDICT", "IMAGES_MADE"
+MAP = "MAP"  #: the mosaic, or the only raster that an algorithm makes: input of another step of a model
 
 
 def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefinition]:
@@ -49,6 +51,8 @@ def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefini
         outputs.append(QgsProcessingOutputString(VERDICT, tr("Verdict: ok, doubtful or unusable")))
     if declaration.images_made:
         outputs.append(QgsProcessingOutputMultipleLayers(IMAGES_MADE, tr(declaration.images_made)))
+    if declaration.are_maps:
+        outputs.append(QgsProcessingOutputRasterLayer(MAP, tr("Map of the complete area")))
     outputs += [QgsProcessingOutputVectorLayer(name.upper(), name) for name in map(layer_name, declaration.layers)]
     return outputs
 
@@ -59,6 +63,8 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
     The report of an algorithm without output folder is written into QGIS's temporary folder.
     """
     made: dict[str, Any] = {IMAGES_MADE: list_written_images(report)} if declaration.images_made else {}
+    if declaration.are_maps and (maps := _list_mosaics(report) or made[IMAGES_MADE])[1:] == []:
+        made |= {MAP: maps[0]} if maps else {}
     folder = Path(options["output_dir"]) if options.get("output_dir") else None
     if folder is None or not (folder / "report.json").exists():
         path = Path(QgsProcessingUtils.generateTempFilename("report.json"))
@@ -84,6 +90,10 @@ def list_written_images(report: Report) -> list[str]:
     entries = report.get("images")
     entries = entries.values() if isinstance(entries, dict) else ()
     return [entry["output"] for entry in entries if isinstance(entry, dict) and entry.get("output")]
+
+
+def _list_mosaics(report: Report) -> list[str]:
+    return [report["mosaic"]["output"]] if "mosaic" in report else []
 
 
 def layer_name(source: str) -> str:
@@ -117,7 +127,7 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     folder = Path(options["output_dir"]).name
     group = f"HRSI {tr(declaration.title)}" + (f": {folder}" if folder != TEMPORARY else "")
     rasters = list_written_images(report) if declaration.are_maps else list_quick_looks(options)
-    mosaics = [report["mosaic"]["output"]] if "mosaic" in report else []
+    mosaics = _list_mosaics(report)
     load_sources([*rasters, *mosaics, *_list_layers(declaration, options)], group, context, lowest=mosaics)
 
 

@@ -30,8 +30,9 @@ from qgis.PyQt.QtCore import QPointF
 ROOT = Path(__file__).resolve().parents[1]
 NAME = "triangulate_to_orthoimages"
 HELP = (
-    "Triangulates a block, makes orthoimages with the refined RPCs and the DEM, and measures how well these fit one "
-    "another. Open it in the model designer to see and change the chain."
+    "Triangulates a block, makes its surface model, true orthoimages and a mosaic on it, and measures how well the "
+    "orthoimages fit one another. The DEM is used for tie points, and as the start of the surface model. Open it in "
+    "the model designer to see and change the chain."
 )
 FOLDER = "FOLDER"  # of each step, as qgis_process names it: --triangulate:FOLDER=DIR
 DATUMS = ["layer", "ellipsoidal", "egm96", "egm2008"]
@@ -39,7 +40,7 @@ Source = QgsProcessingModelChildParameterSource
 
 
 def triangulate_to_orthoimages() -> QgsProcessingModelAlgorithm:
-    """Return the chain from images to checked orthoimages."""
+    """Return the chain from images to a surface model, checked orthoimages and a mosaic."""
     model = QgsProcessingModelAlgorithm("Triangulate, orthorectify, check", "Models")
     model.setName("triangulatetoorthoimages")  # the id; the plugin has a title for people
     inputs: list[QgsProcessingParameterDefinition] = [
@@ -60,7 +61,13 @@ def triangulate_to_orthoimages() -> QgsProcessingModelAlgorithm:
     terrain = {"DEM": asked["DEM"], "DEM_DATUM": asked["DEM_DATUM"]}
     _add_step(model, "triangulate", asked, "Folder of the triangulation")
     refined = Source.fromChildOutput("triangulate", "IMAGES_MADE")
-    _add_step(model, "orthorectify", {"IMAGES": refined, **terrain}, "Folder of the orthoimages")
+    adjusted = Source.fromChildOutput("triangulate", "OUTPUT_DIR")
+    _add_step(model, "surfacemodel", {"RESULT": adjusted, **terrain}, "Folder of the surface model")
+    surface = Source.fromChildOutput("surfacemodel", "MAP")
+    products = {name: Source.fromStaticValue(True) for name in ("VISIBILITY", "MOSAIC")}
+    datum = Source.fromStaticValue("ellipsoidal")
+    on_surface = {"IMAGES": refined, "DEM": surface, "DEM_DATUM": datum, "FILL_GAPS": Source.fromStaticValue(20)}
+    _add_step(model, "orthorectify", on_surface | products, "Folder of the orthoimages")
     made = Source.fromChildOutput("orthorectify", "IMAGES_MADE")
     _add_step(model, "orthocheck", {"IMAGES": made}, "Folder of the check of the orthoimages")
     model.setHelpContent({"ALG_DESC": HELP})

@@ -872,6 +872,10 @@
       <translation>Länge</translation>
     </message>
     <message>
+      <source>Map of the complete area</source>
+      <translation>Karte des ganzen Gebiets</translation>
+    </message>
+    <message>
       <source>Mask saturated</source>
       <translation>Übersättigtes maskieren</translation>
     </message>

@@ -212,12 +212,13 @@ def _cut(values: np.ndarray, box: GridWindow, window: GridWindow) -> np.ndarray:
 
 def _make_seamlines(plan: MosaicPlan, labels: LabelFile) -> Layer:
     """Return the layer of the areas of each image, in the CRS of the mosaic, or in WGS84 if it has no EPSG code."""
-    numbers, polygons = zip(*labels.find_areas(), strict=True)
+    areas = labels.find_areas()
+    numbers, polygons = [number for number, _ in areas], [polygon for _, polygon in areas]
     code = pyproj.CRS.from_wkt(plan.grid.crs).to_epsg()
     if code is None:
         to_wgs84 = operations_of(plan.grid.crs).to_wgs84
-        polygons = tuple(transform(lambda x, y: to_wgs84(np.array([x, y, np.zeros(len(x))]).T)[:, :2].T, polygon)
-                         for polygon in polygons)  # fmt: skip
+        polygons = [transform(lambda x, y: to_wgs84(np.array([x, y, np.zeros(len(x))]).T)[:, :2].T, polygon)
+                    for polygon in polygons]  # fmt: skip
     fields = SeamlineRows(
         id=np.array([plan.jobs[number].image.id for number in numbers]),
         path=np.array([plan.jobs[number].path for number in numbers]),

@@ -85,6 +85,24 @@ def test_an_allowed_error_changes_grey_values_little(scene: Path, tmp_path: Path
     assert entry["shown_pixels"] == pytest.approx(np.count_nonzero(ours))
 
 
+def test_a_dem_inside_the_image_gives_the_ground_that_it_covers(scene: Path, tmp_path: Path) -> None:
+    """No pixel at the edge of the orthoimage has a height; those inside are the ones of a larger DEM."""
+    dem = gdal.Open(str(scene / "dem.tif"))
+    size = dem.RasterXSize
+    part = [size // 2 - 15, size // 2 - 15, 30, 30]
+    gdal.Translate(str(tmp_path / "part.tif"), dem, srcWin=part)
+    whole = ortho(scene, tmp_path / "whole", resolution=1.0)
+    inside = ortho(scene, tmp_path / "inside", resolution=1.0, dem=str(tmp_path / "part.tif"))
+    ours = gdal.Open(inside["images"]["a"]["output"])
+    west, step, _, north, _, _ = ours.GetGeoTransform()
+    box = west, north, west + step * ours.RasterXSize, north - step * ours.RasterYSize
+    theirs = gdal.Translate("", whole["images"]["a"]["output"], format="MEM", projWin=box).ReadAsArray()
+    shown = ours.ReadAsArray() > 0
+    assert shown.sum() > 20_000 and not shown[[0, -1]].any() and not shown[:, [0, -1]].any()
+    # The border cells of the smaller DEM continue by half a cell, where the larger one has other heights
+    assert np.mean((ours.ReadAsArray() != theirs)[shown]) < 0.1
+
+
 def test_orthoimages_share_one_lattice(scene: Path, tmp_path: Path) -> None:
     report = ortho(scene, tmp_path, images="ab")
     assert report["grid"]["resolution"] == 1.0 and report["grid"]["crs"] == "EPSG:32755"

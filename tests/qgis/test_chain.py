@@ -42,7 +42,7 @@ def test_model_runs_in_qgis_process(block: Path, tmp_path: Path) -> None:
         pytest.skip("qgis_process is not installed")
     given = inputs(block)
     images = [f"--IMAGES={image}" for image in given.pop("IMAGES")]
-    folders = {name: tmp_path / name for name in ("triangulate", "orthorectify", "orthocheck")}
+    folders = {name: tmp_path / name for name in ("triangulate", "surfacemodel", "orthorectify", "orthocheck")}
     outputs = [f"--{step}:FOLDER={path}" for step, path in folders.items()]
     options = [f"--{name}={value}" for name, value in given.items()]
     finished = qgis_process(tmp_path / "profile", "run", MODEL, *images, *options, *outputs)
@@ -51,6 +51,9 @@ def test_model_runs_in_qgis_process(block: Path, tmp_path: Path) -> None:
     assert reports["triangulate"]["check"]["ce90_m"] < 1.0
     made = sorted(path.name for path in folders["orthorectify"].glob("*_ortho.tif"))
     assert made == ["image_1_ortho.tif", "image_2_ortho.tif"]
+    ortho = reports["orthorectify"]
+    assert Path(ortho["settings"]["dem"]).parent == folders["surfacemodel"] and ortho["settings"]["visibility"]
+    assert Path(ortho["mosaic"]["output"]).exists() and Path(ortho["mosaic"]["seamlines"]).exists()
     (pair,) = reports["orthocheck"]["pairs"]
     print(f"misregistration of the model's orthoimages: {pair}")
 
@@ -63,12 +66,13 @@ def test_model_is_the_one_that_the_script_makes(tmp_path: Path) -> None:
 
 
 def test_map_shows_the_result_in_its_group(hrsi_provider, qgis_new_project, block: Path, tmp_path: Path) -> None:
-    """Points above footprints; orthoimages below all, in a group of their own run; refined scenes stay away."""
+    """Points above footprints; orthoimages and mosaic below all, in a group of their run; refined scenes stay away."""
     given = inputs(block) | {"TIE_POINTS": "none", "OUTPUT_DIR": str(tmp_path / "result")}
     result = processing.runAndLoadResults("hrsi:triangulate", given)
     refined = result["IMAGES_MADE"]
     assert [Path(path).name for path in refined] == ["image_1.tif", "image_2.tif"]
-    ortho = {"IMAGES": refined, "DEM": given["DEM"], "DEM_DATUM": "ellipsoidal", "OUTPUT_DIR": str(tmp_path / "ortho")}
+    ortho = {"IMAGES": refined, "DEM": given["DEM"], "DEM_DATUM": "ellipsoidal", "OUTPUT_DIR": str(tmp_path / "ortho"),
+             "MOSAIC": True}  # fmt: skip
     made = processing.runAndLoadResults("hrsi:orthorectify", ortho)["IMAGES_MADE"]
     assert len(made) == 2 and all(QgsRasterLayer(path).isValid() for path in made)
     root = QgsProject.instance().layerTreeRoot()
@@ -77,10 +81,12 @@ def test_map_shows_the_result_in_its_group(hrsi_provider, qgis_new_project, bloc
     residuals, points, footprints, *quick_looks = groups["HRSI Triangulate block: result"]
     assert [layer.name() for layer in (residuals, points, footprints)] == ["residuals_utm", "ground_points", "images"]
     assert all(isinstance(layer, QgsVectorLayer) for layer in (residuals, points, footprints))
-    assert [layer.source() for layer in groups["HRSI Orthorectify block: ortho"]] == made[::-1]
+    seamlines, *rasters = groups["HRSI Orthorectify block: ortho"]  # the mosaic is below the orthoimages
+    assert seamlines.name() == "seamlines" and {one["id"] for one in seamlines.getFeatures()} == {"image_1", "image_2"}
+    assert [layer.source() for layer in rasters] == [*made[::-1], str(tmp_path / "ortho" / "mosaic.tif")]
     names = [layer.name() for layer in quick_looks]  # those after the adjustment above those before
     assert names == ["image_2_after", "image_1_after", "image_2_before", "image_1_before"]
-    assert len(root.findLayers()) == 9  # no layer stands outside its group
+    assert len(root.findLayers()) == 11  # no layer stands outside its group
 
 
 @pytest.mark.parametrize("stated", [True, False], ids=["decided", "with a question"])

@@ -217,7 +217,10 @@ def _write_table(path: str, positions: np.ndarray, origin: np.ndarray, is_comple
     for axis in range(2):
         values = positions[axis] - origin[axis]
         if not is_complete:
-            values[np.isnan(values)] = -1e9  # of pixels with unknown terrain
+            # Unknown or hidden terrain is outside the image, on one side or the other: GDAL derives the part of the
+            # image that it reads from positions at the edge of the chunk, all of which may be unknown
+            unknown = np.isnan(values)
+            values[unknown] = np.random.default_rng(0).choice([-1e5, 1e5], np.count_nonzero(unknown))
         dataset.GetRasterBand(axis + 1).WriteArray(values)
     del dataset  # closed here, not at the return: Dask's profiler, for example, may keep a reference to this frame
 
