@@ -57,6 +57,7 @@ def test_texts_and_outputs(declaration: Algorithm) -> None:
     layers = {layer_name(source).upper() for source in declaration.layers}
     judged = {"VERDICT"} if any(param.key == "force_write" for param in declaration.params) else set()
     judged |= {"IMAGES_MADE"} if declaration.images_made else set()
+    judged |= {"MAP"} if declaration.are_maps else set()  # a raster that the next step of a model takes
     assert outputs == layers | judged | ({"REPORT", "REPORT_HTML", "OUTPUT_DIR"} if writes_folder else {"REPORT"})
 
 
