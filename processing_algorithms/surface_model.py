@@ -281,7 +281,7 @@ def match_tiles(
             if stored_tile is not None:
                 tiles.add(job, PairHeights(**stored_tile))
     if not tiles.jobs or np.isnan(tiles.sigmas).all():
-        raise SolveError("no pair gives a height anywhere: check the pixels of the images, and the adjustment")
+        raise SolveError("no pair gives a height: check `extent`, the pixels of the images, and the adjustment")
     return tiles
 
 
