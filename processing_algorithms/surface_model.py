@@ -28,6 +28,7 @@ from ..hrsi_engine.ground.crs_operations import operations_of
 from ..hrsi_engine.ground.proj_operations import parse_crs, without_heights
 from ..hrsi_engine.io.pages.report import read_picture, write_page, write_text
 from ..hrsi_engine.io.rasters.dems import open_dem
+from ..hrsi_engine.io.rasters.images import GdalRaster
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rasters.surface_models import (
     STYLE,
@@ -124,7 +125,7 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
     store = PartStore(f"{output}/{UNFINISHED_TILES}")
     tiles = match_tiles(block, adjusted, windows, store, options, context.stage(0.0, 0.85))
     report = report_surface(block, pairs, tiles, crs, options, context)
-    report["warnings"] = adjusted.warnings
+    report["warnings"] = [*adjusted.warnings, *list_date_warnings(adjusted, pairs)]
     surface = SurfaceBands(block.grid, tiles, offsets, options.dense.largest_sigma_m)
     form, threads = OrthoFormat("cog", options.compression), thread_count(options.common.threads)
     lineage = {"HRSI_VERSION": VERSION, "HRSI_ALGORITHM": "surface-model"}
@@ -144,9 +145,10 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
             report["images"]["difference"] = difference
         report["seconds"] = {"total": round(time.monotonic() - start, 3)}
         if options.report:
-            shaded = ShadedSurface(str(staged / SURFACE_FILE))
-            picture = read_picture(shaded, "surface", 0, 2 * LENGTH.picture_px)
-            write_page(str(staged / PAGE_FILE), "surface.html.j2", report, pictures=[picture] if picture else [])
+            shown: list[tuple[str, GdalRaster]] = [("surface", ShadedSurface(str(staged / SURFACE_FILE)))]
+            shown += [("difference", GdalRaster(path))] if reference is not None else []
+            pictures = [read_picture(raster, key, k, 2 * LENGTH.picture_px) for k, (key, raster) in enumerate(shown)]
+            write_page(str(staged / PAGE_FILE), "surface.html.j2", report, pictures=[one for one in pictures if one])
     return report
 
 
@@ -221,6 +223,17 @@ def choose_pairs(adjusted: AdjustedBlock, options: SurfaceModelOptions) -> list[
         f"{'; '.join(angles[:10]) or 'no two images overlap'}): "
         f"add images that overlap under {least:g} to {most:g} degrees"
     )
+
+
+def list_date_warnings(adjusted: AdjustedBlock, pairs: Sequence[StereoPair]) -> list[str]:
+    """Return a warning for each pair of images from different days: what changed between them has no height."""
+    days = [(pair, adjusted.times[pair.left], adjusted.times[pair.right]) for pair in pairs]
+    return [
+        f"{pair.left} and {pair.right} are {abs((first - second).days)} days apart: what changed between them becomes "
+        "nodata, or has the height of another pair"
+        for pair, first, second in days
+        if first and second and abs((first - second).days) >= 1
+    ]
 
 
 def plan_grid(adjusted: AdjustedBlock, pairs: Sequence[StereoPair], options: SurfaceModelOptions) -> DenseBlock:
