@@ -29,7 +29,6 @@ from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST, robust_sigma
 from ..foundation.statistical_limits import SAMPLES
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import move_ground
 from ..refinement.models import MODELS
 from .observations import Observations, select_points
 from .starting_values.intersection import estimate_start_positions, intersect_points
@@ -43,7 +42,6 @@ class PREDICTION:
 
 
 TREND_ROUNDS = 6
-SINGULAR = 1e-12  # determinant of a point's normal equations over that of a sphere: rays that are parallel to 1e-6
 PARALLEL_SINE = 1e-5  # of the angle below which rays count as parallel: 0.1 px of 0.5 m is 5 km in height
 
 
@@ -101,37 +99,21 @@ def fit_tracks(
 
     Returns the observations that the fit's rows refer to, and the fit. Surveyed positions are not used; ``chosen
     (points,)`` is True for the points that are used, each on two images or more. Without ``predict`` the predictions
-    and their enlargements are NaN. ``start (points, 3)`` are positions within a few metres, if they are known.
+    and their enlargements are NaN. ``start (points, 3)`` are approximate positions, if they are known.
     """
     observations = select_points(block, is_selected)
     none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
-    if start is None:
-        ground = intersect_points(observations, none, no_values, estimate_start_positions(observations))
-    else:
-        ground = start[observations.points]
+    start_positions = estimate_start_positions(observations) if start is None else start[observations.points]
+    ground = intersect_points(observations, none, no_values, start_positions)
     fit, by_ground = np.full((observations.count, 2), np.nan), np.full((observations.count, 2, 3), np.nan)
     is_located = finite_rows(ground)
     for image, rows in zip(block.images, observations.by_image, strict=True):
         rows_here = rows[is_located[observations.point[rows]]]
         computed, by_ground[rows_here] = image.rpc.project_with_metric_jacobian(ground[observations.point[rows_here]])
         fit[rows_here] = observations.xy[rows_here] - computed
-    if start is not None and len(ground):  # the cameras are linear over the metres that are left
-        step = _find_steps(observations, by_ground, fit)
-        ground, fit = move_ground(ground, step), fit - np.einsum("nki,ni->nk", by_ground, step[observations.point])
     unknown = np.full_like(fit, np.nan), np.full(len(fit), np.nan)
     predicted, enlargement = _predict(observations, by_ground, fit) if predict else unknown
     return observations, TrackFit(ground, by_ground, fit, predicted, enlargement)
-
-
-def _find_steps(observations: Observations, by_ground: np.ndarray, fit: np.ndarray) -> np.ndarray:
-    """Return the Gauss-Newton steps (B' W B)^-1 B' W e ``(m, 3)`` in metres; NaN for parallel rays."""
-    weight = observations.sigma_px[:, None, None] ** -2.0 * by_ground
-    normal = sum_groups(by_ground.swapaxes(1, 2) @ weight, observations.first)
-    right = sum_groups(np.einsum("nki,nk->ni", weight, fit), observations.first)
-    with np.errstate(invalid="ignore"):
-        regular = np.linalg.det(normal) > SINGULAR * (np.trace(normal, axis1=1, axis2=2) / 3.0) ** 3
-    normal[~regular], right[~regular] = np.eye(3), np.nan
-    return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
 
 
 def _predict(observations: Observations, by_ground: np.ndarray, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
