@@ -34,7 +34,7 @@ from ...block.block import Image, Measurements, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.robust_scale import ROBUST
-from ...foundation.statistical_limits import ITERATIONS, SAMPLES, SIGNIFICANCE
+from ...foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import estimate_priors
 from ...refinement.stacked_cameras import linearise_images
@@ -422,8 +422,10 @@ class _Fit:
         A wave that passes all images of a point by chance in nearly the same phase hardly shows in tie points, and its
         variance is too small. With residuals r of a point, the covariance C of its equations by the curves and cameras,
         the noise n and a weight w, its error in an adjustment without it has the square ``r' (I - C w / n)^-1 r / n``.
-        Of its p degrees of freedom, trace C w / n belong to the curves. The median over the points is not changed by
-        few wrong surveys. surveyed : (m,) mask of the points
+        The three directions are tested in which the curves have the largest shares, the eigenvalues of ``C w / n``:
+        those of the point's position. The median over the points is not changed by few wrong surveys.
+
+        surveyed : (m,) mask of the points
         """
         weighted, tests = self.weighted, list[tuple[float, float, int]]()
         points = np.unique(weighted.rows.point[weighted.rows.point >= 0])
@@ -433,8 +435,10 @@ class _Fit:
             matrix, weight = weighted.rows.matrix[rows], weighted.weight[rows[0]]
             covariance = matrix @ self._condition(self._solve(matrix.T.toarray())) * weight / weighted.noise
             residual = weighted.rows.right[rows] - matrix @ self.solved
-            square = residual @ np.linalg.solve(np.eye(len(rows)) - covariance, residual) / weighted.noise
-            tests.append((float(square), float(np.trace(covariance)), len(rows)))
+            shares, directions = np.linalg.eigh(covariance)
+            shares, directions = shares[-3:], directions[:, -3:]  # those of the position: rays determine the others
+            squares = (residual @ directions) ** 2 / np.maximum(1.0 - shares, EQUALITY.rounding) / weighted.noise
+            tests.append((float(squares.sum()), float(shares.sum()), len(shares)))
         if len(tests) < SAMPLES.plane:
             return 1.0
         squares, of_curves, freedom = np.array(tests).T
