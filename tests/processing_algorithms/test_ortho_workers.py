@@ -41,6 +41,7 @@ def ortho(scene: Path, out: Path, **options: Any) -> dict[str, str]:
     given = {
         "dem": "dem.tif",
         "height_datum": "ellipsoidal",
+        "visibility": True,
         "resolution": 0.7,
         "compression": "none",
         "report": False,
