@@ -126,5 +126,5 @@ class ShadedSurface(GdalRaster):
         height, valid = super().read_means(step)
         cell = self.dataset.GetGeoTransform()[1] * step
         down, right = np.gradient(np.where(valid, height, np.nan), cell)
-        shade = (1.0 - 0.7 * right - 0.7 * down) / np.sqrt(1.0 + right**2 + down**2)
+        shade = (1.0 + 0.7 * right + 0.7 * down) / np.sqrt(1.0 + right**2 + down**2)
         return np.nan_to_num(shade).astype(np.float32), valid & np.isfinite(shade)
