@@ -19,6 +19,7 @@ from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.ground.crs_operations import operations_of
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.images import open_image
+from hrsi.hrsi_engine.io.rasters.surface_models import ShadedSurface
 from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid, choose_map_crs
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
@@ -244,3 +245,17 @@ def test_disparities_have_no_preference_for_whole_pixels():
     assert abs(np.nanmedian(error)) < 0.01
     assert 1.4826 * np.nanmedian(np.abs(error)) < 0.05
     assert 0.4 < np.nanmedian(sigma) / np.nanstd(error) < 2.0
+
+
+def test_shading_is_lit_from_the_north_west(tmp_path: Path):
+    """A slope that faces the north-west is brighter than the plane, one that faces the south-east darker."""
+    row, column = np.indices((9, 9)).astype(np.float32)
+    brightness = []
+    for name, slope in (("facing", 0.3), ("plane", 0.0), ("averted", -0.3)):
+        dataset = gdal.GetDriverByName("GTiff").Create(str(tmp_path / name), 9, 9, 1, gdal.GDT_Float32)
+        dataset.SetGeoTransform((0.0, 1.0, 0.0, 9.0, 0.0, -1.0))
+        dataset.GetRasterBand(1).WriteArray(slope * (row + column))  # rises to the south-east
+        del dataset
+        shade, valid = ShadedSurface(str(tmp_path / name)).read_means(1)
+        brightness.append(float(np.median(shade[valid])))
+    assert brightness[0] > brightness[1] > brightness[2]
