@@ -4,6 +4,8 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp
@@ -26,15 +28,30 @@ def pair_exposures(images: Sequence[Image], colour_paths: Sequence[str]) -> tupl
     Raises `InputError` if an image has no multispectral one.
     """
     files = set(colour_paths)
-    of_scene = {image.tile.scene: image for image in images if image.path in files and image.tile is not None}
-    pan = [image for image in images if image.path not in files]
+    pan, colour = ([image for image in images if (image.path in files) == wanted] for wanted in (False, True))
+    pairs = {}
     for image in pan:
-        if image.tile is None or image.tile.scene not in of_scene:
+        common = [(_measure_overlap(image, other), number) for number, other in enumerate(colour)]
+        area, number = max(common, default=(0.0, 0))
+        if not area:
             raise InputError(
                 f"{image.id}: `pansharpen` names no multispectral image of its exposure: by their RPCs none of the "
                 f"{len(files)} files has the same lines of sight and pixels at least 1.5 times as large"
             )
-    return pan, {image.id: of_scene[image.tile.scene] for image in pan if image.tile is not None}
+        pairs[image.id] = colour[number]
+    return pan, pairs
+
+
+def _measure_overlap(one: Image, other: Image) -> float:
+    """Return the common area of two images of an exposure, which may be parts of it; 0 for different exposures."""
+    tiles = one.tile, other.tile
+    if tiles[0] is None or tiles[1] is None or tiles[0].scene != tiles[1].scene:
+        return 0.0
+    first = np.array([tile.first for tile in tiles if tile is not None])
+    end = first + [
+        np.multiply(image.known_size, image.tile.pixel) for image in (one, other) if image.tile is not None
+    ]  # fmt: skip
+    return float(np.prod(np.maximum(end.min(axis=0) - first.max(axis=0), 0.0)))
 
 
 def add_colour(job: OrthoJob, image: Image, plan: BlockPlan, options: OrthorectifyOptions) -> OrthoJob:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,12 @@ import pytest
 from osgeo import gdal
 from scipy.optimize import nnls
 
+from hrsi.hrsi_engine.block.block import Image, Tile
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_geotiff_copy
 from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.files.exposure_pairs import pair_exposures
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +60,8 @@ def test_pixels_are_those_of_weighted_brovey(city: Path, tmp_path: Path) -> None
     assert np.mean((values > 0).all(axis=0) != valid) < 2e-3
     # Weights: of all pixels here, of windows there
     weights = nnls(colour[:, valid].T, pan[valid])[0]
-    expected = colour * pan / np.tensordot(weights, colour, 1)
+    total = np.tensordot(weights, colour, 1)
+    expected = colour * pan / np.where(total > 0.0, total, 1.0)
     ratio = (values / np.where(expected > 0, expected, 1.0))[:, valid]
     assert np.percentile(np.abs(ratio / np.median(ratio) - 1.0), 99) < 0.01
     assert np.median(ratio) == pytest.approx(1.0, abs=0.01)
@@ -106,3 +110,19 @@ def test_what_does_not_belong_together_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=reason):
         ortho(city, tmp_path / "out", images, pansharpen=str(city / pansharpen))
+
+
+def test_parts_of_an_exposure_are_paired_by_their_place(city: Path) -> None:
+    """Two parts of a strip, each with a panchromatic and a multispectral file, in another order."""
+    rpc = open_image(str(city / "image_1.tif")).rpc
+    images = []
+    for name, line, pixel in (("a", 0, 1.0), ("b", 800, 1.0), ("b_ms", 804, 4.0), ("a_ms", 4, 4.0)):
+        size = (int(800 / pixel),) * 2
+        images.append(Image(name, rpc, size, path=f"{name}.tif", tile=Tile("strip", (0.0, line), (800, 1600), pixel)))
+    pan, pairs = pair_exposures(images, ["a_ms.tif", "b_ms.tif"])
+    assert [image.id for image in pan] == ["a", "b"] and {k: one.id for k, one in pairs.items()} == {
+        "a": "a_ms", "b": "b_ms"
+    }  # fmt: skip
+    other = replace(images[0], id="c", path="c.tif", tile=Tile("other", (0.0, 0.0)))
+    with pytest.raises(InputError, match="c: `pansharpen` names no multispectral image"):
+        pair_exposures([*images, other], ["a_ms.tif", "b_ms.tif"])
