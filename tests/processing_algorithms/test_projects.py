@@ -107,7 +107,8 @@ def test_twelve_steps_from_a_folder_to_the_document(survey: Path, tmp_path: Path
     for line in filter(None, map(str.strip, told.splitlines())):
         assert re.fullmatch(r"[.0-9]+( - done\.)?", line) or told.count(f"\n{line}\n") <= 1, line
     report = json.loads((survey / "result" / "report.json").read_text())
-    assert {step: entry["status"] for step, entry in report["steps"].items()} == dict.fromkeys(FOLDERS, "done")
+    statuses = {step: entry["status"] for step, entry in report["steps"].items()}
+    assert statuses == dict.fromkeys(FOLDERS, "done") | {"surface-model": "left out"}  # takes minutes: on request
     assert report["verdict"]["level"] == "ok"
     # 9: again, and nothing is done; 10: another resolution, and only what depends on it is
     _, told = hrsi_command(work, "run", "survey/project.toml")
@@ -151,7 +152,8 @@ def single(survey: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(survey, folder, ignore=shutil.ignore_patterns("result", "image_2*", "image_3*", "*.toml", "*.vrt"))
     result = hrsi.run(hrsi.init(folder), report=False)
     assert {step: entry["status"] for step, entry in result.report["steps"].items()} == {
-        "triangulate": "done", "orthorectify": "done", "ortho-check": "left out", "evaluate": "done",
+        "triangulate": "done", "surface-model": "left out", "orthorectify": "done", "ortho-check": "left out",
+        "evaluate": "done",
     }  # fmt: skip
     return folder
 
