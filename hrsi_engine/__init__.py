@@ -20,5 +20,4 @@ __getattr__, __dir__, __all__ = lazy_names(__name__, {
     "results.residuals": "compute_residuals",
     "results.judged_block": "judge",
     "io": "open_image read_rpc",
-    "laboratory.direct_methods": "compare_models",
 })  # fmt: skip

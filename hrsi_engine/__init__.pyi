@@ -20,7 +20,6 @@ from .camera import fit_rpc as fit_rpc
 from .foundation import HrsiError as HrsiError
 from .io import open_image as open_image
 from .io import read_rpc as read_rpc
-from .laboratory.direct_methods import compare_models as compare_models
 from .measurement import TieOptions as TieOptions
 from .measurement import find_tie_points as find_tie_points
 from .plausibility import check_block as check_block

@@ -44,22 +44,20 @@ from .block import Image, stack_rpcs
 OUTLINE_PER_SIDE = 8
 
 
-def compute_footprint(image: Image, height_m: float | np.ndarray, per_side: int = OUTLINE_PER_SIDE) -> Polygon:
+def compute_footprint(image: Image, height_m: float | np.ndarray) -> Polygon:
     """Return the outline of an image on the ground; empty if fewer than three of its points have a ground position.
 
-    height_m : ellipsoidal height of the ground, one for all or one for each point of ``image.outline_px(per_side)``
+    height_m : ellipsoidal height of the ground, one for all or one for each point of the outline
     """
-    return make_polygon(image.rpc.localize(image.outline_px(per_side), height_m).ground)
+    return make_polygon(image.rpc.localize(image.outline_px(OUTLINE_PER_SIDE), height_m).ground)
 
 
-def compute_footprints(
-    images: Sequence[Image], height_m: float | Sequence[float], per_side: int = OUTLINE_PER_SIDE
-) -> list[Polygon]:
+def compute_footprints(images: Sequence[Image], height_m: float | Sequence[float]) -> list[Polygon]:
     """Return the outlines of images on the ground at one height, or one for each; see `compute_footprint`."""
     if not images:
         return []
-    outlines = np.concatenate([image.outline_px(per_side) for image in images])
-    owner = np.repeat(np.arange(len(images)), 4 * per_side)
+    outlines = np.concatenate([image.outline_px(OUTLINE_PER_SIDE) for image in images])
+    owner = np.repeat(np.arange(len(images)), 4 * OUTLINE_PER_SIDE)
     heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(images),))
     ground = stack_rpcs(images).localize(owner, outlines, heights[owner])
     return [make_polygon(ring) for ring in ground.reshape(len(images), -1, 3)]

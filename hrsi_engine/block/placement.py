@@ -37,7 +37,6 @@ class FRAME:
         1.0, "px", "largest offset of the range of an RPC that was made for exactly the pixels of its image",
         "9 vendor RPCs that begin at 0 or -1 have the stated size or, ZY-3, are 2 % smaller, 2026-11-28"
     )  # fmt: skip
-    larger: float = threshold(1.5, "", "size of an image over that of its RPC, above which it is of another image")
     same_factor: float = threshold(
         0.003, "", "largest difference of the factors along samples and lines", "centres of vendors' RPCs"
     )
@@ -111,7 +110,7 @@ def judge_size(rpc: RPC, size: Size, stated: Size | None = None) -> PlacementDou
     if stated is None:
         is_exact = (np.abs(low) <= FRAME.exact_begin_px).all()
         part_share, part_mean = (1.0 - FRAME.stated_share,) * 2 if is_exact else (FRAME.part_share, FRAME.part_mean)
-        agrees = (share > part_share) & (share < FRAME.larger) & (np.sqrt(share.prod()) > part_mean)
+        agrees = (share > part_share) & (share < EQUALITY.size) & (np.sqrt(share.prod()) > part_mean)
     else:
         agrees = np.abs(share - 1.0) < FRAME.stated_share
     if agrees.all() and not is_scaled:

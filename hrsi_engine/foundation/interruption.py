@@ -27,7 +27,9 @@ _ENDINGS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminat
 class PATIENCE:
     """Times for repeating and merging signals that end a program."""
 
-    again_s: float = threshold(0.05, "s", "time until an exception that a library ignored is raised again")
+    again_s: float = threshold(
+        0.1, "s", "time until something that did not succeed is tried again, or a line drawn again"
+    )
     same_signal_s: float = threshold(2.0, "s", "time in which further signals count as the same one")
     blocked_s: float = threshold(10.0, "s", "time that library code may continue before the program is ended")
 

@@ -53,7 +53,9 @@ def read_laser(
     else:
         table = read_parquet(path, choose_fields(spec)) if head.startswith(b"PAR1") else read_table(spec)
         points = _read_points(table, Reference(ground_crs or "", height_datum, epoch=epoch))
-    is_impossible = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GEOMETRY.highest_height_m)
+    is_impossible = (points.ground[:, 2] <= GROUND_HEIGHTS.no_data_m) | (
+        points.ground[:, 2] > GEOMETRY.highest_height_m
+    )
     if not len(points) or is_impossible.all():
         raise InputError(f"{points.source}: none of its points has a height that is on the ground: obtain it again")
     return replace(points, doubt=np.where(is_impossible & (points.doubt == ""), "a height of no ground", points.doubt))

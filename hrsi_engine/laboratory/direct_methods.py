@@ -32,7 +32,7 @@ whose own linearisation at the vendor's values may lead anywhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,14 +41,12 @@ from ..block.block import Image
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import make_virtual_grid
 from ..camera.rpc_terms import monomials
-from ..foundation.errors import InputError, SolveError
+from ..foundation.errors import InputError
 from ..foundation.levenberg_marquardt import CONVERGED
 from ..foundation.thresholds import threshold, thresholds
-from ..refinement.estimate import Control, Estimator, ObservationEquations, iterate_least_squares, solve_step
-from ..refinement.model import Equations, Linearise, Priors, RefinementModel, RefitRPC
+from ..refinement.estimate import Estimator, ObservationEquations, iterate_least_squares, solve_step
+from ..refinement.model import Equations, Linearise, Priors, RefitRPC
 from ..refinement.model_table import DIRECT_TABLE, make_models
-from ..refinement.models import MODELS
-from ..refinement.refine import Refinement, solve_refinement
 
 COEFFICIENTS = 78
 SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice(39, 59), "line_den": slice(59, 78)}
@@ -265,51 +263,3 @@ _MAKERS: dict[str, Callable[..., DirectRPC]] = {
     "coefficients": lambda name, title: _make_method(name, title, _parameter_information),
 }
 DIRECT = make_models(DIRECT_TABLE, _MAKERS)
-
-
-# ---- comparison ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class ModelComparison:
-    """Residuals ``(n, 2)`` of a model at control and check points; ``note`` states why it failed."""
-
-    control_px: np.ndarray
-    check_px: np.ndarray
-    refinement: Refinement | None = None
-    note: str = ""
-
-
-def compare_models(
-    image: Image, control: Control, check: Control, models: Mapping[str, RefinementModel] = MODELS
-) -> dict[str, ModelComparison]:
-    """Return the residuals of every model with the same control and check points.
-
-    Parameters
-    ----------
-    image : Image
-        The image.
-    control : Control
-        Points used in the estimation.
-    check : Control
-        Points not used.
-    models : mapping of str to RefinementModel
-        The models, by name.
-
-    Returns
-    -------
-    dict
-        By the models' names.
-    """
-    table = {}
-    for name, model in models.items():
-        try:
-            refinement = Refinement(image, model, solve_refinement(model, image, control), control)
-            table[name] = ModelComparison(
-                refinement.residuals_px(control), refinement.residuals_px(check), refinement,
-                "" if refinement.estimate.converged else refinement.estimate.status,
-            )  # fmt: skip
-        except (InputError, SolveError) as error:
-            nothing = np.full((0, 2), np.nan)
-            table[name] = ModelComparison(nothing, nothing, None, str(error))
-    return table

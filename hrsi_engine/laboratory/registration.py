@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError
 from .registration_options import RegistrationOptions
 
@@ -190,12 +189,6 @@ def _is_inlier(residual: np.ndarray, sigma: np.ndarray, is_used: np.ndarray, rej
     relative = np.hypot(*residual.T) / sigma
     typical = float(np.median(relative[is_used])) / 1.1774  # median of a Rayleigh distribution
     return relative <= reject_sigma * max(typical, 1e-9)
-
-
-def carry_by_rpcs(first: RPC, second: RPC, first_px: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
-    """Return where points ``(n, 2)`` of the first image, at ellipsoidal heights, appear in the second, ``(n, 2)``."""
-    ground, _ = first.localize(first_px, height_m)
-    return second.project(ground)
 
 
 def summarise_residuals(residual: np.ndarray, unit: float = 1.0) -> ResidualSummary | None:

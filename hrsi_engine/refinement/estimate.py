@@ -38,9 +38,6 @@ class ESTIMATION:
     large_residual: float = threshold(100.0, "sigma", "RMS residual above which weights are reduced", TUNED_ON)
     gauss_newton_steps: int = threshold(8, "steps", "Gauss-Newton steps before second derivatives are used", TUNED_ON)
     difference_sigmas: float = threshold(0.1, "sigma", "step of numerical second derivatives, for each parameter")
-    unsettled_ratio: float = threshold(
-        2.0, "", "increase of the cost by new weights from which there is no common minimum"
-    )
     weightings: int = threshold(3, "times", "computations of the weights, with the first one")
 
 
@@ -306,7 +303,7 @@ def iterate_least_squares(
     values, gauss_newton_converges, previous_cost = state.values, True, np.inf
     for _ in range(ESTIMATION.weightings):
         state = equations.linearise_at(values)
-        unsettled = state.cost > ESTIMATION.unsettled_ratio * previous_cost
+        unsettled = state.cost > previous_cost
         if gauss_newton_converges:
             limit = min(ESTIMATION.gauss_newton_steps, ITERATIONS.most - steps)
             ended = descend(state, step_gauss_newton, variance, limit)

@@ -15,6 +15,7 @@ from ..block.points import SAME_POINT, GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError, list_ids
 from ..foundation.large_arrays import finite_rows
+from ..foundation.statistical_limits import EQUALITY
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import distances_m, ground_difference_m
 from ..plausibility import check_block
@@ -31,7 +32,6 @@ class CONTROL:
     """Limits for GCPs that are wrong for an image or do not determine it."""
 
     farthest_m: float = threshold(300e3, "m", "largest distance of a GCP from its image", "0.1 rad from 800 km: 120 km")
-    least_width: float = threshold(0.03, "", "smallest spread of the GCPs in one direction over the other")
     warned_px: float = threshold(10.0, "px", "standard deviation at the image corners above which a warning is given")
     undetermined_px: float = threshold(1e3, "px", "… and above which the parameters are not determined")
 
@@ -231,9 +231,9 @@ def check_control(image: Image, control: Control) -> list[str]:
     if len(control) < 3:
         return warnings
     along, across = np.linalg.svd(control.xy - control.xy.mean(axis=0), compute_uv=False)
-    if across <= CONTROL.least_width * along:
+    if across <= EQUALITY.negligible * along:
         arrangement = (
-            "at one place" if along < CONTROL.least_width * float(np.hypot(*image.half_size_px)) else "on a line"
+            "at one place" if along < EQUALITY.negligible * float(np.hypot(*image.half_size_px)) else "on a line"
         )
         warnings.append(
             f"{image.id}: the GCPs {list_ids(control.ids)} lie {arrangement}: they do not determine corrections of the "

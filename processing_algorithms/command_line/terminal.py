@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import TextIO
 
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.interruption import PATIENCE
 from ...hrsi_engine.foundation.statistical_limits import EQUALITY
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.foundation.version import run_date
@@ -18,10 +19,8 @@ _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage
 class LIVE_LINE:
     """Drawing of the line of progress, and lines of progress in the log."""
 
-    redraw_s: float = threshold(0.1, "s", "smallest time between two drawings")
     foreseen_s: float = threshold(3.0, "s", "smallest time of work for an estimate of the rest")
     least_columns: int = threshold(20, "characters", "smallest width of the line")
-    most_bar: int = threshold(30, "characters", "largest width of the bar")
 
 
 _REST_COLUMNS = len(" 59:59 min left")
@@ -90,14 +89,14 @@ class LiveTerminal(TerminalProgress):
         self._columns = columns or (lambda: _columns_of(stream))
         self._now = now
         self._start = now()
-        self._drawn_at = -LIVE_LINE.redraw_s
+        self._drawn_at = -PATIENCE.again_s
         self._furthest, self._message, self._drawn = 0.0, "", ""
 
     def progress(self, fraction: float, message: str = "") -> bool:
         """Redraw the line for a new message, or after a minimum time; the progress never decreases."""
         self._furthest = min(max(fraction, self._furthest), 1.0)
         changed, self._message = message not in ("", self._message), message or self._message
-        if changed or self._now() - self._drawn_at >= LIVE_LINE.redraw_s:
+        if changed or self._now() - self._drawn_at >= PATIENCE.again_s:
             self._draw()
         return True
 
@@ -138,7 +137,7 @@ def progress_line(message: str, fraction: float, elapsed_s: float, columns: int)
     if fraction >= EQUALITY.negligible and elapsed_s >= LIVE_LINE.foreseen_s:
         rest = f" {spell_duration(elapsed_s * (1.0 - fraction) / fraction)} left"
     tail = f"{int(100 * fraction + 1e-9):3d} %{rest:<{_REST_COLUMNS}}"
-    bar = min(LIVE_LINE.most_bar, (columns - len(tail)) // 3)
+    bar = (columns - len(tail)) // 3
     if bar > 0:
         done = int(fraction * bar + 1e-9)
         tail = f"[{'#' * done}{'.' * (bar - done)}] {tail}"

@@ -7,13 +7,11 @@ import csv
 import cv2
 import numpy as np
 import pytest
-import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.laboratory.registration import (
     REGISTRATION_FORMS,
     apply_matrix,
-    carry_by_rpcs,
     compare_kinds,
     register_points,
 )
@@ -78,13 +76,6 @@ def test_quickbird_centres_are_better_by_half(thesis_data):
     assert result.alone["center"].distance <= 1.0
     assert result.alone["corner"].distance <= 2.1
     assert result.ratio() < 0.5
-
-
-def test_rpcs_carry_points_over_the_ground():
-    first, second = (image.rpc for image in blocks.images(2))
-    ground = blocks.ground(20, 3)
-    there = carry_by_rpcs(first, second, first.project(ground), ground[:, 2])
-    np.testing.assert_allclose(there, second.project(ground), atol=1e-5)
 
 
 @pytest.mark.parametrize(

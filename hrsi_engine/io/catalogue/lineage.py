@@ -1,8 +1,8 @@
 """Lineage of a result: input files, run, date and versions, as a report lists them so that a run can be repeated.
 
-An input is identified by the SHA-256 of its content. Of a file larger than `ContentSampling.whole_bytes`, and of all
-files after the first `LINEAGE.all_bytes`, only beginning, end and blocks between them are hashed (see `content_marks`):
-this detects another image under the same name, but not every changed pixel.
+An input is identified by the SHA-256 of its content. Of a file larger than `CONTENT_SAMPLING.whole_bytes`, and of all
+files after the first `RASTER_BUDGETS.block_bytes`, only beginning, end and blocks between them are hashed (see
+`content_marks`): this detects another image under the same name, but not every changed pixel.
 """
 
 import hashlib
@@ -22,21 +22,10 @@ import shapely
 from osgeo import gdal, osr
 from shapely.geos import geos_version
 
-from ...foundation.thresholds import threshold, thresholds
 from ...foundation.version import VERSION, run_date
-from ..opening.budgets import FILE_BUDGETS
+from ..opening.budgets import FILE_BUDGETS, RASTER_BUDGETS
 from ..opening.datasets import metadata_of, open_dataset, quiet, virtual_status
 from ..safety.content_marks import CONTENT_SAMPLING, places_of, read_places
-
-
-@thresholds
-class LINEAGE:
-    """Amount of the input files that is hashed."""
-
-    all_bytes: int = threshold(
-        2**30, "byte", "size of the files that are hashed as a whole; others in parts", "some seconds"
-    )
-
 
 #: Endings of text files that no GDAL driver reads: without this list GDAL would try all its drivers, 1 ms a file.
 _TEXTS = ("_rpc.txt", ".csv")
@@ -106,7 +95,7 @@ def input_entries(names: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
             if (real := os.path.realpath(path)) in real_paths:
                 continue
             real_paths.add(real)
-            entry = {"option": option, **file_entry(path, complete=read < LINEAGE.all_bytes), "crs": crs}
+            entry = {"option": option, **file_entry(path, complete=read < RASTER_BUDGETS.block_bytes), "crs": crs}
             read += entry["size"] or 0
             entries.append(entry)
     return entries

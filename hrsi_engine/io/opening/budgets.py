@@ -85,21 +85,21 @@ MOST_BYTES = {
 class RASTER_BUDGETS:
     """Largest sizes of rasters, and possible sizes of their cells."""
 
-    side_px: int = threshold(4_000_000, "px", "longest side of a raster", "a mosaic of the world at 10 m")
     pixels: int = threshold(4 * 10**11, "px", "most pixels of a raster", "the world at 60 m; a scene has about 1e10")
     pixels_per_byte: int = threshold(
         10_000, "px/byte", "largest number of pixels per byte of the file", "only empty rasters are compressed more"
     )
     empty_pixels: int = threshold(2 * 10**8, "px", "size above which pixels per byte are tested")
-    block_bytes: int = threshold(1024 * MIB, "byte", "largest block of pixels that is read as a whole")
+    block_bytes: int = threshold(
+        1024 * MIB, "byte", "largest block of pixels that is read, and files that are hashed, as a whole"
+    )
     cell_m: tuple[float, float] = threshold((1e-3, 1e6), "m", "smallest and largest cell of DEMs and orthoimages")
 
 
 @thresholds
 class GROUND_HEIGHTS:
-    """Range of the heights of the ground; heights outside it are refused."""
+    """Heights that the ground does not have; they are refused."""
 
-    lowest_m: float = threshold(-12_000.0, "m", "lowest height of the ground", "deepest trench, and a datum's error")
     no_data_m: float = threshold(
         -9999.0, "m", "height that means nodata in files that do not declare it", "images show no ground as deep as "
         "this"
@@ -256,7 +256,7 @@ def require_raster(path: str, dataset: gdal.Dataset) -> None:
     """
     columns, rows = dataset.RasterXSize, dataset.RasterYSize
     claim = f"{path}: claims {columns} x {rows} pixels"
-    if max(columns, rows) > RASTER_BUDGETS.side_px or columns * rows > RASTER_BUDGETS.pixels:
+    if columns * rows > RASTER_BUDGETS.pixels:
         raise InputError(f"{claim}, more than any image or DEM has: obtain the file again, or cut out what is needed")
     if columns * rows > RASTER_BUDGETS.empty_pixels:
         sizes = [file_bytes(file) for file in dataset.GetFileList() or [path]]
@@ -282,8 +282,7 @@ def require_heights(heights_m: np.ndarray, where: Callable[[int], str]) -> None:
 
     ``where`` returns the place of an index: file and cell, or file and row.
     """
-    wrong = (heights_m < GROUND_HEIGHTS.lowest_m) | (heights_m > GEOMETRY.highest_height_m)
-    wrong |= heights_m == GROUND_HEIGHTS.no_data_m
+    wrong = (heights_m <= GROUND_HEIGHTS.no_data_m) | (heights_m > GEOMETRY.highest_height_m)
     if wrong.any():
         index = int(np.flatnonzero(wrong)[0])
         share = f"{wrong.sum()} of {len(heights_m)}"

@@ -93,9 +93,10 @@ def sql_text(template: str, **names: str | Sequence[str]) -> str:
     return template.format(**{place: ", ".join(map(_quote, identifiers)) for place, identifiers in lists.items()})
 
 
-def insert_text(table: str, columns: Sequence[str], template: str = "INSERT INTO {table} ({columns})") -> str:
+def insert_text(table: str, columns: Sequence[str]) -> str:
     """Return the SQL text that inserts rows, with a parameter for each column."""
-    return f"{sql_text(template, table=table, columns=columns)} VALUES ({', '.join('?' * len(columns))})"
+    head = sql_text("INSERT INTO {table} ({columns})", table=table, columns=columns)
+    return f"{head} VALUES ({', '.join('?' * len(columns))})"
 
 
 def _quote(name: str) -> str:

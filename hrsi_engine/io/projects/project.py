@@ -17,7 +17,7 @@ from ...block.block import GroundPoints, Image, ImagePoints
 from ...block.stereo_pairs import StereoPair
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import GRIDS
+from ...foundation.working_sizes import GRIDS, MEMORY
 from ...ground.geodesy import WGS84, metres_per_degree
 from ...ground.sun import SunAngles
 from ...surface.dem import HeightSurface, surface_heights
@@ -34,9 +34,6 @@ Bounds = tuple[float, float, float, float]
 class PROJECTS:
     """Sizes, margins and resolutions of projects for other programs."""
 
-    most_nodes: int = threshold(
-        1000, "nodes", "largest number of nodes along a side of the initial DEM", "sufficient as a start of matching"
-    )
     node_pixels: float = threshold(4.0, "px", "smallest spacing of the initial DEM in image pixels")
     margin: float = threshold(0.25, "", "margin of the initial DEM relative to the area's extent")
     margin_deg: float = threshold(0.02, "deg", "margin of the initial DEM in addition to that")
@@ -164,7 +161,7 @@ def write_initial_dem(project: BlockProject, path: str) -> None:
     margin = PROJECTS.margin * np.array([east - west, north - south]) + PROJECTS.margin_deg
     low, high = np.array([west, south]) - margin, np.array([east, north]) + margin
     extent_m = (high - low) * metres_per_degree(np.array([[west, south, 0.0]]))[0, :2]
-    step_m = max(PROJECTS.node_pixels * project.gsd_m, float(extent_m.max()) / PROJECTS.most_nodes)
+    step_m = max(PROJECTS.node_pixels * project.gsd_m, float(extent_m.max()) / MEMORY.part_px)
     columns, rows = (np.ceil(extent_m / step_m).astype(int) + 1).tolist()
     heights = sample_area((*low, *high), project.surface, columns, rows)[..., 2]
     nearest = distance_transform_edt(~np.isfinite(heights), return_distances=False, return_indices=True)

@@ -98,8 +98,8 @@ def _sample_values(band: Any) -> np.ndarray:
 
 def _find_fill_value(values: np.ndarray) -> float | None:
     """Return the only value that is no height of the ground; None if there is none, or several."""
-    is_impossible = (values < GROUND_HEIGHTS.lowest_m) | (values > GEOMETRY.highest_height_m)
-    fills = np.unique(values[is_impossible | (values == GROUND_HEIGHTS.no_data_m)])
+    is_impossible = (values <= GROUND_HEIGHTS.no_data_m) | (values > GEOMETRY.highest_height_m)
+    fills = np.unique(values[is_impossible])
     return float(fills[0]) if len(fills) == 1 else None
 
 

@@ -19,10 +19,9 @@ from pathlib import Path
 from typing import IO, Any
 
 from ...foundation.errors import InputError
-from ...foundation.interruption import holding_signals
+from ...foundation.interruption import PATIENCE, holding_signals
 from ...foundation.json_values import json_text
 from ..opening.budgets import require_size
-from .replacing import REPLACING
 
 LOCK = ".hrsi-lock"
 
@@ -55,7 +54,7 @@ def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None
 
 
 @contextmanager
-def hold_lock(path: str, patience_s: float = REPLACING.lock_patience_s) -> Iterator[None]:
+def hold_lock(path: str, patience_s: float = PATIENCE.again_s) -> Iterator[None]:
     """Lock the file of this name; raise `InputError` if another run still has the lock after ``patience_s`` seconds."""
     lock = None
     try:

@@ -33,7 +33,6 @@ WRITE_AHEAD_LOG = ("-wal", "-shm")  #: suffixes of the name of an SQLite file
 class REPLACING:
     """Copying, locking and flushing of files, and when an unfinished file is regarded as left over."""
 
-    lock_patience_s: float = threshold(0.1, "s", "time after which a locked folder is that of another run")
     old_s: float = threshold(
         7 * 86_400.0, "s", "age at which unfinished files of another machine on a shared disk are abandoned"
     )

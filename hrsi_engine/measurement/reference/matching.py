@@ -40,7 +40,7 @@ from ..window_matching.correlation import compute_orientation_field, correlate_o
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
 from .options import ReferenceOptions
-from .predicted_patches import PATCH, ImageBias, predict_patch, read_means, read_patch, search_bias
+from .predicted_patches import BIAS, ImageBias, predict_patch, read_means, read_patch, search_bias
 
 
 @thresholds
@@ -301,7 +301,7 @@ def _find_best_spot(
     reference: Orthoimage, left: float, top: float, cell: float, step: int, window_px: int
 ) -> tuple[np.ndarray, float] | None:
     """Return the pixel position of a cell's window with most texture, and the texture; None without texture."""
-    looked = int(min(cell / step, PATCH.cell_px))
+    looked = int(min(cell / step, BIAS.site))
     margin = window_px // 2 + 2
     side = max(looked, 1) + 2 * margin
     start = np.floor(np.array([left, top]) + 0.5 * cell - 0.5 * step * side).astype(int)

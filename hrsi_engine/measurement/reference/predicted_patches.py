@@ -37,7 +37,6 @@ class PATCH:
     blur: float = threshold(0.45, "px of the coarser image", "standard deviation of the low-pass filter")
     valid: float = threshold(0.999, "", "smallest valid share of a resampled pixel (1 but for rounding)")
     largest_px: int = threshold(64_000_000, "working px", "largest source window; beyond, the position is wrong")
-    cell_px: int = threshold(192, "working px", "side of the part of a cell in which a place is selected")
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +170,6 @@ class BIAS:
     site: int = threshold(160, "working px", "side of a correlated part of the image")
     contrast: float = threshold(9.0, "sigma", "smallest height of a peak above the others, in robust sigmas")
     rival: float = threshold(0.75, "", "largest ratio of the second and the highest peak (ambiguity)")
-    node: float = threshold(8.0, "working px", "spacing of the nodes of a predicted part")
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +235,7 @@ def _find_peak(
             shape=shape,
             step=step,
             offset_px=offset,
-            node_px=BIAS.node,
+            node_px=BIAS.fine_reach,
             gsd_m=gsd_m,
         )
         if not template.valid.any():

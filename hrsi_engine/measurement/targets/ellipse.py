@@ -68,34 +68,32 @@ def fit_ellipse(xy: np.ndarray, method: str = "geometric") -> Ellipse:
     return _fit_points(np.asarray(xy, dtype=np.float64), np.ones(len(xy), dtype=bool), FITS[method])
 
 
-def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = "geometric", seed: int = 1) -> Ellipse:
+def fit_ellipse_robust(xy: np.ndarray) -> Ellipse:
     """Return the ellipse with the largest number of inliers; the other points (stray edges) are not used.
 
-    Of the ellipses through random samples of six points, the one with most points within ``tolerance_px`` is selected
+    Of the ellipses through random samples of six points, the one with most points within half a pixel is selected
     (RANSAC, Fischler and Bolles 1981) and fitted again to those points. Raises `SolveError` like `fit_ellipse`.
     """
     xy = np.asarray(xy, dtype=np.float64)
     _require_points(len(xy))
     # The largest set of inliers of one ellipse; all points are the first trial
-    rng, samples = np.random.default_rng(seed), np.zeros((60, len(xy)))
+    rng, samples = np.random.default_rng(1), np.zeros((60, len(xy)))
     samples[0] = 1.0
     for trial in samples[1:]:
         trial[rng.choice(len(xy), SAMPLES.redundant, replace=False)] = 1.0
     all_points = np.broadcast_to(xy, (len(samples), *xy.shape))
     centre, Q, valid = fit_direct_ellipses(all_points, samples)
-    agreeing = (np.abs(compute_ellipse_distances(all_points, centre, Q)) < tolerance_px) & valid[:, None]
+    agreeing = (np.abs(compute_ellipse_distances(all_points, centre, Q)) < 0.5) & valid[:, None]
     count = agreeing.sum(axis=1)
     inliers = agreeing[0 if count[0] > 0.95 * len(xy) else int(np.argmax(count))]
     if inliers.sum() < SAMPLES.redundant:
-        raise SolveError(
-            f"no ellipse passes within {tolerance_px:g} px of {SAMPLES.redundant} of the {len(xy)} edge points"
-        )
-    ellipse = _fit_points(xy, inliers, FITS[method])
+        raise SolveError(f"no ellipse passes within half a pixel of {SAMPLES.redundant} of the {len(xy)} edge points")
+    ellipse = _fit_points(xy, inliers, FITS["geometric"])
     for _ in range(3):
-        inliers = np.abs(ellipse.residual_px) < tolerance_px
+        inliers = np.abs(ellipse.residual_px) < 0.5
         if inliers.sum() < SAMPLES.redundant or np.array_equal(inliers, ellipse.used):
             break
-        ellipse = _fit_points(xy, inliers, FITS[method])
+        ellipse = _fit_points(xy, inliers, FITS["geometric"])
     return ellipse
 
 
