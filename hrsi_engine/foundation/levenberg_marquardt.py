@@ -35,6 +35,7 @@ class DESCENT:
     raised: float = threshold(4.0, "", "factor of the damping after a rejected step, doubled after each further one")
     lowered: float = threshold(0.1, "", "smallest factor of the damping after an accepted step")
     look_ahead: int = threshold(2, "steps", "steps after a rise of the cost, before it is rejected")
+    great_leap: float = threshold(0.5, "", "largest ratio of costs after and before such a step")
     done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum at convergence (sigma0 included)")
 
 
@@ -122,7 +123,9 @@ def descend(
                     _lower_damping(damping, gain, damping_term / max(predicted, 1e-300)), EQUALITY.rounding
                 )
                 damping = 0.0 if converged else fallback_damping
-        elif ahead_steps < DESCENT.look_ahead and trial.ahead.cost < (current.cost if ahead_steps else np.inf):
+        elif ahead_steps < DESCENT.look_ahead and trial.ahead.cost < (
+            DESCENT.great_leap * current.cost if ahead_steps else np.inf
+        ):
             current, ahead_steps = trial.ahead, ahead_steps + 1
         else:
             current, ahead_steps = best, 0

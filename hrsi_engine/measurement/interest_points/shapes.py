@@ -24,7 +24,7 @@ from ..targets.ellipse import (
     iterate_ellipses,
 )
 from .corners import SIMULATED_OBJECTS
-from .outlines import OUTLINE_SAMPLING, GradientImage, Outlines, find_edges_along
+from .outlines import GradientImage, Outlines, find_edges_along
 
 
 @thresholds
@@ -49,6 +49,7 @@ class SHAPE:
     )
     on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point on a shape or edge")
     ellipse_points: int = threshold(48, "points", "edge points measured around an ellipse")
+    side_points: int = threshold(20, "points", "edge points measured along a side")
     corner_share: float = threshold(0.12, "", "share of a side that is not used at each end (rounded corner)")
     fine_reach_px: float = threshold(1.25, "px", "half length of the normals of a fitted shape")
 
@@ -195,14 +196,14 @@ def fit_rectangles(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) 
         starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k is between corners k - 1 and k
         length = np.linalg.norm(ends - starts, axis=-1)
         margin = np.clip(np.maximum(SHAPE.corner_share, BLUR.edge_px / np.maximum(length, 1e-6)), 0.0, 0.4)
-        t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, OUTLINE_SAMPLING.fewest_points)
+        t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SHAPE.side_points)
         points = starts[:, :, None] + t[..., None] * (ends - starts)[:, :, None]
         normal = np.concatenate([lines.normal, lines.normal], axis=1)
         outwards = np.sum((0.5 * (starts + ends) - c.mean(axis=1)[:, None]) * normal, axis=-1)
         normal = normal * np.where(outwards < 0.0, -1.0, 1.0)[..., None]
         normals, usable = np.broadcast_to(normal[:, :, None], points.shape), (length > 3.0).all(axis=1)
         shape = points.shape[:3]
-        flat = len(points), 4 * OUTLINE_SAMPLING.fewest_points, 2
+        flat = len(points), 4 * SHAPE.side_points, 2
         edges, is_edge = _measure_edges(slopes, points.reshape(flat), normals.reshape(flat), sign[has_corners])
         lines = _fit_sides(edges.reshape(*shape, 2), is_edge.reshape(shape).astype(np.float64), SHAPE.robust_px[1:])
         lines = lines._replace(good=lines.good & usable)
