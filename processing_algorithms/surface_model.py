@@ -119,7 +119,8 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
     windows = list(block.grid.chunks(options.dense.tile_cells))
     output = options.folder.output_dir.rstrip("/")
     if context.dry_run:
-        names = [SURFACE_FILE, *([DIFFERENCE_FILE] if reference else []), *([PAGE_FILE] if options.report else [])]
+        names = [SURFACE_FILE, SURFACE_FILE.replace(".tif", ".qml"), *([DIFFERENCE_FILE] if reference else [])]
+        names += [PAGE_FILE] if options.report else []
         counts = {"images": len(block.images), "pairs": len(pairs), "tiles": len(windows)}
         return plan(context, output, [REPORT_FILE, *names], counts, adjusted.warnings)
     store = PartStore(f"{output}/{UNFINISHED_TILES}")

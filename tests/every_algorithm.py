@@ -32,7 +32,7 @@ SOUND: dict[str, Any] = {
     "dem": "dem.tif", "reference": "orthophoto.tif", "rpc": "cameras/image_1_RPC.TXT", "before": "before",
     "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "laser": "ground_points.csv",
     "laser_datum": "geoid.tif", "work_dir": "kept", "matches": "ties.csv", "surface": "dem.tif",
-    "surface_datum": "geoid.tif", "result": "adjusted", "project": "project.toml",
+    "surface_datum": "geoid.tif", "reference_datum": "geoid.tif", "result": "adjusted", "project": "project.toml",
     "folder": "delivered",
 }  # fmt: skip
 BY_KIND = {Kind.IMAGES: SOUND["images"], Kind.RASTER: "dem.tif", Kind.POINTS: "points.csv", Kind.FILE: "points.csv"}
@@ -44,6 +44,7 @@ ESPECIALLY: dict[str, dict[str, Any]] = {
     "write-rpc": {"images": ["image_1.tif"]},
     "strip": {"images": ["part_1.tif", "part_2.tif"]},
     "measure-targets": {"points": "ground_points.csv"},
+    "surface-model": {"reference": "dem.tif"},
 }
 #: Options that make runs short, or have the input used that is looked at.
 BESIDES: dict[str, dict[str, Any]] = {
@@ -67,12 +68,13 @@ INSTEAD_OF = {
     "matches": ("tie_points", "tracks"),
 }
 #: Inputs without which another one is not read.
-READ_WITH = {"surface_datum": "surface"}
+READ_WITH = {"surface_datum": "surface", "reference_datum": "reference"}
 #: Inputs that are given only where they are looked at.
 SELDOM = {
     "reference",
     "surface",
     "surface_datum",
+    "reference_datum",
     "edges",
     "terrain_points",
     "rpc",
@@ -83,8 +85,8 @@ SELDOM = {
     "dem_datum",
     "laser_datum",
 }
-#: Results, projects, matrices and curves, which have tests of their own, as certificates have.
-OTHER_FILES = {"add_to", "result", "folder", "project", "coefficient_covariance", "jitter"}
+#: Results, projects, matrices, curves and multispectral images, which have tests of their own, as certificates have.
+OTHER_FILES = {"add_to", "pansharpen", "result", "folder", "project", "coefficient_covariance", "jitter"}
 #: What kind of input an option takes, by its key; else by its kind.
 ROLES = {"reference": REFERENCE, "rpc": RPC_FILE, "before": FOLDER, "work_dir": FOLDER}
 ROLE_OF_KIND = {Kind.IMAGES: IMAGES, Kind.RASTER: DEM, Kind.POINTS: POINTS, Kind.FILE: POINTS, Kind.TEXT: GRID}
