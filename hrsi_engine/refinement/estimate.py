@@ -28,7 +28,7 @@ from ..foundation.thresholds import threshold, thresholds
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
 #: Data with which the limits of the iterations were determined.
-TUNED_ON = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/protocols/convergence.md)"
+TUNED_ON = "thesis, SPOT 5 rotated by up to 100 mrad, and IKONOS, 2026-11-22 (docs/protocols/convergence.md)"
 
 
 @thresholds

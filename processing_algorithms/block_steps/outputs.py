@@ -20,7 +20,7 @@ from ...hrsi_engine.foundation.progress import Progress, advance, stage
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
-from ...hrsi_engine.io.geopackage.layers import write_geopackage
+from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.jitter_files import JITTER_FILE, write_jitter
 from ...hrsi_engine.io.large_tables import write_large_table
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
@@ -175,15 +175,8 @@ def write_results(
         part = stage(context.progress, 0.5, 0.7)
         left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
         layers = [layer for layer in result.layers if layer.name != left_out]
-        with ThreadPoolExecutor(1) as pool:  # rows become text while SQLite inserts those of the layers
-            tables = [
-                pool.submit(write_large_table, str(folder / COMPLETE_FILES[name]), parts)
-                for name, parts in result.tables.items()
-            ]
-            write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
-        for name, table in zip(result.tables, tables, strict=True):
-            table.result()
-            report["outputs"][name] = complete[name]
+        _write_tables(folder, layers, result, part)
+        report["outputs"] |= {name: complete[name] for name in result.tables}
         for file in stale:
             changes.remove(file)
         report["warnings"] += _set_aside_other_rpcs(new_files, names, target.output_dir, changes)
@@ -205,6 +198,18 @@ def write_results(
     for image, new in in_place:
         require_in_place(image.path, new.rpc)
     return report
+
+
+def _write_tables(folder: Path, layers: Sequence[Layer], result: BlockResult, progress: Progress) -> None:
+    """Write the layers, and the complete tables of a large block: their rows become text while SQLite inserts."""
+    with ThreadPoolExecutor(1) as pool:
+        written = [
+            pool.submit(write_large_table, str(folder / COMPLETE_FILES[name]), parts)
+            for name, parts in result.tables.items()
+        ]
+        write_geopackage(str(folder / LAYERS_FILE), layers, progress=progress, lineage=result.lineage)
+    for table in written:
+        table.result()
 
 
 def _set_aside_other_rpcs(pairs: Pairs, names: Mapping[str, str], output_dir: str, changes: Transaction) -> list[str]:
