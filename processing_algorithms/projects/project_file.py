@@ -30,6 +30,7 @@ SHARED = (
     "images", "gcps", "image_points", "gcp_ids", "check_ids", "ground_crs", "height_datum", "gcp_epoch", "dem",
     "dem_datum",
 )  # fmt: skip
+ONLY_ASKED = ("surface-model",)  #: steps that run only if the file has their table
 SKIP = "skip"  #: a step with this key set, to true or to the reason, is not run
 
 
@@ -82,7 +83,7 @@ def read_project(path: str) -> Project:
     if "output_dir" in texts:
         texts["output_dir"] = os.path.join(folder, texts["output_dir"])
     shared = _place_options(path, "triangulate", {key: content[key] for key in SHARED if key in content})
-    tables = {name: content.get(name, {}) for name in FOLDERS}
+    tables = {name: content.get(name, {SKIP: True} if name in ONLY_ASKED else {}) for name in FOLDERS}
     for name, table in tables.items():
         if not isinstance(table, dict):
             raise InputError(f"{path}: {name} is no table: write [{name}] above its options")

@@ -15,6 +15,7 @@ WITH_PACKAGE = {
         "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
         "foundation.compiled_code",
         "measurement.window_matching.lsm_kernels",
+        "ortho.ray_kernels",
         "refinement.compiled_cameras",
     },
     "distributed": {"foundation.workers.cluster", "foundation.workers.scheduling"},
