@@ -131,7 +131,7 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
     assert parts
     assert not (folder / "report.json").exists()
     said: list[str] = []
-    monkeypatch.setattr(search, "TIE_SEARCH", replace(search.TIE_SEARCH, cells_per_part=1))
+    monkeypatch.setattr(search, "GRIDS", replace(search.GRIDS, cells=1))
     monkeypatch.setattr(star, "MEMORY", replace(star.MEMORY, window_px=200))
     run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
     assert any(message.startswith("continues with") for message in said)
@@ -148,7 +148,7 @@ from dataclasses import replace
 from hrsi.hrsi_engine.io.safety.array_files import PartStore
 from hrsi.hrsi_engine.measurement.block_matching import search, star
 from hrsi.processing_algorithms import run
-search.TIE_SEARCH = replace(search.TIE_SEARCH, cells_per_part=1)
+search.GRIDS = replace(search.GRIDS, cells=1)
 star.MEMORY = replace(star.MEMORY, window_px=200)
 save = PartStore.save
 def slow(self, key, result):
