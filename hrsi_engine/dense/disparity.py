@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..foundation.pixel_filters import box_mean, load_opencv
+from ..foundation.pixel_filters import box_mean, filter_separable, interpolate, load_opencv, make_valid_mean
+from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
 
 
@@ -57,24 +58,20 @@ def normalise_contrast(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """
     if not valid.any():
         return np.zeros(grey.shape, np.float32)
-    filled, weight = np.where(valid, grey, 0).astype(np.float32), valid.astype(np.float32)
-
-    def mean(values: np.ndarray, side: int) -> np.ndarray:
-        return np.asarray(box_mean(values * weight, side) / np.maximum(box_mean(weight, side), 1e-6))
-
+    filled = np.where(valid, grey, 0).astype(np.float32)
     low, high = np.percentile(filled[valid], (0.5, 99.5))
     step = max(float(high - low) / 255.0, 1e-6)
     levels = np.clip((filled - low) / step, 0, 255).astype(np.uint8)
     median = load_opencv().medianBlur(levels, MEDIAN_PX).astype(np.float32)
-    deviation = filled - (np.float32(low) + step * mean(median, MEDIAN_SMOOTH_PX))
-    usual = max(1.4826 * float(np.median(np.abs(deviation)[valid])), 1e-6)
+    deviation = filled - (np.float32(low) + step * make_valid_mean(valid, MEDIAN_SMOOTH_PX)(median))
+    usual = max(float(robust_sigma(deviation[valid])), 1e-6)
     deviation = np.clip(deviation, -4.0 * usual, 4.0 * usual)
-    contrast = np.sqrt(np.maximum(mean(deviation * deviation, CONTRAST_PX), 0.0))
+    contrast = np.sqrt(np.maximum(make_valid_mean(valid, CONTRAST_PX)(deviation * deviation), 0.0))
     return np.where(valid, deviation / (contrast + 0.15 * usual), np.float32(0.0))
 
 
 def compute_disparities(
-    left: np.ndarray, right: np.ndarray, valid: np.ndarray, disparities: tuple[float, float], mode: str = "SGBM_3WAY"
+    left: np.ndarray, right: np.ndarray, valid: np.ndarray, disparities: tuple[float, float]
 ) -> Disparities:
     """Return the disparities of normalised images of equal size.
 
@@ -88,7 +85,7 @@ def compute_disparities(
     matcher = cv2.StereoSGBM_create(
         minDisparity=first, numDisparities=count, blockSize=BLOCK_PX, P1=p1, P2=p2, disp12MaxDiff=1,
         preFilterCap=31, uniquenessRatio=5, speckleWindowSize=DISPARITY.speckle_px, speckleRange=1,
-        mode=getattr(cv2, f"STEREO_SGBM_MODE_{mode}"),
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
     bytes_of = [np.clip(128.0 + 42.0 * grey, 0, 255).astype(np.uint8) for grey in (left, right)]
     whole = matcher.compute(*bytes_of).astype(np.float32) / 16.0
@@ -98,24 +95,16 @@ def compute_disparities(
 
 def refine_disparities(left: np.ndarray, right: np.ndarray, start: np.ndarray) -> Disparities:
     """Return disparities refined by least-squares matching in a window around every pixel; ``start`` is NaN if none."""
-    cv2 = load_opencv()
     found = np.isfinite(start)
-    side, count = WINDOW_PX, WINDOW_PX**2
     v, u = np.indices(start.shape, dtype=np.float32)
-    slope = cv2.sepFilter2D(right, -1, np.array([-0.5, 0.0, 0.5], np.float32), np.array([1.0], np.float32))
+    slope = filter_separable(right, (-0.5, 0.0, 0.5), (1.0,))
     disparity = _smooth(start, found)
-    weight = found.astype(np.float32)
-    share = np.maximum(box_mean(weight, side), 1e-6)
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        """Return the mean of the valid pixels of each window."""
-        return np.asarray(box_mean(values * weight, side) / share)
-
+    mean = make_valid_mean(found, WINDOW_PX)
     for _ in range(LSM_ITERATIONS):
-        disparity = np.rint(disparity * 32.0) / np.float32(32.0)  # steps of cv2.remap
+        disparity = np.rint(disparity * 32.0) / np.float32(32.0)  # steps of `interpolate`
         position = u - disparity
-        resampled = cv2.remap(right, position, v, cv2.INTER_CUBIC)
-        derivative = cv2.remap(slope, position, v, cv2.INTER_LINEAR)
+        resampled = interpolate(right, position, v, 3, outside=0.0)
+        derivative = interpolate(slope, position, v, 1, outside=0.0)
         difference = left - resampled
         g, r = mean(derivative), mean(difference)
         g_variance = np.maximum(mean(derivative * derivative) - g * g, 1e-6)
@@ -129,7 +118,8 @@ def refine_disparities(left: np.ndarray, right: np.ndarray, start: np.ndarray) -
     correlation = covariance / np.sqrt(np.maximum(variances, 1e-6))
     # Noise has gradients too: those of its difference [-1/2, 0, 1/2] are a quarter of the variance of L - R
     g_signal = np.maximum(g_variance - 0.25 * r_variance, 1e-6)
-    sigma = np.sqrt(r_variance / (count * share * g_signal))
+    count = WINDOW_PX**2 * np.maximum(box_mean(found.astype(np.float32), WINDOW_PX), 1e-6)
+    sigma = np.sqrt(r_variance / (count * g_signal))
     # A wall has windows of low correlation among good ones; water and clouds have chance matches among nothing
     support = box_mean(np.where(found, np.maximum(correlation, 0.0), np.float32(0.0)), SUPPORT_PX)
     usable = (

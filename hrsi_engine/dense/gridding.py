@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..foundation.pixel_filters import box_mean, load_opencv
+from ..foundation.pixel_filters import load_opencv, make_valid_mean
 from ..foundation.thresholds import threshold, thresholds
 from ..ortho.grid import GridWindow
 
@@ -95,12 +95,7 @@ def _close_holes(level: np.ndarray) -> np.ndarray:
 def _widen_sigmas(height: np.ndarray, sigma: np.ndarray, metres_per_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Return heights and standard deviations that include the roughness of the surface around each cell."""
     found = np.isfinite(height)
-    weight = found.astype(np.float32)
-    count = np.maximum(box_mean(weight, ROUGHNESS_CELLS), 1e-6)
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return np.asarray(box_mean(np.where(found, values, np.float32(0.0)), ROUGHNESS_CELLS) / count)
-
+    mean = make_valid_mean(found, ROUGHNESS_CELLS)
     # What remains of the heights without their local mean has no slope
     centred = height - np.float32(np.nanmean(height) if found.any() else 0.0)
     remainder = centred - mean(centred)

@@ -4,7 +4,7 @@ Images are float32 ``(lines, samples)``, masks bool; borders are ``mirror`` (abo
 ``reflect`` (about its outer edge) and ``constant`` (0 outside). Without OpenCV they raise `MissingPackageError`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,12 @@ def slopes(image: np.ndarray, smooth: np.ndarray, slope: np.ndarray, border: str
 def box_mean(image: np.ndarray, side: int) -> np.ndarray:
     """Return the mean of a square window of odd ``side`` around each pixel, mirrored at the border; float32 or 64."""
     return np.asarray(load_opencv().boxFilter(image, -1, (side, side)))
+
+
+def make_valid_mean(valid: np.ndarray, side: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function for the means of the valid pixels in square windows of odd ``side``, 0 where there are none."""
+    share = np.maximum(box_mean(valid.astype(np.float32), side), 1e-6)
+    return lambda image: np.asarray(box_mean(np.where(valid, image, np.float32(0.0)), side) / share)
 
 
 def compute_smaller_eigenvalue(xx: np.ndarray, yy: np.ndarray, xy: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from scipy.special import ndtr
 from .acquisitions import DATES, Acquisition
 from .landscape import Objects
 from .terrain import TerrainSurface
-from .texture import COVERAGE, SNOW, compute_cover, compute_disc_cover, paint_objects
+from .texture import COVERAGE, SNOW, compute_cover, compute_disc_cover
 from .tiles import TilePainter
 from .world import constant, constants
 
@@ -69,15 +69,7 @@ class LitPainter(TilePainter):
         flat = [item for item in touching if not self.height_m[item[0]]]
         raised = [item for item in touching if self.height_m[item[0]]]
         for index, part in flat:
-            paint_objects(
-                grey[part],
-                east[part],
-                north[part],
-                objects=self.objects,
-                index=index,
-                sigma_m=self.blur_m,
-                band=self.texture.band,
-            )
+            self.paint(index, grey[part], east[part], north[part])
         # Shadows fall on all that lies flat; where several fall, it is as dark as under one
         lit = np.ones_like(light)
         for index, part in raised:
