@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pyproj
 
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.errors import Cancelled, InputError
@@ -25,7 +24,7 @@ from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, sta
 from .declarations.orthoimages import MOSAIC_FILE, SEAMLINES_FILE, OrthorectifyOptions
 from .files.exposure_pairs import add_colour, pair_exposures
 from .files.opening import open_images
-from .files.orthoimage_plan import OrthoJob, chunks_of, jobs_of, open_ortho_terrain, plan_block
+from .files.orthoimage_plan import OrthoJob, chunks_of, jobs_of, label_crs, open_ortho_terrain, plan_block
 from .files.orthomosaic import MosaicPlan, make_mosaic, plan_mosaic
 from .files.result_folder import LENGTH, PAGE_FILE, REPORT_FILE, plan, stage_results
 from .interface.declare import Context, Report
@@ -68,9 +67,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
             f"{blended['unfilled_pixels']} pixels of the mosaic are nodata: their ground is hidden in all images, or "
             "has no DEM height: add images from other directions, or use `fill_gaps`"
         )
-    crs = pyproj.CRS.from_wkt(planned.crs)
-    code = crs.to_epsg()
-    name = f"EPSG:{code}" if code else str(crs.name)
+    name = label_crs(planned.crs)
     report: Report = {
         **context.record, "seconds": {"total": round(time.monotonic() - start, 3)},
         "crs": {**context.record["crs"], "map": name},

@@ -45,7 +45,7 @@ from ..hrsi_engine.ortho.grid import GridWindow, MapGrid, choose_map_crs, round_
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .block_steps.adjusted_block import AdjustedBlock, read_adjusted_block
 from .declarations.surfaces import DIFFERENCE_FILE, SURFACE_FILE, SurfaceModelOptions
-from .files.orthoimage_plan import parse_box
+from .files.orthoimage_plan import label_crs, parse_box
 from .files.result_folder import LENGTH, PAGE_FILE, REPORT_FILE, check_folder, plan, stage_results
 from .hand_over import pair_entry
 from .interface.declare import Context, Report
@@ -129,7 +129,7 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
     report["warnings"] = [*adjusted.warnings, *list_date_warnings(adjusted, pairs)]
     surface = SurfaceBands(block.grid, tiles, offsets, options.dense.largest_sigma_m)
     form, threads = OrthoFormat("cog", options.compression), thread_count(options.common.threads)
-    lineage = {"HRSI_VERSION": VERSION, "HRSI_ALGORITHM": "surface-model"}
+    lineage = {"HRSI_VERSION": report["version"], "HRSI_ALGORITHM": report["algorithm"]}
     with stage_results(options.folder, report, context, discarded=(str(store.folder),)) as staged:
         path = str(staged / SURFACE_FILE)
         progress = stage(context.progress, 0.85, 0.95)
@@ -158,8 +158,7 @@ def report_surface(
     context: Context,
 ) -> Report:  # fmt: skip
     """Return the report of a surface before it is written."""
-    map_crs, grid = pyproj.CRS.from_wkt(block.grid.crs), block.grid
-    name = f"EPSG:{map_crs.to_epsg()}" if map_crs.to_epsg() else str(map_crs.name)
+    grid, name = block.grid, label_crs(block.grid.crs)
     columns = zip(pairs, tiles.biases_m, tiles.sigmas_m, np.max(tiles.error_px, axis=0), strict=True)
     output = os.path.join(options.folder.output_dir.rstrip("/"), SURFACE_FILE)
     return {

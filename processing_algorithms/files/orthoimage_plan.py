@@ -168,6 +168,13 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
     )
 
 
+def label_crs(wkt: str) -> str:
+    """Return the EPSG code of a CRS (``EPSG:32631``), or its name if it has none."""
+    crs = pyproj.CRS.from_wkt(wkt)
+    code = crs.to_epsg()
+    return f"EPSG:{code}" if code else str(crs.name)
+
+
 def _parse_crs(name: str, option: str) -> pyproj.CRS:
     """Return the CRS of an option's text."""
     try:
