@@ -71,7 +71,11 @@ def start(installed: Path, tmp_path: Path, request: pytest.FixtureRequest) -> It
             shutil.copytree(installed, work)
             if packages:
                 link_packages(work / "profiles" / "default")
-        if not compiles:
+        if compiles:
+            file = work / "profiles" / "default" / "QGIS" / "QGIS3.ini"
+            lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
+            file.write_text("".join(line for line in lines if not line.startswith("compiled_for")), encoding="utf-8")
+        else:
             options["settings"] = options.get("settings", "") + COMPILED
         running.append(Desktop(work, pictures=PICTURES / request.node.name, **options).__enter__())
         return running[-1]

@@ -70,9 +70,10 @@ def layers(tmp_path_factory: pytest.TempPathFactory) -> Path:
         fields[name] = rng.normal(0.0, 1.0, COUNT)
     folder = tmp_path_factory.mktemp("styles")
     ring = np.array(CENTRE) + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.0004
-    points = [Layer(name, "PointZ", 4326, place, fields) for name in STYLES if name != "images"]
-    footprints = Layer("images", "Polygon", 4326, [Polygon(ring)], {"id": np.array(["img"])})
-    write_geopackage(str(folder / "block.gpkg"), [footprints, *points])
+    areas = "images", "seamlines"
+    points = [Layer(name, "PointZ", 4326, place, fields) for name in STYLES if name not in areas]
+    polygons = [Layer(name, "Polygon", 4326, [Polygon(ring)], {"id": np.array(["img"])}) for name in areas]
+    write_geopackage(str(folder / "block.gpkg"), [*polygons, *points])
     return folder / "block.gpkg"
 
 
