@@ -30,6 +30,7 @@ from .projects.plan import FAILED, LEFT_OUT, NOT_ASKED, algorithm_of, check_plan
 from .projects.project_file import FOLDERS, Project, read_project
 
 KEPT, MADE = "kept", "done"  #: further statuses of a step
+TERRAIN = frozenset({"dem", "height", "terrain_points"})  #: options that define the ground of orthoimages
 RPC_TEXT = "_rpc.txt"  #: ending of a refined RPC without pixels
 
 
@@ -181,10 +182,12 @@ def _chain_inputs(
         if block is not None and is_refined:
             made = find_image_outputs(block, refined).values()
             given = {"images": [one for one in made if not one.lower().endswith(RPC_TEXT)]}
-        if not {"dem", "height", "terrain_points"} & {*project.shared, *project.steps[step]}:
+        if not TERRAIN & project.steps[step].keys() and "surface-model" in results:
+            # The surface of the block itself: images match on it even where a DEM lies beside the block
             surface = os.path.join(folder, FOLDERS["surface-model"], SURFACE_FILE)
-            has_surface = "surface-model" in results
-            given |= {"dem": surface, "dem_datum": "layer"} if has_surface else {"terrain_points": refined}
+            given |= {"dem": surface, "dem_datum": "layer", "terrain_points": refined}
+        elif not TERRAIN & {*project.shared, *project.steps[step]}:
+            given["terrain_points"] = refined
         return given, ""
     orthoimages = results.get("orthorectify")
     found = find_image_outputs(orthoimages, os.path.join(folder, FOLDERS["orthorectify"])) if orthoimages else {}

@@ -26,7 +26,7 @@ from ..hrsi_engine.foundation.workers.scheduling import digest, open_calls
 from ..hrsi_engine.foundation.workers.threads import one_thread_calls, one_thread_filters, thread_count
 from ..hrsi_engine.ground.crs_operations import operations_of
 from ..hrsi_engine.ground.proj_operations import parse_crs, without_heights
-from ..hrsi_engine.io.pages.report import read_picture, write_page, write_text
+from ..hrsi_engine.io.pages.report import name_crs_unit, read_picture, write_page, write_text
 from ..hrsi_engine.io.rasters.dems import open_dem
 from ..hrsi_engine.io.rasters.images import GdalRaster
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
@@ -339,7 +339,7 @@ def summarise(report: Report) -> str:
     ]
     share = report["cells_with_height"] / report["cells"]
     lines.append(
-        f"{grid['columns']} x {grid['rows']} cells of {grid['resolution']:g} in {grid['crs']}, {grid['vertical']} "
+        f"{grid['columns']} x {grid['rows']} cells of {grid['resolution']:g} {name_crs_unit(grid['crs'])} in {grid['crs']}, {grid['vertical']} "
         f"heights in {share:.0%} of them, median sigma {report['sigma_median_m']:.2f} m"
     )
     if reference and reference["compared"]:

@@ -137,6 +137,23 @@ def test_no_part_of_the_surface_is_read_that_no_ray_passes() -> None:
     assert len(set(reads)) == len(reads)
 
 
+def test_gaps_and_surroundings_take_the_heights_of_another_surface() -> None:
+    """Between cells of one kind the heights are those of one surface; both are planes, so that bilinear is exact."""
+    holes = np.add.outer(300.0 + np.arange(60.0), 2.0 * np.arange(80.0))
+    holes[20:40, 30:50] = np.nan
+    surface = GridSurface.from_array(holes, (LON, LAT), (1e-4, -1e-4))
+    base = GridSurface.from_array(np.add.outer(50.0 + np.arange(30.0), np.zeros(40)), (LON - 4e-3, LAT + 4e-3),
+                                  (5e-4, -5e-4))  # fmt: skip
+    filled = surface.filled_by(base)
+    lonlat = np.array([LON, LAT]) + 1e-4 * np.array([[10.3, -10.6], [40.2, -29.7], [-20.4, 10.9], [90.1, -70.2]])
+    of_base = surface_heights(base, lonlat)
+    expected = [surface_heights(surface, lonlat[:1])[0], *of_base[1:]]
+    np.testing.assert_allclose(surface_heights(filled, lonlat), expected, atol=1e-9)
+    assert np.isnan(surface_heights(surface, lonlat[1:])).all()
+    ends = np.array([[LON - 4e-3, LAT + 4e-3], [LON + 15.5e-3, LAT - 10.5e-3]])
+    np.testing.assert_allclose(surface_heights(filled, ends), [50.0, 79.0], atol=1e-6)  # the corners of the other one
+
+
 def test_rays_are_followed_in_steps_of_the_grid() -> None:
     """A ray over 500 m of height, 35 degrees off the vertical, is sampled as often as its way over the cells asks."""
     rpc, image = oblique_rpc(), image_points()

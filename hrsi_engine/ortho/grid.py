@@ -20,7 +20,7 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import continuous_longitudes
 from ..ground.map_crs import map_epsg_of
-from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
+from ..surface.dem import HeightSurface, Status, intersect_surface
 
 #: Leading digits of the resolutions that are chosen automatically.
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
@@ -172,11 +172,3 @@ def compute_footprint_bounds(image: Image, surface: HeightSurface, crs: str, res
         x = continuous_longitudes(x)
     margin = ORTHO.margin_px * resolution
     return x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin
-
-
-def compute_covered_share(image: Image, surface: HeightSurface) -> float:
-    """Return the share of an image whose ground has a height in the surface, 0 to 1, by the RPC's mean height."""
-    grid = image.grid_px(ORTHO.grid_points, ORTHO.grid_points)
-    height = sum(image.rpc.height_range) / 2.0
-    ground = image.rpc.localize(grid, height).ground
-    return float(np.mean(np.isfinite(surface_heights(surface, np.nan_to_num(ground[:, :2])))))

@@ -51,7 +51,7 @@ class ConstantHeight:
 ReadCells = Callable[[int, int, int, int], np.ndarray]
 
 
-ToGrid = Callable[[np.ndarray], np.ndarray]
+Convert = Callable[[np.ndarray], np.ndarray]
 
 
 class GridSurface:
@@ -59,16 +59,18 @@ class GridSurface:
 
     shape : rows and columns
     read : ``read(row, column, rows, columns)`` returns the ellipsoidal heights of this window, NaN for nodata
-    to_grid : returns column, row ``(n, 2)`` of lon, lat points ``(n, 2)``; operations : its conversions to WGS84
+    to_grid : returns column, row ``(n, 2)`` of lon, lat points ``(n, 2)``; to_lonlat : the inverse, for `filled_by`
+    operations : its conversions to WGS84
     """
 
     def __init__(
-        self, shape: tuple[int, int], read: ReadCells, to_grid: ToGrid, operations: tuple[OperationUse, ...] = ()
-    ) -> None:
+        self, shape: tuple[int, int], read: ReadCells, to_grid: Convert, to_lonlat: Convert | None = None,
+        operations: tuple[OperationUse, ...] = (),
+    ) -> None:  # fmt: skip
         if min(shape) < 2:
             raise ValueError(f"a grid of {shape} cells has no area; 2 x 2 are needed")
         self.shape, self.operations = shape, operations
-        self._read, self._to_grid = read, to_grid
+        self._read, self._to_grid, self.to_lonlat = read, to_grid, to_lonlat
         self._tiles: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
         self._ranges: dict[tuple[int, int], tuple[float, float]] = {}
         self._lock = threading.Lock()
@@ -95,6 +97,7 @@ class GridSurface:
             (cells.shape[0], cells.shape[1]),
             lambda row, column, rows, columns: cells[row : row + rows, column : column + columns],
             to_grid,
+            lambda grid: np.asarray(origin_deg) + grid * cell_deg,
         )
 
     def grid_coordinates(self, lonlat: np.ndarray) -> np.ndarray:
@@ -157,6 +160,38 @@ class GridSurface:
                 top, left = max(0, top), max(0, left)
                 cells[top : top + part.shape[0], left : left + part.shape[1]] = part
         return row0, column0, cells
+
+    def filled_by(self, base: GridSurface) -> GridSurface:
+        """Return this surface with the heights of another one in cells without height, and around it.
+
+        base : also surfaces of the complete area, such as terrain between points; both have a ``to_lonlat``
+        Result: cells of this surface, over the area of both.
+        """
+        to_lonlat, base_lonlat = self.to_lonlat, base.to_lonlat
+        if to_lonlat is None or base_lonlat is None:
+            raise ValueError("both surfaces need `to_lonlat`")
+        columns, rows = np.array(base.shape[::-1]) - 1.0
+        corners = self._to_grid(base_lonlat(np.array([[0.0, 0.0], [columns, 0.0], [0.0, rows], [columns, rows]])))
+        first = np.floor(np.minimum(corners.min(axis=0), 0.0)).astype(int)
+        last = np.ceil(np.maximum(corners.max(axis=0), np.array(self.shape[::-1]) - 1.0)).astype(int)
+
+        def read(row: int, column: int, rows: int, columns: int) -> np.ndarray:
+            heights, begin = np.full((rows, columns), np.nan), np.array([column, row]) + first
+            low, high = np.maximum(begin, 0), np.minimum(begin + [columns, rows], self.shape[::-1])
+            if np.all(low < high):
+                top, left, cells = self.window(low, high - 1)
+                inside = np.s_[low[1] - begin[1] : high[1] - begin[1], low[0] - begin[0] : high[0] - begin[0]]
+                heights[inside] = cells[low[1] - top : high[1] - top, low[0] - left : high[0] - left]
+            i, j = np.nonzero(np.isnan(heights))
+            lonlat = to_lonlat(np.column_stack([j, i]) + begin.astype(np.float64))
+            heights[i, j] = base.heights(base.grid_coordinates(lonlat))
+            return heights
+
+        size = last - first + 1
+        return GridSurface(
+            (int(size[1]), int(size[0])), read, lambda lonlat: self._to_grid(lonlat) - first,
+            lambda grid: to_lonlat(grid + first), self.operations,
+        )  # fmt: skip
 
     def _find_tile(self, grid: np.ndarray) -> tuple[int, int]:
         cell = np.clip(np.nan_to_num(grid), 0, np.array([self.shape[1] - 2, self.shape[0] - 2])).astype(int)

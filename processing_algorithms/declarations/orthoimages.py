@@ -25,8 +25,8 @@ class OrthorectifyOptions:
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     terrain_points: str | None = option(
         None,
-        "Points from whose heights the terrain is interpolated, instead of a DEM: the layer ground_points of a "
-        "triangulation",
+        "Points between which the terrain is interpolated where there is no DEM, or where it has gaps: the layer "
+        "ground_points of a triangulation",
         kind=Kind.POINTS, metavar=groups.POINTS,
     )  # fmt: skip
     ground_crs: str | None = groups.ground_crs_option()

@@ -79,39 +79,44 @@ class BlockPlan:
 
 
 def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
-    """Return the terrain of the options, of which exactly one source must be given."""
-    sources = {
-        "dem": options.terrain.dem.dem,
-        "height": options.terrain.height,
-        "terrain_points": options.terrain_points,
-    }
-    given = [name for name, source in sources.items() if source is not None]
-    if len(given) > 1:
-        named = " and ".join(f"`{name}`" for name in given)
-        raise InputError(f"{named} all define the height of the ground: give one of them")
-    if options.terrain_points is not None:
-        spec, datum = options.terrain_points, options.terrain.height_datum
-        ground = read_points(spec, ground_crs=options.ground_crs, height_datum=datum, adjusted=True).ground
-        if ground is None:
-            raise InputError(f"{spec}: has no ground points: name the layer ground_points of a triangulation")
-        of_points, left_out = surface_of_points(ground.ground, ground.sigma_m[:, 1])
-        warnings = ["the terrain was interpolated between points: objects between them have no separate height"]
-        if left_out:
-            warnings.append(f"{spec}: {left_out} points are far above or below their neighbours and were not used")
-        return Terrain(of_points, [*orthoimages.file_state(split_spec(spec)[0]), spec, datum], warnings)
+    """Return the terrain of the options: a DEM, points, both (the points fill gaps of the DEM), or a height."""
+    cells, dem = options.fill_gaps, options.terrain.dem
+    others = {"dem": dem.dem, "terrain_points": options.terrain_points}
+    if options.terrain.height is not None and (other := next((key for key in others if others[key] is not None), "")):
+        raise InputError(f"`height` and `{other}` both define the height of the ground: give one of them")
+    points = None if options.terrain_points is None else _open_terrain_points(options.terrain_points, options)
     surface = open_terrain(options.terrain)
-    if surface is None:
+    if surface is None and points is None:
         raise InputError(
             "orthoimages need the height of the ground: give `dem` FILE, `terrain_points` FILE (ground_points of a "
             "triangulation) or, for flat land, `height` M"
         )
-    if isinstance(surface, GridSurface):
-        cells, dem = options.fill_gaps, options.terrain.dem
-        identity = [*orthoimages.file_state(str(dem.dem)), dem.dem_datum or options.terrain.height_datum, cells]
-        if not cells:
-            return Terrain(surface, identity)
-        return Terrain(fill_gaps(surface, cells), identity, [f"gaps of the DEM up to {cells} cells were interpolated"])
-    return Terrain(surface, ["height", options.terrain.height])
+    if points is not None and surface is None:
+        return points
+    if not isinstance(surface, GridSurface):
+        return Terrain(surface, ["height", options.terrain.height])
+    identity = [*orthoimages.file_state(str(dem.dem)), dem.dem_datum or options.terrain.height_datum, cells]
+    warnings = []
+    if cells:
+        surface = fill_gaps(surface, cells)
+        warnings.append(f"gaps of the DEM up to {cells} cells were interpolated")
+    if points is None:
+        return Terrain(surface, identity, warnings)
+    warnings.append("where the DEM has no height, the terrain was interpolated between points")
+    return Terrain(surface.filled_by(points.surface), [*identity, *points.identity], warnings)
+
+
+def _open_terrain_points(spec: str, options: OrthorectifyOptions) -> Terrain:
+    """Return the terrain between the ground points of a file."""
+    datum = options.terrain.height_datum
+    ground = read_points(spec, ground_crs=options.ground_crs, height_datum=datum, adjusted=True).ground
+    if ground is None:
+        raise InputError(f"{spec}: has no ground points: name the layer ground_points of a triangulation")
+    of_points, left_out = surface_of_points(ground.ground, ground.sigma_m[:, 1])
+    warnings = ["the terrain was interpolated between points: objects between them have no separate height"]
+    if left_out:
+        warnings.append(f"{spec}: {left_out} points are far above or below their neighbours and were not used")
+    return Terrain(of_points, [*orthoimages.file_state(split_spec(spec)[0]), spec, datum], warnings)
 
 
 def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyOptions) -> BlockPlan:
@@ -153,7 +158,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
         )
     # Operations of the terrain to WGS84, and from there to the map of the orthoimages
     operations = (*getattr(terrain.surface, "operations", ()), *operations_of(crs).uses_at("orthoimages", ground))
-    warnings = [*terrain.warnings, *_terrain_warnings(images, terrain), *list_operation_warnings(operations)]
+    warnings = [*terrain.warnings, *_terrain_warnings(images, terrain, below), *list_operation_warnings(operations)]
     grids = _make_grids(images, terrain.surface, crs, resolution, options.extent)
     return BlockPlan(
         images,
@@ -183,7 +188,7 @@ def _parse_crs(name: str, option: str) -> pyproj.CRS:
         raise InputError(f"`{option}`: {name!r} is no coordinate reference system: give EPSG:code or WKT") from None
 
 
-def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
+def _terrain_warnings(images: Sequence[Image], terrain: Terrain, below: Mapping[str, np.ndarray]) -> list[str]:
     if isinstance(terrain.surface, ConstantHeight):
         tangents = {
             im.id: math.tan(math.radians(ViewDirection(im, terrain.surface).geometry().incidence_deg)) for im in images
@@ -193,7 +198,7 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
             f"the ground is assumed to be flat: where it is {ORTHO_GRID.notable_height_m:g} m higher or lower, {worst} "
             f"is displaced by {ORTHO_GRID.notable_height_m * tangents[worst]:.1f} m; a DEM avoids this"
         ]
-    shares = {image.id: map_grids.compute_covered_share(image, terrain.surface) for image in images}
+    shares = {name: len(ground) / map_grids.ORTHO.grid_points**2 for name, ground in below.items()}
     return [
         f"{name}: only {share:.0%} of the image lies on known terrain; the rest becomes nodata"
         for name, share in shares.items()

@@ -237,7 +237,9 @@ def _choose_steps(made: Understanding, points: PointRoles, dem: HeightRaster | N
             "RPC files without pixels, and no tie points or measured GCPs"
         )  # fmt: skip
     left_out["surface-model"] = (
-        "takes minutes: remove this line for a surface model" if len(pixels) > 1 else "fewer than two images"
+        "not asked for: remove this `skip` for a surface model, and orthoimages on it"
+        if len(pixels) > 1
+        else "fewer than two images"
     )
     if not pixels:
         left_out["orthorectify"] = "RPC files without pixels"

@@ -31,7 +31,11 @@ REMARKS = {
 #: Options that are offered as comments, by step.
 OFFERED = {
     "triangulate": ['# model = "auto"   # shift, affine, …: the correction of each RPC'],
-    "orthorectify": ["# resolution = 0.5   # m; by default that of the images"],
+    "orthorectify": [
+        "# resolution = 0.5   # m; by default that of the images",
+        "# visibility = true   # hidden ground is masked, on a surface model",
+        "# mosaic = true   # also one image of all",
+    ],
     "evaluate": ['# tracks = "none"   # compares at the known points only'],
 }
 

@@ -418,7 +418,7 @@ def test_coarse_orthoimages_are_means(scene: Path, tmp_path: Path) -> None:
     ("options", "message"),
     [
         ({"dem": None}, "height of the ground: give `dem`"),
-        ({"height": 3.0}, "`dem` and `height` all define"),
+        ({"height": 3.0}, "`height` and `dem` both define"),
         ({"crs": "EPSG:0"}, "`crs`"),
         ({"extent": "1,2,3"}, "`extent`"),
         ({"extent": f"{BOX} [EPSG:0]"}, "`extent`: 'EPSG:0'"),

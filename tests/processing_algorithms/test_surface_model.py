@@ -17,6 +17,7 @@ from hrsi.hrsi_engine.dense.disparity import compute_disparities, normalise_cont
 from hrsi.hrsi_engine.dense.epipolar import rectify_tile
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.ground.crs_operations import operations_of
+from hrsi.hrsi_engine.io.output_dir import read_report
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rasters.surface_models import ShadedSurface
@@ -186,12 +187,17 @@ def test_run_makes_the_surface_and_orthoimages_on_it(block: Path, tmp_path: Path
         f'images = [{", ".join(f""""{made}/image_{k}.tif" """ for k in (1, 2, 3))}]\n'
         f'gcps = "{made}/ground_points.csv"\nimage_points = "{made}/image_points.csv"\nheight_datum = "ellipsoidal"\n'
         f'[triangulate]\ntie_points = "{made}/image_points.csv"\nreport = false\n'
-        "[surface-model]\nresolution = 1.0\n[orthorectify]\n[ortho-check]\nskip = true\n[evaluate]\nskip = true\n"
+        "[surface-model]\nresolution = 1.0\n[orthorectify]\n[ortho-check]\n[evaluate]\nskip = true\n"
     )
     report = run("run", project=str(tmp_path / "project.toml"), output_dir=str(tmp_path / "result"))
-    assert [report["steps"][step]["status"] for step in ("triangulate", "surface-model", "orthorectify")] == [
-        "done"
-    ] * 3
+    assert [entry["status"] for entry in report["steps"].values()] == ["done"] * 4 + ["left out"]
+    # Cells of the surface without height take those of the adjusted points: the orthoimages are complete and match
+    (orthoimages, check), names = (
+        [read_report(str(tmp_path / "result" / name / "report.json")) for name in ("orthoimages", "check")],
+        ["image_1", "image_2", "image_3"],
+    )
+    assert [orthoimages["images"][name]["unknown_pixels"] for name in names] == [0, 0, 0]
+    assert check["all"]["after"]["median_px"] < 0.2
     assert "median sigma" in report["steps"]["surface-model"]["told"]
     surface = tmp_path / "result" / "surface" / "surface.tif"
     made_from = gdal.Open(str(tmp_path / "result" / "orthoimages" / "image_1_ortho.tif")).GetMetadata()["HRSI_TERRAIN"]

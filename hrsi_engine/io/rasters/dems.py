@@ -64,7 +64,7 @@ def surface_of_dataset(dataset: gdal.Dataset, path: str, height_datum: str, epoc
         raise InputError(
             f"{path}: has {size[1]} x {size[0]} cells, and a DEM an area of 2 x 2 at least: name another file"
         )
-    return GridSurface(size, reader.read, place.to_grid, operations)
+    return GridSurface(size, reader.read, place.to_grid, place.to_lonlat, operations)
 
 
 def _find_heights(
@@ -196,4 +196,4 @@ def fill_gaps(surface: GridSurface, cells: int) -> GridSurface:
         top, left = row - first_row, column - first_column
         return heights[top : top + rows, left : left + columns]
 
-    return GridSurface(surface.shape, read, surface.grid_coordinates, surface.operations)
+    return GridSurface(surface.shape, read, surface.grid_coordinates, surface.to_lonlat, surface.operations)
