@@ -1960,8 +1960,8 @@ def orthorectify(
         Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
         using the next best one (default no).
     terrain_points : path or table or array or GroundPoints or ImagePoints, optional
-        Points from whose heights the terrain is interpolated, instead of a DEM: the layer ground_points
-        of a triangulation.
+        Points between which the terrain is interpolated where there is no DEM, or where it has gaps:
+        the layer ground_points of a triangulation.
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     fill_gaps : int, optional

@@ -30,7 +30,7 @@ from .projects.plan import FAILED, LEFT_OUT, NOT_ASKED, algorithm_of, check_plan
 from .projects.project_file import FOLDERS, Project, read_project
 
 KEPT, MADE = "kept", "done"  #: further statuses of a step
-TERRAIN = frozenset({"dem", "height", "terrain_points"})  #: options that define the ground of orthoimages
+GROUND_OPTIONS = frozenset({"dem", "height", "terrain_points"})  #: options that define the ground of orthoimages
 RPC_TEXT = "_rpc.txt"  #: ending of a refined RPC without pixels
 
 
@@ -182,11 +182,11 @@ def _chain_inputs(
         if block is not None and is_refined:
             made = find_image_outputs(block, refined).values()
             given = {"images": [one for one in made if not one.lower().endswith(RPC_TEXT)]}
-        if not TERRAIN & project.steps[step].keys() and "surface-model" in results:
-            # The surface of the block itself: images match on it even where a DEM lies beside the block
+        if not GROUND_OPTIONS & project.steps[step].keys() and "surface-model" in results:
+            # Images match on the surface of their own block better than on any DEM
             surface = os.path.join(folder, FOLDERS["surface-model"], SURFACE_FILE)
             given |= {"dem": surface, "dem_datum": "layer", "terrain_points": refined}
-        elif not TERRAIN & {*project.shared, *project.steps[step]}:
+        elif not GROUND_OPTIONS & {*project.shared, *project.steps[step]}:
             given["terrain_points"] = refined
         return given, ""
     orthoimages = results.get("orthorectify")

@@ -337,10 +337,10 @@ def summarise(report: Report) -> str:
         f"sigma {pair['sigma_m']:.2f} m, rectified to {pair['rectification_px']:.3f} px"
         for pair in report["pairs"]
     ]
-    share = report["cells_with_height"] / report["cells"]
+    share, unit = report["cells_with_height"] / report["cells"], name_crs_unit(grid["crs"])
     lines.append(
-        f"{grid['columns']} x {grid['rows']} cells of {grid['resolution']:g} {name_crs_unit(grid['crs'])} in {grid['crs']}, {grid['vertical']} "
-        f"heights in {share:.0%} of them, median sigma {report['sigma_median_m']:.2f} m"
+        f"{grid['columns']} x {grid['rows']} cells of {grid['resolution']:g} {unit} in {grid['crs']}, "
+        f"{grid['vertical']} heights in {share:.0%} of them, median sigma {report['sigma_median_m']:.2f} m"
     )
     if reference and reference["compared"]:
         lines.append(

@@ -144,7 +144,7 @@ def test_gaps_and_surroundings_take_the_heights_of_another_surface() -> None:
     surface = GridSurface.from_array(holes, (LON, LAT), (1e-4, -1e-4))
     base = GridSurface.from_array(np.add.outer(50.0 + np.arange(30.0), np.zeros(40)), (LON - 4e-3, LAT + 4e-3),
                                   (5e-4, -5e-4))  # fmt: skip
-    filled = surface.filled_by(base)
+    filled = surface.fill_from(base)
     lonlat = np.array([LON, LAT]) + 1e-4 * np.array([[10.3, -10.6], [40.2, -29.7], [-20.4, 10.9], [90.1, -70.2]])
     of_base = surface_heights(base, lonlat)
     expected = [surface_heights(surface, lonlat[:1])[0], *of_base[1:]]

@@ -59,7 +59,7 @@ class GridSurface:
 
     shape : rows and columns
     read : ``read(row, column, rows, columns)`` returns the ellipsoidal heights of this window, NaN for nodata
-    to_grid : returns column, row ``(n, 2)`` of lon, lat points ``(n, 2)``; to_lonlat : the inverse, for `filled_by`
+    to_grid : returns column, row ``(n, 2)`` of lon, lat points ``(n, 2)``; to_lonlat : the inverse, for `fill_from`
     operations : its conversions to WGS84
     """
 
@@ -161,7 +161,7 @@ class GridSurface:
                 cells[top : top + part.shape[0], left : left + part.shape[1]] = part
         return row0, column0, cells
 
-    def filled_by(self, base: GridSurface) -> GridSurface:
+    def fill_from(self, base: GridSurface) -> GridSurface:
         """Return this surface with the heights of another one in cells without height, and around it.
 
         base : also surfaces of the complete area, such as terrain between points; both have a ``to_lonlat``

@@ -86,13 +86,13 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
         raise InputError(f"`height` and `{other}` both define the height of the ground: give one of them")
     points = None if options.terrain_points is None else _open_terrain_points(options.terrain_points, options)
     surface = open_terrain(options.terrain)
-    if surface is None and points is None:
+    if surface is None:
+        if points is not None:
+            return points[1]
         raise InputError(
             "orthoimages need the height of the ground: give `dem` FILE, `terrain_points` FILE (ground_points of a "
             "triangulation) or, for flat land, `height` M"
         )
-    if points is not None and surface is None:
-        return points
     if not isinstance(surface, GridSurface):
         return Terrain(surface, ["height", options.terrain.height])
     identity = [*orthoimages.file_state(str(dem.dem)), dem.dem_datum or options.terrain.height_datum, cells]
@@ -103,11 +103,12 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
     if points is None:
         return Terrain(surface, identity, warnings)
     warnings.append("where the DEM has no height, the terrain was interpolated between points")
-    return Terrain(surface.filled_by(points.surface), [*identity, *points.identity], warnings)
+    base, terrain = points
+    return Terrain(surface.fill_from(base), [*identity, *terrain.identity], warnings)
 
 
-def _open_terrain_points(spec: str, options: OrthorectifyOptions) -> Terrain:
-    """Return the terrain between the ground points of a file."""
+def _open_terrain_points(spec: str, options: OrthorectifyOptions) -> tuple[GridSurface, Terrain]:
+    """Return the surface between the ground points of a file, and the terrain that it is."""
     datum = options.terrain.height_datum
     ground = read_points(spec, ground_crs=options.ground_crs, height_datum=datum, adjusted=True).ground
     if ground is None:
@@ -116,7 +117,7 @@ def _open_terrain_points(spec: str, options: OrthorectifyOptions) -> Terrain:
     warnings = ["the terrain was interpolated between points: objects between them have no separate height"]
     if left_out:
         warnings.append(f"{spec}: {left_out} points are far above or below their neighbours and were not used")
-    return Terrain(of_points, [*orthoimages.file_state(split_spec(spec)[0]), spec, datum], warnings)
+    return of_points, Terrain(of_points, [*orthoimages.file_state(split_spec(spec)[0]), spec, datum], warnings)
 
 
 def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyOptions) -> BlockPlan:
