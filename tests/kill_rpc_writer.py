@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from rpc_samples import restore, sample_rpc, write_image, write_in_place
 
 from hrsi.hrsi_engine.io.rpc_files import difference_px, read_rpc, write_rpc_text
-from hrsi.hrsi_engine.io.rpc_files.fields import rpc_from_gdal
+from hrsi.hrsi_engine.io.rpc_files.fields import rpc_from_entries
 
 ORIGINAL, FIRST, SECOND = sample_rpc(1), sample_rpc(2), sample_rpc(3)
 
@@ -43,7 +43,7 @@ def check(image: Path, pixels: np.ndarray) -> int:
     dataset = gdal.Open(str(image))
     if dataset is None or not np.array_equal(dataset.ReadAsArray(), pixels):
         raise RuntimeError(f"{image} is torn")
-    if not difference_px(found, rpc_from_gdal("GDAL", dataset.GetMetadata("RPC"))) < 1e-6:
+    if not difference_px(found, rpc_from_entries("GDAL", dataset.GetMetadata("RPC"))) < 1e-6:
         raise RuntimeError(f"{image}: GDAL finds another RPC")
     return [ORIGINAL, FIRST, SECOND].index(found)
 

@@ -19,7 +19,7 @@ from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.io.rasters.images import open_image_and_source, placement_doubt
-from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata, rpc_from_gdal
+from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata, rpc_from_entries
 from hrsi.hrsi_engine.io.rpc_files.text_formats import geom_text, rpb_text, rpc_txt_text
 from hrsi.hrsi_engine.io.rpc_files.xml_formats import isd_text
 
@@ -200,7 +200,7 @@ def measure_error(case: Case, rpc: RPC) -> float:
 def examine(case: Case, path: Path) -> Finding:
     """Return the error of the RPC as in the files, what HRSI says, and the error of the RPC that it reads."""
     metadata = gdal.Open(str(path)).GetMetadata("RPC")
-    given = rpc_from_gdal("GDAL", metadata) if metadata else scene_rpc(case.grid)
+    given = rpc_from_entries("GDAL", metadata) if metadata else scene_rpc(case.grid)
     image, found = open_image_and_source(str(path))
     doubt = placement_doubt(image)
     says = "moved" if "moved to the crop" in found.source else ""

@@ -27,7 +27,7 @@ from hrsi.hrsi_engine.io.rpc_files import (
     xml_formats,
 )
 from hrsi.hrsi_engine.io.rpc_files.crop import apply_ichipb
-from hrsi.hrsi_engine.io.rpc_files.fields import GDAL_NAMES, POLYNOMIALS, SCALARS, gdal_metadata, rpc_from_gdal
+from hrsi.hrsi_engine.io.rpc_files.fields import GDAL_NAMES, POLYNOMIALS, SCALARS, gdal_metadata, rpc_from_entries
 
 PHR = "PHR1B_P_201709281038393_SEN_PRG_FC_178609-001"
 SKYSAT = "20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT"
@@ -49,7 +49,7 @@ def gdal_rpc(path: Path) -> RPC:
     """Return the RPC that GDAL reports for an image."""
     metadata = gdal.Open(str(path)).GetMetadata("RPC")
     assert metadata, f"GDAL {gdal.__version__} finds no RPC for {path}"
-    return rpc_from_gdal(str(path), metadata)
+    return rpc_from_entries(str(path), metadata)
 
 
 def largest_difference_px(first: RPC, second: RPC) -> float:

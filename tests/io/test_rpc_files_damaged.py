@@ -16,7 +16,7 @@ from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.opening.budgets import RPC_BUDGETS, RPC_RANGES
 from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, read_rpc, text_formats, write_rpb, write_rpc_text
-from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_gdal
+from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_entries
 
 WITHIN = [
     st.floats(-RPC_RANGES[name][1], RPC_RANGES[name][1]).filter(
@@ -77,7 +77,7 @@ def test_text_formats_keep_every_double(rpc: RPC, folder: Path) -> None:
     assert read_rpc(str(folder / "x_RPC.TXT")).rpc == rpc
     write_rpb(str(folder / "x.RPB"), rpc)
     assert read_rpc(str(folder / "x.RPB")).rpc == rpc
-    assert rpc_from_gdal("metadata", gdal_metadata(rpc)) == rpc
+    assert rpc_from_entries("metadata", gdal_metadata(rpc)) == rpc
 
 
 @pytest.mark.fuzz

@@ -28,7 +28,7 @@ from hrsi.hrsi_engine.io.rpc_files import (
     write_rpc_text,
     write_vrt,
 )
-from hrsi.hrsi_engine.io.rpc_files.fields import POLYNOMIALS, SCALARS, rpc_from_gdal
+from hrsi.hrsi_engine.io.rpc_files.fields import POLYNOMIALS, SCALARS, rpc_from_entries
 from hrsi.hrsi_engine.io.safety.transactions import Transaction
 
 OLD, NEW = sample_rpc(1, err_bias=3.0), sample_rpc(2)
@@ -73,7 +73,7 @@ def tag_bytes(path: Path) -> bytes:
 def assert_others_read(path: Path, rpc: object) -> None:
     """GDAL and rasterio find the RPC, to their 15 digits."""
     ground = ground_grid(NEW)
-    found = rpc_from_gdal("GDAL", gdal.Open(str(path)).GetMetadata("RPC"))
+    found = rpc_from_entries("GDAL", gdal.Open(str(path)).GetMetadata("RPC"))
     np.testing.assert_allclose(found.project(ground), rpc.project(ground), atol=1e-7)  # type: ignore[attr-defined]
     with rasterio.open(path) as opened:
         for name in SCALARS:
@@ -331,7 +331,7 @@ def test_gdal_reads_the_text_formats_exactly(tmp_path: Path) -> None:
     for name, write in (("x.RPB", write_rpb), ("x_RPC.TXT", write_rpc_text)):
         write_image(tmp_path / "x.tif", None)
         write(str(tmp_path / name), NEW)
-        assert rpc_from_gdal("GDAL", gdal.Open(str(tmp_path / "x.tif")).GetMetadata("RPC")) == NEW
+        assert rpc_from_entries("GDAL", gdal.Open(str(tmp_path / "x.tif")).GetMetadata("RPC")) == NEW
         (tmp_path / name).unlink()
 
 

@@ -6,13 +6,13 @@ import re
 _COMMAS = re.compile(r"\s*[+-]?\d+,\d+\s+[+-]?\d+,\d+(\s|$)", re.ASCII)
 
 
-def parse_finite(text: str) -> float | None:
-    """Return the number that the complete text is, in ASCII; None for anything else.
+def parse_finite(text: str | None) -> float | None:
+    """Return the number that the complete text is, in ASCII; None for anything else, and for None.
 
     So ``43,5``, ``43.5abc``, ``1_000``, ``0x10``, full-width digits, ``nan`` and ``1e400`` are no numbers.
     """
     try:
-        value = float(text) if text.isascii() and "_" not in text else math.nan
+        value = float(text) if text and text.isascii() and "_" not in text else math.nan
     except ValueError:
         return None
     return value if math.isfinite(value) else None

@@ -20,7 +20,7 @@ from ..opening.datasets import config_option, gdal_messages, metadata_of
 from ..opening.files import open_raster
 from ..rpc_files import tiff_tag
 from ..rpc_files.crop import CropPlace
-from ..rpc_files.fields import rpc_from_gdal, rpc_from_numbers
+from ..rpc_files.fields import rpc_from_entries, rpc_from_numbers
 from ..rpc_files.find import HEIGHT_ITEM, SENSOR_ITEM
 from ..rpc_files.write import Lineage, save_geotiff, save_vrt
 from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat, copy_band_properties
@@ -123,7 +123,7 @@ def read_lineage(image: Image) -> Lineage:
     numbers = tiff_tag.parse_original(path, original_items)
     if numbers is not None:
         return Lineage(items, rpc_from_numbers(path, numbers))
-    return Lineage(items, rpc_from_gdal(path, original_items) if "LINE_NUM_COEFF" in original_items else None)
+    return Lineage(items, rpc_from_entries(path, original_items) if "LINE_NUM_COEFF" in original_items else None)
 
 
 def save_image(

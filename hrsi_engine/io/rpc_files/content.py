@@ -15,7 +15,6 @@ from osgeo import gdal
 from ...foundation.errors import InputError
 from ..opening.budgets import MOST_BYTES
 from ..opening.datasets import call_quiet, read_head
-from ..opening.numbers import parse_finite
 
 SETTLED_NS = 2_000_000_000  # a folder is cached if it is unchanged for longer than the resolution of file times
 
@@ -93,11 +92,6 @@ def positive_size(samples: str | None, lines: str | None) -> tuple[int, int] | N
     except ValueError:
         return None
     return size if min(size) > 0 and max(size) < 2**31 else None
-
-
-def finite_number(text: str | None) -> float | None:
-    """Return a number given as text, None if it is no finite number."""
-    return parse_finite(text or "")
 
 
 def siblings(path: str) -> dict[str, str]:

@@ -7,6 +7,8 @@ GeoTIFF, -1 is the only way to omit them. Zero is kept as in the file, except in
 At the end: the result of a reader of one format, the description of a reader, and the RPC found for an image.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -111,16 +113,11 @@ def gdal_metadata(rpc: RPC) -> dict[str, str]:
     return metadata | {GDAL_NAMES[name]: " ".join(map(repr, getattr(rpc, name).tolist())) for name in POLYNOMIALS}
 
 
-def rpc_from_gdal(source: str, metadata: Mapping[str, str]) -> RPC:
-    """Return the RPC of GDAL's RPC metadata domain; raise `InputError` with the field that is wrong."""
-    return rpc_from_entries(source, metadata, GDAL_NAMES)
-
-
 def rpc_from_entries(
-    where: str, entries: Mapping[str, str], names: Mapping[str, str], numbers: Sequence[str] = (),
+    where: str, entries: Mapping[str, str], names: Mapping[str, str] = GDAL_NAMES, numbers: Sequence[str] = (),
     zero_is_unknown: bool = False,
 ) -> RPC:  # fmt: skip
-    """Return the RPC of texts by their names in a file; raises as `rpc_from_text`.
+    """Return the RPC of texts by their names in a file, or in GDAL's metadata domain; raises as `rpc_from_text`.
 
     names : RPC field name -> its name in the file
     numbers : endings of a polynomial's name for its coefficients; without them, all are behind the name
@@ -137,12 +134,6 @@ def rpc_from_entries(
 
 def check_rpc(source: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
     """Return ``rpc``; raise `InputError` for numbers by which no point can be projected."""
-    for field in SCALARS:
-        value = getattr(rpc, field)
-        if not math.isfinite(value):
-            raise InputError(f"{source}: {names[field]} is {value}: a finite number is needed")
-        if field.endswith("_scale") and value == 0.0:
-            raise InputError(f"{source}: {names[field]} is 0: the RPC is damaged, obtain the file again")
     for field, (low, high) in RPC_RANGES.items():
         value = getattr(rpc, field)
         if not low <= abs(value) <= high:
@@ -152,18 +143,15 @@ def check_rpc(source: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
     for field in POLYNOMIALS:
         values = getattr(rpc, field)
         largest, first = float(np.abs(values).max()), float(values[0])  # a maximum keeps NaN
-        if not math.isfinite(largest):
-            raise InputError(f"{source}: {names[field]} contains a number that is not finite: obtain the file again")
-        if largest > RPC_BUDGETS.coefficient:
+        if not largest <= RPC_BUDGETS.coefficient:
             raise InputError(
                 f"{source}: {names[field]} has {values[np.abs(values).argmax()]:g}, which is not possible for an RPC: "
                 "obtain the file again"
             )
-        if field.endswith("_den") and largest == 0.0:
-            raise InputError(f"{source}: all coefficients of {names[field]} are 0: obtain the file again")
-        if field.endswith("_den") and largest > RPC_BUDGETS.denominator * abs(first):
+        if field.endswith("_den") and not 0.0 < largest <= RPC_BUDGETS.denominator * abs(first):
             raise InputError(
-                f"{source}: {names[field]} starts with {first:g}, others are larger: obtain the file again"
+                f"{source}: {names[field]} starts with {first:g}, and its largest coefficient is {largest:g}, which is "
+                "not possible for an RPC: obtain the file again"
             )
     # At the centre of the RPC all terms except the constant ones are 0.
     samp = float(rpc.samp_num[0]) / float(rpc.samp_den[0]) * rpc.samp_scale + rpc.samp_off
@@ -233,27 +221,14 @@ Origin = tuple[float, float]  # (sample, line)
 
 
 @dataclass(frozen=True)
-class RpcReading:
-    """An RPC as read from one file; image coordinates are from the centre of the first pixel of *its* image.
-
-    ``size`` is (samples, lines) of that image if the file states it reliably, ``height_m`` the ellipsoidal height of
-    its centre if the delivery states one, ``sensor`` the satellite's name in the file.
-    """
-
-    rpc: RPC
-    size: tuple[int, int] | None = None
-    height_m: float | None = None
-    sensor: str = ""
-
-
-@dataclass(frozen=True)
 class RpcReader:
     """Description of a reader: how one format of RPC files is recognised and read.
 
     title : name of the format in logs and reports
     beside : returns the file names, in lower case, of this format next to an image of a given stem (lower case)
     recognises : returns whether a file is of this format, by its name (lower case) and its first bytes
-    read : returns the file's RPC; raises `InputError` only
+    read : returns the file's RPC, for the pixels of *its* image, with what the file states of that image; raises
+    `InputError` only
     tile_origin : returns (sample, line) of an image's first pixel in the file's scene, if the image is a tile of it
     is_product : returns whether a file describes a product, by its first bytes; GDAL may open that as an image
     read_beside : returns the file's RPC for an image, if it depends on the image; otherwise ``read`` is used
@@ -262,10 +237,10 @@ class RpcReader:
     title: str
     beside: Callable[[str], tuple[str, ...]]
     recognises: Callable[[str, bytes], bool]
-    read: Callable[[str], RpcReading]
+    read: Callable[[str], FoundRpc]
     tile_origin: Callable[[str, str], Origin | None] = lambda _image_path, _side_file: None
     is_product: Callable[[bytes], bool] = lambda _head: False
-    read_beside: Callable[[str, str], RpcReading] | None = None
+    read_beside: Callable[[str, str], FoundRpc] | None = None
 
 
 @dataclass(frozen=True)
@@ -297,7 +272,7 @@ class FoundRpc:
     """
 
     rpc: RPC
-    source: str
+    source: str = ""
     ignored: tuple[str, ...] = ()
     size: tuple[int, int] | None = None
     tile: Tile | None = None

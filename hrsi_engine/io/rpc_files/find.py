@@ -28,7 +28,7 @@ from ..opening.files import open_raster
 from ..opening.item_images import item_of
 from ..opening.numbers import parse_finite
 from . import crop, fields, text_formats, tiff_tag, xml_formats
-from .content import finite_number, siblings
+from .content import siblings
 from .fields import FoundRpc, RpcReader
 from .placement import difference_px, find_placement_doubt, place_by_other_rpc, place_in_scene, same_numbers
 
@@ -81,8 +81,7 @@ def read_rpc_file(path: str) -> FoundRpc | None:
     if reader is None:
         return None
     reading = reader.read(path)
-    title = f"{reader.title} {os.path.basename(path)}"
-    return FoundRpc(reading.rpc, title, size=reading.size, height_m=reading.height_m, sensor=reading.sensor)
+    return replace(reading, source=f"{reader.title} {os.path.basename(path)}", size=reading.stated_size)
 
 
 def rpc_reader_of(path: str) -> RpcReader | None:
@@ -127,7 +126,7 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
     metadata, by_gdal = metadata_of(dataset), metadata_of(dataset, "RPC")
     if by_gdal and not item_of(path):
         # GDAL 3.6 subtracts FIRST_COL of Pleiades Neo, which later versions and other programs do not
-        difference = _describe_difference(rpc_source.rpc, lambda: FoundRpc(fields.rpc_from_gdal(path, by_gdal), ""))
+        difference = _describe_difference(rpc_source.rpc, lambda: FoundRpc(fields.rpc_from_entries(path, by_gdal), ""))
         ignored += (f"what GDAL {gdal.__version__} reads{difference}",) if difference else ()
     elif not by_gdal and any(side_files(path).values()):
         rpc_source = replace(
@@ -136,7 +135,7 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
     sensor = (
         rpc_source.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "") or metadata.get(SENSOR_ITEM, "")
     )
-    height_m = finite_number(metadata.get(HEIGHT_ITEM)) if rpc_source.height_m is None else rpc_source.height_m
+    height_m = parse_finite(metadata.get(HEIGHT_ITEM)) if rpc_source.height_m is None else rpc_source.height_m
     size = (dataset.RasterXSize, dataset.RasterYSize)
     return replace(rpc_source, ignored=ignored, size=size, sensor=sensor, height_m=height_m)
 
@@ -192,7 +191,7 @@ def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
         return read_rpc(rpc_path)
     title = f"{reader.title} {os.path.basename(rpc_path)}"
     if read_rpc_file(image_path) is not None:
-        return FoundRpc(reader.read(rpc_path).rpc, title)
+        return replace(reader.read(rpc_path), source=title)
     return _read_beside(reader, rpc_path, title, image_path, open_raster(image_path))
 
 
@@ -258,7 +257,7 @@ def _rank_as_gdal(path: str, dataset: gdal.Dataset) -> list[Source]:
         with suppress(InputError):
             ours, theirs = (
                 fields.numbers_of(reader.read(file).rpc),
-                fields.numbers_of(fields.rpc_from_gdal(file, metadata)),
+                fields.numbers_of(fields.rpc_from_entries(file, metadata)),
             )
             if np.allclose(ours[2:], theirs[2:], rtol=1e-13, atol=0.0):  # GDAL may have rounded to 15 digits
                 return [sources.pop(place), *sources]
@@ -274,16 +273,13 @@ def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: g
     """Return the RPC of a side file, moved from the scene to the crop or tile that the image shows."""
     reading = reader.read(file) if reader.read_beside is None else reader.read_beside(path, file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
-    rpc_source = FoundRpc(
-        reading.rpc, title, height_m=reading.height_m, sensor=reading.sensor, stated_size=reading.size
-    )
     try:
-        rpc_source = _move(rpc_source, dataset, inside=False)
+        rpc_source = _move(replace(reading, source=title), dataset, inside=False)
         origin = None if rpc_source.is_placed or rpc_source.doubt else reader.tile_origin(path, file)
-        if origin is None or reading.size == size:
+        if origin is None or reading.stated_size == size:
             return rpc_source
         rpc_source = replace(
-            rpc_source, tile=Tile(os.path.abspath(file), origin, reading.size), stated_size=None, is_placed=True
+            rpc_source, tile=Tile(os.path.abspath(file), origin, reading.stated_size), stated_size=None, is_placed=True
         )
         return _move_to(rpc_source, crop.CropPlace(np.eye(2), np.array(origin)), size) if any(origin) else rpc_source
     except InputError as error:
@@ -337,17 +333,17 @@ def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
 
 
 def _read_tag(path: str, title: str, dataset: gdal.Dataset) -> FoundRpc:
-    reading = tiff_tag.read(path)
-    if reading is None:
+    rpc = tiff_tag.read(path)
+    if rpc is None:
         raise InputError(f"{path}: its RPC tag was there a moment ago: do not change the file meanwhile")
-    return _move(FoundRpc(reading.rpc, title), dataset, inside=True)
+    return _move(FoundRpc(rpc, title), dataset, inside=True)
 
 
 def _read_metadata(
     path: str, metadata: Mapping[str, str], title: str, tags: Mapping[str, str], dataset: gdal.Dataset
 ) -> FoundRpc:
     """Return the RPC of GDAL's metadata domain, changed for a chip by ICHIPB in the ``tags`` of a NITF file."""
-    rpc, note = crop.apply_ichipb(path, fields.rpc_from_gdal(path, metadata), tags)
+    rpc, note = crop.apply_ichipb(path, fields.rpc_from_entries(path, metadata), tags)
     return _move(FoundRpc(rpc, f"{title}, {note}" if note else title, is_placed=bool(note)), dataset, inside=True)
 
 
@@ -376,7 +372,7 @@ def read_back_px(path: str, rpc: RPC) -> float:
     metadata = metadata_of(dataset, "RPC")
     if not metadata:
         raise OutputError(f"{path}: GDAL finds no RPC in it: check the version of GDAL")
-    difference = difference_px(rpc, fields.rpc_from_gdal(path, metadata), (dataset.RasterXSize, dataset.RasterYSize))
+    difference = difference_px(rpc, fields.rpc_from_entries(path, metadata), (dataset.RasterXSize, dataset.RasterYSize))
     if not difference <= EQUALITY.written_px:
         raise OutputError(
             f"{path}: GDAL gives another RPC, {difference:.3g} px away: remove older RPC files in its folder"

@@ -20,7 +20,7 @@ from .fields import numbers_of
 from .find import RPC_READERS, read_rpc, require_same, rpc_reader_of, side_files
 from .sidecars import PLAIN, keep_original, restore_originals, set_aside, stale_files, vendor_xml
 from .tiff_tag import read_directory
-from .write import NO_LINEAGE, SIDECARS, Lineage, write_rpc_file
+from .write import NO_LINEAGE, SIDECARS, Lineage, require_tag, write_rpc_file
 
 KEEPS_NONE = "keeps no original RPC: it was not written in place by this program, or is restored already"
 
@@ -53,9 +53,8 @@ def prepare_in_place(
     with changes.replacing(path) as temporary:  # a copy with the new tag; it keeps the original
         copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
         stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True, lineage=lineage.items)
-        tag = tiff_tag.read(temporary)
         open_raster(temporary)
-        require_same(path, rpc, tag.rpc if tag else rpc.shift(float("nan"), 0.0))
+        require_tag(temporary, path, rpc)
     notices: tuple[str, ...] = ()
     if was_cog and not stayed:
         notices = (f"{path}: there was no room in its header: no longer a Cloud Optimized GeoTIFF",)

@@ -50,8 +50,9 @@ from ...foundation.statistical_limits import EQUALITY, SIGNIFICANCE
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import metadata_of, open_dataset
 from ..opening.georeference import Georeference
+from ..opening.numbers import parse_finite
 from . import fields
-from .content import Element, finite_number, read_xml
+from .content import Element, read_xml
 from .crop import CropPlace, crop_rpc
 
 Geotransform = tuple[float, float, float, float, float, float]
@@ -218,7 +219,7 @@ def _compare_with_source(path: str, rpc: RPC, size: Size) -> PlacementDoubt | No
     metadata = {} if source is None else metadata_of(source, "RPC")
     if not metadata:
         return None
-    source_rpc, step = fields.rpc_from_gdal(name, metadata), extent / target_extent
+    source_rpc, step = fields.rpc_from_entries(name, metadata), extent / target_extent
     right = crop_rpc(source_rpc, CropPlace.from_corner(np.diag(step), first - step * target_first), size)
     offset, same_px = difference_px(right, rpc, size), EQUALITY.file_px
     half, is_resampled = 0.5 * (1.0 - 1.0 / step), (step != 1.0).any()
@@ -241,7 +242,7 @@ def _read_rectangles(source: Element) -> tuple[float, ...]:
     """Return offset and size of the rectangles in the source and in the VRT; NaN if they are not stated."""
     texts = [place.get(name) for tag in ("SrcRect", "DstRect") for place in [source.find(tag)] if place is not None
              for name in ("xOff", "yOff", "xSize", "ySize")]  # fmt: skip
-    numbers = [finite_number(text) for text in texts]
+    numbers = [parse_finite(text) for text in texts]
     return tuple(float("nan") if number is None else number for number in numbers) if len(texts) == 8 else (np.nan,) * 8
 
 

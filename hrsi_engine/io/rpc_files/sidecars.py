@@ -16,7 +16,6 @@ from .content import siblings
 from .find import read_rpc, rpc_reader_of, side_files
 from .placement import same_numbers
 from .text_formats import MARKS
-from .xml_formats import ISD_MARK
 
 ORIGINAL = ".original"
 #: Formats that can be set aside; the vendor's XML is not changed, because it contains more than the RPC.
@@ -26,7 +25,7 @@ PLAIN = ("rpb", "rpc-txt", "kompsat")
 def is_written_by_hrsi(path: str) -> bool:
     """Return whether an RPC file was written by HRSI."""
     head = read_head(path)
-    return any(mark.encode() in head for mark in (*MARKS.values(), ISD_MARK))
+    return any(mark.encode() in head for mark in MARKS.values())
 
 
 def vendor_xml(image_path: str) -> list[str]:

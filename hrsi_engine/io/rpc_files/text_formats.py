@@ -23,7 +23,7 @@ from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
 from . import fields
 from .content import positive_size, read_text, siblings
-from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, RpcReader, RpcReading, Text
+from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, FoundRpc, RpcReader, Text
 
 #: RPC field -> its name in the file.
 RPB_NAMES = {
@@ -36,21 +36,21 @@ RPB_NAMES = {
 }  # fmt: skip
 #: Marks of files that HRSI wrote, by format: `restore` may remove such files, and a run may replace them.
 MARKS = {"rpb": 'writtenBy = "HRSI";', "rpc-txt": "WRITTEN_BY: HRSI", "geom": "written_by:  HRSI",
-         "rpcm-json": '"written_by": "HRSI"'}  # fmt: skip
+         "rpcm-json": '"written_by": "HRSI"', "isd": "<!-- writtenBy HRSI -->"}  # fmt: skip
 
 # ---- .RPB ----------------------------------------------------------------------------------------------------------
 
 _RPB_ENTRY = re.compile(r"(?<!\w)(\w+)\s*=\s*(?:\(([^()]*)\)|([^;\n(]*))")
 
 
-def read_rpb(path: str) -> RpcReading:
+def read_rpb(path: str) -> FoundRpc:
     """Return the RPC of an ``.RPB`` file."""
     names = {title.lower(): title for title in RPB_NAMES.values()}
     pairs = ((name.lower(), value_list or scalar) for name, value_list, scalar in _RPB_ENTRY.findall(read_text(path)))
     entries = fields.entries_of(path, pairs, names)
     rpc = fields.rpc_from_entries(path, {names[key]: text for key, text in entries.items() if key in names}, RPB_NAMES)
     sensor = entries.get("satid", "").strip(' "')
-    return RpcReading(rpc, _read_imd_size(path), sensor=sensor)
+    return FoundRpc(rpc, stated_size=_read_imd_size(path), sensor=sensor)
 
 
 def _read_imd_size(path: str) -> tuple[int, int] | None:
@@ -83,13 +83,13 @@ RPB = RpcReader(
 _NUMBERED = {name: tuple(f"{GDAL_NAMES[name]}_{i}" for i in range(1, 21)) for name in POLYNOMIALS}
 
 
-def read_rpc_txt(path: str) -> RpcReading:
+def read_rpc_txt(path: str) -> FoundRpc:
     """Return the RPC of a ``_RPC.TXT`` file; units after the numbers are ignored."""
     # Name and value are separated by a colon, an equals sign or blanks
     lines = (line.replace("=", " ", 1).replace(":", " ", 1).strip() for line in read_text(path).splitlines())
     parts = (line.partition(" ") for line in lines)
     entries = fields.entries_of(path, ((name.upper(), value.strip()) for name, _, value in parts), GDAL_NAMES.values())
-    return RpcReading(fields.rpc_from_entries(path, entries, GDAL_NAMES, [f"_{number}" for number in range(1, 21)]))
+    return FoundRpc(fields.rpc_from_entries(path, entries, numbers=[f"_{number}" for number in range(1, 21)]))
 
 
 def rpc_txt_text(rpc: RPC, lineage: Mapping[str, str] | None = None) -> str:
@@ -119,13 +119,13 @@ GEOM_NAMES = {name: name for name in SCALARS} | {name: f"{name}_coeff" for name 
 GEOM_NAMES |= {"err_bias": "bias_error", "err_rand": "rand_error"}
 
 
-def read_geom(path: str) -> RpcReading:
+def read_geom(path: str) -> FoundRpc:
     """Return the RPC of a ``.geom`` file, and the scene's size if the file states it."""
     parts = (line.partition(":") for line in read_text(path).splitlines())
     entries = fields.entries_of(path, ((name.strip(), value.strip()) for name, _, value in parts), GEOM_NAMES.values())
     rpc = fields.rpc_from_entries(path, entries, GEOM_NAMES, [f"_{number:02d}" for number in range(20)], True)
     size = positive_size(entries.get("number_samples"), entries.get("number_lines"))
-    return RpcReading(rpc, size)
+    return FoundRpc(rpc, stated_size=size)
 
 
 def geom_text(rpc: RPC) -> str:
@@ -150,7 +150,7 @@ RPCM_NAMES = {name: "_".join(_PARTS[part] for part in name.split("_")) for name 
 RPCM_NAMES |= {"err_bias": "err_bias", "err_rand": "err_rand"}
 
 
-def read_rpcm_json(path: str) -> RpcReading:
+def read_rpcm_json(path: str) -> FoundRpc:
     """Return the RPC of an rpcm JSON file, the document or its member ``rpc``, or of ``gdalinfo -json``."""
     try:
         document = json.loads(read_text(path))
@@ -163,12 +163,12 @@ def read_rpcm_json(path: str) -> RpcReading:
         texts = {name: str(text) for name, text in by_gdal["RPC"].items()}
         size = document.get("size")
         stated = positive_size(*map(str, size)) if isinstance(size, list) and len(size) == 2 else None
-        return RpcReading(fields.rpc_from_gdal(path, texts), stated)
+        return FoundRpc(fields.rpc_from_entries(path, texts), stated_size=stated)
     members = document.get("rpc", document)
     if not isinstance(members, dict):
         raise InputError(f"{path}: the member 'rpc' is not an object: obtain the file again")
     size = positive_size(str(document.get("width")), str(document.get("height")))
-    return RpcReading(fields.rpc_from_json(path, members, RPCM_NAMES), size)
+    return FoundRpc(fields.rpc_from_json(path, members, RPCM_NAMES), stated_size=size)
 
 
 def rpcm_json_text(rpc: RPC) -> str:
@@ -190,7 +190,7 @@ _YAML_LIST = re.compile(r":[ \t]*((?:\n[ \t]*- [^\n]+)+)")  # one number a line
 _YAML_ENTRY = re.compile(r"^[ \t]+(\w+)[ \t]*:[ \t]*(?:\[([^\]]*)\]|([^\s\[#]+))", re.MULTILINE)
 
 
-def read_orthority(image_path: str, path: str) -> RpcReading:
+def read_orthority(image_path: str, path: str) -> FoundRpc:
     """Return the RPC of the part for an image; without image path, the file must have one part."""
     text = _YAML_LIST.sub(lambda yaml_entries: f": [{','.join(yaml_entries[1].split()[1::2])}]", read_text(path))
     _, *texts = _YAML_PART.split(text)
@@ -207,7 +207,8 @@ def read_orthority(image_path: str, path: str) -> RpcReading:
     yaml_entries = _YAML_ENTRY.findall(parts[matching_names[0]])
     entries = {key: value_list or scalar for key, value_list, scalar in yaml_entries}
     size = [*entries.get("im_size", "").split(","), "", ""]
-    return RpcReading(fields.rpc_from_entries(path, entries, _YAML_NAMES), positive_size(size[0], size[1]))
+    rpc = fields.rpc_from_entries(path, entries, _YAML_NAMES)
+    return FoundRpc(rpc, stated_size=positive_size(size[0], size[1]))
 
 
 ORTHORITY = RpcReader(
@@ -222,13 +223,13 @@ _ALOS_WIDTHS = (6, 5, 8, 9, 5, 6, 5, 8, 9, 5, *(12,) * 80)
 _ALOS_ENDS = (*itertools.accumulate(_ALOS_WIDTHS),)
 
 
-def read_alos(path: str) -> RpcReading:
+def read_alos(path: str) -> FoundRpc:
     """Return the RPC of a record of fixed width: offsets, scales and coefficients in the order of GeoTIFF."""
     text = read_text(path)
     texts = [text[end - width : end].strip() for end, width in zip(_ALOS_ENDS, _ALOS_WIDTHS, strict=True)]
     values: dict[str, Text | None] = dict(zip(SCALARS, texts, strict=False))
     values |= {name: texts[10 + 20 * number : 30 + 20 * number] for number, name in enumerate(POLYNOMIALS)}
-    return RpcReading(fields.rpc_from_text(path, values))
+    return FoundRpc(fields.rpc_from_text(path, values))
 
 
 ALOS = RpcReader(

@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 from html import escape
 from typing import BinaryIO, NamedTuple
 
+from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ..opening.budgets import FILE_BUDGETS
-from .fields import GDAL_NAMES, SCALARS, RpcReading, rpc_from_numbers
+from .fields import GDAL_NAMES, SCALARS, rpc_from_numbers
 
 # ---- the first directory -----------------------------------------------------------------------------------------
 
@@ -222,13 +223,13 @@ _LINEAGE_ITEM = re.compile(r'<Item name="HRSI_[A-Z0-9_]*">[^<]*</Item>\r?\n?')
 _END = "</GDALMetadata>"
 
 
-def read(path: str) -> RpcReading | None:
+def read(path: str) -> RPC | None:
     """Return the RPC of a GeoTIFF's tag; None for other files and without the tag.
 
     Raises `InputError` if the tag exists but is damaged.
     """
     numbers = read_numbers(path)
-    return None if numbers is None else RpcReading(rpc_from_numbers(f"{path} (tag {TAG_RPC})", numbers))
+    return None if numbers is None else rpc_from_numbers(f"{path} (tag {TAG_RPC})", numbers)
 
 
 def read_numbers(path: str) -> list[float] | None:

@@ -16,7 +16,7 @@ from ..opening.files import open_raster
 from ..safety.replacing import copy_bytes, replacing
 from ..safety.transactions import Transaction
 from . import tiff_tag
-from .fields import gdal_metadata, numbers_of, rpc_from_gdal
+from .fields import gdal_metadata, numbers_of, rpc_from_entries
 from .find import RPC_READERS, read_rpc, require_same
 from .sidecars import set_aside_conflicting_rpcs
 from .text_formats import geom_text, rpb_text, rpc_txt_text, rpcm_json_text
@@ -124,7 +124,7 @@ def prepare_geotiff_copy(
     with changes.replacing(target_path) as temporary:
         copy_bytes(source_path, temporary, progress, f"writing {os.path.basename(target_path)}")
         notices += _set_tag(temporary, target_path, rpc, source, lineage)
-        _require_tag(temporary, target_path, rpc)
+        require_tag(temporary, target_path, rpc)
     return notices
 
 
@@ -143,16 +143,16 @@ def save_geotiff(
         create_copy(virtual, temporary, target_path, driver, options, progress)
         if lineage.original is not None:
             notices = _set_tag(temporary, target_path, rpc, gdal.Open(temporary), lineage)
-        _require_tag(temporary, target_path, rpc)
+        require_tag(temporary, target_path, rpc)
     return notices
 
 
-def _require_tag(temporary: str, target_path: str, rpc: RPC) -> None:
+def require_tag(temporary: str, target_path: str, rpc: RPC) -> None:
     """Raise `OutputError` if a file does not have the RPC tag that was to be written."""
-    tag = tiff_tag.read(temporary)
-    if tag is None:
+    written = tiff_tag.read(temporary)
+    if written is None:
         raise OutputError(f"{target_path}: GDAL wrote no RPC tag: check the version of GDAL")
-    require_same(target_path, rpc, tag.rpc)
+    require_same(target_path, rpc, written)
 
 
 def _require_other_file(source_path: str, target_path: str) -> None:
@@ -224,5 +224,5 @@ def save_vrt(
         reopened, message = open_dataset(temporary)
         if reopened is None:
             raise OutputError(f"{target_path}: cannot be opened again ({message})")
-        require_same(target_path, rpc, rpc_from_gdal(target_path, metadata_of(reopened, "RPC")))
+        require_same(target_path, rpc, rpc_from_entries(target_path, metadata_of(reopened, "RPC")))
         del reopened

@@ -13,24 +13,25 @@ arbitrary (4000 m in Pleiades Neo); the product file states the height of the sc
 
 import os
 import re
+from dataclasses import replace
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ..opening.numbers import parse_finite
 from . import fields
-from .content import Element, element_text, finite_number, positive_size, read_xml, siblings, texts_below, xml_bytes
-from .fields import ERRORS, POLYNOMIALS, SCALARS, Origin, RpcReader, RpcReading, shorten
-from .text_formats import RPB_NAMES
+from .content import Element, element_text, positive_size, read_xml, siblings, texts_below, xml_bytes
+from .fields import ERRORS, POLYNOMIALS, SCALARS, FoundRpc, Origin, RpcReader, shorten
+from .text_formats import MARKS, RPB_NAMES
 
 # ---- ISD -----------------------------------------------------------------------------------------------------------
 
 #: The root element, in any namespace.
 _ISD_ROOT = re.compile(rb"<([\w.-]+:)?isd[\s>]", re.IGNORECASE)
-ISD_MARK = "<!-- writtenBy HRSI -->"  #: in files of HRSI, which may be replaced
 ISD_NAMES = {name: title.upper() for name, title in RPB_NAMES.items()}
 _ISD_TILE = re.compile(r"_(r\d{1,3}c\d{1,3})(?=-)")
 
 
-def read_isd(path: str) -> RpcReading:
+def read_isd(path: str) -> FoundRpc:
     """Return the RPC of an ISD XML file and the size of its image (NUMCOLUMNS, NUMROWS)."""
     root = read_xml(path)
     part = next(root.iter("RPB"), None)
@@ -38,12 +39,18 @@ def read_isd(path: str) -> RpcReading:
         raise InputError(f"{path}: the RPB element is missing: this product was delivered without RPC")
     rpc = fields.rpc_from_entries(path, texts_below(part), ISD_NAMES, zero_is_unknown=True)
     size = positive_size(element_text(root, "NUMCOLUMNS"), element_text(root, "NUMROWS"))
-    return RpcReading(rpc, size, sensor=element_text(root, "SATID") or "")
+    return FoundRpc(rpc, stated_size=size, sensor=element_text(root, "SATID") or "")
 
 
 def isd_text(rpc: RPC) -> str:
     """Return the content of an ISD XML file with only an RPC, with all digits."""
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<isd>", f" {ISD_MARK}", " <RPB>", "  <SPECID>RPC00B</SPECID>"]
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        "<isd>",
+        f" {MARKS['isd']}",
+        " <RPB>",
+        "  <SPECID>RPC00B</SPECID>",
+    ]
     lines.append("  <IMAGE>")
     for name in (*ERRORS, *SCALARS):  # GDAL needs all of them; an unknown accuracy is 0
         lines.append(f"   <{ISD_NAMES[name]}>{getattr(rpc, name) or 0.0!r}</{ISD_NAMES[name]}>")
@@ -63,7 +70,7 @@ def _find_tile(image_path: str, side_file: str) -> Origin | None:
         return None
     for tile_element in read_xml(side_file).iter("TILE"):
         name_match = _ISD_TILE.search((element_text(tile_element, "FILENAME") or "").lower())
-        sample, line = (finite_number(element_text(tile_element, name)) for name in ("ULCOLOFFSET", "ULROWOFFSET"))
+        sample, line = (parse_finite(element_text(tile_element, name)) for name in ("ULCOLOFFSET", "ULROWOFFSET"))
         if name_match is not None and name_match[1] == tile[1] and sample is not None and line is not None:
             return sample, line
     raise InputError(f"{image_path}: is a tile that {os.path.basename(side_file)} does not place: get that file again")
@@ -88,7 +95,7 @@ _DIMAP_ROOT = re.compile(rb"<([\w.-]+:)?Dimap_Document[\s>]")
 _DIMAP_TILE = re.compile(r"_r(\d{1,3})c(\d{1,3})$")
 
 
-def read_dimap(path: str) -> RpcReading:
+def read_dimap(path: str) -> FoundRpc:
     """Return the RPC of a DIMAP RPC file, or of the one that a product file names, with the scene's size and height."""
     root = read_xml(path)
     if _find_first(root, _GROUND_TO_IMAGE) is not None:
@@ -115,13 +122,14 @@ def read_dimap(path: str) -> RpcReading:
     begins = domain_texts.get("FIRST_COL") == domain_texts.get("FIRST_ROW") == str(first)
     last = positive_size(domain_texts.get("LAST_COL"), domain_texts.get("LAST_ROW")) if begins else None
     extent = None if last is None else (last[0] - first + 1, last[1] - first + 1)
-    reading = RpcReading(rpc.shift(-first, -first), extent, sensor=element_text(root, "METADATA_PROFILE") or "")
+    sensor = element_text(root, "METADATA_PROFILE") or ""
+    reading = FoundRpc(rpc.shift(-first, -first), stated_size=extent, sensor=sensor)
     if described is None:
         return reading
     size = positive_size(element_text(described, "NCOLS"), element_text(described, "NROWS"))
     centre = described.find(".//Dataset_Extent//Center")
-    height_m = None if centre is None else finite_number(element_text(centre, "H"))
-    return RpcReading(reading.rpc, reading.size or size, height_m, reading.sensor)
+    height_m = None if centre is None else parse_finite(element_text(centre, "H"))
+    return replace(reading, stated_size=extent or size, height_m=height_m)
 
 
 def _find_rpc_file(path: str, product: Element) -> str:
