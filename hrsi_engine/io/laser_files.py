@@ -25,8 +25,10 @@ from ..block.laser import LaserPoints
 from ..foundation.errors import InputError
 from ..foundation.json_values import json_text
 from .opening.budgets import FILE_BUDGETS, GROUND_HEIGHTS
-from .opening.datasets import gdal_messages, quiet, read_head
+from .opening.datasets import quiet, read_head
+from .opening.hdf5 import HDF5_HEAD, open_hdf5, read_array
 from .point_files.find import choose_fields, read_table, split_spec
+from .point_files.ogr_layer import parse_wkb_points
 from .point_files.positions import Reference, ground_positions, has_positions
 from .point_files.table import NUMBER_FIELDS, PointTable, match_fields
 
@@ -156,21 +158,10 @@ def read_parquet(path: str, selection: Mapping[str, str] | None = None) -> Point
 def _parse_points(path: str, column: Any) -> np.ndarray:
     """Return points ``(n, 3)`` from their well-known binary; heights that it does not contain are NaN."""
     texts = [value for value in column.to_pylist() if isinstance(value, bytes)]
-    lengths = {len(text) for text in texts}
-    if len(texts) != len(column) or len(lengths) > 1 or not lengths <= {21, 29}:
+    place = parse_wkb_points(b"".join(texts), len(texts)) if len(texts) == len(column) else None
+    if place is None or len({len(text) for text in texts}) > 1:
         raise InputError(f"{path}: its geometry is not points alone: give a layer of points")
-    place = np.full((len(texts), 3), np.nan)
-    for length in lengths:
-        axes = (length - 5) // 8
-        layout = np.dtype([("order", "u1"), ("code", "<u4"), ("xyz", "<f8", (axes,))])
-        rows = np.frombuffer(b"".join(texts), dtype=layout)
-        if (rows["order"] != 1).any() or (rows["code"] % 1000 != 1).any():
-            raise InputError(f"{path}: its geometry is not points alone: give a layer of points")
-        place[:, :axes] = rows["xyz"]
     return place
-
-
-HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 
 
 #: Arrays of a beam, by HRSI's names; arrays that the granule lacks are omitted.
@@ -240,15 +231,8 @@ PRODUCTS: dict[str, Product] = {
 
 def read_granule(path: str) -> LaserPoints:
     """Return all points with heights of a granule; raise `InputError` if it is of no known product."""
-    dataset = None
-    with gdal_messages() as messages:
-        dataset = gdal.OpenEx(path, gdal.OF_MULTIDIM_RASTER, allowed_drivers=["HDF5"])
-    if dataset is None:
-        if gdal.GetDriverByName("HDF5") is None:
-            raise InputError(f"{path}: this GDAL reads no HDF5: get the points as GeoParquet or CSV from SlideRule")
-        raise InputError(f"{path}: cannot be opened as HDF5 ({' '.join(messages) or 'damaged'}): obtain it again")
+    root = open_hdf5(path)
     with quiet():
-        root = dataset.GetRootGroup()
         for product in PRODUCTS.values():
             result = list(_read_beams(path, root, product))
             if result:
@@ -263,8 +247,8 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
         if not beam.startswith(product.beam):
             continue
         place = f"/{beam}/{product.points}".rstrip("/")
-        arrays = {name: values for name, array_path in product.arrays.items()
-                  if (values := _read_array(path, root, f"{place}/{array_path}")) is not None}  # fmt: skip
+        read = {name: read_array(path, root, f"{place}/{part}") for name, part in product.arrays.items()}
+        arrays = {name: _without_fill(values) for name, values in read.items() if values is not None}
         if {"lon", "lat", "height"} <= arrays.keys():
             count = len(arrays["height"])
             damaged = [name for name, values in arrays.items() if len(values) != count]
@@ -274,22 +258,8 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
             yield beam, arrays
 
 
-def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
-    """Return an array as float64, NaN for fill values; None if the granule has no array of that name."""
-    try:
-        array = root.OpenMDArrayFromFullname(name)
-    except RuntimeError:
-        return None
-    if array is None:
-        return None
-    size = int(np.prod([dimension.GetSize() for dimension in array.GetDimensions()], dtype=np.float64))
-    if size > FILE_BUDGETS.array_values:
-        raise InputError(f"{path}, {name}: claims {size} values, more than any granule has: obtain it again")
-    values = None
-    with gdal_messages() as messages:
-        values = array.ReadAsArray()
-    if values is None:
-        raise InputError(f"{path}, {name}: cannot be read ({' '.join(messages)}): obtain it again")
+def _without_fill(values: np.ndarray) -> np.ndarray:
+    """Return numbers as float64, NaN for fill values."""
     numbers = np.asarray(values, dtype=np.float64)
     return np.where((numbers >= np.finfo(np.float32).max) | (numbers <= GROUND_HEIGHTS.no_data_m), np.nan, numbers)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rpc_files.content import read_text
+from ...hrsi_engine.io.opening.files import read_text
 from ...hrsi_engine.laboratory.direct_methods import COEFFICIENTS, DIRECT
 from ...hrsi_engine.refinement.model import RefinementModel
 from ...hrsi_engine.refinement.models import MODELS

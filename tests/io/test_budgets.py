@@ -368,7 +368,7 @@ def test_rpc_terms_that_cannot_be(tmp_path: Path) -> None:
         open_image(str(with_line(tmp_path, text, "SAMP_NUM_COEFF_7", "-3.1e231")))
     with pytest.raises(InputError, match=r"b_RPC.TXT: HEIGHT_SCALE is 1e-06, which is not possible"):
         open_image(str(with_line(tmp_path, text, "HEIGHT_SCALE", "1e-6")))
-    with pytest.raises(InputError, match=r"b_RPC.TXT: SAMP_DEN_COEFF starts with 1e-09, others are larger"):
+    with pytest.raises(InputError, match=r"b_RPC.TXT: SAMP_DEN_COEFF starts with 1e-09, and its largest"):
         open_image(str(with_line(tmp_path, text, "SAMP_DEN_COEFF_1", "1e-9")))
     for name in ("LAT_OFF", "LONG_OFF", "HEIGHT_OFF", "LINE_OFF", "SAMP_SCALE", "HEIGHT_SCALE"):
         with pytest.raises(InputError, match=rf"b_RPC.TXT: {name} is 7e\+11, which is not possible"):

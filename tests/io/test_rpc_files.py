@@ -346,7 +346,7 @@ def _with_bad_value(content: str, name: str) -> str:
     [("missing.tif", None, "no such file"), ("x.tif", b"not a tiff", "neither an image nor an RPC file"),
      ("x_RPC.TXT", b"", "LINE_OFF is missing"), ("x.RPB", b"BEGIN_GROUP", "lineOffset is missing"),
      ("RPC_x.XML", b"<Dimap_Document><!-- cut", "not well-formed"),
-     ("x.json", b'{"rpc": {"row_offset": ', "not valid JSON"),
+     ("x.json", b'{"rpc": {"row_offset": ', "is no JSON"),
      ("RPC_x.XML", b'<!DOCTYPE a [<!ENTITY b "c">]><Dimap_Document>Rational_Function_Model</Dimap_Document>',
       "DOCTYPE"),
      ("x.tif", b"II*\0\xff\xff\xff\xff", "damaged|neither")],

@@ -11,7 +11,6 @@ in this order,
 3. the RPC in the image file or next to it, as for any image.
 """
 
-import json
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -19,9 +18,8 @@ from typing import Any
 from urllib.parse import unquote, urljoin, urlsplit
 
 from ...foundation.errors import InputError, list_ids
-from ..opening.budgets import MOST_BYTES
+from ..opening.files import read_json
 from ..opening.item_images import ItemImage, StacItem
-from ..rpc_files.content import read_bytes
 from ..rpc_files.fields import STAC_NAMES
 
 ITEM, COLLECTION_OF_ITEMS = "Feature", "FeatureCollection"
@@ -49,10 +47,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
         if stated:
             raise InputError(f"{name}: there is no file {file} with items: name one (.json)")
         return None
-    try:
-        document = json.loads(read_bytes(file, MOST_BYTES["items"]))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{file}: is no JSON that can be read ({error}): obtain the file again") from None
+    document = read_json(file, "items")
     kind = document.get("type") if isinstance(document, dict) else None
     if kind in ("Collection", "Catalog") and "stac_version" in document:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Opens JSON files and rasters within their size limits; invalid files raise `InputError`."""
+"""Reads texts and opens rasters within their size limits; invalid files raise `InputError`."""
 
 import json
 import os
@@ -9,21 +9,34 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from .budgets import require_raster, require_size
-from .datasets import check_advice, gdal_messages, open_dataset
+from .budgets import MOST_BYTES, require_raster, require_size
+from .datasets import check_advice, gdal_messages, open_dataset, read_head
+
+
+def read_bytes(path: str, kind: str = "RPC") -> bytes:
+    """Return the content of a file, also of one in GDAL's virtual file systems (``/vsizip/…``).
+
+    ``kind`` is the kind of its content, a key of `budgets.MOST_BYTES`. Raises `InputError` if it cannot be read or is
+    too large.
+    """
+    require_size(path, kind)
+    return read_head(path, MOST_BYTES[kind])
+
+
+def read_text(path: str, kind: str = "RPC") -> str:
+    """Return a file's text, as UTF-8 or, if that fails, as Latin-1, which cannot fail; raises as `read_bytes`."""
+    content = read_bytes(path, kind)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
 
 
 def read_json(path: str, kind: str) -> Any:
-    """Return the content of a JSON file (UTF-8, with or without a byte order mark).
-
-    ``kind`` is the kind of its content, a key of `budgets.MOST_BYTES`. Raises `InputError` if it cannot be read, is too
-    large, or is no JSON.
-    """
-    require_size(path, kind)
+    """Return the content of a JSON file (UTF-8, with or without a byte order mark); raises as `read_bytes`."""
     try:
-        with open(path, encoding="utf-8-sig") as file:
-            return json.load(file)
-    except (OSError, ValueError, RecursionError) as error:  # the last: brackets nested thousands deep
+        return json.loads(read_bytes(path, kind).decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # the last: brackets nested thousands deep
         raise InputError(f"{path}: is no JSON that can be read ({error}): obtain the file again") from None
 
 

@@ -21,19 +21,17 @@ import csv
 import math
 import os
 import re
-from itertools import islice
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...foundation.errors import InputError
 from ...ground.geodesy import east_north_up
-from ..opening.budgets import require_size
 from ..opening.datasets import open_dataset
-from ..opening.files import read_json
+from ..opening.files import read_json, read_text
 from ..opening.numbers import has_decimal_commas, parse_finite
 from ..rasters.images import image_id
-from ..rpc_files.content import read_text
 from .table import PointReader, PointTable, parse_numbers
 
 # ---- Ames Stereo Pipeline ------------------------------------------------------------------------------------------
@@ -45,14 +43,8 @@ _Row = tuple[int, str, str, list[float]]
 
 def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
     """Return one row for each point and image; raise `InputError` with the line if one is damaged."""
-    require_size(path, "points")
-    try:
-        with open(path, encoding="utf-8-sig", errors="replace") as file:
-            lines = file.read().splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error}): check the file") from None
     rows: list[_Row] = []
-    for number, text in enumerate(lines, start=1):
+    for number, text in enumerate(read_text(path, "points").splitlines(), start=1):
         data = text.partition("#")[0]
         if has_decimal_commas(data.partition(" ")[2]):
             raise InputError(f"{path}, line {number}: has decimals behind commas: write them with a point")
@@ -79,15 +71,8 @@ def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
             "bundle_adjust does by default",
         )
     geometry = np.column_stack([lon, lat, height])
-    return PointTable(
-        path,
-        columns,
-        _ASP_FIELDS,
-        row_name=lambda row: f"line {rows[row][0]}",
-        geometry=geometry,
-        crs="EPSG:4979",
-        notes=notes,
-    )
+    table = PointTable(path, columns, _ASP_FIELDS, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979")
+    return replace(table, notes=notes)
 
 
 def _parse_line(path: str, number: int, fields: list[str]) -> list[_Row]:
@@ -195,13 +180,10 @@ _QGIS_HEADER = re.compile(rb"^\W*mapX,mapY,(?:source|pixel)X,", re.MULTILINE)
 
 def read_qgis_points(path: str, _layer: str = "") -> PointTable:
     """Return the points that are switched on; raise `InputError` if the file is damaged."""
-    require_size(path, "points")
+    lines = read_text(path, "points").splitlines()
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            lines = file.read().splitlines()
-        offset = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
-        rows = [row for row in csv.reader(islice(lines, offset, None)) if row]
-    except (OSError, UnicodeError, csv.Error) as error:
+        rows = [row for row in csv.reader(line for line in lines if not line.startswith("#")) if row]
+    except csv.Error as error:
         raise InputError(f"{path}: cannot be read ({error}): save the points again in the Georeferencer") from None
     crs = next((line.partition(":")[2].strip() for line in lines if line.lower().startswith("#crs:")), "")
     names = [name.strip() for name in rows[0]] if rows else []
@@ -229,15 +211,8 @@ def read_qgis_points(path: str, _layer: str = "") -> PointTable:
         "line": -get_column("sourcey", "pixely") - 0.5,
     }
     notes = (f"{path}: {disabled} points are switched off and left out",) if disabled > 0 else ()
-    return PointTable(
-        path,
-        columns,
-        tuple(names),
-        row_name=lambda row: f"point {body[row][0]}",
-        geometry=geometry,
-        crs=crs,
-        notes=notes,
-    )
+    table = PointTable(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs)
+    return replace(table, notes=notes)
 
 
 QGIS_POINTS = PointReader(
@@ -253,7 +228,7 @@ _ENVI_HEADER = re.compile(rb"^;\s*ENVI .*GCP", re.IGNORECASE)
 
 def read_envi_points(path: str, _layer: str = "") -> PointTable:
     """Return the points of a ``.pts`` file; raise `InputError` with the line if one is damaged."""
-    lines = read_text(path).splitlines()
+    lines = read_text(path, "points").splitlines()
     header = " ".join(line for line in lines if line.startswith(";"))
     rows = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith(";")]
     width = 5 if "elevation" in header.lower() else 4

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..rpc_files.content import read_text
+from ..opening.files import read_text
 from .csv_text import NAMED_COLUMNS, read_plain_text
 from .table import PointReader, PointTable
 
@@ -32,7 +32,7 @@ _ROLES = {"G": "gcp", "C": "check", "I": "off"}
 
 def read_metashape(path: str, _layer: str = "") -> PointTable:
     """Return the surveyed positions of a reference file; raise `InputError` with the line if it is damaged."""
-    lines = read_text(path).splitlines()
+    lines = read_text(path, "points").splitlines()
     start, header = next(
         (current, result) for current, line in enumerate(lines, 1) if (result := _HEADER.match(line.encode()))
     )
@@ -66,7 +66,7 @@ def is_orthoengine(names: Sequence[str]) -> bool:
 def read_orthoengine(path: str, columns_option: str) -> PointTable:
     """Return the points of a text whose columns ``columns_option`` names; raise `InputError` if it is damaged."""
     names = columns_option.removeprefix(NAMED_COLUMNS).split(",")
-    fields = [re.findall(r'"[^"]*"|[^\s,]+', line) for line in read_text(path).splitlines()]
+    fields = [re.findall(r'"[^"]*"|[^\s,]+', line) for line in read_text(path, "points").splitlines()]
     field_names = [_ORTHOENGINE.get(name.strip().lower(), name) for name in names]
     table = read_plain_text(path, ["\t".join(row) for row in fields], field_names)
     columns = table.columns | {axis: table.columns[axis] - 0.5 for axis in ("sample", "line")}

@@ -35,9 +35,10 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ...foundation.working_sizes import MEMORY
-from ..opening.budgets import FILE_BUDGETS, require_size
+from ..opening.budgets import require_size
 from ..opening.databases import require_sound, sound_database
-from ..opening.datasets import gdal_messages
+from ..opening.files import read_bytes
+from ..opening.hdf5 import HDF5_HEAD, open_hdf5, read_array
 from .table import PointReader, PointTable
 
 #: Names of two images, and the positions of their matches ``(2 k, 2)``, those in the first image first.
@@ -89,14 +90,8 @@ def read_asp_matches(path: str, _layer: str = "") -> PointTable:
     names = _PAIR_NAME.match(os.path.basename(path))
     if names is None:
         raise InputError(f"{path}: its name does not contain the images: rename it to PREFIX-IMAGE1__IMAGE2.match")
-    is_binary = path.lower().endswith(".match")
-    require_size(path, "matches" if is_binary else "points")
-    try:
-        with open(path, "rb") as file:
-            content = file.read()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error}): check the file") from None
-    xy = _parse_records(path, content) if is_binary else _parse_text(path, content)
+    parse = _parse_records if path.lower().endswith(".match") else _parse_text
+    xy = parse(path, read_bytes(path, "matches"))
     return tabulate_matches(path, [(names[1], names[2], xy)], ("x", "y"))
 
 
@@ -226,7 +221,7 @@ def _read_pair(
 ) -> _Matches:
     """Return the matches of a group ``NAME1/NAME2``."""
     first, _, second = name.partition("/")
-    partner = _read_array(path, group, _MATCHES).ravel().astype(np.int64)
+    partner = np.asarray(read_array(path, group, _MATCHES)).ravel().astype(np.int64)
     indices = np.flatnonzero(partner >= 0)
     rows = np.column_stack([indices, partner[indices]])
     if _has_item(group, "keypoints0") and _has_item(group, "keypoints1"):
@@ -265,26 +260,16 @@ def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]
 
 def _list_groups(path: str) -> list[tuple[str, gdal.Group]]:
     """Return all groups of an HDF5 file with their names; raise `InputError` if it cannot be read."""
-    if not os.path.isfile(path):
-        raise InputError(f"{path}: no such file: check the path")
     require_size(path, "matches")
-    if gdal.GetDriverByName("HDF5") is None:
-        raise InputError(f"{path}: this GDAL reads no HDF5: install its HDF5 driver, or write the matches as text")
     groups: list[tuple[str, gdal.Group]] = []
-    with gdal_messages() as messages:
-        dataset = gdal.OpenEx(path, gdal.OF_MULTIDIM_RASTER, allowed_drivers=["HDF5"])
-        waiting = [] if dataset is None else [("", dataset.GetRootGroup())]
-        while waiting:
-            name, group = waiting.pop()
-            if group is None or len(groups) > MEMORY.values:
-                groups = []
-                break
-            groups.append((name, group))
-            inner = group.GetGroupNames() or ()
-            waiting += [(f"{name}/{part}".lstrip("/"), group.OpenGroup(part)) for part in reversed(inner)]
-    if not groups:
-        said = messages[0] if messages else "no valid HDF5 file"
-        raise InputError(f"{path}: cannot be read ({said}): obtain the file again")
+    waiting = [("", open_hdf5(path))]
+    while waiting:
+        name, group = waiting.pop()
+        if group is None or len(groups) > MEMORY.values:
+            raise InputError(f"{path}: its groups cannot be read: obtain the file again")
+        groups.append((name, group))
+        inner = reversed(group.GetGroupNames() or ())
+        waiting += [(f"{name}/{part}".lstrip("/"), group.OpenGroup(part)) for part in inner]
     return groups
 
 
@@ -294,31 +279,13 @@ def _has_item(group: gdal.Group, name: str) -> bool:
 
 def _read_positions(path: str, group: gdal.Group, name: str) -> np.ndarray:
     """Return keypoints ``(n, 2)``, float64."""
-    values = _read_array(path, group, name)
-    if values.ndim != 2 or values.shape[1] < 2:
-        raise InputError(f"{path}: {name!r} is {values.shape}, not (n, 2): obtain the file again")
+    values = read_array(path, group, name)
+    if values is None or values.ndim != 2 or values.shape[1] < 2:
+        raise InputError(f"{path}: {name!r} is no array (n, 2): obtain the file again")
     return values[:, :2].astype(np.float64)
 
 
-def _read_array(path: str, group: gdal.Group, name: str) -> np.ndarray:
-    """Return an array of numbers of a group."""
-    values: np.ndarray | None = None
-    with gdal_messages() as messages:
-        array = group.OpenMDArray(name)
-        sizes = [dimension.GetSize() for dimension in array.GetDimensions()]
-        if 0 in sizes:
-            return np.zeros(sizes)
-        if np.prod(sizes, dtype=float) > FILE_BUDGETS.array_values:
-            raise InputError(f"{path}: {name!r} claims {sizes} numbers, more than any image has: obtain the file again")
-        values = array.ReadAsArray()
-    if values is None or values.dtype.kind not in "iuf":
-        raise InputError(
-            f"{path}: {name!r} cannot be read ({'; '.join(messages) or 'no numbers'}): obtain the file again"
-        )
-    return values
-
-
-HLOC_MATCHES = PointReader("hloc matches", lambda _path, _name, head: head.startswith(b"\x89HDF\r\n\x1a\n"), read_hloc)
+HLOC_MATCHES = PointReader("hloc matches", lambda _path, _name, head: head.startswith(HDF5_HEAD), read_hloc)
 
 # ---- sat-bundleadjust ----------------------------------------------------------------------------------------------
 

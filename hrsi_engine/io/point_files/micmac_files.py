@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..opening.budgets import require_size
+from ..opening.files import read_bytes
 from . import csv_text
 from .match_files import tabulate_matches
 from .table import PointReader, PointTable
@@ -70,11 +70,9 @@ def _list_homol(path: str) -> list[str]:
 
 def _parse_homol(path: str) -> np.ndarray:
     """Return x and y in both images ``(k, 4)``, as the file has them."""
-    require_size(path, "matches")
+    content = read_bytes(path, "matches")
+    order = _ORDERS.get(content[:4])
     try:
-        with open(path, "rb") as file:
-            content = file.read()
-        order = _ORDERS.get(content[:4])
         if order is None:
             lines = [line.split() for line in content.decode("ascii").splitlines() if line.strip()]
             rows = np.array([[float(text) for text in line[:4]] for line in lines]).reshape(-1, 4)
@@ -86,7 +84,7 @@ def _parse_homol(path: str) -> np.ndarray:
                 raise ValueError("the number of its matches is another one")
         if not np.isfinite(rows).all():
             raise ValueError("positions are no numbers")
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise InputError(f"{path}: is no complete file of MicMac's matches ({error}): obtain it again") from None
     return rows
 

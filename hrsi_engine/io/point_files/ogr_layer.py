@@ -190,7 +190,7 @@ def measurements_of(spec: str) -> str:
 #: Formats whose columns have one type. For damaged text formats, GDAL 3.6 can crash.
 BY_COLUMNS = ("GPKG", "Arrow", "Parquet")
 #: By the size of a point in WKB (bytes): its type codes (ISO, and old WKB with z), and number of coordinates.
-_WKB_POINTS = {21: ((1,), 2), 29: ((1001, 0x80000001), 3)}
+_WKB_POINTS: dict[float, tuple[tuple[int, ...], int]] = {21: ((1,), 2), 29: ((1001, 0x80000001), 3)}
 
 
 def _read_columns(
@@ -243,16 +243,32 @@ def _read_arrow_field(field: str, column: np.ndarray) -> np.ndarray | None:
 def _read_arrow_positions(layer: ogr.Layer, batch: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """Return the points of a batch ``(n, 3)``, NaN where missing; None if not all of them are simple points."""
     column = batch.get(layer.GetGeometryColumn() or "wkb_geometry")
-    if column is None or column.dtype.kind != "V" or column.dtype.itemsize not in _WKB_POINTS:
+    if column is None or column.dtype.kind != "V":
         return None
-    codes, axes = _WKB_POINTS[column.dtype.itemsize]
-    missing = np.ma.getmaskarray(column)
-    layout = np.dtype([("order", "u1"), ("code", "<u4"), ("xyz", "<f8", (axes,))])
-    wkb = np.ascontiguousarray(np.ma.getdata(column)).view(layout)
-    if not np.all(missing | ((wkb["order"] == 1) & np.isin(wkb["code"], codes))):
+    present = ~np.ma.getmaskarray(column)
+    known = parse_wkb_points(np.ma.getdata(column)[present].tobytes(), int(present.sum()))
+    if known is None:
         return None
     place = np.full((len(column), 3), np.nan)
-    place[:, :axes] = np.where(missing[:, None], np.nan, wkb["xyz"])
+    place[present] = known
+    return place
+
+
+def parse_wkb_points(content: bytes, count: int) -> np.ndarray | None:
+    """Return points ``(n, 3)`` of equal size in well-known binary, NaN for heights that it does not contain.
+
+    None if they are no simple points.
+    """
+    place = np.full((count, 3), np.nan)
+    if not count:
+        return place
+    codes, axes = _WKB_POINTS.get(len(content) / count, ((), 0))
+    if not axes:
+        return None
+    rows = np.frombuffer(content, np.dtype([("order", "u1"), ("code", "<u4"), ("xyz", "<f8", (axes,))]))
+    if not (rows["order"] == 1).all() or not np.isin(rows["code"], codes).all():
+        return None
+    place[:, :axes] = rows["xyz"]
     return place
 
 

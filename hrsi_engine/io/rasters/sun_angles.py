@@ -22,8 +22,9 @@ from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.sun import SunAngles, sun_at_time
 from ..opening.datasets import metadata_of, open_dataset
+from ..opening.files import read_text
 from ..opening.item_images import item_of
-from ..rpc_files.content import read_text, siblings
+from ..rpc_files.content import siblings
 
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 #: After a name: the rest of an XML tag, or the separators of JSON, PVL, Python and plain text.

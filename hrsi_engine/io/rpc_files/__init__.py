@@ -8,7 +8,7 @@ old file or the new one.
 from ...foundation.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "fields": "FoundRpc RpcReader RpcReading",
+    "fields": "FoundRpc RpcReader",
     "find": "RPC_READERS read_back_px read_rpc read_rpc_or_none rpc_for_image rpc_in_folder"
             " rpc_of_dataset rpc_reader_of",
     "in_place": "KEEPS_NONE prepare_in_place prepare_restoring prepare_sidecar require_in_place",

@@ -9,7 +9,6 @@ old file or the new one.
 
 from .fields import FoundRpc as FoundRpc
 from .fields import RpcReader as RpcReader
-from .fields import RpcReading as RpcReading
 from .find import RPC_READERS as RPC_READERS
 from .find import read_back_px as read_back_px
 from .find import read_rpc as read_rpc

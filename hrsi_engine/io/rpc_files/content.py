@@ -1,4 +1,4 @@
-"""Bytes, text and XML of small side files: limited in size; every fault is an `InputError` with the file."""
+"""XML of small side files, and the files of a folder; every fault is an `InputError` with the file."""
 
 import os
 import time
@@ -13,30 +13,10 @@ from xml.parsers import expat
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ..opening.budgets import MOST_BYTES
-from ..opening.datasets import call_quiet, read_head
+from ..opening.datasets import call_quiet
+from ..opening.files import read_bytes
 
 SETTLED_NS = 2_000_000_000  # a folder is cached if it is unchanged for longer than the resolution of file times
-
-
-def read_bytes(path: str, limit: int = MOST_BYTES["RPC"]) -> bytes:
-    """Return the content of a file, also of one in GDAL's virtual file systems (``/vsizip/…``).
-
-    Raises `InputError` if the file cannot be read or is too large for an RPC file.
-    """
-    content = read_head(path, limit + 1)
-    if len(content) > limit:
-        raise InputError(f"{path}: larger than {limit // 2**20} MiB, not an RPC file: name an image or an RPC file")
-    return content
-
-
-def read_text(path: str) -> str:
-    """Return a file's text, as UTF-8 or, if that fails, as Latin-1, which cannot fail."""
-    content = read_bytes(path)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
 
 
 def local_name(name: str) -> str:

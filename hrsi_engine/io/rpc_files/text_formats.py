@@ -12,7 +12,6 @@
 """
 
 import itertools
-import json
 import os
 import re
 from collections.abc import Mapping
@@ -21,8 +20,9 @@ from functools import partial
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
+from ..opening.files import read_json, read_text
 from . import fields
-from .content import positive_size, read_text, siblings
+from .content import positive_size, siblings
 from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, FoundRpc, RpcReader, Text
 
 #: RPC field -> its name in the file.
@@ -152,10 +152,7 @@ RPCM_NAMES |= {"err_bias": "err_bias", "err_rand": "err_rand"}
 
 def read_rpcm_json(path: str) -> FoundRpc:
     """Return the RPC of an rpcm JSON file, the document or its member ``rpc``, or of ``gdalinfo -json``."""
-    try:
-        document = json.loads(read_text(path))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not valid JSON ({error}): obtain the file again") from None
+    document = read_json(path, "RPC")
     if not isinstance(document, dict):
         raise InputError(f"{path}: an object with the member 'rpc' is needed")
     by_gdal = document.get("metadata")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ....hrsi_engine.foundation.errors import InputError
-from ....hrsi_engine.io.rpc_files.content import read_text
+from ....hrsi_engine.io.opening.files import read_text
 from ....hrsi_engine.laboratory.simulation.acquisitions import draw_acquisitions
 from ....hrsi_engine.laboratory.simulation.options import SceneSpec
 from ....hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError, Sensor, Vibration
