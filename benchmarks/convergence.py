@@ -33,7 +33,7 @@ from hrsi.hrsi_engine.adjustment.preparation.problem import Problem
 from hrsi.hrsi_engine.block.block import Block, Image, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent
-from hrsi.hrsi_engine.foundation.statistical_limits import ITERATIONS
+from hrsi.hrsi_engine.foundation.thresholds import ITERATIONS
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
 from hrsi.hrsi_engine.refinement import MODELS

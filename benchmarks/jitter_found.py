@@ -33,7 +33,7 @@ from hrsi.hrsi_engine.adjustment.jitter.spectrum import (
 )
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.foundation.errors import HrsiError
-from hrsi.hrsi_engine.foundation.statistical_limits import SIGNIFICANCE
+from hrsi.hrsi_engine.foundation.thresholds import SIGNIFICANCE
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     BlockSimulation,

@@ -9,8 +9,8 @@ from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import Progress, stage
+from ..hrsi_engine.foundation.thresholds import GRIDS
 from ..hrsi_engine.foundation.workers.threads import thread_count
-from ..hrsi_engine.foundation.working_sizes import GRIDS
 from ..hrsi_engine.io.rasters.cropping import CropWindow, open_window, read_lineage, save_image
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, read_back_px, set_aside_conflicting_rpcs, write_rpc_text

@@ -27,7 +27,7 @@ from ..hrsi_engine.drawing.plots import draw_bars
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
-from ..hrsi_engine.foundation.statistical_limits import EQUALITY, SAMPLES
+from ..hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.geopackage.declared_layers import EvaluatedPairRows, EvaluatedResidualRows
 from ..hrsi_engine.io.geopackage.layer_styles import Style

@@ -12,8 +12,7 @@ from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warning
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.options import InMemory
 from ..hrsi_engine.foundation.progress import advance
-from ..hrsi_engine.foundation.statistical_limits import SAMPLES
-from ..hrsi_engine.foundation.thresholds import threshold, thresholds
+from ..hrsi_engine.foundation.thresholds import SAMPLES, threshold, thresholds
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ..hrsi_engine.io.exact_cameras import read_adjusted_camera, read_exact_camera
 from ..hrsi_engine.io.output_dir import require_plain_name

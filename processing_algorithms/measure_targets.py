@@ -10,7 +10,7 @@ from ..hrsi_engine.block.control_visibility import CONTROL_VISIBILITY
 from ..hrsi_engine.drawing.target_chips import draw_target_chip
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
-from ..hrsi_engine.foundation.working_sizes import LISTS
+from ..hrsi_engine.foundation.thresholds import LISTS
 from ..hrsi_engine.io.geopackage.declared_layers import TargetRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points

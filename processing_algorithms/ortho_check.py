@@ -16,10 +16,8 @@ from ..hrsi_engine.drawing.block_map import BlockMap, GroundPicture, draw_map
 from ..hrsi_engine.foundation.errors import InputError, SolveError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.reasons import Level, Reason
-from ..hrsi_engine.foundation.statistical_limits import EQUALITY, SAMPLES
-from ..hrsi_engine.foundation.thresholds import threshold, thresholds
+from ..hrsi_engine.foundation.thresholds import EQUALITY, LISTS, SAMPLES, threshold, thresholds
 from ..hrsi_engine.foundation.workers.threads import thread_count
-from ..hrsi_engine.foundation.working_sizes import LISTS
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from ..hrsi_engine.io.geopackage.declared_layers import MisregistrationRows

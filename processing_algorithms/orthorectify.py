@@ -10,9 +10,9 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.errors import Cancelled, InputError
 from ..hrsi_engine.foundation.progress import stage
+from ..hrsi_engine.foundation.thresholds import LISTS
 from ..hrsi_engine.foundation.workers.scheduling import open_calls
 from ..hrsi_engine.foundation.workers.threads import thread_count
-from ..hrsi_engine.foundation.working_sizes import LISTS
 from ..hrsi_engine.io.catalogue.deliveries import resolve_images
 from ..hrsi_engine.io.catalogue.lineage import rpc_history
 from ..hrsi_engine.io.opening.datasets import VIRTUAL

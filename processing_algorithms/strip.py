@@ -9,7 +9,7 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.exposures import STRIP, StripPlaces, fit_strip, place_parts
 from ..hrsi_engine.foundation.errors import InputError
-from ..hrsi_engine.foundation.statistical_limits import EQUALITY
+from ..hrsi_engine.foundation.thresholds import EQUALITY
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.output_dir import require_plain_name
 from ..hrsi_engine.io.point_files.csv_text import write_csv

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.foundation.statistical_limits import ITERATIONS
+from hrsi.hrsi_engine.foundation.thresholds import ITERATIONS
 from hrsi.hrsi_engine.surface.dem import RAY_TRACING, Status, dem_sigma_m, intersect_surface, surface_heights
 from hrsi.hrsi_engine.surface.grid_surface import SURFACE, ConstantHeight, GridSurface
 from hrsi.tests.test_rpc import synthetic_rpc

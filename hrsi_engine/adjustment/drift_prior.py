@@ -20,8 +20,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..foundation.statistical_limits import ITERATIONS, REDUNDANCY
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import ITERATIONS, REDUNDANCY, threshold, thresholds
 from ..refinement.model import RefinementModel
 from .gauss_newton import GaussNewton, Solution
 from .priors.common_drift import CommonDrift, count_points_per_error

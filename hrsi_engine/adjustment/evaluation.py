@@ -27,8 +27,7 @@ from scipy import sparse
 from ..block.block import Block
 from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST, robust_sigma
-from ..foundation.statistical_limits import SAMPLES
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import SAMPLES, threshold, thresholds
 from ..refinement.models import MODELS
 from .observations import Observations, select_points
 from .starting_values.intersection import estimate_start_positions, intersect_points

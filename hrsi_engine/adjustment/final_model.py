@@ -19,7 +19,7 @@ import numpy as np
 from scipy import special
 
 from ..foundation.large_arrays import any_of_rows
-from ..foundation.statistical_limits import EQUALITY, SIGNIFICANCE
+from ..foundation.thresholds import EQUALITY, SIGNIFICANCE
 from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_parameters
 from ..refinement.selection import DRIFTING, NESTED_MODELS
 from .blunders.discrepancies import Discrepancies, compute_derivatives

@@ -14,7 +14,7 @@ from scipy import sparse
 
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
-from ..foundation.statistical_limits import EQUALITY, SAMPLES
+from ..foundation.thresholds import EQUALITY, SAMPLES
 from .options import HOLD_OUT
 
 

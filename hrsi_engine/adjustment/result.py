@@ -11,7 +11,7 @@ from ..block.jitter_curve import JitterEstimate
 from ..block.laser import LaserPoints
 from ..block.points import Role
 from ..foundation.large_arrays import finite_rows
-from ..foundation.statistical_limits import EQUALITY
+from ..foundation.thresholds import EQUALITY
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefinementModel
 from ..refinement.selection import ModelChoice

@@ -28,8 +28,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg, special
 
-from ..foundation.statistical_limits import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..refinement.model import estimate_priors
 from ..refinement.selection import can_estimate_drift
 from .blunders.discrepancies import IMAGE, Discrepancies

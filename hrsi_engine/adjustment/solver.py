@@ -10,7 +10,7 @@ from ..block.block import Block, Role
 from ..foundation.errors import SolveError, list_ids
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.progress import Progress, advance, silent, stage
-from ..foundation.statistical_limits import ITERATIONS, SAMPLES
+from ..foundation.thresholds import ITERATIONS, SAMPLES
 from ..foundation.workers.threads import one_thread_calls
 from ..ground.geodesy import ground_difference_m
 from ..refinement.selection import NESTED_MODELS, select_simplest

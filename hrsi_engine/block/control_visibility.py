@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import LISTS
+from ..foundation.thresholds import LISTS, threshold, thresholds
 from .block import Block
 from .points import Role
 

@@ -31,9 +31,7 @@ import numpy as np
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import CHECK_GRID, FIT, best_fit, fit_rpc, make_virtual_grid
 from ..foundation.errors import InputError
-from ..foundation.statistical_limits import EQUALITY, SAMPLES
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS
+from ..foundation.thresholds import EQUALITY, GRIDS, SAMPLES, threshold, thresholds
 from .block import Image, Tile
 from .pointing import compute_gsds_m, find_image_sensor
 

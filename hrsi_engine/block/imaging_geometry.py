@@ -34,8 +34,7 @@ from ..camera.rpc_fit import make_virtual_grid
 from ..camera.rpc_stack import RPCStack
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS
+from ..foundation.thresholds import GRIDS, threshold, thresholds
 from ..ground.geodesy import continuous_longitudes, ground_difference_m
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from ..surface.grid_surface import ConstantHeight

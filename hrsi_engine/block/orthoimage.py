@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS
+from ..foundation.thresholds import GRIDS, threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from ..ground.operation_uses import OperationUse
 from .block import Raster

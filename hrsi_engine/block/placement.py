@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rpc import RPC
-from ..foundation.statistical_limits import EQUALITY
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY, threshold, thresholds
 
 Size = tuple[int, int]
 

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS
+from ..foundation.thresholds import GRIDS, threshold, thresholds
 from ..ground.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M
 from ..ground.geodesy import east_north_up, from_ecef
 from .rpc import RPC

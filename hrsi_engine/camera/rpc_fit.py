@@ -20,9 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..foundation.errors import SolveError
-from ..foundation.statistical_limits import EQUALITY, ITERATIONS
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import MEMORY
+from ..foundation.thresholds import EQUALITY, ITERATIONS, MEMORY, threshold, thresholds
 from ..ground.geodesy import continuous_longitudes, wrap_degrees
 from .rpc import RPC, Localization
 from .rpc_terms import POWERS, monomials

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..foundation.statistical_limits import EQUALITY, ITERATIONS
+from ..foundation.thresholds import EQUALITY, ITERATIONS
 from .rpc_terms import (
     DERIVATIVES,
     EVALUATION,

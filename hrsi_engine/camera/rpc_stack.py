@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ..foundation.compiled_code import COMPILED_LOOPS, Arrays, is_wanted
-from ..foundation.statistical_limits import EQUALITY, ITERATIONS
+from ..foundation.thresholds import EQUALITY, ITERATIONS
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .rpc import RPC
 from .rpc_terms import DERIVATIVES, EVALUATION, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio, solve_pair

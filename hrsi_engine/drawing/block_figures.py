@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..foundation.statistical_limits import SIGNIFICANCE
+from ..foundation.thresholds import SIGNIFICANCE
 from .block_map import BlockMap, MapDrawing, draw_map
 from .plots import choose_round_length, compute_typical_length, draw_histogram, make_arrow_path
 from .target_chips import TargetChip, draw_target_chip

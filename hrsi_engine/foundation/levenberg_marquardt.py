@@ -22,8 +22,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from .statistical_limits import EQUALITY, ITERATIONS
-from .thresholds import threshold, thresholds
+from .thresholds import EQUALITY, ITERATIONS, threshold, thresholds
 
 
 @thresholds

@@ -1,6 +1,6 @@
 """Thresholds by topic: frozen dataclasses whose fields have a unit, a meaning and an origin.
 
-Each topic is declared once, in the module that uses it, as a constant (``EPIPOLAR.mode_px``)::
+Each topic is declared once as a constant (``EPIPOLAR.mode_px``), in the module that uses it::
 
     @thresholds
     class LINKS:
@@ -10,6 +10,10 @@ Each topic is declared once, in the module that uses it, as a constant (``EPIPOL
 
 ``docs/developing/thresholds.md`` lists all of them (`scripts/list_thresholds.py`). Numbers of mathematical origin
 (a quantile, the coefficients of a formula) are not thresholds and are written where they are used.
+
+At the end are the topics that all rooms share: one significance level, one weight of stated standard deviations, sizes
+of samples, ends of iterations, differences that do not matter; so that the same question has the same answer wherever
+it is asked. Sizes of parts that are computed together, and of grids and lists, decide on time, memory and length.
 """
 
 from dataclasses import dataclass, field
@@ -45,3 +49,109 @@ def thresholds(topic: type[Topic]) -> type[Topic]:
     if bare:
         raise TypeError(f"{topic.__name__}.{bare[0]}: declare it by `threshold`, with unit, meaning and origin")
     return frozen_class() if topic.__name__.isupper() else frozen_class
+
+
+# ---- shared by all rooms ---------------------------------------------------------------------------------------------
+
+
+@thresholds
+class SIGNIFICANCE:
+    """Error probabilities of statistical tests."""
+
+    level: float = threshold(0.01, "", "significance level of a test that changes a model, a sigma or a weight")
+    false_alarm: float = threshold(1e-4, "", "error probability of a test that calls an observation wrong")
+    decisive: float = threshold(9.0, "chi²", "difference that decides between two explanations (3 sigma)")
+    sigmas: float = threshold(3.0, "sigma", "error that a search or a comparison allows for", "normal: 0.3 %")
+    gross: float = threshold(4.0, "sigma", "difference of two sources that has a cause", "normal: 6e-5")
+
+
+@thresholds
+class REDUNDANCY:
+    """Redundancies with which residuals are tested, and standard deviations estimated."""
+
+    tested: float = threshold(1e-3, "", "smallest share of an error in its residual that is tested")
+    estimated: float = threshold(
+        4.0, "", "smallest redundancy of a group whose standard deviation is tested or estimated (to a third)",
+        "1 / sqrt(2 r) of a variance component with redundancy r",
+    )  # fmt: skip
+    stated: float = threshold(
+        6.0, "observations", "weight of a stated or common standard deviation in the estimate of a single one",
+        "inverse chi² prior (Gelman et al. 2013, section 5.4)",
+    )  # fmt: skip
+    common: float = threshold(
+        20.0, "observations", "weight of the standard deviation of a sensor or a source in that of its parts"
+    )
+    regularised: float = threshold(1e-3, "", "relative weight that keeps poorly determined coefficients at zero")
+
+
+@thresholds
+class SAMPLES:
+    """Sizes of samples."""
+
+    fewest: int = threshold(12, "observations", "fewest of a group for a robust trend or scale of its own")
+    dense: int = threshold(50, "items", "largest number whose joint covariance is computed as one matrix")
+    tested: int = threshold(8, "points", "fewest common points of two images, or points of a cell, that are tested")
+    redundant: int = threshold(6, "points", "fewest for an estimate of up to five unknowns", "theory")
+    plane: int = threshold(3, "points", "fewest that determine a plane, or reveal an error of a shift", "theory")
+    trend: int = threshold(30, "points", "fewest for a trend linear in position that is estimated robustly")
+    quadratic: int = threshold(60, "points", "… for a quadratic trend: ten per coefficient")
+    neighbours: int = threshold(8, "points", "neighbours by whose median a point is predicted")
+    local: int = threshold(64, "points", "sample by which two images, or the differences of two rays, are compared")
+
+
+@thresholds
+class ITERATIONS:
+    """Ends of iterations that solve or weight again."""
+
+    most: int = threshold(30, "iterations", "largest number; all but a few end earlier by convergence")
+    coarse: float = threshold(0.05, "", "relative change that ends an iteration inside another one")
+    settled: float = threshold(0.01, "", "relative change of a standard deviation that needs no new solution")
+    fine: float = threshold(1e-3, "", "relative change that ends an iteration without a new solution")
+
+
+@thresholds
+class EQUALITY:
+    """Differences that do not matter."""
+
+    alike: float = threshold(0.02, "", "relative difference of variances, or of explanations, that are equally good")
+    size: float = threshold(1.25, "", "ratio up to which two pixel sizes or standard deviations count as equal")
+    rounding: float = threshold(1e-9, "", "difference of equal numbers, relative or in pixels", "rounding of sums")
+    negligible: float = threshold(0.05, "", "share of a variance or number without effect", "2.5 % of a sigma")
+    majority: float = threshold(0.5, "", "smallest share of a majority")
+    rpc_px: float = threshold(0.1, "px", "difference of two RPCs that needs no new fit")
+    file_px: float = threshold(0.01, "px", "difference of a position by one RPC in two files", "digits of the formats")
+    written_px: float = threshold(1e-4, "px", "difference by rounding in a file", "15 digits of GDAL")
+
+
+# ---- sizes of parts, grids and lists ---------------------------------------------------------------------------------
+
+
+@thresholds
+class MEMORY:
+    """Parts that are read, computed or kept in memory together."""
+
+    rows: int = threshold(20_000, "rows", "points, rays or measurements that are computed together")
+    values: int = threshold(4_000_000, "values", "numbers of one kind in memory")
+    images: int = threshold(64, "images", "images or pairs of images whose features are in memory")
+    part_px: int = threshold(1024, "px", "side of a part of an image, or lines of it, that are read together")
+    window_px: int = threshold(512, "px", "side of a window that is matched, or whose statistics are computed, as one")
+    border_px: int = threshold(24, "px", "border of such parts, for filters and windows of matching")
+
+
+@thresholds
+class GRIDS:
+    """Positions and cells that are distributed over an image or area."""
+
+    parts: int = threshold(3, "parts", "parts along each side that are compared with each other")
+    cells: int = threshold(10, "cells", "cells along each side, from which points are chosen evenly")
+    coarse: int = threshold(5, "nodes", "nodes along each side at which a smooth difference is computed")
+    fine: int = threshold(41, "nodes", "nodes along each side at which the terrain, or an edge, is found")
+    nodes: int = threshold(15, "nodes", "nodes along each side at which two cameras are compared")
+
+
+@thresholds
+class LISTS:
+    """Lengths of the lists of a report; longer ones show the worst."""
+
+    rows: int = threshold(200, "rows", "points, outliers or images in a list")
+    images: int = threshold(24, "images", "images with a drawing of their own")

@@ -18,8 +18,7 @@ import pyproj
 
 from ..foundation.errors import InputError
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.statistical_limits import SAMPLES, SIGNIFICANCE
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
 
 
 @thresholds

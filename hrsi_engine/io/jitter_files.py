@@ -13,7 +13,7 @@ import numpy as np
 from ..block.jitter_curve import JitterCurve
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError
-from ..foundation.statistical_limits import EQUALITY
+from ..foundation.thresholds import EQUALITY
 
 JITTER_FILE = "jitter.csv"
 JITTER_COLUMNS = ("image", "line", "d_sample", "d_line", "sigma_sample", "sigma_line")

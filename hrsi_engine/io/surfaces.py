@@ -13,8 +13,7 @@ import pyproj
 from osgeo import gdal
 
 from ..foundation.errors import InputError
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import MEMORY
+from ..foundation.thresholds import MEMORY, threshold, thresholds
 from ..ground.geodesy import continuous_longitudes, metres_per_degree
 from ..surface.grid_surface import GridSurface
 from .laser_files import HDF5_HEAD, read_laser

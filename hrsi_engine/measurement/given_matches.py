@@ -16,9 +16,8 @@ from ..block.block import Image
 from ..block.points import ImagePoints
 from ..foundation.errors import InputError
 from ..foundation.progress import Progress, silent
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import MEMORY, threshold, thresholds
 from ..foundation.workers.scheduling import PartResult, Scheduler, WorkPart, open_scheduler, run_parts
-from ..foundation.working_sizes import MEMORY
 from .block_matching import joining
 from .block_matching.links import drop_unreliable_links, judge_links, summarise_connections
 from .block_matching.overlaps import compute_resolution_step, rank_resolution

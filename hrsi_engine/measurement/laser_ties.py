@@ -20,11 +20,9 @@ from ..block.imaging_geometry import compute_view_directions
 from ..block.laser import LASER_KIND, LaserPoints
 from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
-from ..foundation.statistical_limits import SAMPLES
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import MEMORY, SAMPLES, threshold, thresholds
 from ..foundation.workers.scheduling import open_calls
 from ..foundation.workers.threads import thread_count
-from ..foundation.working_sizes import MEMORY
 from .block_matching.joining import collect_matches, to_image_points
 from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, predict_window, read_tile

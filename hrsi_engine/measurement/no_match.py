@@ -14,9 +14,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..foundation.pixel_filters import load_opencv
-from ..foundation.statistical_limits import SAMPLES
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import MEMORY
+from ..foundation.thresholds import MEMORY, SAMPLES, threshold, thresholds
 from .block_matching.overlaps import CHOICE
 from .block_matching.windows import read_overview
 from .tie_points import PairSummary

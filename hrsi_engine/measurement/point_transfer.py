@@ -13,8 +13,7 @@ from scipy import ndimage
 
 from ..block.block import Raster
 from ..foundation.pixel_filters import BLUR
-from ..foundation.statistical_limits import EQUALITY
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY, threshold, thresholds
 from .window_matching.correlation import compute_orientation_field
 from .window_matching.least_squares_matching import match_patches
 from .window_matching.window_search import search_windows

@@ -14,8 +14,7 @@ from scipy import ndimage
 
 from ..foundation.pixel_filters import blur, load_opencv
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.statistical_limits import REDUNDANCY, SIGNIFICANCE
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import REDUNDANCY, SIGNIFICANCE, threshold, thresholds
 
 NONE = -1  #: label of pixels that no image shows
 

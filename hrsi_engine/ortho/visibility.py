@@ -12,8 +12,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.packages import require_package
-from ..foundation.statistical_limits import ITERATIONS
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import ITERATIONS, threshold, thresholds
 from ..surface.grid_surface import GridSurface
 
 

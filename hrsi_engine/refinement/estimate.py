@@ -23,8 +23,7 @@ from ..block.columns import Columns
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
-from ..foundation.statistical_limits import ITERATIONS, REDUNDANCY
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import ITERATIONS, REDUNDANCY, threshold, thresholds
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
 #: Data with which the limits of the iterations were determined.

@@ -24,8 +24,7 @@ from ..block.block import Image
 from ..block.imaging_geometry import GEOMETRY
 from ..camera.rpc import RPC
 from ..foundation.errors import SolveError
-from ..foundation.statistical_limits import EQUALITY
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY, threshold, thresholds
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame

@@ -31,7 +31,7 @@ import numpy as np
 from ..block.block import Image
 from ..camera.rpc_fit import CHECK_GRID, FIT, best_fit, make_image_grid
 from ..foundation.large_arrays import finite_rows
-from ..foundation.statistical_limits import EQUALITY, ITERATIONS
+from ..foundation.thresholds import EQUALITY, ITERATIONS
 from ..ground import ellipsoid
 from .corrected_rays import intersect_frame_height, linearise_by_rays
 from .ground_area import compute_ground_area, compute_px_per_m

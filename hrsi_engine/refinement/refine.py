@@ -15,8 +15,7 @@ from ..block.points import SAME_POINT, GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError, list_ids
 from ..foundation.large_arrays import finite_rows
-from ..foundation.statistical_limits import EQUALITY
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY, threshold, thresholds
 from ..ground.geodesy import distances_m, ground_difference_m
 from ..plausibility import check_block
 from .estimate import CONTROL_ONLY, Control, Estimate, estimate

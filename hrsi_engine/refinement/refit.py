@@ -4,7 +4,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc_fit import make_image_grid, refit_rpc
-from ..foundation.statistical_limits import EQUALITY, ITERATIONS
+from ..foundation.thresholds import EQUALITY, ITERATIONS
 from .model import RefinementModel, RefitRPC
 
 

@@ -30,8 +30,7 @@ from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import ROBUST
-from ..foundation.statistical_limits import REDUNDANCY, SAMPLES, SIGNIFICANCE
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import REDUNDANCY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from .estimate import Control, Estimate, estimate
 from .models import MODELS
 

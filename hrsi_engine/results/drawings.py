@@ -19,9 +19,7 @@ from ..drawing.block_figures import ImageCard, Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
 from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows, square_lengths
-from ..foundation.statistical_limits import EQUALITY, SAMPLES
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS, LISTS, MEMORY
+from ..foundation.thresholds import EQUALITY, GRIDS, LISTS, MEMORY, SAMPLES, threshold, thresholds
 from ..io.pages.report import read_picture
 from ..io.rasters.images import GdalRaster
 from .outliers import is_outlier

@@ -16,8 +16,7 @@ from ..block.control_visibility import find_weak_control
 from ..block.pointing import estimate_pointing
 from ..foundation.errors import IDS_NAMED
 from ..foundation.robust_scale import ROBUST
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import LISTS
+from ..foundation.thresholds import LISTS, threshold, thresholds
 from ..refinement.model import RefitRPC
 from .outliers import name_measurement, outlier_entries
 from .residuals import Residuals, by_image, group_rmse, radial_rmse, rmse

@@ -18,8 +18,7 @@ from ..block.block import Image, Role, stack_rpcs
 from ..block.imaging_geometry import ViewDirection, compute_pair_geometries, describe_views, find_touching_pairs
 from ..block.pointing import find_image_sensor
 from ..foundation.large_arrays import finite_rows, square_lengths
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS
+from ..foundation.thresholds import GRIDS, threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from ..io.rasters.sun_angles import read_time
 from ..refinement.model import RefitRPC

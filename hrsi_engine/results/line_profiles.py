@@ -8,8 +8,7 @@ import numpy as np
 from ..adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, estimate_spectrum
 from ..block.block import Image
 from ..block.imaging_geometry import measure_pixel_m
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import LISTS
+from ..foundation.thresholds import LISTS, threshold, thresholds
 from ..io.rasters.sun_angles import read_line_rate
 
 

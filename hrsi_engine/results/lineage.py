@@ -20,7 +20,7 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import stack_rpcs
 from ..foundation.errors import list_ids
-from ..foundation.working_sizes import GRIDS, LISTS, MEMORY
+from ..foundation.thresholds import GRIDS, LISTS, MEMORY
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
 from ..foundation.robust_scale import ROBUST
-from ..foundation.working_sizes import LISTS
+from ..foundation.thresholds import LISTS
 from .residuals import Residuals, compute_statistic
 
 

@@ -29,7 +29,7 @@ from ..adjustment.starting_values.intersection import (
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
 from ..foundation.large_arrays import any_of_rows, finite_rows, square_lengths
-from ..foundation.working_sizes import MEMORY
+from ..foundation.thresholds import MEMORY
 from ..ground.geodesy import ground_difference_m, move_ground
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS

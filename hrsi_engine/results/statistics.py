@@ -11,8 +11,7 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import Role
 from ..foundation.large_arrays import finite_rows
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import GRIDS, LISTS
+from ..foundation.thresholds import GRIDS, LISTS, threshold, thresholds
 from .residuals import Residuals
 
 

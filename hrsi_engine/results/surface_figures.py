@@ -8,8 +8,7 @@ import numpy as np
 from ..adjustment.result import Adjustment, SurfaceOutcome
 from ..drawing.block_figures import SurfacePicture
 from ..drawing.target_chips import encode_png
-from ..foundation.statistical_limits import SIGNIFICANCE
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from ..io.geopackage.declared_layers import SurfaceResidualRows
 from ..surface.dem import surface_heights

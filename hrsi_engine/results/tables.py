@@ -16,8 +16,7 @@ from ..block.block import Block, Image
 from ..block.imaging_geometry import compute_footprints
 from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import MEMORY
+from ..foundation.thresholds import MEMORY, threshold, thresholds
 from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
 from ..io.geopackage.typed_rows import LayerRows
 from ..io.point_files.kept_columns import COMPLETE_FILES

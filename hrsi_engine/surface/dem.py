@@ -12,9 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..camera.rpc import RPC
-from ..foundation.statistical_limits import ITERATIONS
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import MEMORY
+from ..foundation.thresholds import ITERATIONS, MEMORY, threshold, thresholds
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import MEMORY
+from ..foundation.thresholds import MEMORY, threshold, thresholds
 from ..ground.geodesy import longitudes_near
 from ..ground.operation_uses import OperationUse
 

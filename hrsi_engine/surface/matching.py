@@ -24,9 +24,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST
-from ..foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES, SIGNIFICANCE
-from ..foundation.thresholds import threshold, thresholds
-from ..foundation.working_sizes import MEMORY
+from ..foundation.thresholds import EQUALITY, ITERATIONS, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..ground.geodesy import ground_difference_m, move_ground
 from .dem import HeightSurface, cell_size_m
 

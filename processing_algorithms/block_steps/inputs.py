@@ -20,7 +20,7 @@ from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, 
 from ...hrsi_engine.block.columns import find_unique_ids, isin, match_names
 from ...hrsi_engine.block.exposures import join_exposures, join_named_bands
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.statistical_limits import EQUALITY
+from ...hrsi_engine.foundation.thresholds import EQUALITY
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings, require_strict_datums

@@ -16,8 +16,7 @@ from ...hrsi_engine.block.orthoimage import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.progress import stage
-from ...hrsi_engine.foundation.statistical_limits import SAMPLES
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import SAMPLES, threshold, thresholds
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
 from ...hrsi_engine.plausibility.laser_quality import find_laser_reasons

@@ -11,8 +11,7 @@ from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
-from ...hrsi_engine.foundation.statistical_limits import SAMPLES, SIGNIFICANCE
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ...hrsi_engine.io.rasters.images import placement_doubt
 from ...hrsi_engine.plausibility import check_block
 from ...hrsi_engine.plausibility.accuracy import estimate_accuracies

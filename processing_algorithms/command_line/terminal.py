@@ -8,8 +8,7 @@ from typing import TextIO
 
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.interruption import PATIENCE
-from ...hrsi_engine.foundation.statistical_limits import EQUALITY
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import EQUALITY, threshold, thresholds
 from ...hrsi_engine.foundation.version import run_date
 
 _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage

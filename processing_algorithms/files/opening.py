@@ -10,7 +10,7 @@ from ...hrsi_engine.block.block import Image, Raster
 from ...hrsi_engine.block.exposures import join_exposures
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.working_sizes import LISTS
+from ...hrsi_engine.foundation.thresholds import LISTS
 from ...hrsi_engine.ground.operation_uses import require_strict_datums
 from ...hrsi_engine.io.rasters.images import RPC_SUFFIX, GdalRaster, image_id, open_image_and_source, placement_doubt
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none

@@ -18,9 +18,8 @@ from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.imaging_geometry import ViewDirection
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import GRIDS, threshold, thresholds
 from ...hrsi_engine.foundation.workers.scheduling import Calls
-from ...hrsi_engine.foundation.working_sizes import GRIDS
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
 from ...hrsi_engine.io.catalogue.lineage import versions

@@ -16,8 +16,7 @@ import numpy as np
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.columns import NameColumn
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
-from ...hrsi_engine.foundation.statistical_limits import EQUALITY, SAMPLES
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES, threshold, thresholds
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.io.point_files.csv_text import count_header_rows, parse_field, read_lines, split_rows
 from ...hrsi_engine.io.point_files.interpret import matching_names

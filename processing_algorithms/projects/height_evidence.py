@@ -16,9 +16,7 @@ from ...hrsi_engine.block.block import Image, ImagePoints
 from ...hrsi_engine.block.imaging_geometry import GEOMETRY
 from ...hrsi_engine.block.pointing import compute_gsd_m, estimate_pointing
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
-from ...hrsi_engine.foundation.statistical_limits import SAMPLES
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.foundation.working_sizes import GRIDS
+from ...hrsi_engine.foundation.thresholds import GRIDS, SAMPLES, threshold, thresholds
 from ...hrsi_engine.io.rasters.dems import open_geoid
 from ...hrsi_engine.measurement.point_transfer import transfer_point
 from ...hrsi_engine.plausibility.mistakes import find_undulations

@@ -13,9 +13,7 @@ from typing import cast
 import numpy as np
 from scipy import ndimage
 
-from ...hrsi_engine.foundation.statistical_limits import EQUALITY
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.foundation.working_sizes import MEMORY
+from ...hrsi_engine.foundation.thresholds import EQUALITY, MEMORY, threshold, thresholds
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.ground.proj_operations import has_heights
 from ...hrsi_engine.io.opening.datasets import open_dataset

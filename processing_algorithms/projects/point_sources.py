@@ -12,7 +12,7 @@ import pyproj
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
-from ...hrsi_engine.foundation.statistical_limits import EQUALITY
+from ...hrsi_engine.foundation.thresholds import EQUALITY
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names

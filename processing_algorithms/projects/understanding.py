@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.statistical_limits import EQUALITY
+from ...hrsi_engine.foundation.thresholds import EQUALITY
 from ...hrsi_engine.ground.geoids import GEOID
 from ...hrsi_engine.io.rasters.dems import fill_gaps, open_geoid, read_geoid_heights
 from ...hrsi_engine.plausibility.places import compute_coverage

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lombscargle
 
 from hrsi.hrsi_engine.adjustment.jitter.spectrum import LineProfile, estimate_spectrum, find_waves
-from hrsi.hrsi_engine.foundation.statistical_limits import SIGNIFICANCE
+from hrsi.hrsi_engine.foundation.thresholds import SIGNIFICANCE
 
 LINES = 12000.0
 

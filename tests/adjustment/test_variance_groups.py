@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.block.laser import LASER_KIND
 from hrsi.hrsi_engine.block.pointing import compute_gsd_m
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.foundation.statistical_limits import REDUNDANCY
+from hrsi.hrsi_engine.foundation.thresholds import REDUNDANCY
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,

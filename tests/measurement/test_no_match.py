@@ -8,7 +8,7 @@ import pytest
 from simulated_blocks import oblique_rpc
 
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
-from hrsi.hrsi_engine.foundation.statistical_limits import SAMPLES
+from hrsi.hrsi_engine.foundation.thresholds import SAMPLES
 from hrsi.hrsi_engine.measurement.no_match import _match, explain_no_matches
 from hrsi.hrsi_engine.measurement.tie_points import PairSummary
 

@@ -11,7 +11,7 @@ import rendered_blocks as scenes
 import simulated_blocks as blocks
 from colmap_database import write_database
 
-from hrsi.hrsi_engine.foundation.working_sizes import MEMORY
+from hrsi.hrsi_engine.foundation.thresholds import MEMORY
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image

@@ -21,7 +21,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.drawing.block_figures import draw_figures
-from hrsi.hrsi_engine.foundation.working_sizes import LISTS
+from hrsi.hrsi_engine.foundation.thresholds import LISTS
 from hrsi.hrsi_engine.io.pages.report import write_report_html
 from hrsi.hrsi_engine.results.drawings import REPORT_PAGE, report_figures
 from hrsi.hrsi_engine.results.figures import block_report

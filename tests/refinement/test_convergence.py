@@ -11,7 +11,7 @@ from long_tests import mark_beyond
 from hrsi.benchmarks import convergence, real_blocks
 from hrsi.benchmarks.spot5 import read_spot5
 from hrsi.hrsi_engine.block.block import Role
-from hrsi.hrsi_engine.foundation.statistical_limits import ITERATIONS
+from hrsi.hrsi_engine.foundation.thresholds import ITERATIONS
 from hrsi.hrsi_engine.refinement.estimate import ESTIMATION, estimate
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 

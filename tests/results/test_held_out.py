@@ -13,7 +13,7 @@ from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.hold_out import HOLD_OUT, hold_out_ties
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, ImagePoints, Role
-from hrsi.hrsi_engine.foundation.statistical_limits import SAMPLES
+from hrsi.hrsi_engine.foundation.thresholds import SAMPLES
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.results.figures import summarise_held_out
 

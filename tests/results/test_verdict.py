@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.adjustment.solver import adjust
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level, Reason
-from hrsi.hrsi_engine.foundation.statistical_limits import SIGNIFICANCE
+from hrsi.hrsi_engine.foundation.thresholds import SIGNIFICANCE
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.plausibility import check_block
 from hrsi.hrsi_engine.refinement.model import RefitRPC

@@ -33,8 +33,7 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
-from ...foundation.statistical_limits import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 
 

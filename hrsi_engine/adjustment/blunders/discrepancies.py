@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import sparse
 
-from ...foundation.statistical_limits import EQUALITY, REDUNDANCY
+from ...foundation.thresholds import EQUALITY, REDUNDANCY
 from ..gauss_newton import GaussNewton, Solution
 from ..preparation.problem import Problem
 

@@ -16,8 +16,7 @@ import numpy as np
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import any_of_rows, finite_rows
 from ...foundation.progress import Progress, silent, stage
-from ...foundation.statistical_limits import ITERATIONS, REDUNDANCY
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import ITERATIONS, REDUNDANCY, threshold, thresholds
 from ..equations import PointPriors, State
 from ..gauss_newton import GaussNewton, Solution, Weighting
 from ..outcome.assembly import RoundFindings

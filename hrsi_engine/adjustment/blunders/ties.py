@@ -26,8 +26,7 @@ probability equally (Bonferroni).
 import numpy as np
 from scipy import special
 
-from ...foundation.statistical_limits import EQUALITY, REDUNDANCY, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, REDUNDANCY, SAMPLES, threshold, thresholds
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
 from ..observations import Observations

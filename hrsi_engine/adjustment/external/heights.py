@@ -24,8 +24,7 @@ import numpy as np
 
 from ...block.orthoimage import DEM, divide_area
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.statistical_limits import REDUNDANCY, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import REDUNDANCY, SAMPLES, threshold, thresholds
 from ...ground.geodesy import metres_per_degree
 from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, surface_heights

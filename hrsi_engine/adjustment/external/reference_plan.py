@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.orthoimage import ORTHOIMAGE_ERRORS, ReferencePlaces, divide_area
-from ...foundation.statistical_limits import REDUNDANCY
+from ...foundation.thresholds import REDUNDANCY
 from ...ground.geodesy import ground_difference_m
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import PlanAgreement, PlanGroup

@@ -28,8 +28,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.statistical_limits import REDUNDANCY, SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import REDUNDANCY, SIGNIFICANCE, threshold, thresholds
 from ..result import SourceGroup
 
 

@@ -26,8 +26,7 @@ from ...block.block import Image
 from ...block.pointing import estimate_pointing
 from ...foundation.large_arrays import finite_rows
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.statistical_limits import ITERATIONS, REDUNDANCY, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import ITERATIONS, REDUNDANCY, SAMPLES, threshold, thresholds
 from ...ground.geodesy import ground_difference_m, move_ground
 from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, cell_size_m

@@ -16,7 +16,7 @@ from ...block.block import Block, Role, number_exposures
 from ...block.jitter_curve import JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, stage
-from ...foundation.statistical_limits import ITERATIONS
+from ...foundation.thresholds import ITERATIONS
 from ..gauss_newton import Solution
 from ..options import JITTER_CHOICES, AdjustOptions
 from ..preparation.problem import Problem

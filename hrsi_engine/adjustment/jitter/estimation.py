@@ -34,8 +34,7 @@ from ...block.block import Image, Measurements, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.robust_scale import ROBUST
-from ...foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES, SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, ITERATIONS, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ...refinement.model import estimate_priors
 from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import Solution

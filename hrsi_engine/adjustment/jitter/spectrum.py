@@ -29,8 +29,7 @@ from scipy import fft, special
 
 from ...block.columns import group_by_number
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.statistical_limits import ITERATIONS, SAMPLES, SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import ITERATIONS, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..result import Adjustment, Decision
 
 #: Image axes of a residual: sample is across the track of a scanner, line along it.

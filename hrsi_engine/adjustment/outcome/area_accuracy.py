@@ -22,8 +22,7 @@ from scipy import special
 from ...block.block import Image
 from ...block.pointing import compute_gsds_m, estimate_pointing
 from ...foundation.large_arrays import finite_rows
-from ...foundation.statistical_limits import SAMPLES, SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..equations.states import FREE_POINT_SIGMA_M
 from ..gauss_newton import Solution
 from ..observations import Observations

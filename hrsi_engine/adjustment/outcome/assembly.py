@@ -9,8 +9,7 @@ import numpy as np
 from ...block.exposures import find_passes
 from ...block.pointing import estimate_pointing
 from ...foundation.errors import list_ids
-from ...foundation.statistical_limits import EQUALITY, REDUNDANCY
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, REDUNDANCY, threshold, thresholds
 from ...ground.geodesy import ground_difference_m
 from ..gauss_newton import GaussNewton, Solution
 from ..preparation.problem import Problem

@@ -24,7 +24,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...foundation.statistical_limits import EQUALITY
+from ...foundation.thresholds import EQUALITY
 from ...ground.geodesy import move_ground
 from ..equations import State
 from ..gauss_newton import GaussNewton, Solution

@@ -21,8 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from ...foundation.large_arrays import finite_rows
 from ...foundation.progress import silent
 from ...foundation.robust_scale import ROBUST
-from ...foundation.statistical_limits import ITERATIONS, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import ITERATIONS, SAMPLES, threshold, thresholds
 from ...refinement.model import RefinementModel
 from ...refinement.models import MODELS
 from ..equations import NormalEquations, PointPriors, State, find_pattern

@@ -25,8 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...foundation.statistical_limits import REDUNDANCY, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import REDUNDANCY, SAMPLES, threshold, thresholds
 from ...ground.geodesy import ground_difference_m
 from ...refinement.image_space import ImagePolynomial
 from ...refinement.model import RefinementModel

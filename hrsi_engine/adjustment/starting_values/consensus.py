@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.robust_scale import ROBUST
-from ...foundation.statistical_limits import REDUNDANCY, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import REDUNDANCY, SAMPLES, threshold, thresholds
 from ...foundation.workers.threads import thread_count
 from ..equations import NormalEquations, State
 from ..observations import Observations

@@ -23,8 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, special
 
-from ...foundation.statistical_limits import REDUNDANCY
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import REDUNDANCY, threshold, thresholds
 from ..gauss_newton import GaussNewton, Solution
 
 

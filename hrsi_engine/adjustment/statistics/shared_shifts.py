@@ -30,8 +30,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ...block.jitter_curve import JitterEstimate
-from ...foundation.statistical_limits import SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SAMPLES, threshold, thresholds
 from ...ground.geodesy import move_ground
 from ...refinement.model import RefinementModel
 from ...refinement.stacked_cameras import linearise_images

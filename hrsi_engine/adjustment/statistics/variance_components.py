@@ -26,8 +26,7 @@ from ...block.block import Block, Image, Role
 from ...block.laser import LASER_KIND
 from ...block.orthoimage import REFERENCE_KIND
 from ...block.pointing import compute_gsds_m
-from ...foundation.statistical_limits import EQUALITY, REDUNDANCY
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, REDUNDANCY, threshold, thresholds
 from ..gauss_newton import Solution
 from ..observations import Observations
 from ..result import VarianceComponent

@@ -7,7 +7,7 @@ import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ...foundation.statistical_limits import EQUALITY
+from ...foundation.thresholds import EQUALITY
 from ...ground.crs_operations import operations_of
 from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
 from ...ground.proj_operations import without_heights

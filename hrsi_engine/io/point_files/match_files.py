@@ -34,7 +34,7 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ...foundation.working_sizes import MEMORY
+from ...foundation.thresholds import MEMORY
 from ..opening.budgets import require_size
 from ..opening.databases import require_sound, sound_database
 from ..opening.files import read_bytes

@@ -16,8 +16,7 @@ from shapely.geometry import Polygon
 from ...block.block import GroundPoints, Image, ImagePoints
 from ...block.stereo_pairs import StereoPair
 from ...foundation.errors import InputError, OutputError
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import GRIDS, MEMORY
+from ...foundation.thresholds import GRIDS, MEMORY, threshold, thresholds
 from ...ground.geodesy import WGS84, metres_per_degree
 from ...ground.sun import SunAngles
 from ...surface.dem import HeightSurface, surface_heights

@@ -10,7 +10,7 @@ from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.progress import silent
-from ...foundation.working_sizes import GRIDS
+from ...foundation.thresholds import GRIDS
 from ..rasters.cropping import CropWindow, open_window, save_image
 from ..rasters.orthoimages import OrthoFormat
 from ..rpc_files.crop import crop_rpc

@@ -18,8 +18,7 @@ from ...block.block import Image
 from ...block.placement import PlacementDoubt, judge_size
 from ...foundation.errors import InputError
 from ...foundation.options import InMemory
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import MEMORY
+from ...foundation.thresholds import MEMORY, threshold, thresholds
 from ..opening.datasets import virtual_status
 from ..opening.files import open_raster, read_pixels
 from ..opening.item_images import item_of

@@ -16,8 +16,7 @@ import numpy as np
 from osgeo import gdal, gdal_array
 
 from ...foundation.errors import InputError, OutputError
-from ...foundation.statistical_limits import EQUALITY
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages
 from ..opening.files import read_pixels
 from .images import GdalRaster

@@ -14,7 +14,7 @@ from osgeo import gdal, gdal_array
 
 from ...foundation.errors import OutputError
 from ...foundation.pixel_filters import blur, load_opencv
-from ...foundation.statistical_limits import EQUALITY
+from ...foundation.thresholds import EQUALITY
 from ..opening.datasets import gdal_messages
 from .ortho_warp import OrthoSource, Pixels, Warp, change_nodata_values, warp_chunk
 from .orthoimages import MapChunk, OrthoChunk

@@ -12,8 +12,7 @@ from osgeo import gdal
 
 from ...block.imaging_geometry import GEOMETRY
 from ...foundation.errors import InputError
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import MEMORY
+from ...foundation.thresholds import MEMORY, threshold, thresholds
 from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import GROUND_HEIGHTS

@@ -16,7 +16,7 @@ import numpy as np
 from ...camera.rpc import RPC
 from ...camera.rpc_fit import refit_rpc
 from ...foundation.errors import InputError, SolveError
-from ...foundation.statistical_limits import EQUALITY
+from ...foundation.thresholds import EQUALITY
 from ..opening.numbers import parse_finite
 
 

@@ -22,7 +22,7 @@ from osgeo import gdal
 from ...block.block import Tile
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
-from ...foundation.statistical_limits import EQUALITY
+from ...foundation.thresholds import EQUALITY
 from ..opening.datasets import metadata_of, open_dataset, read_head
 from ..opening.files import open_raster
 from ..opening.item_images import item_of

@@ -46,8 +46,7 @@ from ...block.placement import (
 from ...block.pointing import POINTING, SIGMAS_OF_CE90, find_sensor
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ...foundation.statistical_limits import EQUALITY, SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, SIGNIFICANCE, threshold, thresholds
 from ..opening.datasets import metadata_of, open_dataset
 from ..opening.georeference import Georeference
 from ..opening.numbers import parse_finite

@@ -22,8 +22,7 @@ from functools import cache
 from ...foundation.errors import InputError, OutputError
 from ...foundation.interruption import holding_signals
 from ...foundation.progress import Progress, advance, silent
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import LISTS
+from ...foundation.thresholds import LISTS, threshold, thresholds
 from .content_marks import CONTENT_SAMPLING
 
 WRITE_AHEAD_LOG = ("-wal", "-shm")  #: suffixes of the name of an SQLite file

@@ -20,10 +20,8 @@ from ...block.block import Image
 from ...block.sliding_footprints import GroundRange
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
-from ...foundation.statistical_limits import SAMPLES, SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import GRIDS, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
-from ...foundation.working_sizes import GRIDS, MEMORY
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import check_rpc_consistency, compute_epipolar_deviation, transfer
 from ..tile_matching.features import invert_descriptors

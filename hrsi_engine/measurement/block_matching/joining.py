@@ -33,8 +33,7 @@ from ...block.block import Image
 from ...block.columns import Columns
 from ...block.points import ImagePoints
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, ITERATIONS, SAMPLES, threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import EPIPOLAR, EpipolarDeviation, compute_epipolar_deviation
 from ..window_matching.windows import MATCHING

@@ -23,8 +23,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from ...block.block import Image
-from ...foundation.statistical_limits import SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SAMPLES, threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR
 from .coarse import COARSE
 from .joining import BlockMatches, group_by_pair

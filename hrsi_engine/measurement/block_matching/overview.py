@@ -15,9 +15,8 @@ import numpy as np
 from ...block.block import Image
 from ...block.columns import rank_in_groups
 from ...foundation.progress import Progress, stage
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import GRIDS, MEMORY, threshold, thresholds
 from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler, WorkPart, run_parts
-from ...foundation.working_sizes import GRIDS, MEMORY
 from ..tile_matching.features import compute_root_sift, detect_sift_features
 from ..tile_matching.types import ImageTile
 from .windows import TIE_WINDOWS, read_overview

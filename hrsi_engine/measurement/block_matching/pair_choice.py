@@ -25,8 +25,8 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 
 from ...block.block import Image
 from ...block.sliding_footprints import GroundRange
+from ...foundation.thresholds import GRIDS
 from ...foundation.workers.scheduling import PartResult
-from ...foundation.working_sizes import GRIDS
 from ..tile_matching.epipolar import compute_epipolar_deviation
 from .coarse import compute_epipolar_lines, reduce_rpc
 from .overlaps import CHOICE

@@ -23,9 +23,7 @@ from scipy.sparse.linalg import spsolve
 
 from ...block.block import Image
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.statistical_limits import SAMPLES, SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import MEMORY
+from ...foundation.thresholds import MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import HeightGrid, TilePairGeometry
 from .coarse import CoarseJob, PairEstimate, interpolate_median, place_height_nodes

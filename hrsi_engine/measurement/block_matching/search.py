@@ -10,9 +10,9 @@ import numpy as np
 from ...block.block import Image
 from ...foundation.errors import InputError, list_ids
 from ...foundation.progress import Progress, stage
+from ...foundation.thresholds import GRIDS, MEMORY
 from ...foundation.version import VERSION
 from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler, WorkPart, digest, run_parts
-from ...foundation.working_sizes import GRIDS, MEMORY
 from ...surface.dem import HeightSurface
 from ..tie_options import AUTOMATIC_CELLS, TIE_SEARCH, TieOptions
 from ..tile_matching.options import TileMatchOptions

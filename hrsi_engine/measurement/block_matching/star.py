@@ -26,9 +26,8 @@ import numpy as np
 from ...block.block import Image
 from ...camera.rpc import Localization
 from ...camera.rpc_terms import monomials
-from ...foundation.statistical_limits import SAMPLES
+from ...foundation.thresholds import MEMORY, SAMPLES
 from ...foundation.workers.scheduling import PartResult
-from ...foundation.working_sizes import MEMORY
 from ..tile_matching.epipolar import transfer
 from ..tile_matching.options import TileMatchOptions
 from ..tile_matching.pair_matching import match_tile, transfer_points

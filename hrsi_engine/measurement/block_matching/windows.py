@@ -7,9 +7,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from ...block.block import Image, Raster
-from ...foundation.statistical_limits import SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import MEMORY
+from ...foundation.thresholds import MEMORY, SIGNIFICANCE, threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import ImageTile, TilePairGeometry
 

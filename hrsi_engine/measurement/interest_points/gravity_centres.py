@@ -13,8 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.pixel_filters import BLUR
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import MEMORY
+from ...foundation.thresholds import MEMORY, threshold, thresholds
 from .corners import SIMULATED_OBJECTS
 from .level_regions import HOMOGENEOUS, find_compact_regions
 from .options import CentreOptions

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.pixel_filters import BLUR, blur, load_opencv, reduce_by_area, reduce_mask, slopes
-from ...foundation.statistical_limits import SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SAMPLES, threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 
 BRIGHT, DARK, HOMOGENEOUS = 1, -1, 0

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.pixel_filters import BLUR
-from ...foundation.statistical_limits import EQUALITY
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, threshold, thresholds
 from ..targets.ellipse import (
     compute_axes,
     compute_centre_covariances,

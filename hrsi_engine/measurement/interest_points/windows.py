@@ -16,9 +16,7 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.pixel_filters import apply_opening, box_mean, dilate, enlarge, filter_separable
 from ...foundation.robust_scale import MAD_TO_SIGMA, ROBUST
-from ...foundation.statistical_limits import SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import GRIDS, MEMORY
+from ...foundation.thresholds import GRIDS, MEMORY, SIGNIFICANCE, threshold, thresholds
 
 
 @thresholds

@@ -20,9 +20,7 @@ from ...block.block import Image
 from ...block.orthoimage import DEM, ORTHOIMAGE_ERRORS
 from ...block.pointing import POINTING
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.statistical_limits import SAMPLES
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import GRIDS
+from ...foundation.thresholds import GRIDS, SAMPLES, threshold, thresholds
 from .matching import ImageControl, ReferenceControl
 
 

@@ -29,11 +29,9 @@ from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import BLUR, SCHARR, blur, box_mean, compute_smaller_eigenvalue, erode, slopes
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.robust_scale import ROBUST
-from ...foundation.statistical_limits import EQUALITY, ITERATIONS, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, GRIDS, ITERATIONS, MEMORY, SAMPLES, threshold, thresholds
 from ...foundation.workers.scheduling import open_calls
 from ...foundation.workers.threads import thread_count
-from ...foundation.working_sizes import GRIDS, MEMORY
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from ..tile_matching.options import TILE_MATCH
 from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak

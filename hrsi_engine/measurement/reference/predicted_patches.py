@@ -18,9 +18,7 @@ from scipy import ndimage
 from ...block.block import Image, Raster
 from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import blur, erode, interpolate, reduce_by_area
-from ...foundation.statistical_limits import EQUALITY
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import GRIDS, MEMORY
+from ...foundation.thresholds import EQUALITY, GRIDS, MEMORY, threshold, thresholds
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..window_matching.correlation import (
     CorrelationPeak,

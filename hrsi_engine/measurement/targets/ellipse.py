@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.errors import SolveError
-from ...foundation.statistical_limits import ITERATIONS, SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import ITERATIONS, SAMPLES, threshold, thresholds
 
 
 @thresholds

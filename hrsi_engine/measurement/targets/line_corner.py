@@ -16,8 +16,7 @@ import numpy as np
 from ...foundation.errors import SolveError
 from ...foundation.pixel_filters import BLUR, erode, slopes
 from ...foundation.robust_scale import ROBUST
-from ...foundation.statistical_limits import SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SAMPLES, threshold, thresholds
 from ..interest_points.corners import make_gaussian_kernels
 from ..interest_points.outlines import compute_slope_noise, interpolate_bilinear
 from ..interest_points.shapes import SHAPE

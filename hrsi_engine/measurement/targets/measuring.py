@@ -12,8 +12,7 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
 from ...foundation.pixel_filters import BLUR
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.working_sizes import MEMORY
+from ...foundation.thresholds import MEMORY, threshold, thresholds
 from ..interest_points.gravity_centres import CENTRE, find_gravity_centres
 from ..interest_points.options import CentreOptions
 from ..interest_points.shapes import SHAPE

@@ -17,8 +17,7 @@ from scipy.spatial import cKDTree
 
 from ...camera.rpc import Localization
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.statistical_limits import SAMPLES
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SAMPLES, threshold, thresholds
 
 
 @thresholds

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.statistical_limits import SAMPLES
+from ...foundation.thresholds import SAMPLES
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.window_search import search_windows
 from ..window_matching.windows import DONE, MATCHING_BANDS, SEARCH_BAND, LsmOptions, MatchImage

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import ndimage
 
 from ...foundation.pixel_filters import blur, interpolate
-from ...foundation.working_sizes import MEMORY
+from ...foundation.thresholds import MEMORY
 from ..window_matching.windows import ResultCache
 from .epipolar import EPIPOLAR, LocalizingCamera, transfer
 from .options import TILE_MATCH

@@ -13,7 +13,7 @@ from scipy import fft
 
 from ...foundation.pixel_filters import SCHARR, blur, erode, slopes
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.statistical_limits import EQUALITY
+from ...foundation.thresholds import EQUALITY
 from .windows import MATCHING
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from ...foundation.compiled_code import OPTIONS, Arrays
-from ...foundation.statistical_limits import EQUALITY
+from ...foundation.thresholds import EQUALITY
 from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, MATCHING, OUTSIDE, TERMS, WEAK
 
 # Compiled loops can use module names only, not attributes

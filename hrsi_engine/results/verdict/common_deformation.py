@@ -7,7 +7,7 @@ from scipy import special
 
 from ...block.block import Image, Role
 from ...foundation.reasons import Level, Reason
-from ...foundation.statistical_limits import SIGNIFICANCE
+from ...foundation.thresholds import SIGNIFICANCE
 from ...ground.geodesy import ground_difference_m
 from .evidence import Evidence
 from .significance import EFFECT

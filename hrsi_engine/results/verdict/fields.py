@@ -10,8 +10,7 @@ import numpy as np
 from scipy import special
 
 from ...adjustment.result import Adjustment
-from ...foundation.statistical_limits import SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 from ...refinement.image_space import IMAGE_SPACE
 from ..residuals import by_image
 

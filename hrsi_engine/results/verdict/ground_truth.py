@@ -16,8 +16,7 @@ from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
-from ...foundation.statistical_limits import SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 from ..residuals import by_image, state_known_sigmas_px
 from .evidence import CAMERA, Evidence
 from .significance import EFFECT, SOUND_BLOCKS, compute_chi_square_limit, is_significant

@@ -2,8 +2,7 @@
 
 from scipy import special
 
-from ...foundation.statistical_limits import SIGNIFICANCE
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 
 #: Source of most thresholds of the verdict.
 SOUND_BLOCKS = "correct simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/protocols/sound_blocks.md)"
