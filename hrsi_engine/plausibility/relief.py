@@ -2,20 +2,16 @@
 
 A correct DEM differs from the tie points by its errors, trees and roofs, and by a constant if the height datums differ:
 by metres, also on steep ground. A DEM that is displaced, mirrored, of another quantity or filled with an undeclared
-nodata value differs by as much as the relief. The displacement d of a DEM follows from the height differences, which
-grow with the slope (Nuth and Kääb, 2011)::
-
-    height of the point - height of the DEM = c + d · gradient of the DEM
+nodata value differs by as much as the relief. The displacement and its covariance are those of `surface.matching`.
 """
 
 import numpy as np
 
-from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import metres_per_degree
-from ..surface.dem import HeightSurface, cell_size_m, surface_heights
+from ..surface.dem import HeightSurface, cell_size_m, dem_sigma_m, surface_heights
+from ..surface.matching import SurfaceMatch, match_surface
 from .accuracy import SIMULATED
 
 
@@ -37,9 +33,7 @@ class RELIEF:
     displacement_cells: float = threshold(2.0, "cells", "smallest displacement that is reported", SIMULATED)
     displacement_sigmas: float = threshold(5.0, "sigma", "… in standard deviations of the position", SIMULATED)
     left_of_scatter: float = threshold(0.5, "", "largest scatter after a displacement over that before", SIMULATED)
-    left_of_relief: float = threshold(0.2, "", "… and over the scatter of heights", SIMULATED)
-    beyond_share: float = threshold(0.3, "", "largest share of points outside the displaced DEM")
-    most_steps: int = threshold(12, "steps", "largest number of iterations for the displacement")
+    searched_cells: float = threshold(20.0, "cells", "largest displacement along each axis that is searched")
 
 
 def find_relief_reasons(
@@ -73,15 +67,15 @@ def find_relief_reasons(
         advice = "declare it (gdal_translate -a_nodata), or name a DEM without gaps"
         return [Reason("dem-unlike-ground", Level.DOUBTFUL, message, advice)]
     scatter, relief = robust_sigma(miss - np.median(miss)), robust_sigma(ground[:, 2] - np.median(ground[:, 2]))
-    east, north, left = _estimate_displacement(ground, surface)
-    distance = float(np.hypot(east, north))
-    if left < min(RELIEF.left_of_scatter * scatter, RELIEF.left_of_relief * relief) and distance > max(
-        RELIEF.displacement_cells * cell_size_m(surface, ground[0]), RELIEF.displacement_sigmas * sigma_plan_m
-    ):
+    cell_m = cell_size_m(surface, ground[0])
+    exceeds_errors = scatter > np.hypot(dem_sigma_m(cell_m), sigma_h_m)
+    match = match_surface(ground, surface, RELIEF.searched_cells * cell_m) if exceeds_errors else None
+    if match is not None and _is_displaced(match, cell_m, sigma_plan_m):
+        east, north, _ = match.displacement_m.tolist()
         message = (
             f"the DEM is displaced by {abs(east):.0f} m {'east' if east > 0.0 else 'west'} and {abs(north):.0f} m "
             f"{'north' if north > 0.0 else 'south'} from the ground of the block: {len(ground)} tie points differ from "
-            f"it by {scatter:.1f} m, and by {left:.1f} m without the displacement"
+            f"it by {match.before_m:.1f} m, and by {match.scatter_m:.1f} m without the displacement"
         )
         advice = "check georeference and CRS of the DEM, and those of the ground points"
         return [Reason("dem-unlike-ground", Level.DOUBTFUL, message, advice)]
@@ -95,34 +89,10 @@ def find_relief_reasons(
     return []
 
 
-def _estimate_displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[float, float, float]:
-    """Return the displacement of a DEM east and north, and the robust scatter of the differences without it, in m."""
-    cell = cell_size_m(surface, ground[0])
-    degrees = 1.0 / metres_per_degree(ground)[:, :2]
-    shift, step = np.zeros(2), 2.0 * cell
-    best = (0.0, 0.0, np.inf)
-    for _ in range(RELIEF.most_steps):
-        shifted = ground[:, :2] + shift * degrees
-        middle = surface_heights(surface, shifted)
-        sides = [
-            [surface_heights(surface, shifted + sign * step * np.eye(2)[axis] * degrees) for sign in (-1.0, 1.0)]
-            for axis in (0, 1)
-        ]
-        gradient = np.column_stack([(high - low) / (2.0 * step) for low, high in sides])
-        miss = ground[:, 2] - middle
-        finite = np.isfinite(miss) & finite_rows(gradient)
-        if finite.sum() < max(RELIEF.fewest_points, (1.0 - RELIEF.beyond_share) * len(finite)):
-            break
-        miss = miss[finite] - np.median(miss[finite])
-        scatter = float(robust_sigma(miss))
-        if scatter < best[2]:
-            best = (float(shift[0]), float(shift[1]), scatter)
-        inliers = np.abs(miss) <= 3.0 * scatter
-        design = np.column_stack([gradient[finite][inliers], np.ones(inliers.sum())])
-        solved, _, rank, _ = np.linalg.lstsq(design, miss[inliers], rcond=None)
-        if rank < design.shape[1]:
-            break
-        shift = shift + solved[:2]
-        if np.hypot(*solved[:2]) < 0.1 * cell:
-            break
-    return best
+def _is_displaced(match: SurfaceMatch, cell_m: float, sigma_plan_m: float) -> bool:
+    """Return whether a displacement is larger than its errors, and explains most of the differences."""
+    plan_m = match.displacement_m[:2]
+    sigma_m = float(np.sqrt(np.linalg.eigvalsh(match.covariance_m2[:2, :2])[-1]))
+    least_m = max(RELIEF.displacement_cells * cell_m, RELIEF.displacement_sigmas * np.hypot(sigma_plan_m, sigma_m))
+    explains = match.scatter_m < RELIEF.left_of_scatter * match.before_m
+    return bool(match.is_decided and explains and np.hypot(*plan_m) > least_m)
