@@ -1,7 +1,8 @@
 """`evaluate`: accuracy of sets of RPCs, compared on the same tracks, ground points and DEM."""
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,7 +28,7 @@ from ..hrsi_engine.drawing.plots import draw_bars
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
-from ..hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES
+from ..hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES, SIGNIFICANCE
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.geopackage.declared_layers import EvaluatedPairRows, EvaluatedResidualRows
 from ..hrsi_engine.io.geopackage.layer_styles import Style
@@ -394,20 +395,26 @@ def _survey_entry(one: RpcSet, role: Role) -> Report:
 
 
 def _rank_sets(sets: Mapping[str, Report], independent: bool) -> Report:
-    """Return the best set by each figure that exists for all sets; None if there is no such figure.
+    """Return the best set by each figure; None without figures, or if the next best is as good within its accuracy.
 
-    If one of the sets was estimated from the tracks, these give no best set.
+    If one of the sets was estimated from the tracks, these give no best set. An RMS value or quantile of n values has
+    a relative standard deviation of about 1 / sqrt(2 n).
     """
-    keys = {
-        "predicted": lambda entry: entry["predicted_rmse_px"] if independent else None,
-        "fit": lambda entry: entry["fit_rmse_px"] if independent else None,
-        "check": lambda entry: entry["check"]["ce90_m"],
-        "dem": lambda entry: (entry["dem"] or {}).get("p90_m"),
-    }  # fmt: skip
-    best: Report = {}
+    keys: dict[str, Callable[[Report], tuple[float | None, int]]] = {
+        "predicted": lambda entry: (entry["predicted_rmse_px"] if independent else None, entry["predictions"]),
+        "fit": lambda entry: (entry["fit_rmse_px"] if independent else None, entry["predictions"]),
+        "check": lambda entry: (entry["check"]["ce90_m"], entry["check"]["points"]),
+        "dem": lambda entry: ((entry["dem"] or {}).get("p90_m"), (entry["dem"] or {}).get("points", 0)),
+    }
+    best: Report = dict.fromkeys(keys)
     for what, key in keys.items():
-        values = {name: key(entry) for name, entry in sets.items()}
-        best[what] = None if None in values.values() else min(values, key=lambda name: values[name])
+        figures = {name: value for name, entry in sets.items() if (value := key(entry)[0]) is not None}
+        if len(figures) < max(len(sets), 2):
+            continue
+        first, second = sorted(figures, key=lambda name: figures[name])[:2]
+        count = max(key(sets[first])[1], 1)
+        if figures[second] > figures[first] * (1.0 + SIGNIFICANCE.sigmas / math.sqrt(2.0 * count)):
+            best[what] = first
     return best
 
 

@@ -99,6 +99,7 @@ def test_names_with_the_image_s_name_in_them_are_found(block: Path, tmp_path: Pa
     report = evaluate(block, tmp_path / "out", rpcs={"other": other, "refined": block / "refined"}, report=False)
     other_set, refined_set = report["sets"]["other"], report["sets"]["refined"]
     assert other_set["predicted_rmse_px"] == refined_set["predicted_rmse_px"]
+    assert set(report["best"].values()) == {None}  # equal sets: none is the best
 
 
 def test_tracks_beside_used_points_are_left_out(block: Path, tmp_path: Path) -> None:
