@@ -24,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import sparse
 
-from ..block.block import Block
+from ..block.block import Block, stack_rpcs
 from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import MAD_TO_SIGMA, ROBUST, robust_sigma
 from ..foundation.thresholds import SAMPLES, threshold, thresholds
@@ -106,10 +106,11 @@ def fit_tracks(
     ground = intersect_points(observations, none, no_values, start_positions)
     fit, by_ground = np.full((observations.count, 2), np.nan), np.full((observations.count, 2, 3), np.nan)
     is_located = finite_rows(ground)
-    for image, rows in zip(block.images, observations.by_image, strict=True):
-        rows_here = rows[is_located[observations.point[rows]]]
-        computed, by_ground[rows_here] = image.rpc.project_with_metric_jacobian(ground[observations.point[rows_here]])
-        fit[rows_here] = observations.xy[rows_here] - computed
+    rows = np.flatnonzero(is_located[observations.point])
+    computed, by_ground[rows] = stack_rpcs(block.images).project_with_metric_jacobian(
+        observations.image[rows], ground[observations.point[rows]]
+    )
+    fit[rows] = observations.xy[rows] - computed
     unknown = np.full_like(fit, np.nan), np.full(len(fit), np.nan)
     predicted, enlargement = _predict(observations, by_ground, fit) if predict else unknown
     return observations, TrackFit(ground, by_ground, fit, predicted, enlargement)

@@ -52,8 +52,10 @@ def hold_out_ties(block: Block, share: float) -> Block:
 def sample_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:
     """Return the indices of a share of the ``tracks`` (mask over the points), evenly from the cells of the images."""
     rows = block.measurements
-    head = np.flatnonzero(tracks[rows.point])
-    head = head[np.unique(rows.point[head], return_index=True)[1]]  # of each track, its row on its first image
+    used = np.flatnonzero(tracks[rows.point])
+    head = np.full(len(tracks), -1)
+    head[rows.point[used[::-1]]] = used[::-1]  # of each track, its row on its first image
+    head = head[head >= 0]
     image, point = rows.image[head], rows.point[head]
     centre, half = (
         np.array([getattr(one, attribute) for one in block.images]) for attribute in ("centre_px", "half_size_px")

@@ -16,8 +16,8 @@ def draw_histogram(values: np.ndarray, label: str) -> str:
 
     values : (n,) residuals divided by their standard deviations; label : text alternative
     """
-    edges = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, 41)
-    counts, _ = np.histogram(np.clip(values, -SIGMAS_SHOWN, SIGMAS_SHOWN), edges)
+    limits = -SIGMAS_SHOWN, SIGMAS_SHOWN
+    counts, edges = np.histogram(np.clip(values, *limits), 40, limits)
     density = counts / max(len(values), 1) / (edges[1] - edges[0])
     middle = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, 101)
     curve = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)

@@ -197,11 +197,14 @@ def _make_cards(result: Adjustment, visible: _PointSelection) -> list[ImageCard]
         return []
     order, bounds = group_by_number(rows.image[indices], len(result.block.images))
     indices = indices[order]
-    parts = {index: indices[bounds[index] : bounds[index + 1]] for index in range(len(result.block.images))}
-    squares = square_lengths(visible.residual_px)
-    size = {index: float(np.mean(squares[part])) for index, part in parts.items() if len(part)}
-    largest = sorted(sorted(size, key=lambda index: -size[index])[: LISTS.images])
-    return [_make_card(result, index, parts[index], visible) for index in largest]
+    image = rows.image[indices]
+    with np.errstate(invalid="ignore"):
+        size = np.bincount(image, square_lengths(visible.residual_px[indices])) / np.bincount(image)
+    largest = np.argsort(-size, kind="stable")[: min(LISTS.images, np.count_nonzero(np.isfinite(size)))]
+    return [
+        _make_card(result, index, indices[bounds[index] : bounds[index + 1]], visible)
+        for index in np.sort(largest).tolist()
+    ]
 
 
 def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _PointSelection) -> ImageCard:

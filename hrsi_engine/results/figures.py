@@ -9,6 +9,7 @@ import numpy as np
 from ..adjustment.evaluation import PairFit, TrackFit, find_wrong_tracks, fit_pairs, fit_tracks
 from ..adjustment.hold_out import sample_tracks
 from ..adjustment.observations import Observations
+from ..adjustment.options import HOLD_OUT
 from ..adjustment.result import Adjustment, DatumPart, Decision
 from ..adjustment.statistics.precision import errors_90, predict_accuracy
 from ..block.block import Role
@@ -236,13 +237,14 @@ def _find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | Non
     return errors_90(east, north, height) if max(east, north, height) > 0.0 else None
 
 
-NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse_px": None, "wrong": 0}
+NOT_EVALUATED = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse_px": None, "wrong": 0}
 
 
 def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str, Any]:
     """Return the report's entry on held-out tie points, which were not used in the adjustment.
 
-    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``is_wrong`` matches, which are
+    ``tracks`` is the number of held-out tie points; of many an even sample is evaluated. Figures of the sample are
+    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches, which are
     excluded, and under ``ties`` the same figures of an equal number of adjusted tie points.
 
     Both are intersected with the refined RPCs and evaluated in the same way: by the residuals at the intersected
@@ -251,24 +253,25 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
     affect (`evaluation.find_wrong_tracks`), and counted.
     """
     block = result.block
-    fixed = block.points.role == Role.HELD_OUT
-    if not fixed.any():
-        return NONE_HELD_OUT | {"ties": NONE_HELD_OUT}
+    is_held_out = block.points.role == Role.HELD_OUT
+    if not is_held_out.any():
+        return NOT_EVALUATED | {"tracks": 0, "ties": NOT_EVALUATED}
     adjusted = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
     evaluated = block.with_cameras([new.rpc for new in refined])
-    evaluated = evaluated.with_measurements(adjusted | fixed[block.measurements.point])
+    evaluated = evaluated.with_measurements(adjusted | is_held_out[block.measurements.point])
     several = evaluated.rays_per_point() >= 2
-    ties, fixed = several & ~fixed, several & fixed
-    is_sampled = np.zeros(len(fixed), dtype=bool)
-    is_sampled[sample_tracks(evaluated, ties, min(1.0, fixed.sum() / max(ties.sum(), 1)))] = True
-    observations, fit = fit_tracks(evaluated, fixed | is_sampled, predict=False, start=result.ground)
+    tracks = int(np.count_nonzero(several & is_held_out))
+    wanted = min(tracks, HOLD_OUT.most_evaluated)
+    samples = np.zeros((2, len(several)), dtype=bool)  # of held-out and of adjusted tracks
+    for sample, population in zip(samples, (several & is_held_out, several & ~is_held_out), strict=True):
+        sample[sample_tracks(evaluated, population, min(1.0, wanted / max(population.sum(), 1)))] = True
+    observations, fit = fit_tracks(evaluated, samples.any(axis=0), predict=False, start=result.ground)
     pairs = fit_pairs(observations, fit)
     is_wrong = find_wrong_tracks(observations, [pairs], ROBUST.rejected)
-    figures = [
-        _describe_fit(observations, fit, pairs, tracks, is_wrong)
-        for tracks in (fixed[observations.points], is_sampled[observations.points])
-    ]
-    return figures[0] | {"ties": figures[1]}
+    held_out, ties = (
+        _describe_fit(observations, fit, pairs, sample[observations.points], is_wrong) for sample in samples
+    )
+    return held_out | {"tracks": tracks, "ties": ties}
 
 
 def _describe_fit(

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, estimate_spectrum
+from ..adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave
 from ..block.block import Image
 from ..block.imaging_geometry import measure_pixel_m
 from ..foundation.thresholds import LISTS, threshold, thresholds
@@ -58,7 +58,7 @@ def describe_waves(image: Image, waves: Sequence[Wave]) -> list[dict[str, Any]]:
 
 def _describe_axis(profile: LineProfile, axis: str) -> dict[str, Any] | None:
     """Return mean displacements by parts of the lines, and amplitudes by period; None with too few observations."""
-    spectrum, column = estimate_spectrum(profile, axis), WAVE_AXES.index(axis)
+    spectrum, column = profile.spectra.get(axis), WAVE_AXES.index(axis)
     if spectrum is None:
         return None
     is_used = profile.weight[:, column] > 0.0
@@ -66,13 +66,14 @@ def _describe_axis(profile: LineProfile, axis: str) -> dict[str, Any] | None:
     part = np.minimum(((line - line.min()) / np.ptp(line) * LINE_PROFILE.periods).astype(int), LINE_PROFILE.periods - 1)
     total, lines, shifts = (np.bincount(part, weight * x) for x in (1.0, line, shift))
     filled = total > 0.0
-    step = -(-len(spectrum.power) // LINE_PROFILE.periods)
-    first = np.arange(0, len(spectrum.power), step)
-    highest = [int(k + np.argmax(spectrum.amplitude_px[k : k + step])) for k in first]
+    amplitude = spectrum.amplitude_px
+    step = -(-len(amplitude) // LINE_PROFILE.periods)
+    padded = np.pad(amplitude, (0, -len(amplitude) % step)).reshape(-1, step)
+    highest = np.arange(0, len(amplitude), step) + np.argmax(padded, axis=1)
     return {
         "lines": np.round(lines[filled] / total[filled], 1).tolist(),
         "shift_px": np.round(shifts[filled] / total[filled], 4).tolist(),
         "period_lines": np.round(spectrum.period_lines[highest], 1).tolist(),
-        "amplitude_px": np.round(spectrum.amplitude_px[highest], 4).tolist(),
+        "amplitude_px": np.round(amplitude[highest], 4).tolist(),
         "significant_px": spectrum.significant_px,
     }

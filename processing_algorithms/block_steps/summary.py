@@ -57,9 +57,11 @@ def summarise(report: Report) -> str:
             f"{format_digits(held[key])} px ({format_digits(held['ties'][key])} px)"
             for key in ("rmse_px", "epipolar_rmse_px")
         )
+        of_all = f" (even sample of {held['tracks']})" if held["points"] + held["wrong"] < held["tracks"] else ""
         lines.append(
-            f"held-out tie points: {held['points']}, {held['observations']} observations, without {held['wrong']} "
-            f"wrong matches, RMSE {rmse}, from epipolar lines {epipolar} (in brackets: tie points of the adjustment)"
+            f"held-out tie points: {held['points']}{of_all}, {held['observations']} observations, without "
+            f"{held['wrong']} wrong matches, RMSE {rmse}, from epipolar lines {epipolar} "
+            "(in brackets: tie points of the adjustment)"
         )
     lines += [
         f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -15,6 +16,7 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.thresholds import SAMPLES
 from hrsi.hrsi_engine.ground.geodesy import move_ground
+from hrsi.hrsi_engine.results import figures
 from hrsi.hrsi_engine.results.figures import summarise_held_out
 
 
@@ -113,3 +115,21 @@ def test_figures_by_other_code() -> None:
     # 0.2 px a coordinate; three rays leave 3 of 6 free; two lines that differ by the noise of both
     assert entry["rmse_px"] == pytest.approx(0.2 * np.sqrt(2.0 * 3.0 / 6.0), rel=0.15)
     assert entry["ties"]["rmse_px"] == pytest.approx(entry["rmse_px"], rel=0.15)
+
+
+def test_of_many_an_even_sample_is_evaluated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The RMSE of a sample of k of 300 tracks differs from that of all by its standard deviation at most, a few times.
+
+    Three rays leave three redundant coordinates: the relative standard deviation of an RMSE is 1 / sqrt(2 * 3 k).
+    """
+    block = hold_out_ties(make_block(3000, seed=7), 0.1)
+    result = adjust(block, AdjustOptions(model="affine"))
+    refined = [result.model.compute_refined_rpc(*pair) for pair in zip(block.images, result.values, strict=True)]
+    complete = summarise_held_out(result, refined)
+    monkeypatch.setattr(figures, "HOLD_OUT", replace(HOLD_OUT, most_evaluated=100))
+    sample = summarise_held_out(result, refined)
+    assert complete["points"] == complete["tracks"] == sample["tracks"] == 300
+    assert sample["points"] + sample["wrong"] == sample["ties"]["points"] + sample["ties"]["wrong"] == 100
+    for part, whole in ((sample, complete), (sample["ties"], complete["ties"])):
+        assert part["rmse_px"] == pytest.approx(whole["rmse_px"], rel=3.5 / np.sqrt(600.0))
+        assert part["epipolar_rmse_px"] == pytest.approx(whole["epipolar_rmse_px"], rel=3.5 / np.sqrt(600.0))

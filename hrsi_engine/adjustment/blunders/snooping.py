@@ -98,17 +98,19 @@ class Snooping:
 
         Their positions date from before the cameras changed, where their measurements cannot be tested.
         """
-        problem, weight = self.problem, solution.weighting.image
-        unused = np.flatnonzero(self.ties & ~find_determinable_points(problem.observations, weight, self.survey_weight))
+        problem, observations, weight = self.problem, self.problem.observations, solution.weighting.image
+        unused = np.flatnonzero(self.ties & ~find_determinable_points(observations, weight, self.survey_weight))
         if not len(unused):
             return solution
         state, priors = solution.state, solution.weighting.points
         ground = problem.equations.intersect(state, self.image_weight, priors, unused)
         failed = ~finite_rows(ground)
         ground[failed] = state.ground[failed]
-        state = State(state.values, ground)
-        normals = problem.equations.form_normals(state, solution.weight, priors, solution.weighting.contributes)
-        return replace(solution, state=state, normals=normals)
+        state, factor = State(state.values, ground), (solution.factor > 0.0).astype(np.float64)
+        # for the test of the measurements alone: points without the cameras' part, and no robust weights
+        nobody = np.zeros(len(observations.points), dtype=bool)
+        normals = problem.equations.form_normals(state, solution.weighting.image * factor, priors, nobody)
+        return replace(solution, state=state, normals=normals, factor=factor)
 
     def judge_ties_again(self, solution: Solution, progress: Progress) -> Solution:
         """Test the tie points with a solution that has all surveys, and solve again if decisions change."""

@@ -22,12 +22,14 @@ degrees of freedom). Waves are found one by one, the strongest first, each fitte
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from scipy import fft, special
 
 from ...block.columns import group_by_number
+from ...foundation.large_arrays import any_of_rows
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import ITERATIONS, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..result import Adjustment, Decision
@@ -81,6 +83,11 @@ class LineProfile:
     shift_px: np.ndarray
     weight: np.ndarray
 
+    @cached_property
+    def spectra(self) -> dict[str, "Spectrum"]:
+        """The spectrum of each axis with enough observations."""
+        return {axis: one for axis in WAVE_AXES if (one := estimate_spectrum(self, axis)) is not None}
+
 
 @dataclass(frozen=True)
 class Wave:
@@ -105,16 +112,50 @@ class Wave:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Amplitudes of the best sines by period, and the smallest significant amplitude.
+    """Powers of the best sine of each frequency along an axis, fitted together with a trend.
 
-    period_lines, amplitude_px, power : (f,), from long to short periods; power is z of the module's docstring
-    significant_px : amplitude (RMS over phases) that has the false alarm probability `SIGNIFICANCE.false_alarm`
+    frequencies, power : (f,) in cycles per line, ascending; power is z of the module's docstring
+    residual_square, weight : weighted sum of squares of the cells without their trend, and the sum of their weights
+    free : number of cells less that of the columns of the trend; line_variance : variance of the cells' lines
     """
 
-    period_lines: np.ndarray
-    amplitude_px: np.ndarray
+    frequencies: np.ndarray
     power: np.ndarray
-    significant_px: float
+    residual_square: float
+    weight: float
+    free: int
+    line_variance: float
+
+    @property
+    def period_lines(self) -> np.ndarray:
+        """Periods ``(f,)``, from long to short ones."""
+        return 1.0 / self.frequencies
+
+    @property
+    def amplitude_px(self) -> np.ndarray:
+        """Amplitudes ``(f,)``: a sine of amplitude A explains A² sum(w) / 2 of the weighted sum of squares."""
+        return np.sqrt(2.0 * self.power * self.residual_square / self.weight)
+
+    @property
+    def significant_px(self) -> float:
+        """Amplitude (RMS over phases) that has the false alarm probability `SIGNIFICANCE.false_alarm`."""
+        levels = np.linspace(0.0, 1.0, 2001)[1:-1]
+        is_significant = self.compute_false_alarm(levels) < SIGNIFICANCE.false_alarm
+        level = levels[np.argmax(is_significant)] if is_significant.any() else np.inf
+        return float(np.sqrt(2.0 * level * self.residual_square / self.weight))
+
+    def compute_false_alarm(self, power: np.ndarray | float, more_columns: int = 0) -> np.ndarray:
+        """Return the probability that noise reaches z = ``power`` at any of the frequencies.
+
+        more_columns : of waves that were fitted together with the trend
+        """
+        free, power = self.free - more_columns, np.asarray(power)
+        if free < 4:
+            return np.ones_like(power)
+        width = (self.frequencies[-1] - self.frequencies[0]) * np.sqrt(4.0 * np.pi * self.line_variance)
+        remainder = np.maximum(1.0 - power, 1e-300)
+        single = remainder ** ((free - 2) / 2.0)
+        return np.asarray(np.minimum(single * (1.0 + width * np.sqrt(free * power / 2.0) / np.sqrt(remainder)), 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,16 +189,19 @@ def collect_line_profiles(result: Adjustment) -> list[LineProfile]:
     Residuals of tie points, GCPs and points on a surface are used equally, by redundancy numbers; rejected ones are
     not.
     """
-    rows, residual, share = result.block.measurements, result.tested_residual_px, result.redundancy_numbers
-    is_used = (result.decision == int(Decision.KEPT)) & (result.weight > 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        is_observed = is_used[:, None] & np.isfinite(residual) & (share >= WAVES.least_redundancy)
-        shift = np.where(is_observed, residual / share, np.nan)
-        weight = np.where(is_observed, share / result.sigma_px[:, None] ** 2, 0.0)
-    observed = np.flatnonzero(is_observed.any(axis=1))
+    rows = result.block.measurements
+    is_observed = np.isfinite(result.tested_residual_px) & (result.redundancy_numbers >= WAVES.least_redundancy)
+    is_observed &= ((result.decision == int(Decision.KEPT)) & (result.weight > 0.0))[:, None]
+    observed = np.flatnonzero(any_of_rows(is_observed))
     order, bounds = group_by_number(rows.image[observed], len(result.block.images))
     observed = observed[order]
-    (sample, line), shift, weight = rows.xy[observed].T, shift[observed], weight[observed]
+    residual, share, is_observed = (
+        values[observed] for values in (result.tested_residual_px, result.redundancy_numbers, is_observed)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shift = np.where(is_observed, residual / share, np.nan)
+    weight = np.where(is_observed, share / result.sigma_px[observed, None] ** 2, 0.0)
+    sample, line = rows.xy[observed].T
     parts = [slice(first, last) for first, last in pairwise(bounds.tolist())]
     return [
         LineProfile(image.id, number, line[part], sample[part], shift[part], weight[part])
@@ -172,17 +216,10 @@ def estimate_spectrum(profile: LineProfile, axis: str) -> Spectrum | None:
     if cells is None or frequencies is None:
         return None
     trend = cells.make_trend()
-    power, residual_square = _scan_powers(cells, trend, frequencies)
-    # A sine of amplitude A explains A² sum(w) / 2 of the weighted sum of squares
-    amplitude = np.sqrt(2.0 * power * residual_square / cells.weight.sum())
-    levels = np.linspace(0.0, 1.0, 2001)[1:-1]
-    chance = _compute_false_alarm(levels, cells, trend.shape[1], frequencies)
-    level = (
-        levels[np.argmax(chance < SIGNIFICANCE.false_alarm)] if (chance < SIGNIFICANCE.false_alarm).any() else np.inf
-    )
     return Spectrum(
-        1.0 / frequencies, amplitude, power, float(np.sqrt(2.0 * level * residual_square / cells.weight.sum()))
-    )
+        frequencies, *_scan_powers(cells, trend, frequencies), float(cells.weight.sum()),
+        len(cells.value) - trend.shape[1], float(np.var(cells.line)),
+    )  # fmt: skip
 
 
 def find_waves(profile: LineProfile, tests: int = 1) -> tuple[Wave, ...]:
@@ -201,34 +238,36 @@ def find_block_waves(profiles: Sequence[LineProfile]) -> list[tuple[Wave, ...]]:
 
 
 def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]:
-    cells = _make_cells(profile, axis)
-    frequencies = None if cells is None else _choose_frequencies(cells)
-    if cells is None or frequencies is None:
+    spectrum = profile.spectra.get(axis)
+    if spectrum is None:
         return []
-    columns, frequencies_found, chances = cells.make_trend(), list[float](), list[float]()
-    for _ in range(ITERATIONS.most):
-        power, _ = _scan_powers(cells, columns, frequencies)
-        for one in frequencies_found:  # no second wave that the lines cannot separate
-            power[np.abs(frequencies - one) < 1.0 / np.ptp(cells.line)] = 0.0
-        # Most images have no wave: the exact peak is computed only if the scan may have missed a significant one
-        highest = np.minimum(power.max(keepdims=True) / WAVES.scanned_share, 1.0)
-        if (
-            not tests * float(_compute_false_alarm(highest, cells, columns.shape[1], frequencies)[0])
-            < SIGNIFICANCE.false_alarm
-        ):
-            break
-        fine_frequencies = frequencies[int(np.argmax(power))] + (frequencies[1] - frequencies[0]) * np.linspace(
-            -1.0, 1.0, 21
-        )
+    frequencies, power, step = spectrum.frequencies, spectrum.power, spectrum.frequencies[1] - spectrum.frequencies[0]
+    frequencies_found, chances = list[float](), list[float]()
+
+    def compute_chance(z: float) -> float:
+        return tests * float(spectrum.compute_false_alarm(z, 2 * len(frequencies_found)))
+
+    def may_be_significant(power: np.ndarray) -> bool:
+        """Whether the scan may have missed a significant wave; if not, as in most images, no exact one is computed."""
+        return compute_chance(min(float(power.max()) / WAVES.scanned_share, 1.0)) < SIGNIFICANCE.false_alarm
+
+    if not may_be_significant(power) or (cells := _make_cells(profile, axis)) is None:
+        return []
+    columns = cells.make_trend()
+    while may_be_significant(power) and len(chances) < ITERATIONS.most:
+        fine_frequencies = frequencies[int(np.argmax(power))] + step * np.linspace(-1.0, 1.0, 21)
         fine_frequencies = np.clip(fine_frequencies, frequencies[0], frequencies[-1])
         reduced = _remove_columns(cells, columns)
         z, frequency = max((_compute_power(cells, *reduced, one), one) for one in fine_frequencies.tolist())
-        chance = tests * float(_compute_false_alarm(np.array([z]), cells, columns.shape[1], frequencies)[0])
+        chance = compute_chance(z)
         if not chance < SIGNIFICANCE.false_alarm or not _compare_strips(cells, columns, frequency) < SIGNIFICANCE.level:
             break
         columns = np.column_stack([columns, cells.make_sines(frequency)])
         frequencies_found.append(frequency)
         chances.append(chance)
+        power, _ = _scan_powers(cells, columns, frequencies)
+        for one in frequencies_found:  # no second wave that the lines cannot separate
+            power[np.abs(frequencies - one) < 1.0 / np.ptp(cells.line)] = 0.0
     if not frequencies_found:
         return []
     # All waves and the trend together
@@ -256,7 +295,7 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     line, sample, weight, shift = profile.line[usable], profile.sample[usable], weight[usable], shift[usable]
     # Strips with equal numbers of measurements
     last = np.arange(1, WAVES.strips) * (len(sample) - 1) // WAVES.strips
-    strip = np.searchsorted(np.partition(sample, last)[last], sample)
+    strip = sum((sample > edge).astype(np.int64) for edge in np.partition(sample, last)[last])
     cell = np.floor((line - line.min()) / _CELL_LINES).astype(np.int64) * WAVES.strips + strip
     sums = [np.bincount(cell, weight * x) for x in (1.0, line, sample, shift, strip)]
     filled = np.flatnonzero(sums[0])
@@ -314,21 +353,11 @@ def _compute_power(
 
 def _remove_columns(cells: _Cells, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Return an orthonormal basis of the weighted columns, the weighted values without them, and their square sum."""
-    basis = np.linalg.qr(columns * cells.root[:, None])[0]
+    weighted = columns * cells.root[:, None]
+    basis = weighted @ np.linalg.inv(np.linalg.cholesky(weighted.T @ weighted)).T
     value = cells.value * cells.root
     value = value - basis @ (basis.T @ value)
     return basis, value, max(float(value @ value), 1e-30)
-
-
-def _compute_false_alarm(power: np.ndarray, cells: _Cells, columns: int, frequencies: np.ndarray) -> np.ndarray:
-    """Return the probability that noise reaches z = ``power (m,)`` at any of the frequencies."""
-    free = len(cells.value) - columns
-    if free < 4:
-        return np.ones_like(power)
-    width = (frequencies[-1] - frequencies[0]) * np.sqrt(4.0 * np.pi * np.var(cells.line))
-    remainder = np.maximum(1.0 - power, 1e-300)
-    single = remainder ** ((free - 2) / 2.0)
-    return np.asarray(np.minimum(single * (1.0 + width * np.sqrt(free * power / 2.0) / np.sqrt(remainder)), 1.0))
 
 
 def _compare_strips(cells: _Cells, columns: np.ndarray, frequency: float) -> float:

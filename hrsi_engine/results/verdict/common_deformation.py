@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy import special
 
-from ...block.block import Image, Role
+from ...block.block import Image, Role, stack_rpcs
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import SIGNIFICANCE
 from ...ground.geodesy import ground_difference_m
@@ -65,7 +65,7 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray, sigmas: np.ndar
     sensors alone (chi² test of what the deformation explains), and of such agreement of independent drifts (F test).
     """
     weight = 1.0 / sigmas.ravel()
-    design = np.concatenate([_make_design(image) for image in images]) * weight[:, None]
+    design = _make_designs(images).reshape(-1, 6) * weight[:, None]
     observed = drifts.ravel() * weight
     coefficients, *_ = np.linalg.lstsq(design, observed, rcond=None)
     explained = float(np.sum((design @ coefficients) ** 2))
@@ -75,14 +75,14 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray, sigmas: np.ndar
     return coefficients.reshape(3, 2), float(special.chdtrc(parameters, explained)), likeness
 
 
-def _make_design(image: Image) -> np.ndarray:
-    """Return the derivatives ``(4, 6)`` of an image's drifts by the elements of a deformation of the ground."""
-    middle = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
-    by_ground = image.rpc.project_with_metric_jacobian(middle)[1][0]  # (2, 3), px/m
-    by_pixel = np.linalg.inv(by_ground[:, :2])  # along the ground at one height, m/px
-    return np.stack([
-        -np.outer(by_ground[:, axis], by_pixel[along]).ravel() for axis in range(3) for along in range(2)
-    ], axis=1)  # fmt: skip
+def _make_designs(images: Sequence[Image]) -> np.ndarray:
+    """Return the derivatives ``(n, 4, 6)`` of each image's drifts by the elements of a deformation of the ground."""
+    stack, owner = stack_rpcs(images), np.arange(len(images))
+    centres = np.array([image.centre_px for image in images])
+    middle = stack.localize(owner, centres, np.array([image.rpc.height_off for image in images]))
+    by_ground = stack.project_with_metric_jacobian(owner, middle)[1]  # (n, 2, 3), px/m
+    by_pixel = np.linalg.inv(by_ground[:, :, :2])  # along the ground at one height, m/px
+    return -np.einsum("nia,nbj->nijab", by_ground, by_pixel).reshape(len(images), 4, 6)
 
 
 ON_SURVEY = (find_deformed_survey,)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, collect_line_profiles, find_block_waves
 from ...adjustment.result import Adjustment, Decision
-from ...block.block import Role
+from ...block.block import Role, stack_rpcs
 from ...foundation.errors import list_ids
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import RefitRPC, estimate_priors
@@ -57,6 +57,13 @@ class Evidence:
     def adjusting(self) -> np.ndarray:
         """True for measurements that determine the cameras, ``(n,)`` bool: of GCPs and tie points, not rejected."""
         return self.result.has_residual & ~self.left_out & np.isin(self.row_role, [Role.GCP, Role.TIE])
+
+    @cached_property
+    def check_rays(self) -> tuple[np.ndarray, np.ndarray]:
+        """The measurements of check points: rows ``(n,)``, derivatives ``(n, 2, 3)`` by the ground at the surveys."""
+        block, rows = self.result.block, np.flatnonzero(self.row_role == Role.CHECK)
+        ground, image = block.points.ground[block.measurements.point[rows]], block.measurements.image[rows]
+        return rows, stack_rpcs(block.images).project_with_metric_jacobian(image, ground)[1]
 
     @cached_property
     def fields(self) -> list[ResidualField]:

@@ -17,7 +17,7 @@ from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
-from ..residuals import by_image, state_known_sigmas_px
+from ..residuals import state_known_sigmas_px
 from .evidence import CAMERA, Evidence
 from .significance import EFFECT, SOUND_BLOCKS, compute_chi_square_limit, is_significant
 
@@ -150,7 +150,7 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     error = evidence.left.ground_m[check]
     block_part = result.covariance_to_surveys_m2(check)
     survey_covariance = result.survey_covariance_m2(check)
-    cofactors = _compute_ray_cofactors(evidence, check)
+    cofactors = _compute_ray_cofactors(evidence)
     covariance = block_part + survey_covariance + evidence.camera_px**2 * cofactors
     usable = np.flatnonzero(finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2)))
     if not len(usable):
@@ -246,7 +246,7 @@ def do_check_points_agree(evidence: Evidence) -> bool:
     block = evidence.result.block
     check = np.flatnonzero(block.points.role == Role.CHECK)
     pixel = np.hypot(np.median(block.measurements.sigma_px), CAMERA.unmodelled_px)
-    covariance = block.points.survey_covariance_m2(check) + pixel**2 * _compute_ray_cofactors(evidence, check)
+    covariance = block.points.survey_covariance_m2(check) + pixel**2 * _compute_ray_cofactors(evidence)
     error = evidence.left.ground_m[check]
     usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     if not usable.any():
@@ -255,13 +255,12 @@ def do_check_points_agree(evidence: Evidence) -> bool:
     confirming = check[usable][~on_ground.is_outlier]
     if len(confirming) < EFFECT.fewest_points or on_ground.factor >= EFFECT.agreeing_factor:
         return False
-    in_images = np.zeros(0)
-    rows = block.measurements
-    for index, image_rows in by_image(block, np.isin(rows.point, confirming) & finite_rows(evidence.left.at_known_px)):
-        _, by_ground = block.images[index].rpc.project_with_metric_jacobian(block.points.ground[rows.point[image_rows]])
-        survey = block.points.survey_covariance_m2(rows.point[image_rows])
-        expected = pixel**2 * np.eye(2) + by_ground @ survey @ by_ground.swapaxes(1, 2)
-        in_images = np.append(in_images, _compute_chi_squares(evidence.left.at_known_px[image_rows], expected)[0])
+    rows, by_ground = evidence.check_rays
+    point, residual_px = block.measurements.point[rows], evidence.left.at_known_px[rows]
+    used = np.isin(point, confirming) & finite_rows(residual_px)
+    survey = block.points.survey_covariance_m2(point[used])
+    expected = pixel**2 * np.eye(2) + by_ground[used] @ survey @ by_ground[used].swapaxes(1, 2)
+    in_images = _compute_chi_squares(residual_px[used], expected)[0]
     return not len(in_images) or float(np.sqrt(in_images.mean() / 2.0)) < EFFECT.agreeing_factor
 
 
@@ -277,15 +276,13 @@ def are_other_gcps_consistent(evidence: Evidence, suspects: Sequence[str]) -> bo
     return concerned <= rejected and len(remaining) >= max(EFFECT.fewest_points, len(gcps & rejected) + 1)
 
 
-def _compute_ray_cofactors(evidence: Evidence, points_selected: np.ndarray) -> np.ndarray:
-    """Return the cofactors ``(k, 3, 3)`` m²/px² of points intersected from independent images, with sigmas of 1 px."""
-    block, rows = evidence.result.block, evidence.result.block.measurements
-    normal = np.zeros((len(block.points), 3, 3))
-    for index, image_rows in by_image(block, np.isin(rows.point, points_selected)):
-        points = rows.point[image_rows]
-        _, by_ground = block.images[index].rpc.project_with_metric_jacobian(block.points.ground[points])
-        np.add.at(normal, points, by_ground.swapaxes(1, 2) @ by_ground)
-    normal = normal[points_selected]
+def _compute_ray_cofactors(evidence: Evidence) -> np.ndarray:
+    """Return the cofactors ``(k, 3, 3)`` m²/px² of check points from independent images, with sigmas of 1 px."""
+    points = evidence.result.block.points
+    rows, by_ground = evidence.check_rays
+    normal = np.zeros((len(points), 3, 3))
+    np.add.at(normal, evidence.result.block.measurements.point[rows], by_ground.swapaxes(1, 2) @ by_ground)
+    normal = normal[points.role == Role.CHECK]
     solvable = np.linalg.cond(normal) < GROUND_TRUTH.largest_condition
     cofactors = np.full_like(normal, np.nan)
     cofactors[solvable] = np.linalg.inv(normal[solvable])
