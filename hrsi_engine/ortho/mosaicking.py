@@ -23,7 +23,7 @@ NONE = -1  #: label of pixels that no image shows
 class MOSAIC:
     """Seamlines, levelling and blending."""
 
-    reduced_px: int = threshold(1_000_000, "px", "size at which seamlines are searched, at most (memory of the cut)")
+    reduced_px: int = threshold(250_000, "px", "size at which seamlines are searched, at most (time of the cut)")
     band_px: int = threshold(24, "px", "width of the band in which a seamline lies, at reduced resolution")
     fewest_px: int = threshold(
         200, "px", "smallest overlap that determines the levels of a pair, at reduced resolution"
