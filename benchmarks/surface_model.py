@@ -68,14 +68,15 @@ def call(command: list[str], folder: Path, log: Path) -> Cost:
 def make_block(kind: str, folder: Path, images: int, size: int, seed: int) -> Path:
     """Simulate and adjust a block; return the folder of the adjustment."""
     along = {2: "-8,8", 3: "-8,0,8"}[images]
+    relief = {"relief": 0.4 * size * CELL_M} if kind == "mountains" else {}  # slopes up to 60 degrees at any size
     run(
-        "simulate", images=images, along=along, size=size, landform=kind, gcps=25, checks=0, ties=200, noise_image=0.05,
+        "simulate", images=images, along=along, size=size, landform=kind, **relief, gcps=25, checks=0, ties=200, noise_image=0.02,
         noise_gcp_xy=0.02, noise_gcp_h=0.02, seed=seed, output_dir=str(folder / "made"),
     )  # fmt: skip
     run(
         "adjust", images=[str(folder / "made" / f"image_{k + 1}.tif") for k in range(images)],
         gcps=str(folder / "made" / "ground_points.csv"), image_points=str(folder / "made" / "image_points.csv"),
-        sigma_gcp_xy=0.02, sigma_gcp_h=0.02, sigma_image=0.05, height_datum="ellipsoidal", report=False,
+        sigma_gcp_xy=0.02, sigma_gcp_h=0.02, sigma_image=0.02, height_datum="ellipsoidal", report=False,
         output_dir=str(folder / "adjusted"),
     )  # fmt: skip
     return folder / "adjusted"

@@ -5,11 +5,18 @@ and standard deviation 1, as radiometry differs between images. Its fractions of
 are replaced by least-squares matching (Ackermann 1984; thesis chapter 3) in a window around each pixel: with the second
 image resampled by the disparities ``R(u - d)``, a correction ``delta`` and an offset ``o`` are estimated in
 
-    L - R = -R' delta + o,      delta = -cov(R', L - R) / var(R'),      sigma² = s² / (n (var(R') - s²/4)),
+    L - R = -R' delta + o,      delta = -cov(R', L - R) / var(R'),
 
 where ``cov`` and ``var`` are those of the window: box filters, thus some operations a pixel for all windows. Each pixel
 of a window is resampled by its own disparity, and disparities are smoothed only over neighbours of similar ones:
 windows across the wall of a building do not mix its roof with the ground.
+
+Where images differ by more than noise (walls, shadows, uniform roofs of which a window shows only an edge), residuals
+r are correlated and lie where the gradients are. The standard deviation is therefore that of the scores z = R' r in
+areas of k² pixels, which needs neither white nor equal noise (White 1980; Newey and West 1987), together with the
+roughness of the disparities in the window, of which an edge shows only one:
+
+    sigma² = k² mean(mean_k(z)²) / (n (var(R') - s²/4)²) + c² var(d).
 """
 
 from __future__ import annotations
@@ -30,7 +37,8 @@ class DISPARITY:
     speckle_px: int = threshold(100, "px", "smallest area of connected disparities")
     least_correlation: float = threshold(0.2, "", "smallest correlation of a window")
     least_support: float = threshold(0.35, "", "smallest mean correlation of the windows around a pixel, 0 where none")
-    largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a disparity")
+    largest_sigma_px: float = threshold(1.0, "px", "largest standard deviation of a disparity")
+    roughness: float = threshold(1.2, "", "standard deviation of a disparity over the roughness of its window")
 
 
 #: Normalisation: sides of the windows of the local median, of the mean that smooths its steps, and of the contrast.
@@ -39,6 +47,8 @@ MEDIAN_PX, MEDIAN_SMOOTH_PX, CONTRAST_PX = 15, 5, 41
 BLOCK_PX, PENALTIES = 3, (4, 16)
 #: Least-squares matching: side of the window, iterations, and largest correction of an iteration.
 WINDOW_PX, LSM_ITERATIONS, STEP_PX = 7, 3, 0.5
+LAG_PX = 3  #: side of the area in which residuals are correlated
+FLOOR_PX = 0.02  #: part of the standard deviation of a disparity that its residuals do not show (resampling)
 SUPPORT_PX = 15  #: side of the area in which matches support one another
 SMOOTH_PX = 1.0  #: difference of disparities whose neighbours are smoothed with a weight of 0.6
 
@@ -119,7 +129,12 @@ def refine_disparities(left: np.ndarray, right: np.ndarray, start: np.ndarray) -
     # Noise has gradients too: those of its difference [-1/2, 0, 1/2] are a quarter of the variance of L - R
     g_signal = np.maximum(g_variance - 0.25 * r_variance, 1e-6)
     count = WINDOW_PX**2 * np.maximum(box_mean(found.astype(np.float32), WINDOW_PX), 1e-6)
-    sigma = np.sqrt(r_variance / (count * g_signal))
+    score = np.where(found, (derivative - g) * (difference - r), np.float32(0.0))
+    variance = LAG_PX**2 * mean(box_mean(score, LAG_PX) ** 2) / (count * g_signal**2)
+    # What remains of the disparities without their local mean has no slope
+    remainder = np.where(found, disparity - mean(disparity), np.float32(0.0))
+    variance += DISPARITY.roughness**2 * mean(remainder * remainder)
+    sigma = np.sqrt(np.maximum(variance, 0.0) + FLOOR_PX**2)
     # A wall has windows of low correlation among good ones; water and clouds have chance matches among nothing
     support = box_mean(np.where(found, np.maximum(correlation, 0.0), np.float32(0.0)), SUPPORT_PX)
     usable = (

@@ -2,8 +2,8 @@
 
 A cell takes the points within its neighbourhood with Gaussian weights, but only those on the level of the point nearest
 to its centre: at a wall a cell is roof or ground and not their mean. Pairs are fused by weights 1/sigma², iteratively
-without those that contradict the others (three sigma); the sigma of a cell is enlarged where pairs scatter more than
-their sigmas state.
+without those that contradict the others (three sigma); a height that most pairs contradict is none. The sigma of a
+cell is enlarged where pairs scatter more than their sigmas state.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..foundation.pixel_filters import load_opencv, make_valid_mean
+from ..foundation.pixel_filters import load_opencv
 from ..foundation.thresholds import threshold, thresholds
 from ..ortho.grid import GridWindow
 
@@ -22,14 +22,10 @@ class GRIDDING:
     """Gridding of matched points, and fusion of pairs."""
 
     level_px: float = threshold(1.0, "px", "largest height difference of the points of a cell, in disparity")
-    sigma_factor: float = threshold(1.4, "", "standard deviation of a height over that of its least-squares matching")
-    roughness: float = threshold(1.5, "", "standard deviation of a cell over the roughness of its neighbourhood")
     outlier: float = threshold(3.0, "sigma", "deviation of a pair from the others above which it is not used")
 
 
 WIDTH_CELLS = 0.5  #: standard deviation of the Gaussian weights of points
-ROUGHNESS_CELLS = 5  #: side of the area whose roughness is part of the standard deviation of a cell
-FLOOR_PX = 0.02  #: part of the standard deviation of a disparity that its residuals do not show (resampling)
 LEAST_CELLS = 100  #: fewest common cells of two pairs whose bias is estimated
 FUSION_ROUNDS = 2  #: iterations of the robust fusion
 
@@ -80,7 +76,7 @@ def grid_heights(
         heights, sigmas = (
             (values / total).reshape(rows + 2, wide)[1:-1, 1:-1] for values in (weighted, weighted_sigma)
         )
-    return _widen_sigmas(heights.astype(np.float32), sigmas.astype(np.float32), metres_per_px)
+    return heights.astype(np.float32), sigmas.astype(np.float32)
 
 
 def _close_holes(level: np.ndarray) -> np.ndarray:
@@ -90,18 +86,6 @@ def _close_holes(level: np.ndarray) -> np.ndarray:
     count = box((~empty).astype(np.float64), -1, (3, 3), normalize=False)
     total = box(np.where(empty, 0.0, level), -1, (3, 3), normalize=False)
     return np.where(empty & (count >= 4), total / np.maximum(count, 1.0), level)
-
-
-def _widen_sigmas(height: np.ndarray, sigma: np.ndarray, metres_per_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return heights and standard deviations that include the roughness of the surface around each cell."""
-    found = np.isfinite(height)
-    mean = make_valid_mean(found, ROUGHNESS_CELLS)
-    # What remains of the heights without their local mean has no slope
-    centred = height - np.float32(np.nanmean(height) if found.any() else 0.0)
-    remainder = centred - mean(centred)
-    roughness = np.sqrt(np.maximum(mean(remainder * remainder), 0.0))
-    noise = GRIDDING.sigma_factor * np.hypot(sigma, FLOOR_PX * metres_per_px)
-    return height, np.hypot(noise, GRIDDING.roughness * roughness).astype(np.float32)
 
 
 def measure_differences(heights: np.ndarray) -> np.ndarray:
@@ -161,7 +145,7 @@ def fuse_heights(heights: np.ndarray, sigmas: np.ndarray) -> FusedHeights:
     chi2 = (weight * agrees * (filled - height) ** 2).sum(axis=0) / np.maximum(count - 1, 1)
     # Pairs that share images are not independent: their mean is taken as accurate as the best one alone
     sigma = smallest * np.sqrt(np.maximum(chi2, 1.0))
-    exists = count > 0
+    exists = 2 * count > use.sum(axis=0)  # a height that as many pairs contradict is none
     none = np.float32(np.nan)
     return FusedHeights(
         np.where(exists, height, none).astype(np.float32), np.where(exists, sigma, none).astype(np.float32),

@@ -253,6 +253,40 @@ def test_disparities_have_no_preference_for_whole_pixels():
     assert 0.4 < np.nanmedian(sigma) / np.nanstd(error) < 2.0
 
 
+@pytest.mark.parametrize("seed", mark_beyond(1, "thorough", [71, 72, 73]))
+def test_roofs_without_texture_say_so(tmp_path: Path, seed: int):
+    """A city of uniform roofs between lit and dark walls: less than a tenth is wrong by 1 m and three sigma."""
+    made, result = tmp_path / "made", tmp_path / "result"
+    run(
+        "simulate", images=3, along="-12,2,14", size=420, landform="city", gcps=30, checks=0, ties=100, seed=seed,
+        noise_image=0.02, noise_gcp_xy=0.01, noise_gcp_h=0.01, vendor_error=0.0, output_dir=str(made),
+    )  # fmt: skip
+    run(
+        "adjust", images=[str(made / f"image_{k}.tif") for k in (1, 2, 3)], gcps=str(made / "ground_points.csv"),
+        image_points=str(made / "image_points.csv"), height_datum="ellipsoidal", report=False, sigma_gcp_xy=0.01,
+        sigma_gcp_h=0.01, sigma_image=0.05, output_dir=str(result),
+    )  # fmt: skip
+    run("surface-model", result=str(result), output_dir=str(tmp_path / "surface"), report=False, resolution=0.7)
+    grid = gdal.Open(str(tmp_path / "surface" / "surface.tif"))
+    height, sigma, _ = grid.ReadAsArray()
+    west, step, _, north, _, _ = grid.GetGeoTransform()
+    box = (west, north - step * grid.RasterYSize, west + step * grid.RasterXSize, north)
+    truth = gdal.Warp(
+        "", str(made / "dem.tif"), format="MEM", dstSRS="EPSG:32631", outputBounds=box, xRes=step, yRes=step,
+        resampleAlg="bilinear", dstNodata=-9999,
+    ).ReadAsArray()  # fmt: skip
+    ground = ndimage.grey_opening(truth, (71, 71))
+    row, column = np.indices(truth.shape) - np.array(truth.shape)[:, None, None] / 2.0
+    seen_by_all = np.hypot(row, column) < 0.4 * 420
+    roofs = ndimage.binary_erosion((truth > ground + 2.0) & (truth != -9999.0), np.ones((5, 5))) & seen_by_all
+    exists = roofs & (height != -9999.0)
+    error = np.abs(height - truth)
+    assert roofs.sum() > 1000
+    assert exists.sum() > 0.4 * roofs.sum()
+    assert (exists & (error > np.maximum(1.0, 3.0 * sigma))).sum() < 0.1 * roofs.sum()
+    assert np.mean(error[exists] < 1.645 * sigma[exists]) > 0.75
+
+
 def test_shading_is_lit_from_the_north_west(tmp_path: Path):
     """A slope that faces the north-west is brighter than the plane, one that faces the south-east darker."""
     row, column = np.indices((9, 9)).astype(np.float32)

@@ -30,6 +30,10 @@ class LIGHT:
 
     wall_grey: float = constant(0.6, "", "grey value of a wall relative to its roof's")
     snow_on_roofs: float = constant(0.7, "", "snow on a roof relative to open land")
+    wall_slope: float = constant(1.0, "", "smallest slope of the walls of a city without dates")
+    sun_deg: tuple[float, float] = constant(
+        (150.0, 45.0), "deg", "azimuth and elevation of the sun on the walls of a city without dates"
+    )
     steepest_light: float = constant(1.8, "", "largest light on a slope that faces the sun, relative to flat ground")
 
 
@@ -117,6 +121,22 @@ class LitPainter(TilePainter):
         top = np.float32(roof + snow * (SNOW.grey - roof))
         at = east + height * lean[0], north + height * lean[1]
         grey += compute_cover(self.objects, index, *at, self.blur_m) * (top - grey)
+
+
+def light_walls(terrain: TerrainSurface, east: np.ndarray, north: np.ndarray) -> np.ndarray:
+    """Return the light on walls of a city, relative to that on its roofs, at chart positions; 1 on roofs and ground.
+
+    Walls are steep faces of the terrain: a camera sees them darker than the roof, each by its angle to the sun.
+    """
+    azimuth, elevation = np.radians(LIGHT.sun_deg)
+    step = 0.02 * terrain.post_m  # within one face of the bilinear surface
+    by_east = (terrain.height(east + step, north) - terrain.height(east - step, north)) / (2.0 * step)
+    by_north = (terrain.height(east, north + step) - terrain.height(east, north - step)) / (2.0 * step)
+    slope = np.hypot(by_east, by_north)
+    towards_sun = -(by_east * np.sin(azimuth) + by_north * np.cos(azimuth)) / np.maximum(slope, LIGHT.wall_slope)
+    direct = np.maximum(towards_sun, 0.0) / np.tan(elevation)
+    light = LIGHT.wall_grey * (DATES.ambient + (1.0 - DATES.ambient) * direct)
+    return np.where(slope > LIGHT.wall_slope, light, 1.0).astype(np.float32)
 
 
 def compute_swept_cover(

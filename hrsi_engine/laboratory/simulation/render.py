@@ -15,8 +15,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ...block.block import Block
+from ...foundation.pixel_filters import blur
 from .landscape import SPECTRAL_BANDS
-from .lighting import LitPainter
+from .lighting import LitPainter, light_walls
 from .pushbroom import PushbroomCamera
 from .scene import Scene, select_objects
 from .seasons import make_season_texture
@@ -136,7 +137,10 @@ class ImageRenderer:
         height = meet_surface(paths, self.scene.terrain)
         east, north = paths.position_at(height)
         lean = np.stack(paths.position_at(height + 1.0)) - (east, north)
-        return self.painter.grey(row, column, east, north, lean)
+        grey = self.painter.grey(row, column, east, north, lean)
+        if self.scene.has_walls:
+            grey *= blur(light_walls(self.scene.terrain, east, north), self.radiometry.psf_px)
+        return grey
 
     def tile_paths(self, row: int, column: int) -> RayPaths:
         """Return the rays of a tile's pixels, from the exact ones at the nodes around it.

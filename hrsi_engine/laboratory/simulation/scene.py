@@ -79,6 +79,11 @@ class Scene:
         """Radius of a target itself, without its apron."""
         return SCENE.target_px * self.finest_gsd_m / 2.0
 
+    @property
+    def has_walls(self) -> bool:
+        """Whether the terrain has the buildings of a city."""
+        return self.terrain is not self.bare
+
     @cached_property
     def objects(self) -> Objects:
         """Everything with a known shape, in painting order; targets last, each on a dark apron."""
