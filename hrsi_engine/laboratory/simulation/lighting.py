@@ -126,7 +126,7 @@ class LitPainter(TilePainter):
 def light_walls(terrain: TerrainSurface, east: np.ndarray, north: np.ndarray) -> np.ndarray:
     """Return the light on walls of a city, relative to that on its roofs, at chart positions; 1 on roofs and ground.
 
-    Walls are steep faces of the terrain: a camera sees them darker than the roof, each by its angle to the sun.
+    Walls are steep faces of the terrain. In images they are darker than the roof, each by its angle to the sun.
     """
     azimuth, elevation = np.radians(LIGHT.sun_deg)
     step = 0.02 * terrain.post_m  # within one face of the bilinear surface
