@@ -14,10 +14,12 @@ written.
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -145,9 +147,9 @@ class Outcome(NamedTuple):
     """Level and codes of a verdict, and shares of check points inside CE90, LE90, own ellipses and height sigmas."""
 
     level: str
-    codes: tuple[str, ...]
-    inside: np.ndarray
-    ratios: np.ndarray
+    codes: list[str]
+    inside: list[float]
+    ratios: list[float]
     seconds: float
 
 
@@ -160,12 +162,12 @@ def run_block(family: Family, seed: int) -> Outcome:
     verdict = judge(result, before)
     inside, ratios = compare_with_truth(result, simulated)
     return Outcome(
-        verdict.level.label, tuple(reason.code for reason in verdict.reasons if reason.level.value), inside, ratios,
+        verdict.level.label, [reason.code for reason in verdict.reasons if reason.level.value], inside, ratios,
         time.process_time() - begin,
     )  # fmt: skip
 
 
-def compare_with_truth(result: Adjustment, simulated: BlockSimulation) -> tuple[np.ndarray, np.ndarray]:
+def compare_with_truth(result: Adjustment, simulated: BlockSimulation) -> tuple[list[float], list[float]]:
     """Return shares of check points inside CE90, LE90, ellipses and sigmas, and errors (90 %) over CE90 and LE90."""
     points, place = result.block.points, {name: k for k, name in enumerate(simulated.truth.ids.tolist())}
     check = np.flatnonzero((points.role == Role.CHECK) & np.isfinite(result.ground_sigma_m).all(axis=1))
@@ -181,7 +183,7 @@ def compare_with_truth(result: Adjustment, simulated: BlockSimulation) -> tuple[
     inside = [plan_m <= ce90, height_m <= le90, squares <= -2.0 * np.log(0.1),
               height_m <= LINE_90 * np.sqrt(covariance[:, 2, 2])]  # fmt: skip
     ratios = [np.quantile(plan_m, 0.9) / ce90, np.quantile(height_m, 0.9) / le90]
-    return np.mean(inside, axis=1), np.array(ratios)
+    return np.mean(inside, axis=1).tolist(), np.array(ratios).tolist()
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -189,18 +191,15 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="false_reasons.py", description=__doc__)
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES))
     parser.add_argument("--seeds", nargs=2, type=int, default=(70_000, 20), metavar=("FIRST", "COUNT"))
-    parser.add_argument("--each", action="store_true", help="print each block, too")
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE", help="keep each block as a line of JSON; blocks in it are not run"
+    )
     parser.add_argument("--docs", action="store_true", help=f"write the rows into {PAGE.name}; the others stay")
     options = parser.parse_args(words)
     rows = {}
     for name in options.families:
-        outcomes = list[Outcome]()
-        for seed in range(options.seeds[0], sum(options.seeds)):
-            outcomes.append(run_block(FAMILIES[name], seed))
-            if options.each:
-                one = outcomes[-1]
-                print(name, seed, one.level, one.codes, np.round(100 * one.inside), one.ratios.round(2), flush=True)
-        rows[name] = summarise(name, outcomes)
+        seeds = range(options.seeds[0], sum(options.seeds))
+        rows[name] = summarise(name, run_seeds(name, seeds, options.record))
         print(rows[name], flush=True)
     print(render(HEAD, list(rows.values())))
     if options.docs:
@@ -208,6 +207,23 @@ def main(words: Sequence[str] | None = None) -> None:
         cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if "|" in line]
         rows = {cell[0]: cell for cell in cells} | rows
         put_between(PAGE, "right blocks", render(HEAD, [rows[name] for name in FAMILIES if name in rows]))
+
+
+def run_seeds(name: str, seeds: Sequence[int], record: Path | None) -> list[Outcome]:
+    """Return the outcomes of a family's blocks; a record has one line for each, so that a stopped run goes on."""
+    recorded = {}
+    if record is not None and record.exists():
+        for line in record.read_text(encoding="utf-8").splitlines():
+            family, seed, *values = json.loads(line)
+            recorded[family, seed] = Outcome(*values)
+    outcomes = []
+    for seed in seeds:
+        outcome = recorded.get((name, seed)) or run_block(FAMILIES[name], seed)
+        outcomes.append(outcome)
+        if record is not None and (name, seed) not in recorded:
+            with record.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([name, seed, *outcome]) + "\n")
+    return outcomes
 
 
 def summarise(name: str, outcomes: Sequence[Outcome]) -> list[str]:

@@ -47,17 +47,18 @@ class JitterEstimate:
 
     curves : by image id; images without a curve have no jitter
     samples : errors of the curves, sampled from their posterior distribution
-    prior : angular frequency (1/lines), damping and standard deviation (px) of the prior
+    priors : (1 + samples, 6) angular frequency (1/lines), damping and standard deviation (px) of either axis, of the
+        most likely prior and of that of each sample
     """
 
     curves: Mapping[str, JitterCurve]
     samples: tuple[Mapping[str, JitterCurve], ...]
-    prior: tuple[float, float, float]
+    priors: np.ndarray
 
     def add(self, addend: "JitterEstimate") -> "JitterEstimate":
-        """Return the sum of two estimates, the second one, whose prior it takes, made without the first."""
+        """Return the sum of two estimates, the second one, whose priors it takes, made without the first."""
         samples = tuple(_add_curves(*pair) for pair in zip(self.samples, addend.samples, strict=True))
-        return JitterEstimate(_add_curves(self.curves, addend.curves), samples, addend.prior)
+        return JitterEstimate(_add_curves(self.curves, addend.curves), samples, addend.priors)
 
     def displace(self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, remove: bool = False) -> np.ndarray:
         """Return measurements ``xy (n, 2)`` with the jitter added, or removed.

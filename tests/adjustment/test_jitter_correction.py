@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 from scipy.interpolate import BSpline
-from scipy.linalg import null_space
-from scipy.sparse.linalg import splu
 from scipy.stats import norm, t
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -185,38 +183,25 @@ def test_splines_are_those_of_scipy(derivative):
     assert np.allclose(spline.make_matrix(line, derivative) @ x, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("damping", [1.0, 0.3, 0.05])
-def test_prior_has_unit_variance_and_the_spectrum_of_its_process(damping):
-    spline, period = LineSpline(0.0, 10.0, 400), 100.0
+@pytest.mark.parametrize("damping", [1.0, 0.3, 0.05, 1e-6])
+def test_prior_has_the_variance_and_the_correlation_of_its_process_up_to_the_ends(damping):
+    spline, period = LineSpline(0.0, 5.0, 400), 100.0
     k = 2.0 * np.pi / period
-    root = spline.make_prior_root(k, damping)
-    at = np.array([2000.0, 2000.0 + period / 2.0])  # far from the ends
-    matrix = spline.make_matrix(at).toarray()
-    covariance = matrix @ np.linalg.solve((root.T @ root).toarray(), matrix.T)
-    omega = np.linspace(-60.0 * k, 60.0 * k, 2_000_001)
-    density = 1.0 / (k**4 + 2.0 * (2.0 * damping - 1.0) * k**2 * omega**2 + omega**4)
-    expected = np.sum(density * np.cos(omega * period / 2.0)) / np.sum(density)  # Wiener and Khinchin
-    assert np.allclose(np.diag(covariance), 1.0, atol=0.01)
-    assert covariance[0, 1] == pytest.approx(expected, abs=0.01)
-
-
-@pytest.mark.parametrize(("degrees", "scale"), [(2, 600.0), (4, 600.0), (2, 60.0)])
-def test_variance_without_low_degrees_is_that_of_curves_that_have_none(degrees, scale):
-    spline, k = LineSpline(0.0, 10.0, 200, degrees), np.sqrt(12.0) / scale
-    root = spline.make_prior_root(k, 1.0)
-    precision, line = root.T @ root, np.linspace(0.0, 2000.0, 2001)
-    free = null_space(spline.low_degrees)
-    shown = spline.make_matrix(line) @ free
-    expected = np.mean(np.sum(shown * np.linalg.solve(free.T @ precision @ free, shown.T).T, axis=1))
-    variance = spline.compute_mean_variance(splu(precision.tocsc()), spline.low_degrees)
-    assert variance == pytest.approx(expected, rel=0.02)  # of a variance of 1, and more at the ends
-    # The process without ends (Matern, smoothness 3/2), whose low degrees are conditioned on by its covariances
-    apart = k * np.abs(line[:, None] - line)
-    covariance = (1.0 + apart) * np.exp(-apart)
-    reach = covariance @ np.polynomial.legendre.legvander(line / 1000.0 - 1.0, degrees - 1)
-    low = np.polynomial.legendre.legvander(line / 1000.0 - 1.0, degrees - 1).T @ reach
-    endless = 1.0 - np.trace(reach @ np.linalg.solve(low, reach.T)) / len(line)
-    assert variance == pytest.approx(endless, rel=0.25)
+    root = np.zeros((spline.size, spline.size))
+    np.put_along_axis(root, spline.prior_columns, spline.make_prior(k, damping), axis=1)
+    line = np.array([0.0, period / 2.0, 1000.0, 1000.0 + period / 2.0, 2000.0 - period / 2.0, 2000.0])
+    shown = spline.make_matrix(line).toarray() @ np.linalg.inv(root)
+    covariance = shown @ shown.T
+    # White noise in a damped oscillator: its correlation is that of the free vibration (Wang and Uhlenbeck, 1945)
+    decay, turn = np.sqrt(damping) * k, k * np.sqrt(max(1.0 - damping, 1e-12))
+    half = period / 2.0
+    expected = np.exp(-decay * half) * (np.cos(turn * half) + decay / turn * np.sin(turn * half))
+    assert np.allclose(np.diag(covariance), 1.0, atol=0.025)  # kh = 0.3: the equation applies at the knots only
+    assert np.allclose(covariance[[0, 2, 4], [1, 3, 5]], expected, atol=0.025)
+    # The determinant that the likelihood uses is that of the whole matrix
+    values = spline.make_prior(k, damping)
+    expected_log = np.linalg.slogdet(values[:3])[1] + (spline.size - 3) * np.log(abs(values[3, 2]))
+    assert np.linalg.slogdet(root)[1] == pytest.approx(expected_log, rel=1e-9)
 
 
 def test_surface_takes_waves_of_heights_that_its_sigma_calls_wrong():

@@ -51,13 +51,13 @@ def adjust_without_jitter(
     progress_share = 0.3
     for _ in range(JITTER_CURVES.most_parts if options.jitter in JITTER_CHOICES else 1):
         spacing, period = choose_spacings(result, options.jitter)
-        corrected_xy, prior = xy, None  # measurements corrected by the curves so far
+        corrected_xy, priors = xy, None  # measurements corrected by the curves so far
         for number in range(ITERATIONS.most if spacing else 0):
             problem, done_before = adjuster.problem, progress_share
             progress_share += 0.3 * (1.0 - progress_share)
             measured = replace(block.measurements, xy=corrected_xy)
-            estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)
-            prior = estimate.prior
+            estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, priors)
+            priors = estimate.priors
             total_estimate = estimate if earlier is None else earlier.add(estimate)
             previous_xy, xy = xy, total_estimate.displace(ids, image, block.measurements.xy, remove=True)
             if np.sqrt(np.mean((xy - previous_xy) ** 2)) < JITTER_CURVES.settled_px and number:

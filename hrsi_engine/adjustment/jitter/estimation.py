@@ -8,25 +8,32 @@ Measured minus computed image points y, in standard deviations, with the cameras
 A point's d is eliminated with an orthonormal basis N of the null space of J' (N' J = 0), together with its other
 observations: its survey, heights of a surface or of laser points are further rows, each height with its own sigma. Two
 rays have one equation for a point, across the epipolar line: vibration along it, or equal in both images, has no
-equation and keeps its prior. The curves have no constant and linear part, which belong to the corrections (Q x = 0 by
-conditioning, Rue and Held, Gaussian Markov Random Fields, 2005, 2.3.3). They also have no cubic part if waves are short
-and observations are few, so that few GCPs do not bend the block. The posterior has the precision matrix K = B' B / n +
-R / s^2, with the variance n of the noise, 1 or more. All curves have one variance s^2: where only differences of images
-are observed, their jitter is shared by them. (A variance for each curve gives all of it to one image.) It is iterated
-by expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the
-curves and of samples of their error, on the axis that is better observed, whose variance is also used for the other
-one, over the share of the prior's variance that remains under Q x = 0. Several priors are tested, and that with the
-largest marginal likelihood is used. They share the robust weights of the points, which are those of the first one.
+equation and keeps its prior. The posterior of x has the precision matrix K = B' B / n + R, with the variance n of the
+noise, 1 or more. Its constant and linear part is shared with the corrections, and cancels in B x + A a.
+
+The priors R are damped vibrations (`line_splines`). Frequency, damping and standard deviation are equal for all images,
+and nearly equal for both axes: where only differences of images are observed, their jitter is shared by them, and what
+no ray shows of an axis is as large as on the other one. (A prior for each curve gives all of it to one image.) The
+logarithms t of these parameters are unknown, with a wide normal distribution of their own. The most likely t has the
+largest marginal likelihood, times that distribution::
+
+    log p(y | t) = -(y' y - y' B x) / 2 n - log det K / 2 + log det R / 2 + constant
+
+A few images can vibrate in nearly the same phase by chance: their differences are then small, and so is the standard
+deviation. So t is uncertain, and its errors are part of those of the curves: each sample of the posterior has a t of
+its own, normally distributed with the curvature of log p (Rasmussen and Williams, Gaussian Processes for Machine
+Learning, 2006, 5.2 and 5.4.1; Rue, Martino and Chopin, J. R. Statist. Soc. B 71, 2009, 319-392). The robust weights of
+the points are those of a strongly damped vibration.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse, special
+from scipy import optimize, sparse, special
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import SuperLU, splu
 
@@ -34,12 +41,12 @@ from ...block.block import Image, Measurements, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.robust_scale import ROBUST
-from ...foundation.thresholds import EQUALITY, ITERATIONS, SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import estimate_priors
 from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import Solution
 from ..preparation.problem import Problem
-from .line_splines import LOW_DEGREES, MOST_LOW_DEGREES, LineSpline
+from .line_splines import LineSpline
 
 
 @thresholds
@@ -51,18 +58,15 @@ class JITTER_CURVES:
         0.05, "px", "smallest amplitude of a wave that is corrected", "amplitude 0.02 px of the Pleiades triplet"
     )
     least_spacing: float = threshold(8.0, "lines", "smallest distance between knots")
-    ranges: tuple[float, ...] = threshold(
-        (0.5, 1.0), "", "correlation lengths of priors without a period, in periods of the strongest wave"
-    )
-    damping: tuple[float, ...] = threshold((0.3, 0.1, 0.02), "", "damping ratios of priors with its period, in turn")
     start_px: float = threshold(1.0, "px", "initial standard deviation of a curve")
-    least_px: float = threshold(0.003, "px", "smallest sigma of a curve: a smaller one has no effect")
-    settled_variance: float = threshold(0.03, "", "relative change of the variance at convergence")
-    weak: float = threshold(
-        0.5, "", "posterior variance of an axis's curve relative to the prior one, above which it has no cubic part"
+    dampings: tuple[float, ...] = threshold(
+        (0.1, 1e-5), "", "initial dampings: a vibration over some periods, and nearly a sine"
     )
+    spread: float = threshold(3.0, "", "a priori standard deviation of the logarithms of a prior's three parameters")
+    axis_spread: float = threshold(0.3, "", "a priori standard deviation of their difference between the two axes")
     most_points: int = threshold(100_000, "points", "largest number in use; of more points, an even choice")
     samples: int = threshold(24, "samples", "samples of the posterior distribution for the precision of curves")
+    settled_likelihood: float = threshold(0.3, "", "difference of log likelihoods at convergence")
     settled_px: float = threshold(0.03, "px", "RMS change of the curves at convergence", "smaller than an image error")
     most_parts: int = threshold(2, "parts", "successive corrections; the second removes remaining waves")
 
@@ -92,7 +96,7 @@ class _Place:
 
 def estimate_jitter(
     problem: Problem, solution: Solution, measured: Measurements, spacing: Mapping[int, float], period: float,
-    prior: tuple[float, float, float] | None = None,
+    priors: np.ndarray | None = None,
 ) -> JitterEstimate:  # fmt: skip
     """Return the jitter curves of some exposures.
 
@@ -100,27 +104,23 @@ def estimate_jitter(
     measured : the block's measurements, without the corrections to be estimated
     spacing : lines between knots by the number of the exposure (`number_exposures`), in pixels of its scene
     period : lines of the strongest wave
-    prior : that of an earlier estimate (`JitterEstimate`); by default the most likely of several
+    priors : those of an earlier estimate (`JitterEstimate`); by default the most likely ones
     Raises `InputError` if no exposure has measurements over the lines between two knots.
     """
-    places, unknowns = _place_splines(problem, spacing, period)
+    places, unknowns = _place_splines(problem, spacing)
     if not places:
         raise InputError(
             f"`jitter` {min(spacing.values()):g}: no image has measurements over so many lines: name fewer, or auto"
         )
-    rows = _form_rows(problem, solution, measured, places, unknowns)
-    splines, priors = list(places.values()), [prior[:2]] if prior else list_priors(period)
-    weighted, variance = _WeightedPoints(rows, splines, priors[0]), (prior[2] if prior else JITTER_CURVES.start_px) ** 2
-    fits = list[tuple[float, float, _Fit]]()
-    for number, one in enumerate(priors):
-        weighted.noise = fits[0][1] if fits else 1.0
-        fit = _Fit(weighted, splines, one, variance)
-        fit.iterate(0 if number else ROBUST_STEPS - (prior is not None))
-        variance = fit.variance
-        fits.append((fit.compute_log_likelihood(), weighted.noise, fit))
-    _, weighted.noise, likely = max(fits, key=lambda one: one[0])
-    mean, sampled_curves = likely.solved, likely.draw(JITTER_CURVES.samples)
-    sampled_curves = likely.compare_with_surveys(problem.observations.surveyed) * sampled_curves
+    weighted = _WeightedPoints(_form_rows(problem, solution, measured, places, unknowns), places.values())
+    start = np.array([2.0 * np.pi / period, 1.0, JITTER_CURVES.start_px] * 2) if priors is None else priors[0]
+    for _ in range(ROBUST_STEPS):
+        weighted.reweigh(_Fit(weighted, start))
+    if priors is None:
+        priors = find_priors(weighted, period)
+    mean = _Fit(weighted, priors[0]).solved
+    fits = [_Fit(weighted, prior) for prior in priors[1:]]
+    sampled_curves = np.column_stack([fit.draw(number) - mean for number, fit in enumerate(fits)])
     curves: dict[str, JitterCurve] = {}
     samples: list[dict[str, JitterCurve]] = [{} for _ in range(JITTER_CURVES.samples)]
     exposures = number_exposures(problem.observations.images)
@@ -139,13 +139,7 @@ def estimate_jitter(
         curves[image.id] = JitterCurve(first, shift, sigma)
         for number, sample in enumerate(samples):
             sample[image.id] = JitterCurve(first, errors[:, :, number], sigma)
-    return JitterEstimate(curves, tuple(samples), (*likely.prior, float(np.sqrt(likely.variance))))
-
-
-def list_priors(period: float) -> list[tuple[float, float]]:
-    """Return frequencies and dampings (`line_splines`) of the priors to be tested."""
-    smooth = [(np.sqrt(12.0) / (share * period), 1.0) for share in JITTER_CURVES.ranges]
-    return [*smooth, *((2.0 * np.pi / period, damping) for damping in JITTER_CURVES.damping)]
+    return JitterEstimate(curves, tuple(samples), priors)
 
 
 def _lines_of(image: Image) -> tuple[int, int]:
@@ -158,7 +152,7 @@ def _scene_lines(image: Image, line: np.ndarray | float) -> np.ndarray:
     return np.asarray(first + image.camera_pixel * np.asarray(line))
 
 
-def _place_splines(problem: Problem, spacing: Mapping[int, float], period: float) -> tuple[dict[int, _Place], int]:
+def _place_splines(problem: Problem, spacing: Mapping[int, float]) -> tuple[dict[int, _Place], int]:
     """Return the splines of the exposures over the lines with measurements, and the number of all unknowns."""
     observations, places, start = problem.observations, dict[int, _Place](), 0
     exposures = number_exposures(observations.images)
@@ -175,9 +169,7 @@ def _place_splines(problem: Problem, spacing: Mapping[int, float], period: float
             continue
         first, last = float(reach.min()), float(reach.max())
         intervals = max(int(np.ceil((last - first) / lines)), 4)
-        # A polynomial of degree d has d / 2 oscillations: longer than half of them is no jitter
-        degrees = int(np.clip((last - first) / period, LOW_DEGREES, MOST_LOW_DEGREES))
-        places[exposure] = _Place(LineSpline(first, (last - first) / intervals, intervals, degrees), start)
+        places[exposure] = _Place(LineSpline(first, (last - first) / intervals, intervals), start)
         start = places[exposure].stop
     return places, start + problem.observations.cameras * len(problem.camera.parameters)
 
@@ -293,180 +285,148 @@ def _form_drift_rows(problem: Problem, solution: Solution, first_camera: int, un
 
 
 class _WeightedPoints:
-    """The equations with robust weights, and the parts of the solution that all priors share.
+    """The equations with robust weights, and what all priors share.
 
     root, right : equations and right side in standard deviations of a weight of 1; ``normal`` is root' root
     order : of the unknowns, for a small bandwidth of the normal matrix (Cuthill and McKee), the cameras last
+    splines, prior_columns : of all curves, and the unknowns in that order that each row of their priors has
     """
 
-    def __init__(self, rows: _Rows, places: list[_Place], prior: tuple[float, float]) -> None:
-        """Prepare the equations; any ``prior`` will do: the matrices of all have the same non-zero elements."""
-        self.rows, self.noise, splines = rows, 1.0, places[-1].stop
+    def __init__(self, rows: _Rows, places: Iterable[_Place]) -> None:
+        self.rows, self.noise, self.splines = rows, 1.0, [place.spline for place in places for _ in "xy"]
         _, self.number = np.unique(rows.point, return_inverse=True)
         self.counts = np.bincount(self.number)
+        sizes = [spline.size for spline in self.splines]
+        starts = np.cumsum([0, *sizes])
+        columns = np.vstack([start + one.prior_columns for start, one in zip(starts, self.splines, strict=False)])
+        roots = self.form_prior(columns, np.ones(columns.shape))
+        self.order = np.arange(roots.shape[1])
+        normal = rows.matrix.T @ rows.matrix + roots.T @ roots
+        self.order[: starts[-1]] = reverse_cuthill_mckee(
+            normal[: starts[-1], : starts[-1]].tocsr(), symmetric_mode=True
+        )
+        self.prior_columns = np.argsort(self.order)[columns]
         self.weigh(np.zeros_like(rows.right))
         # A weak prior of the cameras: undetermined parameters (the block's position) stay unchanged
-        squares = self.normal.diagonal()[splines:]
-        self.of_cameras = 1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12))
-        of_axes = [root.T @ root for place in places for root in [place.spline.make_prior_root(*prior)] * 2]
-        pattern = (self.normal[:splines, :splines] + sparse.block_diag(of_axes)).tocsr()
-        self.order = np.arange(self.normal.shape[0])
-        self.order[:splines] = reverse_cuthill_mckee(pattern, symmetric_mode=True)
-        self.weak = dict[int, bool]()  # by the first unknown of an axis: True if its curve is mostly prior
+        squares = self.normal.diagonal()
+        squares[: starts[-1]] = 0.0
+        self.of_cameras = sparse.diags(1e-6 * np.maximum(squares, 1e-12 * max(squares.max(), 1e-12)))
+
+    def form_prior(self, columns: np.ndarray, values: np.ndarray) -> sparse.csr_matrix:
+        """Return the equations of the priors of all curves from their non-zero elements ``(n, 3)``."""
+        shape = len(values), self.rows.matrix.shape[1]
+        return sparse.csr_matrix((values.ravel(), columns.ravel(), np.arange(0, values.size + 1, 3)), shape)
 
     def weigh(self, residual: np.ndarray) -> None:
         """Set the robust weights of the points by their residuals."""
         length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
         self.weight = (1.0 / (1.0 + (length / ROBUST.outlier) ** 2))[self.number]
-        root, self.root = np.sqrt(self.weight), self.rows.matrix.copy()
-        self.root.data *= np.repeat(root, np.diff(self.root.indptr))
-        self.right = root * self.rows.right
+        root = np.sqrt(self.weight)
+        self.root, self.right = (sparse.diags(root) @ self.rows.matrix)[:, self.order], root * self.rows.right
         self.normal, self.projected = (self.root.T @ self.root).tocsc(), self.root.T @ self.right
-        self.noisy = dict[int, np.ndarray]()
 
-    def draw(self, count: int) -> np.ndarray:
-        """Return samples of root' e, the same ones at each call."""
-        if count not in self.noisy:
-            rng = np.random.default_rng([count, 1])
-            self.noisy[count] = self.root.T @ rng.normal(0.0, 1.0, (self.root.shape[0], count))
-        return self.noisy[count]
+    def reweigh(self, fit: _Fit) -> None:
+        """Set noise and robust weights by the residuals of a fit."""
+        residual = self.rows.right - self.rows.matrix @ fit.solved
+        errors = np.column_stack([fit.draw(number) - fit.solved for number in range(8)])[self.order]
+        unsure = float(np.mean(np.sum((self.root @ errors) ** 2, axis=0)))
+        # Noise is at least 1: dense matches agree better than stated, which does not improve GCPs and heights
+        self.noise = max(float(self.weight @ residual**2 + unsure) / float(self.weight.sum()), 1.0)
+        self.weigh(residual)
 
 
 class _Fit:
-    """Curves with one prior: `iterate` estimates their variance, ``solved`` are the unknowns."""
+    """Curves with a prior ``(6,)``: frequency, damping and standard deviation of either axis; ``solved``: unknowns."""
 
-    def __init__(
-        self, weighted: _WeightedPoints, places: list[_Place], prior: tuple[float, float], variance: float
-    ) -> None:
-        self.weighted, self.places, self.prior, self.variance = weighted, places, prior, variance
-        roots = [place.spline.make_prior_root(*prior) for place in places]
-        self.roots, self.precisions = roots, [(root.T @ root).tocsc() for root in roots]
-        self.along = [place.spline.make_matrix(place.spline.make_lines()) for place in places]
-        self.of_priors = [splu(one) for one in self.precisions]
-        self.set_low_degrees()
-        self.noisy = dict[int, np.ndarray]()
-
-    def set_low_degrees(self) -> None:
-        """Form Q of all axes: without cubic part for weakly observed curves, which could bend heights to fit noise."""
-        weak = self.weighted.weak
-        self.low_of_axes = [
-            place.spline.low_degrees[: None if weak.get(start) else LOW_DEGREES]
-            for place in self.places for start in (place.start, place.start + place.spline.size)
-        ]  # fmt: skip
-        self.kept = [
-            self.places[number // 2].spline.compute_mean_variance(self.of_priors[number // 2], low)
-            for number, low in enumerate(self.low_of_axes)
+    def __init__(self, weighted: _WeightedPoints, prior: np.ndarray) -> None:
+        self.weighted = weighted
+        axes = prior.reshape(2, 3).tolist() * (len(weighted.splines) // 2)
+        values = [
+            spline.make_prior(frequency, damping) / sigma
+            for spline, (frequency, damping, sigma) in zip(weighted.splines, axes, strict=True)
         ]
-        low = sparse.block_diag(self.low_of_axes).toarray()
-        self.low = np.pad(low, ((0, 0), (0, self.weighted.root.shape[1] - low.shape[1])))
-
-    def iterate(self, robust: int) -> None:
-        """Iterate the robust weights in ``robust`` steps, and noise and variance of the curves until convergence."""
-        weighted = self.weighted
-        for step in range(robust + ITERATIONS.most):
-            self._factorise()
-            residual = weighted.rows.right - weighted.rows.matrix @ self.solved
-            samples, squares = self.draw(8), list[float]()
-            for number, (place, along) in enumerate(zip(self.places, self.along, strict=True)):
-                axes, shares = np.split(np.arange(place.start, place.stop), 2), self.kept[2 * number : 2 * number + 2]
-                estimated, unsure = (
-                    [float(np.mean((along @ x[axis]) ** 2)) / share for axis, share in zip(axes, shares, strict=True)]
-                    for x in (self.solved, samples)
-                )
-                squares.append(sum(min(zip(unsure, estimated, strict=True))))
-                if step < robust:
-                    weighted.weak |= {
-                        int(axis[0]): of_prior > JITTER_CURVES.weak * self.variance
-                        for axis, of_prior in zip(axes, unsure, strict=True)
-                    }
-            last_variance, self.variance = self.variance, max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
-            unsure_rows = float(np.mean(np.sum((weighted.root @ samples) ** 2, axis=0)))
-            weight = weighted.weight
-            # Noise is at least 1: dense matches agree better than stated, which does not improve GCPs and heights
-            weighted.noise = max(float(weight @ residual**2 + unsure_rows) / float(weight.sum()), 1.0)
-            if step < robust:
-                weighted.weigh(residual)
-                self.set_low_degrees()
-            elif abs(np.log(self.variance / last_variance)) < JITTER_CURVES.settled_variance:
-                break
-        self._factorise()
+        self.root = weighted.form_prior(weighted.prior_columns, np.vstack(values))
+        # The first three rows of F have the first three coefficients, and each further row has one more
+        self.of_prior = 2.0 * sum(
+            np.linalg.slogdet(one[:3])[1] + (len(one) - 3) * np.log(abs(one[3, 2])) for one in values
+        )
+        self._factor: SuperLU = splu(
+            ((weighted.normal + weighted.of_cameras) / weighted.noise + self.root.T @ self.root).tocsc(),
+            permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
+        self.solved = self._solve(weighted.projected / weighted.noise)
 
     def compute_log_likelihood(self) -> float:
-        """Return the logarithm of the marginal likelihood of the prior."""
+        """Return the logarithm of the marginal likelihood of the prior, but for a constant."""
         weighted = self.weighted
-        quadratic = float(weighted.right @ weighted.right - weighted.projected @ self.solved) / weighted.noise
-        free = sum(2.0 * (_log_determinant(one) - one.shape[0] * np.log(self.variance)) for one in self.of_priors)
-        by_prior = sum(
-            np.linalg.slogdet(self.variance * low @ self.of_priors[number // 2].solve(low.T))[1]
-            for number, low in enumerate(self.low_of_axes)
-        )
-        by_all = np.linalg.slogdet(self.low @ self._spread)[1]
-        rows = weighted.weight.sum() * np.log(weighted.noise)
-        return -0.5 * float(rows + quadratic + _log_determinant(self._factor) - free + by_all - by_prior)
+        fitted = float(weighted.projected @ self.solved[weighted.order])
+        determinant = float(np.sum(np.log(np.abs(self._factor.U.diagonal()))))
+        return -0.5 * ((float(weighted.right @ weighted.right) - fitted) / weighted.noise + determinant - self.of_prior)
 
-    def draw(self, count: int) -> np.ndarray:
-        """Return samples ``(unknowns, count)`` of the posterior, without its mean."""
-        if count not in self.noisy:
-            rng = np.random.default_rng([count, 2])
-            self.noisy[count] = np.zeros((self.low.shape[1], count))
-            for place, root in zip(self.places, self.roots, strict=True):
-                for axis in np.split(np.arange(place.start, place.stop), 2):
-                    self.noisy[count][axis] = root.T @ rng.normal(0.0, 1.0, (root.shape[0], count))
-        right = self.weighted.draw(count) / np.sqrt(self.weighted.noise) + self.noisy[count] / np.sqrt(self.variance)
-        return self._condition(self._solve(right))
-
-    def compare_with_surveys(self, surveyed: np.ndarray) -> float:
-        """Return the factor, 1 or more, from the posterior's errors of the curves to those that surveyed points show.
-
-        A wave that passes all images of a point by chance in nearly the same phase hardly shows in tie points, and its
-        variance is too small. With residuals r of a point, the covariance C of its equations by the curves and cameras,
-        the noise n and a weight w, its error in an adjustment without it has the square ``r' (I - C w / n)^-1 r / n``.
-        The three directions are tested in which the curves have the largest shares, the eigenvalues of ``C w / n``:
-        those of the point's position. The median over the points is not changed by few wrong surveys.
-
-        surveyed : (m,) mask of the points
-        """
-        weighted, tests = self.weighted, list[tuple[float, float, int]]()
-        points = np.unique(weighted.rows.point[weighted.rows.point >= 0])
-        points = points[surveyed[points]]
-        for point in points[:: max(-(-len(points) // SAMPLES.dense), 1)]:
-            rows = np.flatnonzero(weighted.rows.point == point)
-            matrix, weight = weighted.rows.matrix[rows], weighted.weight[rows[0]]
-            covariance = matrix @ self._condition(self._solve(matrix.T.toarray())) * weight / weighted.noise
-            residual = weighted.rows.right[rows] - matrix @ self.solved
-            shares, directions = np.linalg.eigh(covariance)
-            shares, directions = shares[-3:], directions[:, -3:]  # those of the position: rays determine the others
-            squares = (residual @ directions) ** 2 / np.maximum(1.0 - shares, EQUALITY.rounding) / weighted.noise
-            tests.append((float(squares.sum()), float(shares.sum()), len(shares)))
-        if len(tests) < SAMPLES.plane:
-            return 1.0
-        squares, of_curves, freedom = np.array(tests).T
-        excess = float(np.median(squares / special.chdtri(freedom, 0.5)))
-        if special.chdtrc(freedom.sum(), freedom.sum() * excess) > SIGNIFICANCE.level:
-            return 1.0
-        return float(np.sqrt(1.0 + (excess - 1.0) * freedom.sum() / of_curves.sum()))
-
-    def _factorise(self) -> None:
-        """Compute ``solved`` for the current noise and variance."""
-        weighted, order = self.weighted, self.weighted.order
-        priors = [one / self.variance for one in self.precisions for _ in "xy"]
-        prior = sparse.block_diag([*priors, sparse.diags(weighted.of_cameras / weighted.noise)])
-        self._factor: SuperLU = splu(
-            (weighted.normal / weighted.noise + prior).tocsr()[order][:, order].tocsc(), permc_spec="NATURAL",
-            diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
-        self._spread = self._solve(np.ascontiguousarray(self.low.T))
-        self.solved = self._condition(self._solve(weighted.projected / weighted.noise))
+    def draw(self, seed: int) -> np.ndarray:
+        """Return a sample ``(unknowns,)`` of the posterior."""
+        rng, weighted = np.random.default_rng([seed, 2]), self.weighted
+        right = weighted.root.T @ rng.normal(0.0, 1.0, weighted.root.shape[0]) / np.sqrt(weighted.noise)
+        return self.solved + self._solve(right + self.root.T @ rng.normal(0.0, 1.0, self.root.shape[0]))
 
     def _solve(self, right: np.ndarray) -> np.ndarray:
         solved = np.empty_like(right)
-        solved[self.weighted.order] = self._factor.solve(np.ascontiguousarray(right[self.weighted.order]))
+        solved[self.weighted.order] = self._factor.solve(right)
         return solved
 
-    def _condition(self, x: np.ndarray) -> np.ndarray:
-        """Return the unknowns without low degrees in the curves: the posterior under ``Q x = 0``."""
-        return np.asarray(x - self._spread @ np.linalg.solve(self.low @ self._spread, self.low @ x))
+
+def find_priors(weighted: _WeightedPoints, period: float) -> np.ndarray:
+    """Return the most likely prior, and priors of samples: ``(1 + samples, 6)`` as of `_Fit`.
+
+    The likelihood can have two maxima, for a sine and for a vibration that varies: both are sampled, by their shares.
+
+    period : lines of the strongest wave
+    """
+    typical = np.log([2.0 * np.pi / period, np.sqrt(np.prod(JITTER_CURVES.dampings)), JITTER_CURVES.start_px])
+    longest = max(spline.spacing * spline.intervals for spline in weighted.splines)
+    steps = np.array([period / (2.0 * longest), -1.0, -0.5])  # half the resolution of the frequency
+
+    one, none = np.eye(3), np.zeros((3, 3))
+    of_block, second, of_axes = np.hstack([one, none]), np.hstack([none, one]), np.hstack([-one, one])
+    weights = np.vstack([of_block / JITTER_CURVES.spread, of_axes / JITTER_CURVES.axis_spread])
+
+    def compute_log_likelihood(x: np.ndarray) -> float:
+        return _Fit(weighted, np.exp(x)).compute_log_likelihood()
+
+    def compute_cost(x: np.ndarray) -> float:
+        return 0.5 * float(np.sum((weights @ (x - np.tile(typical, 2))) ** 2)) - compute_log_likelihood(x)
+
+    def minimise(x: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """Return x with the least cost of those moved by multiples of ``moved (3, 6)``."""
+        found = optimize.minimize(
+            lambda parts: compute_cost(x + parts @ moved), np.zeros(3), method="Nelder-Mead",
+            options={"initial_simplex": np.vstack([np.zeros(3), np.eye(3)]), "xatol": np.inf,
+                     "fatol": JITTER_CURVES.settled_likelihood},
+        )  # fmt: skip
+        return np.asarray(x + found.x @ moved)
+
+    starts = [np.tile([typical[0], np.log(damping), typical[2]], 2) for damping in JITTER_CURVES.dampings]
+    modes = [
+        minimise(minimise(start, np.diag(steps) @ (of_block + second)), np.diag(steps) @ second) for start in starts
+    ]
+    costs = np.array([compute_cost(mode) for mode in modes])
+    modes = [modes[number] for number in np.flatnonzero(special.softmax(-costs) > 1.0 / JITTER_CURVES.samples)]
+    roots, evidence = list[np.ndarray](), list[float]()
+    for mode in modes:
+        squares, vectors = np.linalg.eigh(-_compute_curvature(compute_log_likelihood, mode, 0.3 * np.tile(steps, 2)))
+        information = vectors * np.maximum(squares, 0.0) @ vectors.T + weights.T @ weights
+        roots.append(np.linalg.inv(np.linalg.cholesky(information)).T)
+        evidence.append(float(np.linalg.slogdet(roots[-1])[1]) - compute_cost(mode))
+    rng, best = np.random.default_rng(3), int(np.argmax(evidence))
+    chosen = rng.choice(len(modes), JITTER_CURVES.samples, p=special.softmax(evidence))
+    samples = [modes[mode] + roots[mode] @ rng.normal(0.0, 1.0, 6) for mode in chosen.tolist()]
+    return np.exp(np.vstack([modes[best], *samples]))
 
 
-def _log_determinant(factor: SuperLU) -> float:
-    return float(np.sum(np.log(np.abs(factor.U.diagonal()))))
+def _compute_curvature(function: Callable[[np.ndarray], float], x: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the second derivatives ``(n, n)`` of a function at x by differences over steps ``(n,)``."""
+    curvature, moves = np.zeros((len(x), len(x))), np.diag(steps)
+    for row, column in zip(*np.tril_indices(len(x)), strict=True):
+        corners = [function(x + p * moves[row] + q * moves[column]) * p * q for p in (1.0, -1.0) for q in (1.0, -1.0)]
+        curvature[row, column] = curvature[column, row] = sum(corners) / (4.0 * steps[row] * steps[column])
+    return curvature

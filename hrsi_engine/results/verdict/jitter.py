@@ -74,7 +74,7 @@ def find_remaining_jitter(evidence: Evidence) -> Iterator[Reason]:
         if of_jitter[axis].sum() > others[axis].sum()
     ]
     if found:
-        period = 2.0 * np.pi / result.jitter.prior[0]
+        period = 2.0 * np.pi / result.jitter.priors[0, 0]
         yield Reason(
             "jitter", Level.DOUBTFUL,
             f"jitter with a period of about {period:.0f} lines was removed, but the images do not separate all of it "
