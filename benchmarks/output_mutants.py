@@ -49,16 +49,16 @@ MUTANTS = (
         "ground_difference_m(computed[usable], block.points.ground[usable])", TRUTH,
     ),
     Mutant(
-        "sigma_east of ground_points is that of north", "results/tables.py", "result.ground_sigma_m[:, 0]",
-        "result.ground_sigma_m[:, 1]", TRUTH,
+        "sigma_east of ground_points is that of north", "results/tables.py", "sigma_east_m=sigma[:, 0]",
+        "sigma_east_m=sigma[:, 1]", TRUTH,
     ),
     Mutant(
-        "sigma_height of ground_points is that of east", "results/tables.py", "result.ground_sigma_m[:, 2]",
-        "result.ground_sigma_m[:, 0]", TRUTH,
+        "sigma_height of ground_points is that of east", "results/tables.py", "sigma_height_m=sigma[:, 2]",
+        "sigma_height_m=sigma[:, 0]", TRUTH,
     ),
     Mutant(
-        "sigma_north of the residual layers is that of height", "results/tables.py", "left.ground_sigma_m[here, 1]",
-        "left.ground_sigma_m[here, 2]", TRUTH,
+        "sigma_north of the residual layers is that of height", "results/tables.py", "left.ground_sigma_m[surveyed, 1]",
+        "left.ground_sigma_m[surveyed, 2]", TRUTH,
     ),
     Mutant(
         "CE90 of check points 2.146 RMSE", "adjustment/statistics/precision.py", "CIRCLE_90, LINE_90 = 1.5175, ",
@@ -66,7 +66,7 @@ MUTANTS = (
     ),
     Mutant(
         "line RMSE of an image from its samples", "results/figures.py",
-        '"rmse_line_px": rmse(left.at_known_px[here, 1])', '"rmse_line_px": rmse(left.at_known_px[here, 0])', TRUTH,
+        '"rmse_line_px": rmse(left.at_known_px[image_rows, 1])', '"rmse_line_px": rmse(left.at_known_px[image_rows, 0])', TRUTH,
     ),
     Mutant(
         "sigma0 dropped from all covariances", "adjustment/outcome/assembly.py", "max(sigma0, 1.0) ** 2", "1.0", TRUTH,
@@ -77,7 +77,7 @@ MUTANTS = (
     ),
     Mutant(
         "sigma0 dropped from the points' covariances", "adjustment/outcome/assembly.py",
-        "of_point * precise.points + beside", "precise.points + beside", TRUTH,
+        "of_point * precise.points + systematic", "precise.points + systematic", TRUTH,
     ),
     Mutant(
         "sigma0 dropped from the parameters of single images", "refinement/estimate.py",
@@ -110,8 +110,8 @@ MUTANTS = (
         "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(
-        "no rivals at all", "adjustment/blunders/control.py", "self.test_group(other)[0] >= needed",
-        "self.test_group(other)[0] >= 2.0 * best", "tests/adjustment/test_rival_gcps.py",
+        "no rivals at all", "adjustment/blunders/control.py", "self.test_group(candidate)[0] >= limit",
+        "self.test_group(candidate)[0] >= 2.0 * best", "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(
         "sigma0 dropped from what residuals are judged by", "adjustment/result.py", "return max(self.sigma0, 1.0)",
@@ -137,8 +137,8 @@ MUTANTS = (
     Mutant("2 %: CE90", "adjustment/statistics/precision.py", "= 1.5175,", "= 1.5479,", TRUTH),
     Mutant("2 %: LE90", "adjustment/statistics/precision.py", ", 1.6449", ", 1.6778", TRUTH),
     Mutant(
-        "2 %: ground sample distance", "block/imaging_geometry.py", "gsd_sample_m=gsd_sample_m,",
-        "gsd_sample_m=1.02 * gsd_sample_m,",
+        "2 %: ground sample distance", "block/imaging_geometry.py", "np.hypot(steps[:, 0], steps[:, 1]).tolist()",
+        "(1.02 * np.hypot(steps[:, 0], steps[:, 1])).tolist()",
         "tests/results/test_report_figures.py",
     ),
     Mutant(

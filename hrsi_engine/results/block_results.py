@@ -105,7 +105,7 @@ def assemble_result(
     evidence, adjustment, residuals = judged.evidence, judged.adjustment, judged.residuals
     refined, selection = evidence.refined, select_rows(adjustment, residuals)
     images = adjustment.block.images
-    with one_thread_calls():
+    with one_thread_calls():  # many small matrices, for which BLAS threads only cost time
         report = {
             **record, "verdict": judged.verdict.entry(), "seconds": {},
             "crs": {**record["crs"], "residuals": f"EPSG:{residuals_epsg(adjustment)}"},
@@ -117,10 +117,10 @@ def assemble_result(
             **entries,
         }  # fmt: skip
         report = add_image_facts(report, adjustment, residuals, refined)
-    delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
-    layers = block_layers(adjustment, residuals, delivered, selection)
+        delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
+        layers = block_layers(adjustment, residuals, delivered, selection)
+        drawings = {} if outline is None else draw_figures(report_figures(adjustment, residuals, delivered, outline))
     complete = {} if selection.is_complete else iterate_tables(adjustment, residuals, selection)
-    drawings = {} if outline is None else draw_figures(report_figures(adjustment, residuals, delivered, outline))
     pairs, lineage = list(zip(images, refined, strict=True)), lineage_items(report, report_path)
     folder = os.path.dirname(report_path)
     items = [describe_item(image, new, report, folder) for image, new in pairs] if with_items else []

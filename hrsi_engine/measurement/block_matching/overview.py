@@ -28,7 +28,7 @@ _SPEED = "measured for speed, 2026-11-22"
 class OVERVIEW:
     """Resolution and features of overviews, and their comparison along epipolar lines."""
 
-    halved_px: int = threshold(768, "px", "longer side from which an overview has half the resolution at most")
+    halved_px: int = threshold(768, "px", "longer side of unprobed images with overviews of half resolution")
     features: int = threshold(4000, "features", "largest number of features of an overview")
     ratio: float = threshold(0.85, "", "largest ratio of the nearest descriptors in a band", "Lowe 2004: 0.8 of all")
     line_batch: int = threshold(256, "lines", "compared together: neighbouring lines have common candidates", _SPEED)
@@ -43,14 +43,14 @@ class OverviewJob:
 
 
 def choose_overview_step(size: tuple[int, int], probed: bool = True) -> int:
-    """Return the reduction factor of an image's overview: about 8, limited by the sizes in `OVERVIEW`.
+    """Return the reduction factor of an image's overview: about 8, limited by its smallest and largest size.
 
-    If all pairs are matched, without being probed for the best ones, features at half resolution are sufficient and
-    are found in a quarter of the time.
+    If all pairs are matched, without being probed for the best ones, features at half this resolution are sufficient
+    and are found in a quarter of the time; a pair with too few matches is compared at a finer one (`coarse`).
     """
     longest = max(size)
     step = max(1, round(longest / min(max(longest / 8.0, MEMORY.part_px), TIE_WINDOWS.full_px)))
-    return step if probed or longest < OVERVIEW.halved_px else max(step, 2)
+    return step if probed or longest < OVERVIEW.halved_px else 2 * step
 
 
 def detect_overview_features(job: OverviewJob) -> PartResult:
