@@ -66,7 +66,8 @@ MUTANTS = (
     ),
     Mutant(
         "line RMSE of an image from its samples", "results/figures.py",
-        '"rmse_line_px": rmse(left.at_known_px[image_rows, 1])', '"rmse_line_px": rmse(left.at_known_px[image_rows, 0])', TRUTH,
+        '"rmse_line_px": rmse(left.at_known_px[image_rows, 1])',
+        '"rmse_line_px": rmse(left.at_known_px[image_rows, 0])', TRUTH,
     ),
     Mutant(
         "sigma0 dropped from all covariances", "adjustment/outcome/assembly.py", "max(sigma0, 1.0) ** 2", "1.0", TRUTH,
