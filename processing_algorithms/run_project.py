@@ -24,7 +24,7 @@ from . import REGISTRY
 from .declarations.projects import RunOptions
 from .declarations.surfaces import SURFACE_FILE
 from .files.result_folder import PAGE_FILE, REPORT_FILE, plan
-from .interface.declare import Context, Report, is_unusable
+from .interface.declare import Context, Report, is_unusable, spell_arguments
 from .interface.options import check_options
 from .projects.plan import FAILED, LEFT_OUT, NOT_ASKED, algorithm_of, check_plan, failures, judge_plan
 from .projects.project_file import FOLDERS, Project, read_project
@@ -91,6 +91,10 @@ def _do_step(
     """Run a step, or keep its earlier result; its entry is added to ``report``, its own report to ``results``."""
     entries, folder = report["steps"], os.path.join(report["folder"], FOLDERS[step])
     algorithm, past = algorithm_of(step, images), read_report(os.path.join(folder, REPORT_FILE))
+
+    def spell(text: str) -> str:  # options as the project file names them
+        return spell_arguments(text, REGISTRY[algorithm].params, lambda param: param.key)
+
     before = entries.pop(step, {})
     entries[step] = {"status": LEFT_OUT, "told": project.skipped.get(step, NOT_ASKED)}
     if options.steps and step not in options.steps:
@@ -116,12 +120,14 @@ def _do_step(
             return
         context.log(f"{step}:")
         values["overwrite"] = past is not None and (past["algorithm"] == algorithm or options.overwrite)
-        made = results[step] = REGISTRY[algorithm].execute(values, Context(context.progress, context.log))
+        inner = Context(context.progress, lambda text: context.log(spell(text)))
+        made = results[step] = REGISTRY[algorithm].execute(values, inner)
     except Cancelled:
         raise
     except HrsiError as error:
-        entries[step] = {"status": FAILED, "told": str(error), "exit_code": error.exit_code}
-        context.log(f"{step}: {error}")
+        told = spell(str(error))
+        entries[step] = {"status": FAILED, "told": told, "exit_code": error.exit_code}
+        context.log(f"{step}: {told}")
         return
     files = [path for path in sorted(Path(folder).iterdir()) if path.is_file() and not path.name.startswith(".")]
     entries[step] = {
