@@ -315,10 +315,10 @@ def simulated(count: int, per_image: int = 100, seed: int = 1) -> Block:
         tables.append((near[inside], index, xy[inside] + error + rng.normal(0, 0.3, offset.shape)))
     rows = np.concatenate([points for points, _, _ in tables])
     names = np.concatenate([np.full(len(points), images[index].id) for points, index, _ in tables])
-    measured = ImagePoints.create(ids[rows], names, np.concatenate([xy for _, _, xy in tables]), 0.3)
+    measured = ImagePoints(ids[rows], names, np.concatenate([xy for _, _, xy in tables]), 0.3)
     control = np.unique(rng.choice(total, max(6, count // 30)))
     survey = move_ground(truth[control], rng.normal(0, 0.1, (len(control), 3)))
-    return assemble(images, [GroundPoints.create(ids[control], survey, Role.GCP, 0.1)], [measured])
+    return assemble(images, [GroundPoints(ids[control], survey, Role.GCP, 0.1)], [measured])
 
 
 def _camera(lon: float, lat: float, tilt: tuple[float, float], half_px: float, gsd: float) -> RPC:

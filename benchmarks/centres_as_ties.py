@@ -121,14 +121,14 @@ def centre_tracks(images: list[Image]) -> ImagePoints:
     track = build_tracks(first, second, image)
     held = np.flatnonzero(track >= 0)
     ids = [f"centre_{number}" for number in track[held]]
-    return ImagePoints.create(ids, [images[k].id for k in image[held]], where[held, 1:], np.array(sigma)[held], "tie")
+    return ImagePoints(ids, [images[k].id for k in image[held]], where[held, 1:], np.array(sigma)[held], "tie")
 
 
 def joined(first: ImagePoints, second: ImagePoints) -> ImagePoints:
     """Return the ties of both."""
     columns = ("ids", "image_ids", "xy", "sigma_px")
     both = (np.concatenate([getattr(first, name), getattr(second, name)]) for name in columns)
-    return ImagePoints.create(*both, "tie")
+    return ImagePoints(*both, "tie")
 
 
 def few_of(ties: Mapping[str, ImagePoints]) -> dict[str, tuple[ImagePoints, ...]]:

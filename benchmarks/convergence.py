@@ -132,9 +132,7 @@ def control_of(block: Block, image: int, role: Role) -> Control:
     measured = block.measurements
     rows = np.flatnonzero((measured.image == image) & (block.points.role[measured.point] == role))
     points = measured.point[rows]
-    return Control.create(
-        block.points.ground[points], measured.xy[rows], block.points.ids[points], measured.sigma_px[rows]
-    )
+    return Control(block.points.ground[points], measured.xy[rows], block.points.ids[points], measured.sigma_px[rows])
 
 
 def images() -> Iterator[tuple[str, Image, Control, Control]]:

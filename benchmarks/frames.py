@@ -171,11 +171,11 @@ def judge_bands(seed: int, gcps: int) -> dict[str, list[float]]:
         seen = (kind < 3) | ((kind == 4) & (index % 2 == 0)) if of_pan else (kind > 2) | (np.arange(len(kind)) % 2 == 0)
         seen &= (kind != 4) | (index % 2 == 0)
         xy = camera.ground_to_image(truth[seen]) + rng.normal(0.0, 0.3, (int(seen.sum()), 2))
-        tables.append(ImagePoints.create(ids[seen], np.full(int(seen.sum()), image.id), xy, 0.3))
+        tables.append(ImagePoints(ids[seen], np.full(int(seen.sum()), image.id), xy, 0.3))
     known, sigma = kind < 2, np.array([0.1, 0.1, 0.15])
     role = np.where(kind[known] == 0, int(Role.GCP), int(Role.CHECK))
     surveyed = move_ground(truth[known], rng.normal(0.0, 1.0, (int(known.sum()), 3)) * sigma)
-    given = [GroundPoints.create(ids[known], surveyed, role, np.tile(sigma[[0, 2]], (len(surveyed), 1)))]
+    given = [GroundPoints(ids[known], surveyed, role, np.tile(sigma[[0, 2]], (len(surveyed), 1)))]
     images = [image for _, image in exposures]
     place = dict(zip(ids.tolist(), truth, strict=True))
     found = {}
@@ -209,8 +209,7 @@ def off_camera_px(result: Adjustment, cameras: list[PushbroomCamera], ground: np
     of_pan = max(float(np.hypot(*((seen[k] - edge) / MS_PIXEL - seen[k + 2]).T).max()) for k in range(2))
     ids, exact = np.array([f"E{k:03d}" for k in range(len(ground))]), [one.ground_to_image(ground) for one in cameras]
     rows = [
-        ImagePoints.create(ids, np.full(len(ids), image.id), xy, 1.0)
-        for image, xy in zip(images[2:], exact[2:], strict=True)
+        ImagePoints(ids, np.full(len(ids), image.id), xy, 1.0) for image, xy in zip(images[2:], exact[2:], strict=True)
     ]
     block = assemble(images, [], rows)
     observations = select_points(block, np.ones(len(ids), dtype=bool))

@@ -156,7 +156,7 @@ def compare_two_areas(folder: Path) -> list[tuple[str, str, float]]:
         writer.writerow(["id", "x", "y", "z"])
         writer.writerows([f"P{k}", repr(float(x)), repr(float(y)), 100.0] for k, (x, y) in enumerate(xy))
     tables = read_points(str(file), ground_crs="EPSG:4230", height_datum="ellipsoidal")
-    points = tables.ground or GroundPoints.create([], np.empty((0, 3)))
+    points = tables.ground or GroundPoints([], np.empty((0, 3)))
     apart = 1e3 * horizontal_m(points.ground, convert_by_cs2cs(xy, crs.crs))
     return [
         (use.operation.name, str(use.points), float(apart[points.operation == number].max()))

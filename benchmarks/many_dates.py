@@ -136,7 +136,7 @@ def true_errors_px(cameras: dict[str, RPC], truth: dict[str, RPC], images: Seque
         xy = truth[image.id].project(ground)
         inside = ((xy > 0.0) & (xy < np.array(image.size) - 1.0)).all(axis=1)
         ids = np.array([f"P{k:05d}" for k in np.flatnonzero(inside)])
-        tables.append(ImagePoints.create(ids, [image.id] * len(ids), xy[inside], 0.1))
+        tables.append(ImagePoints(ids, [image.id] * len(ids), xy[inside], 0.1))
     block = assemble([replace(image, rpc=cameras[image.id]) for image in seen], [], tables)
     observations, fit = fit_tracks(block, (block.points.role == Role.TIE) & (block.rays_per_point() >= 3))
     error = {}
@@ -178,7 +178,7 @@ def sift_of_all_pairs(images: Sequence[Image]) -> ImagePoints:
     node = np.flatnonzero(track >= 0)
     xy = np.concatenate([xy for xy, _ in features])[node]
     ids = np.char.add("S", np.char.zfill(track[node].astype(str), 7))
-    return ImagePoints.create(ids, np.array([image.id for image in images])[image[node]], xy)
+    return ImagePoints(ids, np.array([image.id for image in images])[image[node]], xy)
 
 
 def _mutual(likeness: np.ndarray) -> np.ndarray:

@@ -119,8 +119,8 @@ def spot5_block() -> Block:
     """Return the SPOT 5 image of the thesis, simulated with its 37 GCPs and their printed residuals."""
     found = spot5.read_spot5(real_blocks.DATA / "thesis")
     image = found.image(0)
-    ground = GroundPoints.create(found.ids, found.ground, np.full(len(found.ids), int(Role.GCP)))
-    measured = ImagePoints.create(found.ids, [image.id] * len(found.ids), found.observed_px, spot5.SIGMA_PX)
+    ground = GroundPoints(found.ids, found.ground, np.full(len(found.ids), int(Role.GCP)))
+    measured = ImagePoints(found.ids, [image.id] * len(found.ids), found.observed_px, spot5.SIGMA_PX)
     return assemble([image], [ground], [measured])
 
 

@@ -49,11 +49,11 @@ def zy3(control: Sequence[str] = ZY3_CONTROL, ties: bool = False) -> Block:
     ground = np.loadtxt(folder / "ground_points_all42.txt", skiprows=1, dtype=str)
     xy = point[:, 1:].astype(float)
     measured = [
-        ImagePoints.create(point[:, 0], [image.id] * len(point), xy[:, columns])
+        ImagePoints(point[:, 0], [image.id] * len(point), xy[:, columns])
         for image, columns in zip(images, ([1, 0], [3, 2]), strict=True)
     ]
     role = np.where(np.isin(ground[:, 0], control), Role.GCP, Role.CHECK)
-    survey = GroundPoints.create(ground[:, 0], ground[:, [2, 1, 3]].astype(float), role)
+    survey = GroundPoints(ground[:, 0], ground[:, [2, 1, 3]].astype(float), role)
     return assemble(images, [survey], measured)
 
 
@@ -102,7 +102,7 @@ def sift_tracks(images: Sequence) -> list[ImagePoints]:
     ids = [f"T{number:06d}" for number, track in enumerate(tracks) for _ in track]
     flat = [node for track in tracks for node in track]
     xy = np.array([features[i][0][k] for i, k in flat])
-    return [ImagePoints.create(ids, [images[i].id for i, _ in flat], xy)]
+    return [ImagePoints(ids, [images[i].id for i, _ in flat], xy)]
 
 
 def _matches(features: Sequence, i: int, j: int) -> Iterator[tuple[int, int]]:

@@ -208,13 +208,13 @@ def simulate(kind: Configuration, seed: int) -> tuple[Block, np.ndarray]:
         if kind.alike_px:
             patch = np.unique(np.floor(xy / PATCH_PX), axis=0, return_inverse=True)[1].ravel()
             xy = xy + rng.normal(0.0, kind.alike_px, (patch.max() + 1, 2))[patch]
-        tables.append(ImagePoints.create(ids, [image.id] * total, xy, stated * np.hypot(noise, kind.alike_px)))
+        tables.append(ImagePoints(ids, [image.id] * total, xy, stated * np.hypot(noise, kind.alike_px)))
     sigma = np.tile(kind.survey_m, (known, 1))
     sigma[: kind.poor] *= 10.0
     surveyed = move_ground(truth[:known], rng.normal(0.0, 1.0, (known, 3)) * sigma)
     said = kind.stated * sigma[:, [0, 2]]
     said[kind.gcps : kind.gcps + kind.height_only, 0] = 1000.0
-    given = GroundPoints.create(ids[:known], surveyed, role, said)
+    given = GroundPoints(ids[:known], surveyed, role, said)
     images = [image for _, image in taken]
     if kind.in_parts:
         images, tables = _cut_strips(images, tables)
@@ -235,7 +235,7 @@ def _cut_strips(images: list[Image], tables: list[ImagePoints]) -> tuple[list[Im
         ]
         for part, first, seen in zip(pair, (0, cut), (table.xy[:, 1] < cut, table.xy[:, 1] >= cut), strict=True):
             xy, ids = table.xy[seen] - [0.0, first], np.asarray(table.ids)[seen]
-            rows.append(ImagePoints.create(ids, np.full(len(ids), part.id), xy, table.sigma_px[seen]))
+            rows.append(ImagePoints(ids, np.full(len(ids), part.id), xy, table.sigma_px[seen]))
         parts += pair
     return join_parts_of_strips(parts), rows
 

@@ -130,7 +130,7 @@ class Spot5:
 
     def control(self, count: int) -> tuple[Control, Control]:
         """Return control and check points of the experiment with ``count`` GCPs."""
-        everything = Control.create(self.ground, self.observed_px, self.ids, SIGMA_PX)
+        everything = Control(self.ground, self.observed_px, self.ids, SIGMA_PX)
         if count not in CONTROL:
             return everything, everything
         used = np.isin(self.ids, CONTROL[count])

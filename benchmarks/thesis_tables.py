@@ -105,7 +105,7 @@ def ikonos(folder: Path) -> tuple[Image, Control]:
     ground = np.array([[float(row[name]) for name in ("lon", "lat", "height")] for row in rows])
     xy = np.array([[float(row[f"image1_{name}_rounded"]) for name in ("sample", "line")] for row in rows])
     image = open_image(str(folder / "hobart_ikonos_1_RPC.TXT"))
-    return image, Control.create(ground, xy, np.array([row["id"] for row in rows]), IKONOS_SIGMA_PX)
+    return image, Control(ground, xy, np.array([row["id"] for row in rows]), IKONOS_SIGMA_PX)
 
 
 # ---- tables --------------------------------------------------------------------------------------------------------

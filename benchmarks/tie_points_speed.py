@@ -80,7 +80,7 @@ def tie_points(paths: list[str], threads: int, output: str) -> dict[str, Any]:
 def read_points(folder: str) -> ImagePoints:
     """Read the measurements of a run."""
     rows = np.genfromtxt(f"{folder}/tie_points.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
-    return ImagePoints.create(
+    return ImagePoints(
         rows["id"], rows["image"], np.column_stack([rows["sample"], rows["line"]]), rows["sigma"], rows["kind"],
         rows["quality"],
     )  # fmt: skip

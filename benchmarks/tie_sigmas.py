@@ -98,9 +98,7 @@ def adjusted(found: Ties) -> Adjustment:
 def _measured(block: Block) -> list[ImagePoints]:
     rows = block.measurements
     names = np.array([image.id for image in block.images])
-    return [
-        ImagePoints.create(block.points.ids[rows.point], names[rows.image], rows.xy, rows.sigma_px, source="simulated")
-    ]
+    return [ImagePoints(block.points.ids[rows.point], names[rows.image], rows.xy, rows.sigma_px, source="simulated")]
 
 
 def residual_ratios(result: Adjustment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -154,7 +154,7 @@ def clean(
     return Inputs(
         tuple(replace(image, size=view.size) for image, view in zip(block.images, views, strict=True)),
         block.points.select(known),
-        ImagePoints.create(
+        ImagePoints(
             block.points.ids[measured.point], np.array([i.id for i in block.images])[measured.image], measured.xy,
             measured.sigma_px, measured.kind,
         ),
@@ -398,12 +398,12 @@ def control_as_checks(metres: float = 0.0, pixels: float = 0.0) -> Spoil:
         points, measured = inputs.ground.select(inputs.gcps), inputs.measured
         rows = measured.select(np.isin(measured.ids, points.ids))
         noise = rng.normal(0.0, metres, points.ground.shape) if metres else np.zeros_like(points.ground)
-        both = GroundPoints.create(
+        both = GroundPoints(
             np.r_[points.ids, np.char.add("X", points.ids)],
             np.vstack([points.ground, move_ground(points.ground, noise)]),
             np.r_[points.role, np.full(len(points), Role.CHECK)], np.tile(points.sigma_m, (2, 1)),
         )  # fmt: skip
-        joined = ImagePoints.create(
+        joined = ImagePoints(
             np.r_[measured.ids, np.char.add("X", rows.ids)], np.r_[measured.image_ids, rows.image_ids],
             np.vstack([measured.xy, rows.xy + pixels * rng.uniform(-1.0, 1.0, rows.xy.shape)]),
             np.r_[measured.sigma_px, rows.sigma_px],
@@ -548,7 +548,7 @@ def twin(inputs: Inputs, rng: np.random.Generator) -> Inputs:
     first = inputs.images[0]
     copy = replace(first, id="copy")
     rows = inputs.measured.select(inputs.measured.image_ids == first.id)
-    joined = ImagePoints.create(
+    joined = ImagePoints(
         np.r_[inputs.measured.ids, rows.ids], np.r_[inputs.measured.image_ids, np.full(len(rows), "copy")],
         np.vstack([inputs.measured.xy, rows.xy]), np.r_[inputs.measured.sigma_px, rows.sigma_px],
     )  # fmt: skip

@@ -256,7 +256,7 @@ def duplicated_ids(inputs: Inputs, rng: np.random.Generator) -> Inputs:
     _, first = np.unique(pairs[::-1], return_index=True)  # the later line counts
     kept = np.zeros(len(ids), dtype=bool)
     kept[len(ids) - 1 - first] = True
-    measured = ImagePoints.create(
+    measured = ImagePoints(
         ids[kept], inputs.measured.image_ids[kept], inputs.measured.xy[kept], inputs.measured.sigma_px[kept]
     )
     return replace(inputs, measured=measured)

@@ -291,10 +291,11 @@ def _read_points(
         told = f"{judges.left_out} tracks were used for RPCs {' or '.join(makers)}"
         judges.warnings.append(
             f"{told} and are not evaluated; {judges.tracks} others are, {judges.held_out} of them held out in that "
-            "adjustment" if judges.tracks else
-            f"all {told}: their residuals are no independent measure, so no set is named as the best; give other "
+            "adjustment"
+            if judges.tracks
+            else f"all {told}: their residuals are no independent measure, so no set is named as the best; give other "
             "tracks, or images with pixels"
-        )  # fmt: skip
+        )
     return judges
 
 
@@ -345,10 +346,11 @@ def _set_entry(
         above = above[np.isfinite(above)]
         middle = float(np.median(above)) if len(above) else None
         entry["dem"] = {
-            "points": len(above), "median_m": middle,
+            "points": len(above),
+            "median_m": middle,
             "nmad_m": None if middle is None else float(robust_sigma(above - middle)),
             "p90_m": None if middle is None else float(np.percentile(np.abs(above), 90.0)),
-        }  # fmt: skip
+        }
     for index, image in enumerate(one.block.images):
         rows = observations.by_image[index]
         rows, told = rows[used[rows]], rows[predicted[rows]]

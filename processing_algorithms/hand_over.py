@@ -80,8 +80,9 @@ def _accuracy_of(told: Mapping[str, Any], pairs: Sequence[StereoPair], gsd_m: fl
         "relative_height_m": min(pair.height_sigma_m(gsd_m) for pair in pairs),
         "ce90_m": max((part.get("ce90_m") or 0.0 for part in parts), default=0.0) or None,
         "le90_m": max((part.get("le90_m") or 0.0 for part in parts), default=0.0) or None,
-        "tie_rmse_px": (told.get("ties") or {}).get("rmse_px"), "verdict": verdict.get("sentence"),
-    }  # fmt: skip
+        "tie_rmse_px": (told.get("ties") or {}).get("rmse_px"),
+        "verdict": verdict.get("sentence"),
+    }
 
 
 def summarise(report: Report) -> str:

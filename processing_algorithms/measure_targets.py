@@ -129,7 +129,7 @@ def _approximate_points(
             warnings.append(f"{image.path}: no point of {file} lies in it: check its RPC, and the points' CRS")
     if not names:
         raise InputError(f"{file}: no ground point lies in any of the images: check their CRS, or give sample and line")
-    return ImagePoints.create(names, image_ids, np.concatenate(places)), warnings
+    return ImagePoints(names, image_ids, np.concatenate(places)), warnings
 
 
 # ---- hand-measured edge points ---------------------------------------------------------------------------------
@@ -179,13 +179,14 @@ def _make_layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> li
     fields = TargetRows(
         id=np.array([target.id for target in made], dtype=str),
         image=np.array([target.image for target in made], dtype=str),
-        sample=xy[:, 0], line=xy[:, 1],
+        sample=xy[:, 0],
+        line=xy[:, 1],
         sigma=np.array([one.sigma_px for one in found], dtype=np.float64),
         kind=np.array([one.kind for one in found], dtype=str),
         quality=np.array([one.quality for one in found], dtype=np.float64),
         rmse_px=np.array([one.rmse_px for one in found], dtype=np.float64),
         edge_points=np.array([one.used.sum() for one in found], dtype=np.int64),
-    )  # fmt: skip
+    )
     located = bool(made) and all(t.image in images and images[t.image].rpc is not None for t in made)
     ground = (
         np.concatenate([ground_of(images[t.image], t.measurement.xy[None], None) for t in made])

@@ -221,10 +221,11 @@ def _pair_entry(found: PairMatches) -> Report:
     entry: Report = {"first": found.pair.names[0], "second": found.pair.names[1], "pixel_m": pixel_m}
     for state, matches in found.matches.items():
         entry[state] = misregistration.shift_statistics(matches.shift_px[found.good], pixel_m) | {
-            "tried": len(matches.centre), "matched": int(matches.good.sum()),
+            "tried": len(matches.centre),
+            "matched": int(matches.good.sum()),
             "searched_around_px": found.common_px[state].tolist(),
             "outcomes": {o.label: int(np.sum(matches.outcome == o)) for o in misregistration.WindowOutcome},
-        }  # fmt: skip
+        }
     return entry
 
 
@@ -326,9 +327,10 @@ def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
             tuple(sorted({image for _, pair in beyond for image in (pair["first"], pair["second"])})),
         ))  # fmt: skip
     worse = [
-        name for name, pair in told
+        name
+        for name, pair in told
         if BEFORE in pair and pair[AFTER]["median_px"] > pair[BEFORE]["median_px"] + EQUALITY.rpc_px
-    ]  # fmt: skip
+    ]
     if worse:
         reasons.append(Reason(
             "misregistration", Level.DOUBTFUL, f"{list_ids(worse)}: the median is larger than before the adjustment",
@@ -339,5 +341,6 @@ def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
     return Verdict.create(
         f"{len(told)} pair{'s' if len(told) != 1 else ''} of orthoimages: median misregistration "
         f"{after['median_px']:.2f} px, {after['median_m']:.2f} m{before}; 90 % of {after['windows']} windows within "
-        f"{after['p90_px']:.2f} px", reasons,
-    )  # fmt: skip
+        f"{after['p90_px']:.2f} px",
+        reasons,
+    )

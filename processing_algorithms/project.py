@@ -42,7 +42,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
             raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give `dem` or `height`")
         if missing.size and surface is not None:
             given[missing, 2] = surface_heights(surface, given[missing, :2])
-        points = GroundPoints.create(np.array(rest, dtype=str), given)  # the text after the coordinates is the id
+        points = GroundPoints(np.array(rest, dtype=str), given)  # the text after the coordinates is the id
         lost = np.count_nonzero(np.isnan(given[:, 2]))
         warnings = [f"the DEM has no height for {lost} points"] if lost else []
     ids, ground = points.ids, points.ground

@@ -107,8 +107,9 @@ def _do_step(
         given, lacking = _chain_inputs(step, project, images, results, report["folder"])
         if lacking:
             failed = bool(options.steps) or dict(failures(entries))
-            entries[step] = {"status": FAILED, "told": lacking, "exit_code": 2} if failed else {
-                "status": LEFT_OUT, "told": lacking}  # fmt: skip
+            entries[step] = (
+                {"status": FAILED, "told": lacking, "exit_code": 2} if failed else {"status": LEFT_OUT, "told": lacking}
+            )
             return
         found = {**project.options_of(step, algorithm), **given, "output_dir": folder}
         values = check_options(REGISTRY[algorithm], found)

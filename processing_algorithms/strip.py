@@ -39,8 +39,9 @@ def run(options: StripOptions, context: Context) -> Report:
     warnings = [
         f"{part.id}: by the RPCs it lies {off:.2g} px from whole pixels; it is placed at the next one, and the RPC of "
         "the strip lies between"
-        for part, off in zip(parts, places.off_px.tolist(), strict=True) if off > STRIP.whole_px
-    ]  # fmt: skip
+        for part, off in zip(parts, places.off_px.tolist(), strict=True)
+        if off > STRIP.whole_px
+    ]
     if grid_file:
         worst = int(strip.max_px.argmax())
         warnings.append(

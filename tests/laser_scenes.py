@@ -71,7 +71,7 @@ def laser_scene(
     )
     block = simulated.block
     rows = block.measurements
-    given = ImagePoints.create(block.points.ids[rows.point], image_ids[rows.image], rows.xy, rows.sigma_px, rows.kind)
+    given = ImagePoints(block.points.ids[rows.point], image_ids[rows.image], rows.xy, rows.sigma_px, rows.kind)
     known = block.points.select(block.points.role == Role.CHECK)
     return LaserScene(simulated, laser, points, assemble(list(block.images), [known], [given, more]))
 
@@ -117,12 +117,10 @@ def placed_scene(
     )  # fmt: skip
     sigma_m = ortho.error_m / np.sqrt(2.0)
     seen = np.isin(ids, measured.ids)
-    known = GroundPoints.create(
-        ids[seen], ground[seen], Role.GCP, np.tile([sigma_m, 50.0], (int(seen.sum()), 1)), "reference"
-    )
+    known = GroundPoints(ids[seen], ground[seen], Role.GCP, np.tile([sigma_m, 50.0], (int(seen.sum()), 1)), "reference")
     block = made.block
     rows = block.measurements
-    given = ImagePoints.create(block.points.ids[rows.point], image_ids[rows.image], rows.xy, rows.sigma_px, rows.kind)
+    given = ImagePoints(block.points.ids[rows.point], image_ids[rows.image], rows.xy, rows.sigma_px, rows.kind)
     checks = block.points.select(block.points.role == Role.CHECK)
     whole = assemble(list(block.images), [checks, known], [given, measured])
     return PlacedScene(made, whole, ReferencePlaces(ids[seen], ground[seen], sigma_m), chart[seen])

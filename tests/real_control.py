@@ -21,7 +21,7 @@ def quickbird(real_data: Path) -> tuple[Image, Control]:
     tables = read_points(str(folder / "gcps.geojson"), image_ids=[image.id])
     place = {name: row for row, name in enumerate(tables.ground.ids.tolist())}
     ground = tables.ground.ground[[place[name] for name in tables.image.ids.tolist()]]
-    return image, Control.create(ground, tables.image.xy, tables.image.ids)
+    return image, Control(ground, tables.image.xy, tables.image.ids)
 
 
 def ziyuan(real_data: Path) -> dict[str, tuple[Image, Control]]:
@@ -36,7 +36,7 @@ def ziyuan(real_data: Path) -> dict[str, tuple[Image, Control]]:
     result = {}
     for column, name in ((1, "fwd"), (3, "bwd")):
         image = open_image(str(folder / f"zy301a_{name}_381_6138_rpc.txt"))
-        result[name] = image, Control.create(ground_points[:, [2, 1, 3]], image_points[:, [column + 1, column]], ids)
+        result[name] = image, Control(ground_points[:, [2, 1, 3]], image_points[:, [column + 1, column]], ids)
     return result
 
 

@@ -86,9 +86,9 @@ def block(
         measured = (
             exact + error[:, 0] + (exact - image.centre_px) @ error[:, 1:].T + rng.normal(0, noise_px, exact.shape)
         )
-        rows.append(ImagePoints.create(ids, [image.id] * total, measured, noise_px))
+        rows.append(ImagePoints(ids, [image.id] * total, measured, noise_px))
     surveyed = move_ground(truth, rng.normal(0, noise_m, truth.shape))
     known = role != Role.TIE
-    table = GroundPoints.create(np.array(ids)[known], surveyed[known], role[known], noise_m)
+    table = GroundPoints(np.array(ids)[known], surveyed[known], role[known], noise_m)
     made = assemble(cameras, [table], rows, defaults=DefaultSigmas(noise_px, noise_m, noise_m))
     return made, truth, errors

@@ -50,7 +50,7 @@ def measure(
         xy = see(image, error_of(int(image.id[1:]), seed), ground)
         ids = [f"{name}{k:04d}" for k in range(len(ground))]
         rows = xy + rng.normal(0, noise_px, xy.shape)
-        tables.append(ImagePoints.create(ids, [image.id] * len(ground), rows, noise_px))
+        tables.append(ImagePoints(ids, [image.id] * len(ground), rows, noise_px))
     return tables
 
 
@@ -65,7 +65,7 @@ def make_images() -> tuple[list[Image], list[Image]]:
 
 def control(ground: np.ndarray, name: str, role: int = Role.GCP) -> GroundPoints:
     ids = np.array([f"{name}{k:04d}" for k in range(len(ground))])
-    return GroundPoints.create(ids, ground, np.full(len(ground), role), 0.1)
+    return GroundPoints(ids, ground, np.full(len(ground), role), 0.1)
 
 
 def refine(result: Adjustment) -> dict[str, RPC]:

@@ -36,7 +36,7 @@ def measure(images: list[Image], truth: np.ndarray, pointing: np.ndarray) -> Ima
         seen = np.flatnonzero(((xy > 0) & (xy < image.size)).all(axis=1))
         noise = rng.normal(0.0, 0.2, (len(seen), 2))
         tables.append((np.array([f"T{k:04d}" for k in seen]), np.full(len(seen), image.id), xy[seen] + error + noise))
-    return ImagePoints.create(*(np.concatenate(column) for column in zip(*tables, strict=True)), 0.2)
+    return ImagePoints(*(np.concatenate(column) for column in zip(*tables, strict=True)), 0.2)
 
 
 def test_parts_of_a_strip_are_one_look():

@@ -67,10 +67,10 @@ def test_who_resembles_whom_follows_from_the_spellings(strangers, known):
 def block_of(ground_ids: list[str], measured: dict[str, list[str]], **chosen: list[str]) -> Block:
     """Return a block whose ground points have these ids; ``measured`` are the ids on each image."""
     images = [Image(name, ANY_RPC, (1000, 1000)) for name in measured]
-    known = GroundPoints.create(ground_ids, np.column_stack([np.linspace(0.0, 0.01, len(ground_ids))] * 3))
+    known = GroundPoints(ground_ids, np.column_stack([np.linspace(0.0, 0.01, len(ground_ids))] * 3))
     rows = [(name, image) for image, names in measured.items() for name in names]
     ids, image_ids = map(list, zip(*rows, strict=True))
-    return assemble(images, [known], [ImagePoints.create(ids, image_ids, np.zeros((len(rows), 2)))], **chosen)
+    return assemble(images, [known], [ImagePoints(ids, image_ids, np.zeros((len(rows), 2)))], **chosen)
 
 
 def test_near_misses_are_named():
@@ -88,8 +88,8 @@ def test_a_chosen_id_that_is_not_there_has_its_look_alike_named():
 
 
 def merged(first: tuple[float, float, float], second: tuple[float, float, float]) -> GroundPoints:
-    tables = [GroundPoints.create(["P"], np.array([position])) for position in (first, second)]
-    row = ImagePoints.create(["P"], ["left"], np.zeros((1, 2)))
+    tables = [GroundPoints(["P"], np.array([position])) for position in (first, second)]
+    row = ImagePoints(["P"], ["left"], np.zeros((1, 2)))
     return assemble([Image("left", ANY_RPC, (9, 9))], tables, [row]).points
 
 

@@ -2,8 +2,6 @@
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "assembly": "assemble",
-    "block": "Block Image Raster",
-    "points": "GroundPoints ImagePoints Role",
-})  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__, {"assembly": "assemble", "block": "Block Image Raster", "points": "GroundPoints ImagePoints Role"}
+)

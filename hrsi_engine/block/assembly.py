@@ -131,7 +131,7 @@ def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, valid: GroundPoints
 def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
     """Concatenate tables; an id that occurs twice must have the same position."""
     if not tables:
-        return GroundPoints.create([], np.empty((0, 3)))
+        return GroundPoints([], np.empty((0, 3)))
     merged = stack_ground_points(tables)
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
     contradicts = are_apart(merged.ground, merged.ground[first[inverse]])
@@ -146,7 +146,7 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
 def stack_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     """Return tables of measurements concatenated."""
     if not tables:
-        return ImagePoints.create([], [], np.empty((0, 2)))
+        return ImagePoints([], [], np.empty((0, 2)))
     if len(tables) == 1:
         return tables[0]
     columns = {
@@ -183,7 +183,7 @@ def _assign_roles(surveyed: GroundPoints, gcp_ids: Sequence[str] | None, check_i
 def _make_points(ids: np.ndarray, surveyed: GroundPoints, role: np.ndarray, defaults: DefaultSigmas) -> GroundPoints:
     """Return one row for every measured id; ids without ground point become tie points at NaN."""
     empty = np.full((len(ids), 3, 3), np.nan) if surveyed.covariance_m2 is not None else None
-    points = GroundPoints.create(
+    points = GroundPoints(
         ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=surveyed.source, covariance_m2=empty
     )
     points = replace(points, operations=surveyed.operations)

@@ -246,7 +246,7 @@ class Block:
     points: GroundPoints
     measurements: Measurements
     warnings: tuple[str, ...] = field(default=())
-    unmeasured: GroundPoints = field(default_factory=lambda: GroundPoints.create([], np.empty((0, 3))))
+    unmeasured: GroundPoints = field(default_factory=lambda: GroundPoints([], np.empty((0, 3))))
     operations: tuple[OperationUse, ...] = ()
 
     def __repr__(self) -> str:
@@ -301,7 +301,7 @@ class Block:
         ids, point = find_unique_ids(ties.ids)
         image = find_image_indices(ties, self.images).astype(self.measurements.image.dtype)
         order = np.lexsort((image, point))
-        added = GroundPoints.create(ids, np.full((len(ids), 3), np.nan), Role.TIE)
+        added = GroundPoints(ids, np.full((len(ids), 3), np.nan), Role.TIE)
         columns = {
             "point": (len(self.points) + point).astype(self.measurements.point.dtype), "image": image, "xy": ties.xy,
             "sigma_px": ties.sigma_px, "kind": ties.kind, "quality": ties.quality,

@@ -113,7 +113,8 @@ class Columns:
     def _fill(self, **columns: tuple[type, tuple[int, ...]]) -> None:
         """Convert sequences and single values to columns of one length; ``columns`` has type and row shape of each.
 
-        The first column defines the number of rows. Raises `InputError` with the name of a column that does not fit.
+        The first column defines the number of rows; an array with as many values as the column, but another shape, is
+        reshaped. Raises `InputError` with the name of a column that does not fit.
         """
         rows = None
         for name, (kind, shape) in columns.items():
@@ -123,6 +124,7 @@ class Columns:
             rows = len(value) if rows is None else rows
             if value.shape != (rows, *shape):
                 try:
+                    value = value.reshape(rows, *shape) if value.size == rows * np.prod(shape) else value
                     value = np.broadcast_to(value, (rows, *shape)).copy()
                 except ValueError:
                     raise InputError(

@@ -364,9 +364,8 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
             f"to {high:.0f} m), which extrapolates there; check the height datum"
         )
     _, (ground, converged) = make_virtual_grid(
-        image.rpc, image.domain_px, image.rpc.height_range,
-        (GRIDS.nodes, GRIDS.nodes, GRIDS.coarse),
-    )  # fmt: skip
+        image.rpc, image.domain_px, image.rpc.height_range, (GRIDS.nodes, GRIDS.nodes, GRIDS.coarse)
+    )
     if not converged.all():
         share = 1.0 - np.mean(converged)
         warnings.append(

@@ -92,5 +92,6 @@ def _add_curves(one: Mapping[str, JitterCurve], second: Mapping[str, JitterCurve
         name: JitterCurve(
             curve.first_line, curve.shift_px + second[name].shift_px, np.hypot(curve.sigma_px, second[name].sigma_px)
         )
-        for name, curve in one.items() if name in second
-    }  # fmt: skip
+        for name, curve in one.items()
+        if name in second
+    }

@@ -6,8 +6,8 @@ its horizontal position has an error of a few metres.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,12 +25,12 @@ class LASER_HEIGHT:
     sigma_m: float = threshold(0.3, "m", "default standard deviation of a laser height", "Neuenschwander 2020")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LaserPoints(Columns):
     """Laser heights and the quality figures of their files, ``(n,)`` each; NaN for figures that a file does not have.
 
-    ids, track : ids; and pass of the satellite, with an error common to its points
     ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
+    ids, track : ids; and pass of the satellite, with an error common to its points
     sigma_m : standard deviation of the height, stated in the file
     slope : slope of the ground along the track, metres per metre
     misfit_m : spread of the photons about the fitted segment; photons : number of photons in the fit
@@ -40,46 +40,35 @@ class LaserPoints(Columns):
     operations : operations that converted the points to WGS84, with the errors common to all of them
     """
 
-    ids: np.ndarray
-    track: np.ndarray
     ground: np.ndarray
-    sigma_m: np.ndarray
-    slope: np.ndarray
-    misfit_m: np.ndarray
-    photons: np.ndarray
-    canopy_m: np.ndarray
-    doubt: np.ndarray
+    ids: np.ndarray = ""  # type: ignore[assignment]  # numbers by default
+    track: np.ndarray = ""  # type: ignore[assignment]  # one value for all becomes an array
+    sigma_m: np.ndarray = np.nan  # type: ignore[assignment]
+    slope: np.ndarray = np.nan  # type: ignore[assignment]
+    misfit_m: np.ndarray = np.nan  # type: ignore[assignment]
+    photons: np.ndarray = np.nan  # type: ignore[assignment]
+    canopy_m: np.ndarray = np.nan  # type: ignore[assignment]
+    doubt: np.ndarray = ""  # type: ignore[assignment]
     source: str = ""
     operations: tuple[OperationUse, ...] = ()
 
+    if TYPE_CHECKING:  # single values and sequences become columns
+
+        def __init__(self, *columns: Any, **named: Any) -> None: ...
+
+    def __post_init__(self) -> None:
+        if not np.ndim(self.ids):
+            object.__setattr__(self, "ids", [f"L{number + 1:06d}" for number in range(len(self.ground))])
+        number = np.float64, ()
+        self._fill(
+            ground=(np.float64, (3,)), ids=(str, ()), track=(str, ()), sigma_m=number, slope=number, misfit_m=number,
+            photons=number, canopy_m=number, doubt=(str, ()),
+        )  # fmt: skip
+
     def __len__(self) -> int:
-        return len(self.ids)
+        return len(self.ground)
 
     @property
     def operation_sigma_m(self) -> tuple[float, float]:
         """Standard deviations of the errors common to all points: of each horizontal coordinate, and of the height."""
         return largest_sigma_m(self.operations)
-
-    @classmethod
-    def create(
-        cls, ground: np.ndarray, *, ids: Sequence[str] | np.ndarray | None = None,
-        track: Sequence[str] | np.ndarray | str = "", sigma_m: np.ndarray | float = np.nan,
-        slope: np.ndarray | float = np.nan, misfit_m: np.ndarray | float = np.nan, photons: np.ndarray | float = np.nan,
-        canopy_m: np.ndarray | float = np.nan, doubt: Sequence[str] | np.ndarray | str = "", source: str = "",
-        operations: tuple[OperationUse, ...] = (),
-    ) -> LaserPoints:  # fmt: skip
-        """Make columns of equal length from arrays or single values; ids are numbers by default."""
-        place = np.asarray(ground, dtype=np.float64).reshape(-1, 3)
-        count = len(place)
-        names = np.char.add("L", np.char.zfill(np.arange(1, count + 1).astype(str), 6)) if ids is None else ids
-
-        def column(values: np.ndarray | float) -> np.ndarray:
-            return np.broadcast_to(np.asarray(values, dtype=np.float64), (count,)).copy()
-
-        def texts(values: Sequence[str] | np.ndarray | str) -> np.ndarray:
-            return np.broadcast_to(np.asarray(values, dtype=str), (count,)).copy()
-
-        return cls(
-            np.asarray(names, dtype=str), texts(track), place, column(sigma_m), column(slope), column(misfit_m),
-            column(photons), column(canopy_m), texts(doubt), source, operations,
-        )  # fmt: skip

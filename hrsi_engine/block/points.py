@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -105,11 +105,18 @@ class GroundPoints(Columns):
     operation: np.ndarray = -1  # type: ignore[assignment]
     operations: tuple[OperationUse, ...] = ()
 
+    if TYPE_CHECKING:  # single values and sequences become columns
+
+        def __init__(self, *columns: Any, **named: Any) -> None: ...
+
     def __post_init__(self) -> None:
         self._fill(
             ids=(str, ()), ground=(np.float64, (3,)), role=(np.int8, ()), sigma_m=(np.float64, (2,)),
             operation=(np.int16, ()),
         )  # fmt: skip
+        if self.covariance_m2 is not None:
+            covariance = np.array(self.covariance_m2, dtype=np.float64).reshape(len(self), 3, 3)
+            object.__setattr__(self, "covariance_m2", covariance)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -158,38 +165,6 @@ class GroundPoints(Columns):
                     error[operation == number, axis] = sigma_m
         return np.stack([*columns.values()], axis=2) if columns else np.zeros((len(operation), 3, 0))
 
-    @classmethod
-    def create(
-        cls, ids: Sequence[str] | np.ndarray, ground: np.ndarray, role: np.ndarray | int = UNSET,
-        sigma_m: np.ndarray | float = np.nan, source: str = "", covariance_m2: np.ndarray | None = None,
-    ) -> GroundPoints:  # fmt: skip
-        """Make columns of matching length from arrays or single values.
-
-        Parameters
-        ----------
-        ids : (m,) sequence of str
-            Ids of the points.
-        ground : (m, 3) array_like
-            Lon, lat in degrees, ellipsoidal height in metres.
-        role : (m,) array_like or int
-            A `Role` or `UNSET`.
-        sigma_m : (m, 2) array_like or float
-            Standard deviations of each horizontal coordinate and of the height.
-        source : str
-            The file and layer, for messages.
-        covariance_m2 : (m, 3, 3) ndarray, optional
-            Of east, north and height.
-
-        Returns
-        -------
-        GroundPoints
-            The table.
-        """
-        covariance = None if covariance_m2 is None else np.array(covariance_m2, dtype=np.float64)
-        covariance = None if covariance is None else covariance.reshape(len(ids), 3, 3)
-        constructor: Any = cls  # for mypy: the constructor converts single values to arrays
-        return constructor(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
-
 
 def stack_ground_points(tables: Sequence[GroundPoints]) -> GroundPoints:
     """Return tables of ground points under each other, with the source of the first."""
@@ -203,7 +178,16 @@ def stack_ground_points(tables: Sequence[GroundPoints]) -> GroundPoints:
     ids, ground, role, sigma_m = (
         np.concatenate([getattr(t, name) for t in tables]) for name in ("ids", "ground", "role", "sigma_m")
     )
-    return GroundPoints(ids, ground, role, sigma_m, tables[0].source, covariance, np.concatenate(operation), operations)
+    return GroundPoints(
+        ids,
+        ground,
+        role,
+        sigma_m=sigma_m,
+        source=tables[0].source,
+        covariance_m2=covariance,
+        operation=np.concatenate(operation),
+        operations=operations,
+    )
 
 
 def describe_operations(points: GroundPoints) -> str:
@@ -261,6 +245,10 @@ class ImagePoints(Columns):
     quality: np.ndarray = np.nan  # type: ignore[assignment]
     source: str = ""
 
+    if TYPE_CHECKING:  # single values and sequences become columns
+
+        def __init__(self, *columns: Any, **named: Any) -> None: ...
+
     def __post_init__(self) -> None:
         self._fill(
             ids=(str, ()), image_ids=(str, ()), xy=(np.float64, (2,)), sigma_px=(np.float64, ()), kind=(str, ()),
@@ -269,37 +257,6 @@ class ImagePoints(Columns):
 
     def __len__(self) -> int:
         return len(self.ids)
-
-    @classmethod
-    def create(
-        cls, ids: Sequence[str] | np.ndarray, image_ids: Sequence[str] | np.ndarray, xy: np.ndarray,
-        sigma_px: np.ndarray | float = np.nan, kind: Sequence[str] | np.ndarray | str = "",
-        quality: np.ndarray | float = np.nan, source: str = "",
-    ) -> ImagePoints:  # fmt: skip
-        """Make columns of matching length from arrays or single values.
-
-        Parameters
-        ----------
-        ids, image_ids : (n,) sequence of str
-            Ids of the point and of the image.
-        xy : (n, 2) array_like
-            Sample, line in pixels.
-        sigma_px : (n,) array_like or float
-            Standard deviation of each coordinate.
-        kind : (n,) sequence of str or str
-            Kind of the measured object.
-        quality : (n,) array_like or float
-            Larger is better.
-        source : str
-            The file and layer, for messages.
-
-        Returns
-        -------
-        ImagePoints
-            The table.
-        """
-        constructor: Any = cls  # for mypy: the constructor converts single values to arrays
-        return constructor(ids, image_ids, np.reshape(xy, (len(ids), 2)), sigma_px, kind, quality, source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -69,9 +69,9 @@ def fit_perspective_camera(local: np.ndarray, xy: np.ndarray, sight: np.ndarray)
     extent = np.abs(local).max()
     scaled, depth = np.column_stack([local / extent, np.ones(len(local))]), local @ sight / extent
     empty = np.zeros_like(scaled)
-    design = np.vstack([
-        np.column_stack([scaled, empty, -xy[:, 0] * depth]), np.column_stack([empty, scaled, -xy[:, 1] * depth])
-    ])  # fmt: skip
+    design = np.vstack(
+        [np.column_stack([scaled, empty, -xy[:, 0] * depth]), np.column_stack([empty, scaled, -xy[:, 1] * depth])]
+    )
     solution = np.linalg.lstsq(design, xy.T.ravel(), rcond=None)[0]
     nearest, farthest = PERSPECTIVE.distance_m
     inverse = float(np.clip(solution[8] / extent, 1.0 / farthest, 1.0 / nearest))

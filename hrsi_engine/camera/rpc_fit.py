@@ -233,9 +233,10 @@ def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
     denominator. None otherwise: use `refit_rpc`.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
-    parts = (rpc.samp_off, rpc.samp_scale, rpc.samp_num, rpc.samp_den), (
-        rpc.line_off, rpc.line_scale, rpc.line_num, rpc.line_den,
-    )  # fmt: skip
+    parts = (
+        (rpc.samp_off, rpc.samp_scale, rpc.samp_num, rpc.samp_den),
+        (rpc.line_off, rpc.line_scale, rpc.line_num, rpc.line_den),
+    )
     sample, line = _fold_row(matrix[0], parts), _fold_row(matrix[1], parts)
     if sample is None or line is None:
         return None

@@ -24,9 +24,7 @@ class RPCStack:
     def __init__(self, rpcs: Sequence[RPC]) -> None:
         self._rpcs = rpcs
         self._polynomials = np.stack([rpc.polynomials for rpc in rpcs])
-        ground = [
-            (r.long_off, r.lat_off, r.height_off, r.long_scale, r.lat_scale, r.height_scale) for r in rpcs
-        ]  # fmt: skip
+        ground = [(r.long_off, r.lat_off, r.height_off, r.long_scale, r.lat_scale, r.height_scale) for r in rpcs]
         image = [(r.samp_off, r.line_off, r.samp_scale, r.line_scale) for r in rpcs]
         self._ground_off, self._ground_scale = np.split(np.array(ground), 2, axis=1)
         self._image_off, self._image_scale = np.split(np.array(image), 2, axis=1)
@@ -138,8 +136,8 @@ class RPCStack:
 
         place, least_error = np.empty((len(rpc_index), 2)), np.empty(len(rpc_index))
         invert_points(
-            self._normalised_tables, rpc_index, target, height, scale_px, EQUALITY.rounding,
-            ITERATIONS.most, place, least_error,
+            self._normalised_tables, rpc_index, target, height=height, scale_px=scale_px, closure_px=EQUALITY.rounding,
+            steps=ITERATIONS.most, place=place, least_px=least_error,
         )  # fmt: skip
         return place, least_error
 

@@ -256,10 +256,11 @@ def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, An
         for number, (place, r) in enumerate(zip(code.tolist(), radius.tolist(), strict=True))
     ]
     figures = {
-        "count": count.tolist(), "residual": mean(ties.residual_px[is_located], 2.0),
+        "count": count.tolist(),
+        "residual": mean(ties.residual_px[is_located], 2.0),
         "sigma": mean(ties.sigma_m[is_located]),
         "rays": mean(ties.rays[is_located]),
-    }  # fmt: skip
+    }
     return parts, figures
 
 

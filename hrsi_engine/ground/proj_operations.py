@@ -118,12 +118,13 @@ def _estimate_sigmas(
 # ---- parts of a CRS ----------------------------------------------------------------------------------------------
 
 
-def parse_crs(crs: str) -> pyproj.CRS:
-    """Return the CRS of a text; raises `InputError` if PROJ does not know it."""
+def parse_crs(crs: str, where: str = "") -> pyproj.CRS:
+    """Return the CRS of a text; raises `InputError`, which begins with ``where``, if PROJ does not know it."""
     try:
         return pyproj.CRS.from_user_input(crs)
     except (pyproj.exceptions.CRSError, UnicodeError) as error:
-        raise InputError(f"unknown coordinate reference system {crs!r}: give an EPSG code or WKT") from error
+        text = f"{where}unknown coordinate reference system {crs[:60]!r}: give an EPSG code or WKT"
+        raise InputError(text) from error
 
 
 def has_heights(crs: pyproj.CRS) -> bool:

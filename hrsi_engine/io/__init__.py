@@ -2,8 +2,7 @@
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "point_files": "PointTables read_points",
-    "rasters.images": "open_image",
-    "rpc_files": "FoundRpc read_rpc",
-})  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {"point_files": "PointTables read_points", "rasters.images": "open_image", "rpc_files": "FoundRpc read_rpc"},
+)

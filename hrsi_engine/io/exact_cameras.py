@@ -109,7 +109,16 @@ def read_adjusted_camera(spec: str) -> AdjustedRpc | LinescanCamera | None:
         f"{path}: is applied to the RPC of {camera}, which is right if bundle_adjust ran with -t rpc: after -t dg name "
         "the XML file with ephemeris as the camera"
     )
-    return AdjustedRpc(rpc, size, turn, numbers[:3], offset, scale, (low, high), "" if session else notice)
+    return AdjustedRpc(
+        rpc,
+        size,
+        turn,
+        translation=numbers[:3],
+        offset=offset,
+        scale=scale,
+        heights_m=(low, high),
+        notice="" if session else notice,
+    )
 
 
 def _find_session(path: str) -> str:
@@ -198,11 +207,15 @@ def _read_isd(path: str) -> LinescanCamera | None:
     middle, half = (0.0 if rpc is None else float(_require(rpc, name)) for name in ("HEIGHTOFFSET", "HEIGHTSCALE"))
     return LinescanCamera(
         "ISD ephemeris and attitude",
-        (int(_require(root, "NUMCOLUMNS")), int(_require(root, "NUMROWS"))), lines,
-        CubicSpline(times, positions[:, 1:4]), CubicSpline(times, positions[:, 4:7]), _turn(turns, quaternions[:, 1:5]),
-        lambda sample: mounting.apply(np.array([x, y, distance]) + sample[:, None] * along), True,
-        None if rpc is None else (middle - half, middle + half),
-    )  # fmt: skip
+        (int(_require(root, "NUMCOLUMNS")), int(_require(root, "NUMROWS"))),
+        lines,
+        position=CubicSpline(times, positions[:, 1:4]),
+        velocity=CubicSpline(times, positions[:, 4:7]),
+        attitude=_turn(turns, quaternions[:, 1:5]),
+        look=lambda sample: mounting.apply(np.array([x, y, distance]) + sample[:, None] * along),
+        through_air=True,
+        heights_m=None if rpc is None else (middle - half, middle + half),
+    )
 
 
 def _read_dimap(path: str) -> LinescanCamera | None:
@@ -243,11 +256,15 @@ def _read_dimap(path: str) -> LinescanCamera | None:
         return np.column_stack([-tan_y, tan_x, -np.ones(len(sample))])
 
     return LinescanCamera(
-        "DIMAP V1 ephemeris and attitudes", size,
+        "DIMAP V1 ephemeris and attitudes",
+        size,
         np.array([[0.0, first], [size[1], first + period * size[1]]]),  # far apart: seconds since 1970 resolve 2e-7 s
-        lambda time: np.asarray(position(time - middle)), lambda time: np.asarray(velocity(time - middle)), attitude,
-        look, False,
-    )  # fmt: skip
+        position=lambda time: np.asarray(position(time - middle)),
+        velocity=lambda time: np.asarray(velocity(time - middle)),
+        attitude=attitude,
+        look=look,
+        through_air=False,
+    )
 
 
 def _read_csm(path: str) -> LinescanCamera | None:
@@ -280,8 +297,8 @@ def _read_csm(path: str) -> LinescanCamera | None:
         return -np.column_stack([plane, np.ones(len(sample))]) * focal
 
     return LinescanCamera(
-        "CSM state", (state["m_nSamples"], state["m_nLines"]), lines, CubicSpline(times, positions),
-        CubicSpline(times, velocities), _turn(turns, quaternions), look, False,
+        "CSM state", (state["m_nSamples"], state["m_nLines"]), lines, position=CubicSpline(times, positions),
+        velocity=CubicSpline(times, velocities), attitude=_turn(turns, quaternions), look=look, through_air=False,
     )  # fmt: skip
 
 

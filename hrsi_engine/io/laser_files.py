@@ -103,7 +103,7 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
                 number = np.char.mod("%g", table.columns[field])
                 text = np.char.add(np.char.add(text, np.where(text == "", f"{field} ", f", {field} ")), number)
         track = text
-    return LaserPoints.create(
+    return LaserPoints(
         placed.ground, ids=None if ids is None or (ids == "").any() else ids, track=track,
         sigma_m=np.where(sigma > 0.0, sigma, np.nan), slope=sources["slope"], misfit_m=sources["misfit"],
         photons=sources["photons"], canopy_m=sources["canopy"], source=table.source, operations=placed.operations,
@@ -287,4 +287,4 @@ def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]
         for column, values in columns.items():
             parts.setdefault(column, []).append(values[finite])
     combined = {column: np.concatenate(values) for column, values in parts.items()}
-    return LaserPoints.create(combined.pop("ground"), source=path, **combined)
+    return LaserPoints(source=path, **combined)

@@ -175,7 +175,7 @@ def write_image_points(path: str, block: Block) -> None:
     image_ids = np.array([image.id for image in block.images])[measured.image]
     write_measurements(
         path,
-        ImagePoints.create(
+        ImagePoints(
             block.points.ids[measured.point], image_ids, measured.xy, measured.sigma_px, measured.kind, measured.quality
         ),
     )

@@ -74,7 +74,7 @@ def measure_laser_ties(
             matches_by_image.append((windows[number].image, stack_matches(part)))
     matches = collect_matches(matches_by_image)
     if not len(matches):
-        return ImagePoints.create([], [], np.empty((0, 2)), source=SOURCE)
+        return ImagePoints([], [], np.empty((0, 2)), source=SOURCE)
     matches = replace(matches, kind=np.full(len(matches), LASER_KIND))
     points, _ = to_image_points(matches, images, 1, dict.fromkeys(range(len(images)), len(matches)))
     return replace(points, ids=np.char.add(LASER_TIE_IDS, points.ids), source=SOURCE)

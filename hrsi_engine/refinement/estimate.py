@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,61 +52,38 @@ class Control(Columns):
 
     Parameters
     ----------
-    ids : (n,) ndarray of str
-        Names of the points.
     ground : (n, 3) ndarray
         Lon, lat in degrees, ellipsoidal height in metres.
     xy : (n, 2) ndarray
         Sample, line in pixels.
+    ids : (n,) ndarray of str
+        Names of the points; 1, 2, … by default.
     sigma_px : (n,) ndarray
         Standard deviations of the measurements.
     sigma_m : (n, 2) ndarray
         Standard deviations of the survey, horizontal and height.
     """
 
-    ids: np.ndarray
     ground: np.ndarray
     xy: np.ndarray
-    sigma_px: np.ndarray
-    sigma_m: np.ndarray
+    ids: np.ndarray = ""  # type: ignore[assignment]  # numbers by default
+    sigma_px: np.ndarray = 0.5  # type: ignore[assignment]  # one value for all becomes an array
+    sigma_m: np.ndarray = (0.2, 0.3)  # type: ignore[assignment]
+
+    if TYPE_CHECKING:  # single values and sequences become columns
+
+        def __init__(self, *columns: Any, **named: Any) -> None: ...
+
+    def __post_init__(self) -> None:
+        if not np.ndim(self.ids):
+            object.__setattr__(self, "ids", [str(number + 1) for number in range(len(self.ground))])
+        self._fill(
+            ground=(np.float64, (3,)), xy=(np.float64, (2,)), ids=(str, ()), sigma_px=(np.float64, ()),
+            sigma_m=(np.float64, (2,)),
+        )  # fmt: skip
 
     def __len__(self) -> int:
-        return len(self.ids)
-
-    @classmethod
-    def create(
-        cls, ground: np.ndarray, xy: np.ndarray, ids: np.ndarray | None = None, sigma_px: np.ndarray | float = 0.5,
-        sigma_m: np.ndarray | tuple[float, float] = (0.2, 0.3),
-    ) -> Control:  # fmt: skip
-        """Return the table, with columns of equal length.
-
-        Parameters
-        ----------
-        ground : (n, 3) ndarray
-            Lon, lat in degrees, ellipsoidal height in metres.
-        xy : (n, 2) ndarray
-            Sample, line in pixels.
-        ids : (n,) ndarray of str, optional
-            Their names; 1, 2, … by default.
-        sigma_px : (n,) ndarray or float
-            Standard deviations of the measurements.
-        sigma_m : (n, 2) ndarray or tuple of float
-            Standard deviations of the survey, horizontal and height.
-
-        Returns
-        -------
-        Control
-            The table.
-        """
-        ground = np.asarray(ground, dtype=np.float64).reshape(-1, 3)
-        count = len(ground)
-        return cls(
-            np.asarray([str(k + 1) for k in range(count)] if ids is None else ids, dtype=str),
-            ground,
-            np.asarray(xy, dtype=np.float64).reshape(count, 2),
-            np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), (count,)),
-            np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (count, 2)),
-        )
+        return len(self.ground)
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,11 +130,11 @@ def refine_rpc(
         image = Image("image", image)
     elif not isinstance(image, Image):
         image = Image("image", image.rpc, image.size)
-    control = Control.create(ground, xy, ids, sigma_px, sigma_m)
+    control = Control(ground, xy, ids, sigma_px, sigma_m)
     result = refine_image(image, control, RefineOptions(model, leave_out), models)
     # Implausible inputs are added as warnings; for a block, its own check covers all images together
-    points = GroundPoints.create(control.ids, control.ground, Role.GCP, control.sigma_m)
-    measured = ImagePoints.create(control.ids, np.full(len(control), image.id), control.xy, control.sigma_px)
+    points = GroundPoints(control.ids, control.ground, Role.GCP, control.sigma_m)
+    measured = ImagePoints(control.ids, np.full(len(control), image.id), control.xy, control.sigma_px)
     reasons = check_block(assemble([image], [points], [measured]))
     implausible = [f"{image.id}: {reason.message}: {reason.advice}" for reason in reasons]
     return replace(result, warnings=(*implausible, *result.warnings))

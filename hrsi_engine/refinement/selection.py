@@ -103,7 +103,7 @@ def select_control(block: Block, image: int, role: Role) -> Control:
     indices = np.flatnonzero((points.role[rows.point] == role) & (rows.image == image))
     point = rows.point[indices]
     return Control(
-        points.ids[point], points.ground[point], rows.xy[indices], rows.sigma_px[indices], points.sigma_m[point]
+        points.ground[point], rows.xy[indices], points.ids[point], rows.sigma_px[indices], points.sigma_m[point]
     )
 
 

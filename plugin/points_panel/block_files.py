@@ -47,9 +47,10 @@ class BlockFiles:
     def choose_library(self, path: str = "") -> None:
         """Use a library of chips, created if missing; its GCPs in the images are added to the list."""
         how = QFileDialog.Option.DontConfirmOverwrite
-        path = path or QFileDialog.getSaveFileName(
-            self.dock, tr("Chip library"), "chips.gpkg", BLOCK_FILTER, options=how
-        )[0]  # fmt: skip
+        path = (
+            path
+            or QFileDialog.getSaveFileName(self.dock, tr("Chip library"), "chips.gpkg", BLOCK_FILTER, options=how)[0]
+        )
         if path:
             self.dock.session.library = library = point_session.ChipLibrary(path)
             QgsSettings().setValue(LIBRARY_SETTING, path)

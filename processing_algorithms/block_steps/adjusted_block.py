@@ -88,11 +88,17 @@ def read_adjusted_block(folder: str, dem: DemOptions, height_datum: str) -> Adju
     surface = surface_of_points(points.ground, points.sigma_m[:, 1])[0] if given is None else given
     views = [ViewDirection(image, surface) for image in images]
     return AdjustedBlock(
-        images, told, points, surveyed, measured, surface, {view.image.id: view for view in views},
-        compute_all_pairs(views),
-        {image.id: sun.angles if (sun := read_sun(image.path, image.rpc)) else None for image in images},
-        {image.id: read_time(image.path) for image in images},
-    )  # fmt: skip
+        images,
+        told,
+        points,
+        surveyed=surveyed,
+        measured=measured,
+        surface=surface,
+        views={view.image.id: view for view in views},
+        geometries=compute_all_pairs(views),
+        suns={image.id: sun.angles if (sun := read_sun(image.path, image.rpc)) else None for image in images},
+        times={image.id: read_time(image.path) for image in images},
+    )
 
 
 def _use_refined_rpc(image: Image, told: Mapping[str, Any], folder: str) -> Image:

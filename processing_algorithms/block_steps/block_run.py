@@ -182,7 +182,14 @@ class BlockRun:
             raise InputError("`reference` cannot be combined with `add_to`: remove one of them")
         if reference is not None and reference.reference and not self.context.dry_run:
             self._block, self._places, warnings, entries = read_reference_block(
-                self.images, self.points, self._dem, tie_points, self._ties, reference, sigma_dem_m, self._reading
+                self.images,
+                self.points,
+                self._dem,
+                tie_points=tie_points,
+                ties=self._ties,
+                reference=reference,
+                sigma_dem_m=sigma_dem_m,
+                context=self._reading,
             )
             self.entries |= entries
         else:
@@ -219,9 +226,15 @@ class BlockRun:
     def plan(self, together: bool = True) -> Report:
         """Return the report of a dry run; ``together`` is whether the images would be adjusted in one block."""
         return plan_results(
-            self._output(), self.images, self._block, self.warnings, self.reasons, self.context, self._pairs_to_match,
-            together,
-        )  # fmt: skip
+            self._output(),
+            self.images,
+            self._block,
+            warnings=self.warnings,
+            reasons=self.reasons,
+            context=self.context,
+            pairs=self._pairs_to_match,
+            together=together,
+        )
 
     # ---- adjust, judge, write ----------------------------------------------------------------------------------------
 

@@ -93,9 +93,10 @@ def read_block(
     if not any(len(table) for table in measured):
         raise InputError(
             f"{points.gcps}: no point is measured on any image: give `image_points`, or add the fields image, sample "
-            "and line to the layer" if ground else
-            "there are no image points: give `image_points`, or let 'triangulate' find `tie_points`"
-        )  # fmt: skip
+            "and line to the layer"
+            if ground
+            else "there are no image points: give `image_points`, or let 'triangulate' find `tie_points`"
+        )
     block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
     block = replace(block, operations=of_dem)
     block.points.role[(block.points.role == Role.TIE) & np.isin(block.points.ids, held_out)] = Role.HELD_OUT
@@ -185,7 +186,7 @@ def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     kept = track >= 0
     rows = first_row[kept]
     names = np.char.add("M", np.char.zfill(track[kept].astype(str), 7))
-    return ImagePoints.create(names, image[rows], xy[rows], source=tables[0].source)
+    return ImagePoints(names, image[rows], xy[rows], source=tables[0].source)
 
 
 def refuse_idle_matches(search: SearchOptions, is_automatic: bool, instead: str) -> None:
@@ -261,7 +262,7 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
     ids = [one.id for one in record.images]
     tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
     measured, ground = tables[1].image, tables[0].ground  # no ground points: a block of tie points only
-    ground = GroundPoints.create([], np.empty((0, 3))) if ground is None else ground
+    ground = GroundPoints([], np.empty((0, 3))) if ground is None else ground
     if measured is None:
         raise InputError(f"{record.folder}: its block.gpkg has no points: adjust that block again")
     measured, ground = _rename_conflicts(measured, ground, tie_points)

@@ -135,14 +135,14 @@ def reference_points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
     seen = np.unique(np.concatenate([part.places[part.used] for part in control.images]))
     sigma = np.tile(found.accuracy.compute_sigmas(control.ground[seen]), (len(seen), 1))
     ids = np.char.add(PREFIX, np.char.lstrip(control.ids, "R"))
-    ground = GroundPoints.create(ids[seen], control.ground[seen], Role.GCP, sigma, found.entries["path"])
+    ground = GroundPoints(ids[seen], control.ground[seen], Role.GCP, sigma, found.entries["path"])
     rows = [(part, part.used) for part in control.images]
-    image_points = ImagePoints.create(
+    image_points = ImagePoints(
         np.concatenate([ids[part.places[used]] for part, used in rows]),
         np.concatenate([np.full(int(used.sum()), part.image_id) for part, used in rows]),
         np.concatenate([part.xy[used] for part, used in rows]),
-        np.concatenate([part.sigma_px[used] for part, used in rows]), REFERENCE_KIND,
-        np.concatenate([part.score[used] for part, used in rows]), found.entries["path"],
+        sigma_px=np.concatenate([part.sigma_px[used] for part, used in rows]), kind=REFERENCE_KIND,
+        quality=np.concatenate([part.score[used] for part, used in rows]), source=found.entries["path"],
     )  # fmt: skip
     return ground, image_points
 
@@ -166,11 +166,12 @@ def reference_reasons(entries: Report) -> list[Reason]:
         ]  # fmt: skip
     return [
         Reason(
-            "reference-not-found", Level.DOUBTFUL,
+            "reference-not-found",
+            Level.DOUBTFUL,
             f"{entry['path']}: no image of the block matches it, so it is not used",
             "name an orthoimage of this area with similar pixel size and season, or remove it",
         )
-    ]  # fmt: skip
+    ]
 
 
 def read_reference_block(

@@ -76,7 +76,7 @@ def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
         raise InputError(f"{spec}: contains both matches of pairs and points with ids: name files of one kind")
     if pairs:
         return join_image_points(pairs)
-    return ImagePoints.create(
+    return ImagePoints(
         join_names([table.ids for table in tracks]), join_names([table.image_ids for table in tracks]),
         np.concatenate([table.xy for table in tracks]), source=tracks[0].source,
     )  # fmt: skip
@@ -150,7 +150,9 @@ def join_ties(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, np.n
     own = np.char.add(FIRST_LETTER, np.char.zfill(number.astype(str), width))
     ids = np.where(joined, old_names[np.where(joined, first, 0)], own)
     fresh = ~(met & joined[track])
-    renamed = ImagePoints(ids[track], new.image_ids, new.xy, new.sigma_px, new.kind, new.quality, new.source)
+    renamed = ImagePoints(
+        ids[track], new.image_ids, new.xy, sigma_px=new.sigma_px, kind=new.kind, quality=new.quality, source=new.source
+    )
     return renamed.select(fresh), own[~joined], np.flatnonzero(~joined)
 
 

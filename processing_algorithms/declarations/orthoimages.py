@@ -27,8 +27,9 @@ class OrthorectifyOptions:
         None,
         "Points between which the terrain is interpolated where there is no DEM, or where it has gaps: the layer "
         "ground_points of a triangulation",
-        kind=Kind.POINTS, metavar=groups.POINTS,
-    )  # fmt: skip
+        kind=Kind.POINTS,
+        metavar=groups.POINTS,
+    )
     ground_crs: str | None = groups.ground_crs_option()
     fill_gaps: int = option(
         0, "Largest width of gaps of the DEM that are interpolated; 0 leaves them nodata", minimum=0, maximum=1000,
@@ -136,7 +137,9 @@ class OrthoCheckOptions:
 
 
 ORTHO_CHECK = Algorithm(
-    name="ortho-check", title="Check orthoimages", group="Orthoimages",
+    name="ortho-check",
+    title="Check orthoimages",
+    group="Orthoimages",
     summary="Misregistration between overlapping orthoimages, as numbers and arrows",
     help=(
         "Compares all overlapping orthoimages of one map grid with each other, or all with a reference. The shift is "
@@ -146,10 +149,8 @@ ORTHO_CHECK = Algorithm(
         "orthoimages made with the original RPCs, which are then measured in the same windows."
     ),
     options=OrthoCheckOptions,
-    examples=(
-        "hrsi ortho-check ortho/image_*_ortho.tif --output-dir check",
-    ),
+    examples=("hrsi ortho-check ortho/image_*_ortho.tif --output-dir check",),
     layers=(f"{SHIFTS_FILE}|layername={SHIFTS_LAYERS[0]}",),
-)  # fmt: skip
+)
 
 ALGORITHMS = (ORTHORECTIFY, ORTHO_CHECK)

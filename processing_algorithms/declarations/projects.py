@@ -18,8 +18,9 @@ class InitOptions:
         None, "Answer to the question on heights without datum: ellipsoidal, egm96, egm2008 or the file of a geoid "
         "grid; by default evidence decides", metavar="DATUM",
     )  # fmt: skip
-    output: str | None = option(None, "Project file to be written; by default project.toml in the folder",
-                                metavar="PROJECT.toml")  # fmt: skip
+    output: str | None = option(
+        None, "Project file to be written; by default project.toml in the folder", metavar="PROJECT.toml"
+    )
     overwrite: bool = option(False, "Replace an existing project file")
     common: Common = nest_options(Common)
 

@@ -32,8 +32,9 @@ class EvaluateOptions:
     used_points: str | None = option(
         None,
         "Image points that the adjustment of these RPCs used (block.gpkg): tracks near one of them are not evaluated",
-        kind=Kind.POINTS, metavar="FILE",
-    )  # fmt: skip
+        kind=Kind.POINTS,
+        metavar="FILE",
+    )
     apart_px: float = option(
         10.0, "Smallest distance of a track from `used_points`, on each of its images",
         name="apart", minimum=0.0, unit="px",
@@ -220,7 +221,7 @@ JOIN_STRIP = Algorithm(
     options=StripOptions,
     images_made="Strips",
     examples=("hrsi strip delivery/*_P001.TIF delivery/*_P002.TIF --output-dir strip",),
-)  # fmt: skip
+)
 
 
 RPC_INFO_FILE = "rpc_info.gpkg"
@@ -312,7 +313,9 @@ class LocalizeOptions:
 
 
 LOCALIZE = Algorithm(
-    name="localize", title="Localize image points", group="RPC",
+    name="localize",
+    title="Localize image points",
+    group="RPC",
     summary="Image points to the ground, at a height or on a DEM, for a point file or as a filter",
     help=(
         "Intersects the rays of image points with the ground. Points are read from a vector layer or CSV with the "
@@ -323,11 +326,9 @@ LOCALIZE = Algorithm(
         "0, line 0 is the CENTRE of the first pixel (pixel and line of GDAL are 0.5 larger)."
     ),
     options=LocalizeOptions,
-    examples=(
-        "echo 40 60 | hrsi localize block/image_1.tif --dem block/dem.tif --height-datum ellipsoidal",
-    ),
+    examples=("echo 40 60 | hrsi localize block/image_1.tif --dem block/dem.tif --height-datum ellipsoidal",),
     layers=(f"{POINTS_FILE}|layername=ground_points",),
-)  # fmt: skip
+)
 
 
 @options(kw_only=True)
@@ -337,8 +338,9 @@ class FitRpcOptions:
     points: str = option(
         help="Table of correspondences, a CSV or vector layer; or an exact camera: ISD XML with ephemeris and "
         "attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner; or RUN.adjust|camera=IMAGE of ASP",
-        kind=Kind.POINTS, metavar=groups.POINTS,
-    )  # fmt: skip
+        kind=Kind.POINTS,
+        metavar=groups.POINTS,
+    )
     ground_crs: str | None = groups.ground_crs_option()
     height_datum: str = groups.height_datum_option()
     strict_datum: bool = groups.strict_datum_option()
@@ -360,7 +362,9 @@ class FitRpcOptions:
 
 
 FIT_RPC = Algorithm(
-    name="fit-rpc", title="Fit RPC", group="RPC",
+    name="fit-rpc",
+    title="Fit RPC",
+    group="RPC",
     summary="An RPC from a grid or table of correspondences",
     help=(
         "Fits an RPC to points with known ground position and image coordinates, for example from a grid of a sensor "
@@ -374,10 +378,8 @@ FIT_RPC = Algorithm(
         "result is its adjusted RPC."
     ),
     options=FitRpcOptions,
-    examples=(
-        "hrsi fit-rpc --points grid.csv --height-datum ellipsoidal --output-dir fitted",
-    ),
-)  # fmt: skip
+    examples=("hrsi fit-rpc --points grid.csv --height-datum ellipsoidal --output-dir fitted",),
+)
 
 # ---- hand-over ------------------------------------------------------------------------------------------------------
 
@@ -390,10 +392,11 @@ class HandOverOptions:
 
     result: str = option(help="Output directory of an adjustment", kind=Kind.RESULT, metavar="RESULT")
     to: str = option(
-        "cars", "Target program; colmap has perspective cameras, nerf radiance fields with RPCs, points is for "
+        "cars",
+        "Target program; colmap has perspective cameras, nerf radiance fields with RPCs, points is for "
         "point clouds and GCPs",
         choices=NEXT_PROGRAMS,
-    )  # fmt: skip
+    )
     extent: str | None = option(
         None,
         "Region of interest: a box on the ground, in degrees or in the CRS in brackets after it; by default the "

@@ -24,9 +24,10 @@ class SurfaceModelOptions:
         metavar="CRS",
     )  # fmt: skip
     vertical: str = option(
-        "ellipsoidal", "Reference of the heights: ellipsoidal, egm96, egm2008, or a vertical CRS",
+        "ellipsoidal",
+        "Reference of the heights: ellipsoidal, egm96, egm2008, or a vertical CRS",
         metavar="ellipsoidal|egm96|egm2008|EPSG:CODE",
-    )  # fmt: skip
+    )
     extent: str | None = option(
         None,
         "A box in the CRS of the map, or in the CRS in brackets after it; by default the ground that the chosen pairs "

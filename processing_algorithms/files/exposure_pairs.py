@@ -48,9 +48,7 @@ def _measure_overlap(one: Image, other: Image) -> float:
     if tiles[0] is None or tiles[1] is None or tiles[0].scene != tiles[1].scene:
         return 0.0
     first = np.array([tile.first for tile in tiles if tile is not None])
-    end = first + [
-        np.multiply(image.known_size, image.tile.pixel) for image in (one, other) if image.tile is not None
-    ]  # fmt: skip
+    end = first + [np.multiply(image.known_size, image.tile.pixel) for image in (one, other) if image.tile is not None]
     return float(np.prod(np.maximum(end.min(axis=0) - first.max(axis=0), 0.0)))
 
 
@@ -73,9 +71,7 @@ def add_colour(job: OrthoJob, image: Image, plan: BlockPlan, options: Orthorecti
     nodata = choose_nodata(options.nodata, source)
     count, side = SAMPLED_WINDOWS
     blocks = job.grid.chunks(-(-job.grid.columns // count), -(-job.grid.rows // count))
-    windows = [
-        block._replace(columns=min(side, block.columns), rows=min(side, block.rows)) for block in blocks
-    ]  # fmt: skip
+    windows = [block._replace(columns=min(side, block.columns), rows=min(side, block.rows)) for block in blocks]
     sharpening = Pansharpening(parts[0], parts[1], nodata)
     samples = sharpening.sample(windows)
     if not samples:

@@ -22,6 +22,7 @@ from ...hrsi_engine.foundation.thresholds import GRIDS, threshold, thresholds
 from ...hrsi_engine.foundation.workers.scheduling import Calls
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
+from ...hrsi_engine.ground.proj_operations import parse_crs
 from ...hrsi_engine.io.catalogue.lineage import versions
 from ...hrsi_engine.io.jitter_files import JitterFile, find_jitter_file
 from ...hrsi_engine.io.point_files import read_points
@@ -141,7 +142,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
     if options.crs is None:
         crs = map_grids.choose_map_crs(ground)
     else:
-        named = _parse_crs(options.crs, "crs")
+        named = parse_crs(options.crs, "`crs`: ")
         named = named.sub_crs_list[0] if named.sub_crs_list else named  # without vertical part
         if not (named.is_projected or named.is_geographic):
             raise InputError(f"`crs` {options.crs!r} is neither projected nor geographic: choose another")
@@ -178,14 +179,6 @@ def label_crs(wkt: str) -> str:
     crs = pyproj.CRS.from_wkt(wkt)
     code = crs.to_epsg()
     return f"EPSG:{code}" if code else str(crs.name)
-
-
-def _parse_crs(name: str, option: str) -> pyproj.CRS:
-    """Return the CRS of an option's text."""
-    try:
-        return pyproj.CRS.from_user_input(name)
-    except pyproj.exceptions.CRSError:
-        raise InputError(f"`{option}`: {name!r} is no coordinate reference system: give EPSG:code or WKT") from None
 
 
 def _terrain_warnings(images: Sequence[Image], terrain: Terrain, below: Mapping[str, np.ndarray]) -> list[str]:
@@ -230,7 +223,7 @@ def parse_box(
     x, y = np.linspace(west, east, GRIDS.fine), np.linspace(south, north, GRIDS.fine)
     sides = [np.stack(np.broadcast_arrays(*side), axis=1) for side in ((x, south), (x, north), (west, y), (east, y))]
     outline = np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
-    xy = operations_of(crs).from_wgs84(operations_of(_parse_crs(named, "extent").to_wkt()).to_wgs84(outline))
+    xy = operations_of(crs).from_wgs84(operations_of(parse_crs(named, "`extent`: ").to_wkt()).to_wgs84(outline))
     box = (*xy.min(axis=0).tolist(), *xy.max(axis=0).tolist())
     if not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
         raise InputError(f"`extent` {extent!r} is no box in {whose}: give it in that")

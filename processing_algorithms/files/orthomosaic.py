@@ -33,7 +33,7 @@ from ...hrsi_engine.io.rasters.orthoimages import (
     read_figures,
     stamp_of,
     write_orthoimage,
-)  # fmt: skip
+)
 from ...hrsi_engine.ortho import mosaicking
 from ...hrsi_engine.ortho.grid import GridWindow, MapGrid
 from ..declarations.orthoimages import MOSAIC_FILE, SEAMLINES_FILE, SEAMLINES_LAYER, OrthorectifyOptions
@@ -122,9 +122,10 @@ def make_mosaic(plan: MosaicPlan, options: OrthorectifyOptions, progress: Progre
             labels.write(window.column, window.row, part)
         write_geopackage(plan.seamlines, [_make_seamlines(plan, labels)])
         lineage = {
-            "HRSI_VERSION": record["version"], "HRSI_ALGORITHM": record["algorithm"],
+            "HRSI_VERSION": record["version"],
+            "HRSI_ALGORITHM": record["algorithm"],
             "HRSI_SOURCE": ", ".join(os.path.basename(job.path) for job in plan.jobs),
-        }  # fmt: skip
+        }
         parts = ((window, labels.read(_enlarge(window, plan.grid, BLEND_REACH))) for window in windows)
         figures = write_orthoimage(
             plan.path, sources[0].pixels, plan.grid, chunks=calls.answers(mosaic.make_chunk, parts), warp=mosaic.warp,

@@ -170,9 +170,8 @@ class DemOptions:
 
     dem: str | None = option(None, "DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
     dem_datum: str | None = option(
-        None, "Height datum of the DEM, if it differs from `height_datum`", advanced=True,
-        metavar=DATUMS,
-    )  # fmt: skip
+        None, "Height datum of the DEM, if it differs from `height_datum`", advanced=True, metavar=DATUMS
+    )
 
 
 @options
@@ -204,9 +203,8 @@ class SurfaceFile:
         metavar=POINTS,
     )
     surface_datum: str | None = option(
-        None, "Height datum of the surface, if it differs from `height_datum`", advanced=True,
-        metavar=DATUMS,
-    )  # fmt: skip
+        None, "Height datum of the surface, if it differs from `height_datum`", advanced=True, metavar=DATUMS
+    )
     sigma_surface: float | None = option(
         None,
         "Standard deviation of the heights of the surface, four fifths of it common to all heights; by default a "

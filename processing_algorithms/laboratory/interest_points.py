@@ -54,13 +54,14 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     warnings += ground_warnings(images, grounds)
     tell(warnings, context)
     report: Report = {
-        **context.record, "detector": options.detector,
+        **context.record,
+        "detector": options.detector,
         "images": {
             image.id: _image_entry(image, points, sun, words)
             for image, points, sun, words in zip(images, tables, suns, shadows, strict=True)
         },
         "warnings": warnings,
-    }  # fmt: skip
+    }
     # One layer of all points: at their ground positions where all images have an RPC, else a table
     joined = join_points(tables)
     image_ids = np.repeat([image.id for image in images], [len(table) for table in tables])

@@ -99,7 +99,7 @@ def _make_layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: 
     )  # fmt: skip
     # As image points: the sigma of a correspondence is shared between both images
     count = len(found)
-    points = ImagePoints.create(
+    points = ImagePoints(
         np.tile(ids, 2), np.repeat([image.id for image in images], count), np.concatenate([made.first, made.second]),
         np.tile(made.sigma_px, 2) / np.sqrt(2.0), np.tile(found.kind, 2), np.tile(made.correlation, 2), "match",
     )  # fmt: skip

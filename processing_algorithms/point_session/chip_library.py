@@ -45,7 +45,16 @@ class ChipLibrary:
         """Return the GCP of a chip."""
         lon, lat, height, sigma_xy, sigma_h = self._numbers(row, ("lon", "lat", "height", "sigma_xy", "sigma_h"))
         operation = str(self.rows.operation[row])
-        return SurveyPoint(str(self.rows.id[row]), lon, lat, height, ROLES[0], sigma_xy, sigma_h, operation)
+        return SurveyPoint(
+            str(self.rows.id[row]),
+            lon,
+            lat,
+            height=height,
+            role=ROLES[0],
+            sigma_xy=sigma_xy,
+            sigma_h=sigma_h,
+            operation=operation,
+        )
 
     def find_rows(self, point: SurveyPoint) -> np.ndarray:
         """Return the rows of a point's chips ``(k,)``: chips of its id near it, and chips of any id at its position."""

@@ -54,7 +54,13 @@ def _find_on_image(
     alike = sorted(rows, key=lambda row: abs(np.log(abs(np.linalg.det(by_chip[row])))))
     found = [
         transfer_point(
-            library.read_pixels(row), library.read_position(row), raster, line, by_chip[row], margin_px, CHIPS.half_px
+            library.read_pixels(row),
+            library.read_position(row),
+            raster,
+            line=line,
+            by_first=by_chip[row],
+            margin_px=margin_px,
+            around_px=CHIPS.half_px,
         )
         for row in alike[: CHIPS.most]
     ]

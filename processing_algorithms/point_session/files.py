@@ -36,7 +36,7 @@ def ground_points(session: PointSession, names: Collection[str] | None = None) -
     operations = list(dict.fromkeys(point.operation for point in points if point.operation))
     number = np.array([operations.index(one.operation) if one.operation else -1 for one in points], dtype=np.int16)
     uses = [read_entry(json.loads(one), int((number == k).sum())) for k, one in enumerate(operations)]
-    table = GroundPoints.create(
+    table = GroundPoints(
         [point.id for point in points],
         np.array([[point.lon, point.lat, point.height] for point in points]).reshape(-1, 3),
         np.array([int(Role[point.role.upper()]) for point in points], dtype=np.int8),
@@ -50,7 +50,7 @@ def image_points(session: PointSession, names: Collection[str] | None = None) ->
     """Return the measurements of the points of the list, or only of those with the ``names``."""
     keys = [key for key in session.measured if names is None or key[0] in names]
     rows = [session.measured[key] for key in keys]
-    return ImagePoints.create(
+    return ImagePoints(
         [name for name, _ in keys], [image for _, image in keys],
         np.array([[row.sample, row.line] for row in rows]).reshape(-1, 2),
         np.array([row.sigma for row in rows], dtype=np.float64), np.array([row.kind for row in rows], dtype=str),
@@ -291,9 +291,15 @@ def _survey_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> l
     operations = [*(json_text(use.entry()) for use in ground.operations), ""]  # the last one belongs to number -1
     return [
         SurveyPoint(
-            str(ground.ids[row]), float(ground.ground[row, 0]), float(ground.ground[row, 1]),
-            float(ground.ground[row, 2]), _ROLES.get(ground.role[row], ROLES[0]), float(ground.sigma_m[row, 0]),
-            float(ground.sigma_m[row, 1]), operations[ground.operation[row]],
+            str(ground.ids[row]),
+            float(ground.ground[row, 0]),
+            float(ground.ground[row, 1]),
+            height=float(ground.ground[row, 2]),
+            role=_ROLES.get(ground.role[row], ROLES[0]),
+            sigma_xy=float(ground.sigma_m[row, 0]),
+            sigma_h=float(ground.sigma_m[row, 1]),
+            operation=operations[ground.operation[row]],
         )
-        for row in range(len(ground)) if _ROLES.get(ground.role[row]) != TIE or ground.ids[row] in listed_ties
-    ]  # fmt: skip
+        for row in range(len(ground))
+        if _ROLES.get(ground.role[row]) != TIE or ground.ids[row] in listed_ties
+    ]

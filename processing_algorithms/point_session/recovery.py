@@ -1,31 +1,43 @@
-"""Recovery of measurements: every unsaved edit of a session is written to a journal.
+"""Recovery of measurements: every unsaved edit of a session is written to a journal, which outlives the program.
 
-The first entry of the journal has all points and measurements, the others have the changes. The journal is removed when
-the session is saved or discarded. Journals of killed programs are found by `find_journals` and restored by `recover`.
+A journal is a file of JSON lines in a folder of its own, which its program locks; each entry is on the disk before the
+next one is made. The first entry has all points and measurements, the others have the changes. The journal is removed
+when the session is saved or discarded. Journals of killed programs are found by `find_journals` and restored by
+`recover`.
 """
 
+import json
 import os
+import shutil
+import time
+import uuid
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.safety.folder_lock import LineJournal, find_orphan_journals, remove_journal
+from ...hrsi_engine.foundation.json_values import json_text
+from ...hrsi_engine.io.opening.budgets import require_size
+from ...hrsi_engine.io.safety.folder_lock import only_writer
 from .files import new_session, open_block
 from .rows import Change, ImageMeasurement, Key, SurveyPoint
 from .session import PointSession
 
+FILE = "journal.jsonl"
+
 
 class EditJournal:
-    """Writes the edits of one session to a journal below a folder.
+    """Writes the edits of one session to a journal in a new folder below ``root``, created with the first edit.
 
     ``failure`` is the reason if that fails (no space, no permission), otherwise empty. Editing continues in any case.
     """
 
     def __init__(self, root: str | Path) -> None:
-        self._root, self._journal = str(root), LineJournal(root)
+        self._root = self._folder = Path(root)
+        self._lock = ExitStack()
+        self._file: IO[str] | None = None
         self._session = PointSession()
         self.failure = ""
 
@@ -38,30 +50,45 @@ class EditJournal:
 
     def discard(self) -> None:
         """Remove the journal: the edits are saved or not wanted any more."""
-        self._journal.discard()
+        has_entries = self._file is not None
+        self.leave()
+        if has_entries:
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     def leave(self) -> None:
         """Stop recording, and keep the journal for `find_journals`."""
-        self._journal.leave()
+        if self._file is not None:
+            self._file.close()
+        self._file = None
+        self._lock.close()
 
     def _keep(self, change: Change) -> None:
         try:
             if not self._session.changed:
                 self.discard()
-            elif self._journal.is_begun:
-                self._journal.append(_entry(change))
-            else:
-                self._journal.append(
-                    {
-                        "path": os.path.abspath(self._session.path) if self._session.path else "",
-                        "images": [os.path.abspath(image.path) for image in self._session.images.values()],
-                        "sources": dict(self._session.sources),
-                        **_entry(Change(self._session.measured, self._session.points)),
-                    }
+            elif self._file is None:
+                self._folder = self._root / f"{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:8]}"
+                self._lock.enter_context(only_writer(str(self._folder)))
+                self._file = (self._folder / FILE).open("w", encoding="utf-8")
+                self._append(
+                    self._file,
+                    Change(self._session.measured, self._session.points),
+                    path=os.path.abspath(self._session.path) if self._session.path else "",
+                    images=[os.path.abspath(image.path) for image in self._session.images.values()],
+                    sources=dict(self._session.sources),
                 )
+            else:
+                self._append(self._file, change)
             self.failure = ""
         except (OSError, InputError) as error:
             self.failure = f"what is measured is not kept in {self._root} ({error}): save often"
+
+    @staticmethod
+    def _append(file: IO[str], change: Change, **session: Any) -> None:
+        """Write an entry, and wait until it is on the disk."""
+        file.write(json_text(session | _entry(change)) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
 
 
 @dataclass(frozen=True)
@@ -83,11 +110,16 @@ class JournalSession:
 
 def find_journals(root: str | Path) -> list[JournalSession]:
     """Return the unsaved sessions of programs that have ended, the oldest first."""
-    found = []
-    for left in find_orphan_journals(root):
+    sessions = []
+    for folder in sorted(Path(root).glob("*/")):
         points, measured = dict[str, SurveyPoint](), dict[Key, ImageMeasurement]()
-        with suppress(KeyError, TypeError, ValueError):  # no journal of a session
-            for entry in left.entries:
+        # In use by another program, or no journal of a session
+        with suppress(InputError, OSError, IndexError, KeyError, TypeError, ValueError), only_writer(str(folder)):
+            require_size(str(folder / FILE), "journal")
+            with (folder / FILE).open(encoding="utf-8") as file:
+                # Complete lines: the last one may have been cut off when the program ended
+                entries = [json.loads(line) for line in file if line.endswith("\n")]
+            for entry in entries:
                 if entry["points"] is not None:
                     points = {values["id"]: SurveyPoint(**_drop_nulls(values)) for values in entry["points"]}
                 for name, image, values in entry["measured"]:
@@ -95,10 +127,12 @@ def find_journals(root: str | Path) -> list[JournalSession]:
                         measured.pop((name, image), None)
                     else:
                         measured[(name, image)] = ImageMeasurement(**_drop_nulls(values))
-            first = left.entries[0]
+            first, time_s = entries[0], (folder / FILE).stat().st_mtime
             path, images, sources = first["path"], tuple(first["images"]), first["sources"]
-            found.append(JournalSession(left.folder, path, images, sources, points, measured, left.time_s))
-    return found
+            sessions.append(
+                JournalSession(folder, path, images, sources=sources, points=points, measured=measured, time_s=time_s)
+            )
+    return sessions
 
 
 def recover(unsaved: JournalSession) -> PointSession:
@@ -120,7 +154,7 @@ def recover(unsaved: JournalSession) -> PointSession:
 
 def forget(unsaved: JournalSession) -> None:
     """Remove the journal of an unsaved session."""
-    remove_journal(unsaved.folder)
+    shutil.rmtree(unsaved.folder, ignore_errors=True)
 
 
 def _drop_nulls(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -140,4 +174,4 @@ def _entry(change: Change) -> dict[str, Any]:
             [name, image, None if measured is None else _drop_defaults(measured)]
             for (name, image), measured in change.measured.items()
         ],
-    }  # fmt: skip
+    }

@@ -52,11 +52,12 @@ def view_of(session: PointSession, name: str, image_id: str) -> View:
     others = [other for other, seen in session.measured if other == name and seen != image_id]
     first = next((seen for other, seen in session.measured if other == name), image_id)
     return View(
-        "" if image.raster is None else pixel_view(image.path), middle,
+        "" if image.raster is None else pixel_view(image.path),
+        middle,
         PANEL.half_view_px if session.is_located(image_id) else PANEL.vendor_px,
         math.degrees(math.atan2(north[0], -north[1])),
         trace_heights(session, name, first, image_id) if others and measured is None else None,
-    )  # fmt: skip
+    )
 
 
 def trace_heights(session: PointSession, name: str, first_id: str, second_id: str) -> np.ndarray:
@@ -123,7 +124,7 @@ def new_tie(session: PointSession, name: str, image_id: str, xy: tuple[float, fl
 def place_tie(session: PointSession, name: str) -> SurveyPoint:
     """Return a tie point at the intersection of its rays; unchanged if it has only one, or they do not intersect."""
     point = session.points[name]
-    known = GroundPoints.create([name], np.array([[point.lon, point.lat, point.height]]), np.array([int(Role.TIE)]))
+    known = GroundPoints([name], np.array([[point.lon, point.lat, point.height]]), np.array([int(Role.TIE)]))
     block = assemble(list(session.images.values()), [known], [image_points(session, {name})])
     observations = select_points(block, block.rays_per_point() >= 2)
     if not observations.count:

@@ -140,7 +140,7 @@ def find_image_columns(
         return []
     columns = [k for k in range(len(table.names)) if k != name and np.isfinite(table.numbers[:, k]).any()]
     half = len(columns) // 2
-    layouts = [list(zip(columns[k::2], columns[k + 1 :: 2], strict=False)) for k in (0, 1)]  # fmt: skip
+    layouts = [list(zip(columns[k::2], columns[k + 1 :: 2], strict=False)) for k in (0, 1)]
     layouts.append([(columns[k], columns[half + k]) for k in range(half)])
     by_name = _name_columns(table, path, images, layouts)
     if len(by_name) > 1:

@@ -17,12 +17,7 @@ from ...hrsi_engine.foundation.thresholds import EQUALITY, MEMORY, threshold, th
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.ground.proj_operations import has_heights
 from ...hrsi_engine.io.opening.datasets import open_dataset
-from ...hrsi_engine.io.rasters.raster_kinds import (
-    RasterFacts,
-    RasterKind,
-    find_raster_kind,
-    write_virtual_raster,
-)  # fmt: skip
+from ...hrsi_engine.io.rasters.raster_kinds import RasterFacts, RasterKind, find_raster_kind, write_virtual_raster
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from .point_sources import state_datum
 
@@ -138,8 +133,9 @@ def merge_tiles(rasters: Sequence[HeightRaster], region: np.ndarray) -> list[Hei
 def _overlap(first: HeightRaster, second: HeightRaster) -> float:
     """Return the share of the smaller raster that the other covers."""
     halves = [0.5 * np.abs(np.multiply(one.facts.cell, one.facts.size)) for one in (first, second)]
-    boxes = [np.array(one.facts.centre) + np.array([-half, half])
-             for one, half in zip((first, second), halves, strict=True)]  # fmt: skip
+    boxes = [
+        np.array(one.facts.centre) + np.array([-half, half]) for one, half in zip((first, second), halves, strict=True)
+    ]
     common = np.minimum(boxes[0][1], boxes[1][1]) - np.maximum(boxes[0][0], boxes[1][0])
     smallest = min(float(np.prod(box[1] - box[0])) for box in boxes)
     return float(np.prod(np.maximum(common, 0.0))) / smallest

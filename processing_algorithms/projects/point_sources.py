@@ -237,8 +237,9 @@ def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[s
         source.specs.append(spec)
         source.measured.append(tables.image)
         fit = f", scatter {one.scatter_px:.2f} px" if np.isfinite(one.scatter_px) else ""
-        source.notes.append(f"{table.numbers.shape[1]} columns: {one.image} sample {one.sample + 1}, "
-                            f"line {one.line + 1}{fit}")  # fmt: skip
+        source.notes.append(
+            f"{table.numbers.shape[1]} columns: {one.image} sample {one.sample + 1}, line {one.line + 1}{fit}"
+        )
     return source if source.specs else None
 
 

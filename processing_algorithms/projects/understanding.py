@@ -233,9 +233,10 @@ def _choose_steps(made: Understanding, points: PointRoles, dem: HeightRaster | N
         steps["triangulate"] = triangulate
     else:
         left_out["triangulate"] = (
-            "one image without measured GCPs: its RPC is used as delivered" if len(images) == 1 else
-            "RPC files without pixels, and no tie points or measured GCPs"
-        )  # fmt: skip
+            "one image without measured GCPs: its RPC is used as delivered"
+            if len(images) == 1
+            else "RPC files without pixels, and no tie points or measured GCPs"
+        )
     left_out["surface-model"] = (
         "not asked for: remove this `skip` for a surface model, and orthoimages on it"
         if len(pixels) > 1

@@ -208,8 +208,8 @@ def test_single_image_gcps_are_predicted_on_their_ray():
     image = blocks.images(1)[0]
     truth = blocks.ground(6, 3)
     ids = [f"G{k}" for k in range(6)]
-    rows = ImagePoints.create(ids, [image.id] * 6, image.rpc.project(truth) + [3.0, -2.0], 0.3)
-    block = assemble([image], [GroundPoints.create(ids, truth, Role.GCP, 0.1)], [rows], defaults=DefaultSigmas())
+    rows = ImagePoints(ids, [image.id] * 6, image.rpc.project(truth) + [3.0, -2.0], 0.3)
+    block = assemble([image], [GroundPoints(ids, truth, Role.GCP, 0.1)], [rows], defaults=DefaultSigmas())
     error = adjust(block, AdjustOptions(test_sigmas=False, cross_validate=True)).cross_validation.error_m
     assert np.abs(error[:, :2]).max() < 0.01  # exact measurements
     assert np.isnan(error[:, 2]).all()

@@ -28,8 +28,8 @@ def two_parts(gcps: int = 6) -> Block:
     for pair, points in (((0, 1), range(20)), ((2, 3), range(20, 40))):
         for index in pair:
             xy = cameras[index].rpc.project(truth[points]) + [4.0, -3.0] + rng.normal(0, 0.3, (20, 2))
-            rows.append(ImagePoints.create([f"P{k:02d}" for k in points], [cameras[index].id] * 20, xy, 0.3))
-    known = GroundPoints.create([f"P{k:02d}" for k in range(gcps)], truth[:gcps], Role.GCP, 0.1)
+            rows.append(ImagePoints([f"P{k:02d}" for k in points], [cameras[index].id] * 20, xy, 0.3))
+    known = GroundPoints([f"P{k:02d}" for k in range(gcps)], truth[:gcps], Role.GCP, 0.1)
     return assemble(cameras, [known], rows)
 
 
@@ -129,10 +129,8 @@ def narrow_block(seed: int = 1) -> tuple[Block, np.ndarray]:
     truth[:, 2] = 250.0 + 0.035 * (truth[:, 2] - truth[:, 2].mean())
     rng = np.random.default_rng(seed)
     ids = [f"P{k:02d}" for k in range(44)]
-    rows = [
-        ImagePoints.create(ids, [c.id] * 44, c.rpc.project(truth) + rng.normal(0, 0.3, (44, 2)), 0.3) for c in cameras
-    ]
-    return assemble(cameras, [GroundPoints.create(ids[:4], truth[:4], Role.GCP, 0.1)], rows), truth
+    rows = [ImagePoints(ids, [c.id] * 44, c.rpc.project(truth) + rng.normal(0, 0.3, (44, 2)), 0.3) for c in cameras]
+    return assemble(cameras, [GroundPoints(ids[:4], truth[:4], Role.GCP, 0.1)], rows), truth
 
 
 def test_weak_geometry_is_named_and_a_dem_mends_it():
@@ -165,7 +163,7 @@ def test_narrow_pairs_do_not_pull_a_block_without_gcps():
     truth = cameras[0].rpc.localize(start, 400.0 + rng.normal(0.0, 3.0, 400)).ground
     ids = [f"P{k:03d}" for k in range(400)]
     rows = [
-        ImagePoints.create(
+        ImagePoints(
             ids, [camera.id] * 400, camera.rpc.project(truth) + (float(k), 0.0) + rng.normal(0.0, 0.1, (400, 2)), 0.1
         )
         for k, camera in enumerate(cameras)
@@ -250,7 +248,7 @@ def test_points_on_parallel_rays_are_named_and_not_in_the_accuracy():
     truth = images[0].rpc.localize(rng.uniform(200.0, 800.0, (90, 2)), 200.0 + rng.normal(0.0, 3.0, 90)).ground
     ids = [f"P{k:03d}" for k in range(90)]
     rows = [
-        ImagePoints.create(ids[:seen], [image.id] * seen, image.rpc.project(truth[:seen]) + noise, 0.1)
+        ImagePoints(ids[:seen], [image.id] * seen, image.rpc.project(truth[:seen]) + noise, 0.1)
         for image, seen in zip(images, (90, 90, 60), strict=True)
         for noise in [rng.normal(0.0, 0.1, (seen, 2))]
     ]

@@ -52,8 +52,8 @@ def weak_block(
     rows = []
     for camera in cameras:
         xy = camera.rpc.project(truth) + rng.normal(0, 5.0, 2) + rng.normal(0, 0.3, (len(ids), 2))
-        rows.append(ImagePoints.create(ids, [camera.id] * len(ids), xy, 0.3))
-    return assemble(cameras, [GroundPoints.create(ids[:gcps], truth[:gcps], Role.GCP, 0.1)], rows), truth
+        rows.append(ImagePoints(ids, [camera.id] * len(ids), xy, 0.3))
+    return assemble(cameras, [GroundPoints(ids[:gcps], truth[:gcps], Role.GCP, 0.1)], rows), truth
 
 
 def height_error_m(block: Block, truth: np.ndarray, options: AdjustOptions) -> np.ndarray:

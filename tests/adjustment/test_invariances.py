@@ -44,7 +44,7 @@ def tables(block: Block) -> tuple[GroundPoints, ImagePoints]:
     known = block.points.select(block.known)
     rows = block.measurements
     images = np.array([image.id for image in block.images])
-    return known, ImagePoints.create(block.points.ids[rows.point], images[rows.image], rows.xy, rows.sigma_px)
+    return known, ImagePoints(block.points.ids[rows.point], images[rows.image], rows.xy, rows.sigma_px)
 
 
 def put_together(block: Block, images: Sequence, known: GroundPoints, measured: Sequence[ImagePoints]) -> Block:

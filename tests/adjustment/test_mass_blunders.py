@@ -235,11 +235,11 @@ def test_an_image_that_was_delivered_twice_does_not_stop_the_others():
     truth, rng = blocks.ground(80, 5), np.random.default_rng(4)
     ids = [f"P{k:04d}" for k in range(80)]
     measured = [
-        ImagePoints.create(ids, [image.id] * 80, image.rpc.project(truth) + rng.normal(0.0, 0.3, (80, 2)), 0.3)
+        ImagePoints(ids, [image.id] * 80, image.rpc.project(truth) + rng.normal(0.0, 0.3, (80, 2)), 0.3)
         for image in cameras
     ]
     role = np.repeat([Role.GCP, Role.CHECK], [6, 10])
-    control = GroundPoints.create(ids[:16], truth[:16], role, 0.1)
+    control = GroundPoints(ids[:16], truth[:16], role, 0.1)
     problem = prepare_problem(assemble(cameras, [control], measured), TESTED)
     observations = problem.observations
     pairs = _compute_parallaxes(

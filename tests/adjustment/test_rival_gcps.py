@@ -51,7 +51,7 @@ def adjusted(metres: np.ndarray, wrong: int):
     xy = image.rpc.project(ground) + rng.normal(0.0, 0.05, (len(metres), 2))
     xy[wrong] += [ERROR_PX, ERROR_PX]
     block = assemble(
-        [image], [GroundPoints.create(ids, ground, 0, 0.05)], [ImagePoints.create(ids, [image.id] * len(ids), xy, 0.1)],
+        [image], [GroundPoints(ids, ground, 0, 0.05)], [ImagePoints(ids, [image.id] * len(ids), xy, 0.1)],
         defaults=DefaultSigmas(0.1, 0.05, 0.05),
     )  # fmt: skip
     return adjust(block, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0))

@@ -56,7 +56,7 @@ def test_displaced_rpcs_come_back(seed):
     cameras = [Image(f"n{k}", blocks.oblique_rpc(tilt, 0.0), (4001, 4001)) for k, tilt in enumerate(TILTS)]
     ids = [f"P{k:03d}" for k in range(len(truth))]
     seen = [one.rpc.project(move_ground(truth, shift)) + rng.normal(0.0, 0.3, (len(ids), 2)) for one in cameras]
-    rows = [ImagePoints.create(ids, [one.id] * len(ids), xy, 0.3) for one, xy in zip(cameras, seen, strict=True)]
+    rows = [ImagePoints(ids, [one.id] * len(ids), xy, 0.3) for one, xy in zip(cameras, seen, strict=True)]
     result = adjust(assemble(cameras, [], rows), AdjustOptions(dem=dem, sigma_dem_m=NOISE_M))
     error = np.median(ground_difference_m(result.ground, truth), axis=0)
     (surface,) = result.surfaces
@@ -74,7 +74,7 @@ def test_flat_ground_says_that_it_holds_no_plan():
     cameras = [Image(f"n{k}", blocks.oblique_rpc(tilt, 0.0), (4001, 4001)) for k, tilt in enumerate(TILTS)]
     ids = [f"P{k:03d}" for k in range(len(truth))]
     rows = [
-        ImagePoints.create(ids, [one.id] * len(ids), one.rpc.project(truth) + rng.normal(0.0, 0.3, (len(ids), 2)), 0.3)
+        ImagePoints(ids, [one.id] * len(ids), one.rpc.project(truth) + rng.normal(0.0, 0.3, (len(ids), 2)), 0.3)
         for one in cameras
     ]
     result = adjust(assemble(cameras, [], rows), AdjustOptions(dem=dem, sigma_dem_m=NOISE_M))
@@ -90,7 +90,7 @@ def test_a_warm_start_ends_where_a_cold_one_does():
     ids = [f"P{k:03d}" for k in range(len(truth))]
     seen = [one.rpc.project(move_ground(truth, [35.0, -30.0, 12.0])) for one in cameras]
     rows = [
-        ImagePoints.create(ids, [one.id] * len(ids), xy + rng.normal(0.0, 0.3, xy.shape), 0.3)
+        ImagePoints(ids, [one.id] * len(ids), xy + rng.normal(0.0, 0.3, xy.shape), 0.3)
         for one, xy in zip(cameras, seen, strict=True)
     ]
     block, options = assemble(cameras, [], rows), AdjustOptions(dem=dem, sigma_dem_m=NOISE_M)

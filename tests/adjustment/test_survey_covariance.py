@@ -146,6 +146,6 @@ def test_a_covariance_that_cannot_be_is_named():
     covariance[1, 0, 1] = covariance[1, 1, 0] = 0.9
     covariance[1, 0, 2] = covariance[1, 2, 0] = 0.9
     covariance[1, 1, 2] = covariance[1, 2, 1] = -0.9  # each is possible, all three are not
-    known = GroundPoints.create(ids, truth, Role.GCP, covariance_m2=covariance)
+    known = GroundPoints(ids, truth, Role.GCP, covariance_m2=covariance)
     with pytest.raises(InputError, match="G1 has a covariance that is not positive definite"):
-        assemble([image], [known], [ImagePoints.create(ids, [image.id] * 4, image.rpc.project(truth))])
+        assemble([image], [known], [ImagePoints(ids, [image.id] * 4, image.rpc.project(truth))])

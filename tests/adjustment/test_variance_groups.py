@@ -49,8 +49,8 @@ def two_sensors(seed: int, noise: tuple[float, ...] = NOISE, kinds: bool = False
     for image, sigma in zip(cameras, noise, strict=True):
         each = np.where(corner & kinds, 2.0, 1.0)[:, None] * sigma
         xy = image.rpc.project(truth) + rng.normal(0, 5.0, 2) + each * rng.normal(size=(160, 2))
-        rows.append(ImagePoints.create(ids, [image.id] * 160, xy, 0.3, np.where(corner & kinds, "corner", "")))
-    known = GroundPoints.create(ids[:8], truth[:8], Role.GCP, 0.05)
+        rows.append(ImagePoints(ids, [image.id] * 160, xy, 0.3, np.where(corner & kinds, "corner", "")))
+    known = GroundPoints(ids[:8], truth[:8], Role.GCP, 0.05)
     return assemble(cameras, [known], rows, defaults=DefaultSigmas(0.3))
 
 

@@ -28,7 +28,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result as `tie-points` writes it: 400 measurements of 200 points on three images."""
     made, rng = tmp_path_factory.mktemp("result"), np.random.default_rng(3)
     track = np.repeat(np.arange(200), 2)
-    points = ImagePoints.create(
+    points = ImagePoints(
         np.char.add("T", track.astype(str)), np.array(["a", "b", "c"])[(track + np.arange(400) % 2) % 3],
         rng.uniform(0.0, 4e4, (400, 2)), rng.uniform(0.05, 0.2, 400), np.where(track % 2, "corner", "center"),
         np.where(track % 7, rng.uniform(0.0, 1.0, 400), np.nan),

@@ -412,7 +412,7 @@ def test_damaged_layers_name_what_is_wrong(tmp_path: Path) -> None:
         read_points(f"{wrong}|subset=x")
     with pytest.raises(InputError, match="no such file"):
         read_points(str(tmp_path / "none.gpkg"))
-    with pytest.raises(InputError, match="CRS 'EPSG:0' is unknown"):
+    with pytest.raises(InputError, match="unknown coordinate reference system 'EPSG:0'"):
         read_points(str(no_crs), ground_crs="EPSG:0")
 
 

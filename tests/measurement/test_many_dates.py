@@ -94,7 +94,7 @@ def test_every_held_image_is_right_to_half_a_pixel(found: TiePoints, images: lis
     truth = year.truth
     names = np.array([view.id for view in year.views])[truth.image_points.image]
     kept = np.isin(names, [image.id for image in refined])
-    exact = ImagePoints.create(
+    exact = ImagePoints(
         truth.ids[truth.image_points.point[kept]], names[kept], truth.image_points.xy[kept], 0.1
     )  # fmt: skip
     block: Block = assemble(refined, [], [exact])

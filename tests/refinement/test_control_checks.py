@@ -26,7 +26,7 @@ def image():
 def control(image):
     ground = blocks.ground(8, 3)
     noise = np.random.default_rng(1).normal(0.0, 0.3, (8, 2))
-    return Control.create(ground, image.rpc.project(ground) + [5.0, -3.0] + noise)
+    return Control(ground, image.rpc.project(ground) + [5.0, -3.0] + noise)
 
 
 def warnings(image, control, model="shift"):

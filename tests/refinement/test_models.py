@@ -158,7 +158,7 @@ def simulated_control(model, image, values, count=60, noise_px=0.3, seed=7):
     rng = np.random.default_rng(seed)
     ground = blocks.ground(count, seed)
     observed = model.project(image, values, ground) + rng.normal(0.0, noise_px, (count, 2))
-    return Control.create(ground, observed, None, noise_px, (1e-3, 1e-3))
+    return Control(ground, observed, None, noise_px, (1e-3, 1e-3))
 
 
 def test_simulated_parameters_come_back_within_three_sigma(model, image):

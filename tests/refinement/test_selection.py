@@ -39,7 +39,7 @@ def simulated(image, count, error=(5.0, 0.0, 0.0, -3.0, 0.0, 0.0), noise_px=0.3,
     rng = np.random.default_rng(seed)
     ground = blocks.ground(count, seed)
     projected = MODELS["affine"].project(image, np.array(error), ground)
-    return Control.create(ground, projected + rng.normal(0.0, noise_px, (count, 2)), None, noise_px, (0.01, 0.01))
+    return Control(ground, projected + rng.normal(0.0, noise_px, (count, 2)), None, noise_px, (0.01, 0.01))
 
 
 def with_blunder(control, index, shift=(32.0, -24.0)):

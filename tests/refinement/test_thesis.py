@@ -92,7 +92,7 @@ def test_noise_free_errors_are_modelled_exactly(spot5):
     image = spot5.image(1)
     grid = image.grid_px(7, 7)
     ground = spot5.camera.image_to_ground(grid, np.tile([0.0, 500.0, 100.0, 300.0, 200.0, 400.0, 50.0], 7))
-    found = estimate(MODELS["generic-affine"], image, Control.create(ground, grid, None, 0.1, (0.01, 0.01)))
+    found = estimate(MODELS["generic-affine"], image, Control(ground, grid, None, 0.1, (0.01, 0.01)))
     print(f"largest residual {np.abs(found.residual_px).max():.3f} px")
     assert np.abs(found.residual_px).max() < 0.05
 

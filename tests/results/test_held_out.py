@@ -58,8 +58,8 @@ def test_a_pair_keeps_its_links() -> None:
         chosen = tie[:: len(tie) // shared][:shared]
         truth = adjust(block, AdjustOptions(model="shift")).ground[chosen]
         measured = [
-            ImagePoints.create(block.points.ids[rows.point], [block.images[k].id for k in rows.image], rows.xy, 0.2),
-            ImagePoints.create(block.points.ids[chosen], [fourth[3].id] * shared, fourth[3].rpc.project(truth), 0.2),
+            ImagePoints(block.points.ids[rows.point], [block.images[k].id for k in rows.image], rows.xy, 0.2),
+            ImagePoints(block.points.ids[chosen], [fourth[3].id] * shared, fourth[3].rpc.project(truth), 0.2),
         ]
         made = hold_out_ties(assemble(fourth, [block.points.select(block.known)], measured), 0.1)
         seen = np.unique(made.measurements.point[made.measurements.image == 3])

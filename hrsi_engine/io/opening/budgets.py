@@ -61,7 +61,7 @@ class FILE_BUDGETS:
     )  # fmt: skip
     archive_images: int = threshold(
         20_000, "files", "most files of an archive that may be images", "each takes GDAL 0.1 ms to find and 1 to open"
-    )  # fmt: skip
+    )
     delivery_depth: int = threshold(32, "folders", "deepest level of folders in a delivery")
     array_values: float = threshold(1e8, "values", "most numbers of an array of matches or laser heights in HDF5")
     point_bytes: int = threshold(
@@ -142,8 +142,9 @@ def require_size(path: str, kind: str) -> None:
     require_plain(path)
     size, limit = file_bytes(path), MOST_BYTES[kind]
     if size is not None and size > limit:
-        raise InputError(f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({limit // MIB}): "
-                         "name another file")  # fmt: skip
+        raise InputError(
+            f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({limit // MIB}): name another file"
+        )
 
 
 def require_gcp_rows(path: str) -> None:
@@ -240,7 +241,8 @@ def require_delivery(name: str, count: int, most: int = FILE_BUDGETS.delivery_fi
     if count > most:
         raise InputError(
             f"{name}: contains more than {most} {what}: name the images themselves (by a pattern such as FOLDER/*.tif, "
-            "or @LIST), or parts of it")  # fmt: skip
+            "or @LIST), or parts of it"
+        )
 
 
 def database_seconds(size: int) -> float:

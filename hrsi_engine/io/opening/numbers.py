@@ -20,8 +20,9 @@ def parse_finite(text: str | None) -> float | None:
 
 _ANGLE = re.compile(
     r"""\s*([NSEW]?)\s*([+-]?)(\d+(?:\.\d+)?)\s*[°º:d\s]\s*(?:(\d+(?:\.\d+)?)\s*(?:['′’:m\s]|$)\s*)?"""
-    r"""(?:(\d+(?:\.\d+)?)\s*(?:["″”s]|''|$)?)?\s*([NSEW]?)\s*""", re.IGNORECASE,
-)  # fmt: skip
+    r"""(?:(\d+(?:\.\d+)?)\s*(?:["″”s]|''|$)?)?\s*([NSEW]?)\s*""",
+    re.IGNORECASE,
+)
 
 
 def parse_angle(text: str) -> float | None:

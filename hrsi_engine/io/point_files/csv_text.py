@@ -70,12 +70,8 @@ def _read_table(path: str, encoding: str, fields_given: Mapping[str, str]) -> ta
     while chunk := list(islice(rows, _CHUNK_ROWS)):
         texts = _transpose(path, chunk, len(names), row_name, rows_read)
         for field, column in result.items():
-            if field in table.NUMBER_FIELDS:
-                place_text = partial(_name_field, path, field, row_name, rows_read)
-                values = table.parse_numbers(texts[column], place_text, decimal_comma, field in table.MAY_BE_INFINITE)
-            else:
-                values = table.strip_texts(texts[column], path, field)
-            parts[field].append(values)
+            place_of = partial(_name_field, path, field, row_name, rows_read)
+            parts[field].append(table.parse_column(field, texts[column], path, place_of, decimal_comma))
         rows_read += len(chunk)
     columns = {field: _join_parts(path, field, parts.pop(field)) if rows_read else np.empty(0) for field in result}
     return table.PointTable(path, columns, tuple(names), row_name)
@@ -293,13 +289,8 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
         raise InputError(f"{path}: {', '.join(names)} are no fields of points ({', '.join(list(table.FIELDS)[:12])} …)")
     columns: dict[str, np.ndarray] = {}
     for field, column in result.items():
-        texts = [row[column] for row in rows]
-        place_text = partial(lambda field, index: f"{path}, field {field!r}, line {numbered[index][0]}", field)
-        columns[field] = (
-            table.parse_numbers(texts, place_text, separator != ",", field in table.MAY_BE_INFINITE)
-            if field in table.NUMBER_FIELDS
-            else table.strip_texts(texts, path, field)
-        )
+        place_of = partial(lambda field, index: f"{path}, field {field!r}, line {numbered[index][0]}", field)
+        columns[field] = table.parse_column(field, [row[column] for row in rows], path, place_of, separator != ",")
     notes = (f"{path}: read as the columns {', '.join(names)}",)
     return table.PointTable(path, columns, tuple(names), lambda row: f"line {numbered[row][0]}", notes=notes)
 

@@ -168,9 +168,10 @@ def _read_feature(path: str, number: int, feature: Any) -> tuple[str, str, list[
 
 
 ORTHORITY_GCPS = PointReader(
-    "Orthority GCPs", lambda _path, name, head: name.endswith((".geojson", ".json")) and b'"ji"' in head,
+    "Orthority GCPs",
+    lambda _path, name, head: name.endswith((".geojson", ".json")) and b'"ji"' in head,
     read_orthority_gcps,
-)  # fmt: skip
+)
 
 # ---- QGIS ----------------------------------------------------------------------------------------------------------
 

@@ -24,9 +24,7 @@ _METASHAPE = {
     "z/altitude": "height", "z": "height", "accuracy_x/y_(m)": "sigma_xy", "accuracy_x_(m)": "sigma_east",
     "accuracy_y_(m)": "sigma_north", "accuracy_z_(m)": "sigma_h",
 }  # fmt: skip
-_ORTHOENGINE = {
-    "tp_id": "id", "p": "sample", "l": "line", "z": "height", "e": "height", "s": "role", "ep": "sigma",
-}  # fmt: skip
+_ORTHOENGINE = {"tp_id": "id", "p": "sample", "l": "line", "z": "height", "e": "height", "s": "role", "ep": "sigma"}
 _ROLES = {"G": "gcp", "C": "check", "I": "off"}
 
 
@@ -53,9 +51,10 @@ def read_metashape(path: str, _layer: str = "") -> PointTable:
 
 
 METASHAPE_REFERENCE = PointReader(
-    "Metashape reference", lambda _path, name, head: name.endswith((".csv", ".txt")) and bool(_HEADER.search(head)),
+    "Metashape reference",
+    lambda _path, name, head: name.endswith((".csv", ".txt")) and bool(_HEADER.search(head)),
     read_metashape,
-)  # fmt: skip
+)
 
 
 def is_orthoengine(names: Sequence[str]) -> bool:

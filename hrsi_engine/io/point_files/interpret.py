@@ -112,10 +112,14 @@ def _image_points(table: PointTable, with_positions: bool, image_ids: Sequence[s
     images: Any = image_names(table, rows, image_ids)  # used as an array
     sigma = positive(table, "sigma")
     return ImagePoints(
-        columns["id"], images, xy if everything else xy[rows], sigma if everything else sigma[rows],
-        columns.get("kind", np.zeros(len(rows), dtype="U1")), columns.get("quality", np.full(len(rows), np.nan)),
-        table.source,
-    )  # fmt: skip
+        columns["id"],
+        images,
+        xy if everything else xy[rows],
+        sigma_px=sigma if everything else sigma[rows],
+        kind=columns.get("kind", np.zeros(len(rows), dtype="U1")),
+        quality=columns.get("quality", np.full(len(rows), np.nan)),
+        source=table.source,
+    )
 
 
 def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> NameColumn:
@@ -208,7 +212,14 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
         return None, warnings
     order = np.sort(distinct)
     points = GroundPoints(
-        table.columns["id"], ground, role, sigma, table.source, covariance, placed.operation, placed.operations
+        table.columns["id"],
+        ground,
+        role,
+        sigma_m=sigma,
+        source=table.source,
+        covariance_m2=covariance,
+        operation=placed.operation,
+        operations=placed.operations,
     )
     points = points.select(order)
     return with_operations(points, table.operations) if table.operations and not placed.operations else points, warnings

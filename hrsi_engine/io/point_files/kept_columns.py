@@ -81,7 +81,12 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
     ids: Any = numbered[0]  # used as arrays
     images: Any = matching_names(numbered[1], image_ids)
     source = f"{path}, layer {layer!r}"
-    return PointTables(None, ImagePoints(ids, images, xy, sigma, np.asarray(numbered[2]), floats["quality"], source))
+    return PointTables(
+        None,
+        ImagePoints(
+            ids, images, xy, sigma_px=sigma, kind=np.asarray(numbered[2]), quality=floats["quality"], source=source
+        ),
+    )
 
 
 def _database_mark(folder: str) -> str:

@@ -191,10 +191,11 @@ def _parse_blob(path: str, table: str, data: object, rows: object, cols: object,
 
 COLMAP_DATABASE = PointReader(
     "COLMAP database",
-    lambda _path, name, head: head.startswith(b"SQLite format 3\0")
-    and (name.endswith(".db") or b"two_view_geometries" in head),  # its table definitions are on the first page
+    lambda _path, name, head: (
+        head.startswith(b"SQLite format 3\0") and (name.endswith(".db") or b"two_view_geometries" in head)
+    ),  # its table definitions are on the first page
     read_colmap,
-)  # fmt: skip
+)
 
 # ---- hloc ----------------------------------------------------------------------------------------------------------
 
@@ -229,8 +230,9 @@ def _read_pair(
         return _match_keypoints(path, (first, second), positions, rows)
     for image in (first, second):
         if image not in features_by_image:
-            raise InputError(f"{path}: matches image {image}, of which there are no features: name their file "
-                             "as FILE|features=FILE")  # fmt: skip
+            raise InputError(
+                f"{path}: matches image {image}, of which there are no features: name their file as FILE|features=FILE"
+            )
     (one, of_one), (two, of_two) = features_by_image[first], features_by_image[second]
     keypoints = _read_positions(path, of_one, "keypoints"), _read_positions(path, of_two, "keypoints")
     return _match_keypoints(path, (one, two), keypoints, rows)

@@ -139,14 +139,15 @@ def _read_column(
 ) -> np.ndarray:
     if field not in NUMBER_FIELDS:
         return np.char.strip(values) if isinstance(values, np.ndarray) else strip_texts(values, source, name)
-    field_text = f"field {name!r}"
+
+    def place_of(row: int) -> str:
+        return f"{source}, feature {feature_ids[row]}, field {name!r}"
+
     if len(values) and isinstance(values[0], str):
-        names = lambda row: f"{source}, feature {feature_ids[row]}, {field_text}"  # noqa: E731  # for the line's sake
-        return parse_numbers(list(values), names, infinite=field in MAY_BE_INFINITE)
+        return parse_numbers(list(values), place_of, infinite=field in MAY_BE_INFINITE)
     column = np.array(values, dtype=np.float64)
     if np.isinf(column).any() and field not in MAY_BE_INFINITE:
-        row = int(np.flatnonzero(np.isinf(column))[0])
-        raise InputError(f"{source}, feature {feature_ids[row]}, {field_text}: is infinite: give a number")
+        raise InputError(f"{place_of(int(np.isinf(column).argmax()))}: is infinite: give a number")
     return column
 
 

@@ -14,7 +14,7 @@ from ...foundation.large_arrays import finite_rows
 from ...ground.crs_operations import operations_of
 from ...ground.geodesy import wrap_degrees
 from ...ground.operation_uses import OperationUse, with_geoid, with_surface_heights
-from ...ground.proj_operations import has_heights, without_heights
+from ...ground.proj_operations import has_heights, parse_crs, without_heights
 from ..rasters.dems import open_geoid, read_geoid_heights
 from .table import PointTable
 
@@ -84,7 +84,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     ground, uses = np.full_like(xyz, np.nan), list[OperationUse]()
     if not present.any():
         return Positions(ground, warnings, operation)
-    parsed = _parse_crs(crs, f"{table.source}: CRS")
+    parsed = parse_crs(crs, f"{table.source}: ")
     rows = np.flatnonzero(present)
     _require_plausible(table, xyz, rows, parsed)
     remaining = np.isnan(xyz[rows, 2])
@@ -130,7 +130,7 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
     """Return x, y, z as in the file, and their CRS."""
     fields, warnings = table.columns, []
     prefer_xy = bool(reference.ground_crs) and {"x", "y"} <= fields.keys()
-    prefer_xy = prefer_xy and not _parse_crs(reference.ground_crs, "`ground_crs`").is_geographic
+    prefer_xy = prefer_xy and not parse_crs(reference.ground_crs, "`ground_crs`: ").is_geographic
     if table.geometry is not None:
         x, y, z, crs = *table.geometry.T, table.crs or reference.ground_crs
         if table.crs and reference.ground_crs:
@@ -152,13 +152,6 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
             )
         z = np.where(np.isnan(height), z, height)
     return np.column_stack([x, y, z]), crs, warnings
-
-
-def _parse_crs(crs: str, noun: str) -> pyproj.CRS:
-    try:
-        return pyproj.CRS.from_user_input(crs)
-    except (pyproj.exceptions.CRSError, UnicodeError):
-        raise InputError(f"{noun} {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
 
 
 def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:

@@ -156,6 +156,15 @@ def strip_texts(texts: Sequence[str], source: str, name: str) -> np.ndarray:
     return np.array(stripped, dtype=str)
 
 
+def parse_column(
+    field: str, texts: Sequence[str], source: str, place_of: Callable[[int], str], decimal_comma: bool = False
+) -> np.ndarray:
+    """Return the column of a field of `FIELDS` from its texts: numbers by `parse_numbers`, or texts without blanks."""
+    if field in NUMBER_FIELDS:
+        return parse_numbers(texts, place_of, decimal_comma, field in MAY_BE_INFINITE)
+    return strip_texts(texts, source, field)
+
+
 def parse_numbers(
     texts: Sequence[str], place_of: Callable[[int], str], decimal_comma: bool = False, infinite: bool = False
 ) -> np.ndarray:

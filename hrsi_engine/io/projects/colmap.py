@@ -81,10 +81,11 @@ def plan_colmap_project(project: BlockProject) -> PlannedProject:
         tuple(
             f"{name}: its perspective camera differs from its RPC by {error['rms_px']:.2f} px (RMS), at most "
             f"{error['max_px']:.2f} px: take a smaller `extent`"
-            for name, error in errors.items() if error["max_px"] > PROJECTS.perspective_px
+            for name, error in errors.items()
+            if error["max_px"] > PROJECTS.perspective_px
         ),
         {"perspective": errors},
-    )  # fmt: skip
+    )
 
 
 def _approximate(view: CropView, volume: np.ndarray, frame: LocalFrame) -> PerspectiveView:

@@ -41,9 +41,10 @@ _POINT = np.dtype([
     ("angle", "<i2"), ("source", "<u2"), ("time", "<f8"), ("sigma", "<f4", 2), ("rays", "<u2"),
 ])  # fmt: skip
 _EXTRA = (
-    ("sigma_plan", "standard deviation, m", _FLOAT), ("sigma_height", "standard deviation, m", _FLOAT),
+    ("sigma_plan", "standard deviation, m", _FLOAT),
+    ("sigma_height", "standard deviation, m", _FLOAT),
     ("rays", "images that show the point", _UNSIGNED_SHORT),
-)  # fmt: skip
+)
 
 
 def plan_points_project(project: BlockProject) -> PlannedProject:

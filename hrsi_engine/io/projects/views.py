@@ -61,9 +61,9 @@ def sample_volume(project: BlockProject) -> np.ndarray:
     ground = sample_area(project.area.bounds, project.surface, GRIDS.fine)
     low, high = np.nanmin(ground[..., 2]), np.nanmax(ground[..., 2])
     heights = np.linspace(low - PROJECTS.height_margin_m, high + PROJECTS.height_margin_m, GRIDS.coarse)
-    return np.concatenate([
-        np.column_stack([ground[..., :2].reshape(-1, 2), np.full(ground[..., 0].size, height)]) for height in heights
-    ])  # fmt: skip
+    return np.concatenate(
+        [np.column_stack([ground[..., :2].reshape(-1, 2), np.full(ground[..., 0].size, height)]) for height in heights]
+    )
 
 
 def write_crop(view: CropView, path: str) -> None:

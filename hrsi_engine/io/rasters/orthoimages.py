@@ -10,7 +10,7 @@ keeps the file.
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, NamedTuple
@@ -161,63 +161,37 @@ def write_orthoimage(
     Result: figures of the written orthoimage.
     Raises `OutputError`: the file cannot be written; `Cancelled`: ``progress`` returned False.
     """
-    figures = OrthoFigures()
+    figures, total = OrthoFigures(), sum(1 for _ in chunk_windows(grid, warp))
 
-    def fill(dataset: gdal.Dataset, part: Progress) -> None:
-        total = sum(1 for _ in chunk_windows(grid, warp))
-        for chunks_done, chunk in enumerate(islice(chunks, total)):
-            advance(part, chunks_done / total, f"writing {os.path.basename(path)}")
-            figures.unknown += chunk.unknown
-            figures.hidden += chunk.hidden
-            figures.errors_px.append(chunk.errors_px)
-            if chunk.pixels is not None:
-                figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
-        figures_text = json_text(figures.summary())
-        dataset.SetMetadata({FINGERPRINT: fingerprint(made_from), FIGURES: figures_text, **(lineage or {})})
+    def write_tiles(target: str, tile_options: Sequence[str], part: Progress) -> None:
+        with gdal_messages() as messages:
+            dataset = _create_file(target, list(tile_options), source, grid, warp)
+            is_created = dataset is not None
+            if dataset is not None:
+                for chunks_done, chunk in enumerate(islice(chunks, total)):
+                    advance(part, chunks_done / total, f"writing {os.path.basename(path)}")
+                    figures.unknown += chunk.unknown
+                    figures.hidden += chunk.hidden
+                    figures.errors_px.append(chunk.errors_px)
+                    if chunk.pixels is not None:
+                        figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
+                figures_text = json_text(figures.summary())
+                dataset.SetMetadata({FINGERPRINT: fingerprint(made_from), FIGURES: figures_text, **(lineage or {})})
+            del dataset  # closed here, so that failures of the last writing are noticed
+        if messages or not is_created:
+            raise OutputError(f"{path}: cannot be written ({messages.reason})")
 
-    options = form.creation_options(source.is_integer, threads)
+    driver, options = FORMATS[form.name][0], form.creation_options(source.is_integer, threads)
     with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden_folder, replacing(path) as temporary:
-        if FORMATS[form.name][0] == "GTiff":
-            _write_tiles(
-                temporary,
-                path,
-                options,
-                source=source,
-                grid=grid,
-                warp=warp,
-                fill=lambda dataset: fill(dataset, progress),
-            )
+        if driver == "GTiff":
+            write_tiles(temporary, options, progress)
         else:
             plain = os.path.join(hidden_folder, "chunks.tif")
-            part = stage(progress, 0.0, CHUNKS.warped_share)
-            _write_tiles(
-                plain,
-                path,
-                [*TILED, "SPARSE_OK=TRUE"],
-                source=source,
-                grid=grid,
-                warp=warp,
-                fill=lambda it: fill(it, part),
-            )
+            write_tiles(plain, (*TILED, "SPARSE_OK=TRUE"), stage(progress, 0.0, CHUNKS.warped_share))
             _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
             part = stage(progress, CHUNKS.warped_share, 1.0)
-            create_copy(gdal.Open(plain), temporary, path, FORMATS[form.name][0], options, part)
+            create_copy(gdal.Open(plain), temporary, path, driver, options, part)
     return figures
-
-
-def _write_tiles(
-    target: str, path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp,
-    fill: Callable[[gdal.Dataset], None],
-) -> None:  # fmt: skip
-    """Write a tiled file, whose pixels ``fill`` writes; errors name ``path``."""
-    with gdal_messages() as messages:
-        dataset = _create_file(target, options, source, grid, warp)
-        created = dataset is not None
-        if created:
-            fill(dataset)
-        del dataset  # closed here, so that failures of the last writing are noticed
-    if messages or not created:
-        raise OutputError(f"{path}: cannot be written ({messages.reason})")
 
 
 def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:

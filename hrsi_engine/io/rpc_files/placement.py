@@ -274,9 +274,9 @@ def compare_with_map(path: str, dataset: gdal.Dataset, rpc: RPC, sensor: str = "
     half = 0.25 * np.array([dataset.RasterXSize, dataset.RasterYSize])
     pixels = 2.0 * half - 0.5 + half * [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]
     lonlat = grid.to_lonlat(pixels)
-    by_height = np.array([
-        rpc.project(np.column_stack([lonlat, np.full(4, height)])) for height in (rpc.height_off, *rpc.height_range)
-    ])  # fmt: skip
+    by_height = np.array(
+        [rpc.project(np.column_stack([lonlat, np.full(4, height)])) for height in (rpc.height_off, *rpc.height_range)]
+    )
     if not np.isfinite(by_height).all():
         return None
     _, low, high = by_height.mean(axis=1) - pixels.mean(axis=0)

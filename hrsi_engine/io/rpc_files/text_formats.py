@@ -174,10 +174,11 @@ def rpcm_json_text(rpc: RPC) -> str:
 
 
 RPCM_JSON = RpcReader(
-    "rpcm JSON", lambda stem: (f"{stem}.json",),
+    "rpcm JSON",
+    lambda stem: (f"{stem}.json",),
     lambda name, head: name.endswith(".json") and (b"row_offset" in head or b'"LINE_NUM_COEFF"' in head),
     read_rpcm_json,
-)  # fmt: skip
+)
 
 # ---- Orthority -----------------------------------------------------------------------------------------------------
 

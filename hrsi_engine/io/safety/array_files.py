@@ -24,10 +24,15 @@ DAMAGED = (KeyError, ValueError, OSError, MemoryError, EOFError, zipfile.BadZipF
 
 def write_arrays(path: str, arrays: Mapping[str, Any]) -> None:
     """Write arrays by name, in one step; equal arrays give equal bytes, unlike `numpy.savez`, which writes the time."""
-    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+    with replacing(path) as temporary:
+        _pack(temporary, arrays)
+
+
+def _pack(file: str | BinaryIO, arrays: Mapping[str, Any]) -> None:
+    with zipfile.ZipFile(file, "w") as archive:
         for name, array in arrays.items():
-            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
-                np.lib.format.write_array(file, np.asanyarray(array), allow_pickle=False)
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
 
 
 def read_arrays(file: str | BinaryIO) -> dict[str, np.ndarray]:
@@ -74,17 +79,16 @@ class PartStore:
 
     def save(self, key: str, result: dict[str, np.ndarray]) -> None:
         """Store a result under a key; raise `InputError` or `OutputError` if the folder takes no files."""
-        content = io.BytesIO()  # zipfile would report a full disk differently
-        np.savez(content, **result)
         if self.is_virtual:
+            content = io.BytesIO()
+            _pack(content, result)
             write_virtual(str(self._path(key)), [content.getvalue()])
             return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be made ({error.strerror}): choose another directory") from error
-        with replacing(str(self._path(key))) as temporary, open(temporary, "wb") as file:
-            file.write(content.getbuffer())
+        write_arrays(str(self._path(key)), result)
 
     def _path(self, key: str) -> Path:
         if not re.fullmatch(r"[A-Za-z0-9_.-]+", key):

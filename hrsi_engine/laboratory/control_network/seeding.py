@@ -115,8 +115,8 @@ def find_seeds(
 
 
 def find_grey_seeds(
-    first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, theirs: np.ndarray, options: SeedOptions,
-) -> Iterator[Seed]:  # fmt: skip
+    first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, theirs: np.ndarray, options: SeedOptions
+) -> Iterator[Seed]:
     """Yield the network of the hypothesis of which most nodes look similar, if no other has nearly as many."""
     tested, hypotheses = [], []
     for share in SEEDING.grey_reaches:

@@ -205,7 +205,7 @@ class _SlopePyramid:
 
 def _trace_best_paths(
     slopes: np.ndarray, factor: int, xy: np.ndarray, radius: np.ndarray, sign: np.ndarray
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the radii along each ray of the closed path with the most slope and the fewest turns, ``(n, rays)``."""
     step = (BLOBS.farthest_radius / BLOBS.nearest_radius) ** (1.0 / (BLOBS.radii - 1))
     distance = radius[:, None] * BLOBS.nearest_radius * step ** np.arange(BLOBS.radii)
@@ -252,7 +252,7 @@ def _sample_ring(z: np.ndarray, xy: np.ndarray, radii: np.ndarray, share: float,
 
 def _compute_grey_centres(
     z: np.ndarray, xy: np.ndarray, radii: np.ndarray, inside: np.ndarray, outside: np.ndarray
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the means ``(n, 2)`` of positions within outlines, weighted by the grey value above the surroundings."""
     share = (np.arange(BLOBS.centre_samples) + 0.5) / BLOBS.centre_samples
     reach = (radii + BLOBS.surroundings_px)[:, :, None]

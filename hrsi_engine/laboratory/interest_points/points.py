@@ -77,7 +77,7 @@ class InterestPoints(Columns):
         """
         width = len(str(max(len(self), 1)))
         ids = [f"{prefix}{number + 1:0{width}d}" for number in range(len(self))]
-        return ImagePoints.create(
+        return ImagePoints(
             ids, [image_id] * len(self), self.xy, self.sigma_px, self.kind, self.quality, "interest points"
         )
 

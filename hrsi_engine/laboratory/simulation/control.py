@@ -180,7 +180,7 @@ def survey_points(
     is_wrong[control] = rng.permutation(is_wrong[control])
     error[is_wrong, 2] += rng.choice([-1.0, 1.0], is_wrong.sum()) * noise.wrong_height_m
     sigma = np.array([max(noise.gcp_xy_m, 0.01), max(noise.gcp_h_m, 0.01)])
-    return GroundPoints.create(ids.tolist(), ground + error * per_metre, role, sigma, "simulation"), is_wrong
+    return GroundPoints(ids.tolist(), ground + error * per_metre, role, sigma, "simulation"), is_wrong
 
 
 def measure_points(
@@ -198,7 +198,7 @@ def measure_points(
     xy[blunder] += size[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
     kind = np.where(role[truth.point] == Role.TIE, "", "center")
     return (
-        ImagePoints.create(
+        ImagePoints(
             ids[truth.point].tolist(), image_ids[truth.image].tolist(), xy, max(noise.image_px, 0.01), kind, 1.0,
             "simulation",
         ),

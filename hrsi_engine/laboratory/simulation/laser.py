@@ -111,11 +111,11 @@ def simulate_laser(
         for track in _draw_pass(terrain, half_extent_m, spec, f"pass {number + 1}", of_all, rng)
     ]
     if not tracks:
-        return LaserSimulation(LaserPoints.create(np.zeros((0, 3))), np.zeros(0, dtype=np.int64), np.zeros(0))
+        return LaserSimulation(LaserPoints(np.zeros((0, 3))), np.zeros(0, dtype=np.int64), np.zeros(0))
     names = ("ground", "sigma_m", "slope", "misfit_m", "photons", "track", "met", "error_m")
     columns = {name: np.concatenate([track[name] for track in tracks]) for name in names}
     surfaces, error = columns.pop("met"), columns.pop("error_m")
-    return LaserSimulation(LaserPoints.create(columns.pop("ground"), **columns, source="simulation"), surfaces, error)
+    return LaserSimulation(LaserPoints(**columns, source="simulation"), surfaces, error)
 
 
 def _draw_pass(

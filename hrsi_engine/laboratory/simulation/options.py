@@ -52,9 +52,8 @@ class SceneSpec:
     lat_deg: float = option(43.53, "Latitude of the scene's centre", name="lat", unit="deg", metavar="DEG")
     mean_height_m: float = option(250.0, "Mean ellipsoidal height", name="height", unit="m", metavar="M")
     landform: str = option(
-        "farmland", "Kind of terrain: relief, and whether there are buildings",
-        choices=tuple(LANDFORMS),
-    )  # fmt: skip
+        "farmland", "Kind of terrain: relief, and whether there are buildings", choices=tuple(LANDFORMS)
+    )
     relief_m: float | None = option(
         None, "Range of heights of the relief; by default that of the landform: 1000, 300, 100, 30 and 2 m",
         name="relief", minimum=0.0, unit="m", metavar="M",

@@ -14,7 +14,7 @@ from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent, stage
 from ...ground.geodesy import metres_per_degree
 from .acquisitions import Acquisition
-from .control import (  # fmt: skip
+from .control import (
     TrueImagePoints,
     measure_points,
     place_control,

@@ -101,9 +101,7 @@ class TilePainter:
 
     def paint(self, index: int, grey: np.ndarray, east: np.ndarray, north: np.ndarray) -> None:
         """Paint an object over grey values at chart positions."""
-        paint_objects(
-            grey, east, north, objects=self.objects, index=index, sigma_m=self.blur_m, band=self.texture.band
-        )  # fmt: skip
+        paint_objects(grey, east, north, objects=self.objects, index=index, sigma_m=self.blur_m, band=self.texture.band)
 
     def touching(self, row: int, column: int) -> list[tuple[int, tuple[slice, slice]]]:
         """Return the objects that touch a tile, in painting order, and the part of it that each one's box covers."""

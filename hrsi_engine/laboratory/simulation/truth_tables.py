@@ -193,5 +193,5 @@ def _tabulate_changes(simulated: BlockSimulation) -> TruthTable:
         "date": np.repeat([acquisition.number for _, acquisition, _ in rows], count),
         "day": np.repeat([acquisition.day for _, acquisition, _ in rows], count),
         "snow": np.repeat([acquisition.snow for _, acquisition, _ in rows], count),
-    }  # fmt: skip
+    }
     return TruthTable(scene.chart.to_ground(place, scene.terrain.height(*place.T)), columns)

@@ -288,7 +288,7 @@ def to_image_points(
     first, then the best. Point ids are in the order of the tracks.
     """
     if not len(matches):
-        return ImagePoints.create([], [], np.empty((0, 2))), np.empty((0, 3))
+        return ImagePoints([], [], np.empty((0, 2))), np.empty((0, 3))
     names, track = np.unique(matches.track, return_inverse=True)
     head = np.unique(track, return_index=True)[1]
     match_sigma, camera = matches.sigma_px / np.sqrt(2.0), estimate_camera_sigma(matches, images)
@@ -335,7 +335,7 @@ def to_image_points(
     rows = np.flatnonzero(is_selected[of_track])
     rows = rows[np.lexsort((image[rows], of_track[rows]))]
     ids = np.char.zfill(np.cumsum(is_selected)[of_track[rows]].astype(str), len(str(int(is_selected.sum()))))
-    points = ImagePoints.create(
+    points = ImagePoints(
         np.char.add("T", ids), np.array([one.id for one in images])[image[rows]], xy[rows],
         np.hypot(np.r_[sigma, match_sigma], camera)[rows], np.r_[matches.kind[head], matches.kind][rows],
         np.r_[quality, matches.quality][rows], "tie points",

@@ -29,7 +29,9 @@ class RegisterOptions:
 
 
 ALGORITHM = Algorithm(
-    name="register", title="Register two images", group="Laboratory",
+    name="register",
+    title="Register two images",
+    group="Laboratory",
     summary="Registration of two images from matched points, by kind of point",
     help=(
         "Transforms the points of the first image to the second one, in image space or with the RPCs (on a DEM or at "
@@ -37,8 +39,6 @@ ALGORITHM = Algorithm(
         "have different resolutions. Residuals are in pixels of the second image, or in metres with `gsd`."
     ),
     options=RegisterOptions,
-    examples=(
-        "hrsi register --image-points block/image_points.csv --model affine --output-dir registration",
-    ),
+    examples=("hrsi register --image-points block/image_points.csv --model affine --output-dir registration",),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
-)  # fmt: skip
+)

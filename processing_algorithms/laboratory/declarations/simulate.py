@@ -116,7 +116,9 @@ class SimulateOptions:
 
 
 ALGORITHM = Algorithm(
-    name="simulate", title="Simulate block", group="Laboratory",
+    name="simulate",
+    title="Simulate block",
+    group="Laboratory",
     summary="A synthetic block with images, DEM, GCPs, noise and full truth",
     help=(
         "Simulates pushbroom images of a fractal, textured terrain with an exact physical camera. The RPCs have "
@@ -132,13 +134,11 @@ ALGORITHM = Algorithm(
         "in report.json."
     ),
     options=SimulateOptions,
-    examples=(
-        "hrsi simulate --images 2 --size 160 --gcps 8 --checks 4 --ties 20 --ortho --output-dir block",
-    ),
+    examples=("hrsi simulate --images 2 --size 160 --gcps 8 --checks 4 --ties 20 --ortho --output-dir block",),
     main=("images", "size", "along", "sensor", "gcps", "checks", "ties", "ortho"),
     layers=(
         "truth.gpkg|layername=true_ground_points",
         "truth.gpkg|layername=true_image_points",
         "truth.gpkg|layername=objects",
     ),
-)  # fmt: skip
+)
