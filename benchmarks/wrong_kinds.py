@@ -412,6 +412,7 @@ GCP, CHECK, TIE = Role.GCP, Role.CHECK, Role.TIE
 UNSEEN = "a common shift of all known points has the same effect as biased RPCs, within their accuracy"
 NO_OTHER_HEIGHT = "within the height accuracy of the RPCs, and no other observation of the block has a height"
 AS_STATED = "within three sigmas of the stated accuracy of the RPCs if that is 35 m (SPOT 5); reported elsewhere"
+AS_POINTING = "4 to 5 standard deviations of the stated pointing, and no other observation of the block shows it"
 AS_DRIFTS = (
     "if the a priori standard deviation of the drift is as large as the deformation (SPOT 5); reported elsewhere"
 )
@@ -478,7 +479,7 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("one image left to right under its RPC", pixels_changed(left_to_right)),
     TrueKind("one image stretched by 1 % along the lines", pixels_changed(stretched), 0),
     TrueKind("a crop of one image (1000, 700 px), its origin lost", cropped(1000, 700, 1)),
-    TrueKind("a crop of one image by 30 px, no GCPs", cropped(30, 20, 1), 0, 0),
+    TrueKind("a crop of one image by 30 px, no GCPs", cropped(30, 20, 1), 0, 0, untold=AS_POINTING),
     TrueKind("crops of all images (1000, 700 px), no GCPs", cropped(1000, 700, None), 0, 0),
     TrueKind("crops of all images (1000, 700 px), GCPs", cropped(1000, 700, None)),
     TrueKind("RPCs of two images exchanged", rpcs_exchanged),

@@ -9,43 +9,28 @@ A point's d is eliminated with an orthonormal basis N of the null space of J' (N
 observations: its survey, heights of a surface or of laser points are further rows, each height with its own sigma. Two
 rays have one equation for a point, across the epipolar line: vibration along it, or equal in both images, has no
 equation and keeps its prior. The posterior of x has the precision matrix K = B' B / n + R, with the variance n of the
-noise, 1 or more. Its constant and linear part is shared with the corrections, and cancels in B x + A a.
-
-The priors R are damped vibrations (`line_splines`). Frequency, damping and standard deviation are equal for all images,
-and nearly equal for both axes: where only differences of images are observed, their jitter is shared by them, and what
-no ray shows of an axis is as large as on the other one. (A prior for each curve gives all of it to one image.) The
-logarithms t of these parameters are unknown, with a wide normal distribution of their own. The most likely t has the
-largest marginal likelihood, times that distribution::
-
-    log p(y | t) = -(y' y - y' B x) / 2 n - log det K / 2 + log det R / 2 + constant
-
-A few images can vibrate in nearly the same phase by chance: their differences are then small, and so is the standard
-deviation. So t is uncertain, and its errors are part of those of the curves: each sample of the posterior has a t of
-its own, normally distributed with the curvature of log p (Rasmussen and Williams, Gaussian Processes for Machine
-Learning, 2006, 5.2 and 5.4.1; Rue, Martino and Chopin, J. R. Statist. Soc. B 71, 2009, 319-392). The robust weights of
-the points are those of a strongly damped vibration.
+noise, 1 or more. Its constant and linear part is shared with the corrections, and cancels in B x + A a. The priors
+R are those of `curve_fit`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize, sparse, special
-from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import SuperLU, splu
+from scipy import sparse
 
 from ...block.block import Image, Measurements, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
 from ...foundation.errors import InputError
-from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import estimate_priors
 from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import Solution
 from ..preparation.problem import Problem
+from .curve_fit import JITTER_PRIORS, CurveFit, EquationRows, WeightedPoints, sample_priors
 from .line_splines import LineSpline
 
 
@@ -58,28 +43,12 @@ class JITTER_CURVES:
         0.05, "px", "smallest amplitude of a wave that is corrected", "amplitude 0.02 px of the Pleiades triplet"
     )
     least_spacing: float = threshold(8.0, "lines", "smallest distance between knots")
-    start_px: float = threshold(1.0, "px", "initial standard deviation of a curve")
-    dampings: tuple[float, ...] = threshold(
-        (0.1, 1e-5), "", "initial dampings: a vibration over some periods, and nearly a sine"
-    )
-    spread: float = threshold(3.0, "", "a priori standard deviation of the logarithms of a prior's three parameters")
-    axis_spread: float = threshold(0.3, "", "a priori standard deviation of their difference between the two axes")
     most_points: int = threshold(100_000, "points", "largest number in use; of more points, an even choice")
-    samples: int = threshold(24, "samples", "samples of the posterior distribution for the precision of curves")
-    settled_likelihood: float = threshold(0.3, "", "difference of log likelihoods at convergence")
     settled_px: float = threshold(0.03, "px", "RMS change of the curves at convergence", "smaller than an image error")
     most_parts: int = threshold(2, "parts", "successive corrections; the second removes remaining waves")
 
 
 ROBUST_STEPS = 3  # in which the robust weights of points are updated
-
-
-class _Rows(NamedTuple):
-    """Equations without the points' positions: matrix of splines and cameras, right side, and each row's point."""
-
-    matrix: sparse.csr_matrix
-    right: np.ndarray
-    point: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,17 +81,20 @@ def estimate_jitter(
         raise InputError(
             f"`jitter` {min(spacing.values()):g}: no image has measurements over so many lines: name fewer, or auto"
         )
-    weighted = _WeightedPoints(_form_rows(problem, solution, measured, places, unknowns), places.values())
-    start = np.array([2.0 * np.pi / period, 1.0, JITTER_CURVES.start_px] * 2) if priors is None else priors[0]
+    weighted = WeightedPoints(
+        _form_rows(problem, solution, measured, places, unknowns),
+        [place.spline for place in places.values() for _ in "xy"],
+    )
+    start = np.array([2.0 * np.pi / period, 1.0, JITTER_PRIORS.start_px] * 2) if priors is None else priors[0]
     for _ in range(ROBUST_STEPS):
-        weighted.reweigh(_Fit(weighted, start))
+        weighted.reweigh(CurveFit(weighted, start))
     if priors is None:
-        priors = find_priors(weighted, period)
-    mean = _Fit(weighted, priors[0]).solved
-    fits = [_Fit(weighted, prior) for prior in priors[1:]]
+        priors = sample_priors(weighted, period)
+    mean = CurveFit(weighted, priors[0]).solved
+    fits = [CurveFit(weighted, prior) for prior in priors[1:]]
     sampled_curves = np.column_stack([fit.draw(number) - mean for number, fit in enumerate(fits)])
     curves: dict[str, JitterCurve] = {}
-    samples: list[dict[str, JitterCurve]] = [{} for _ in range(JITTER_CURVES.samples)]
+    samples: list[dict[str, JitterCurve]] = [{} for _ in range(JITTER_PRIORS.samples)]
     exposures = number_exposures(problem.observations.images)
     for image, exposure in zip(problem.observations.images, exposures.tolist(), strict=True):
         if exposure not in places:
@@ -214,7 +186,7 @@ def _linearise_points(
 
 def _form_rows(
     problem: Problem, solution: Solution, measured: Measurements, places: Mapping[int, _Place], unknowns: int
-) -> _Rows:
+) -> EquationRows:
     """Return the equations of the points that are used; of very many points an even choice."""
     observations, ground, p = problem.observations, solution.state.ground, len(problem.camera.parameters)
     first_camera = unknowns - observations.cameras * p
@@ -263,13 +235,13 @@ def _form_rows(
             rights.append(np.einsum("mir,mi->mr", basis, y).ravel())
             points.append(np.repeat(points_of_kind, count))
     drifts = _form_drift_rows(problem, solution, first_camera, unknowns)
-    return _Rows(
+    return EquationRows(
         sparse.vstack([*matrices, drifts.matrix]).tocsr(), np.concatenate([*rights, drifts.right]),
         np.concatenate([*points, drifts.point]),
     )  # fmt: skip
 
 
-def _form_drift_rows(problem: Problem, solution: Solution, first_camera: int, unknowns: int) -> _Rows:
+def _form_drift_rows(problem: Problem, solution: Solution, first_camera: int, unknowns: int) -> EquationRows:
     """Return the a priori drift of each camera as equations, each with a number below 0 instead of a point.
 
     Curves could explain all residuals of the GCPs on their lines: without it, they would leave the drifts free.
@@ -281,152 +253,4 @@ def _form_drift_rows(problem: Problem, solution: Solution, first_camera: int, un
     column = np.flatnonzero(np.broadcast_to(camera.drifts, sigma.shape))
     weight = 1.0 / sigma.ravel()[column]
     matrix = sparse.csr_matrix((weight, (np.arange(len(column)), first_camera + column)), (len(column), unknowns))
-    return _Rows(matrix, -weight * solution.state.values.ravel()[column], -1 - np.arange(len(column)))
-
-
-class _WeightedPoints:
-    """The equations with robust weights, and what all priors share.
-
-    root, right : equations and right side in standard deviations of a weight of 1; ``normal`` is root' root
-    order : of the unknowns, for a small bandwidth of the normal matrix (Cuthill and McKee), the cameras last
-    splines, prior_columns : of all curves, and the unknowns in that order that each row of their priors has
-    """
-
-    def __init__(self, rows: _Rows, places: Iterable[_Place]) -> None:
-        self.rows, self.noise, self.splines = rows, 1.0, [place.spline for place in places for _ in "xy"]
-        _, self.number = np.unique(rows.point, return_inverse=True)
-        self.counts = np.bincount(self.number)
-        sizes = [spline.size for spline in self.splines]
-        starts = np.cumsum([0, *sizes])
-        columns = np.vstack([start + one.prior_columns for start, one in zip(starts, self.splines, strict=False)])
-        roots = self.form_prior(columns, np.ones(columns.shape))
-        self.order = np.arange(roots.shape[1])
-        normal = rows.matrix.T @ rows.matrix + roots.T @ roots
-        self.order[: starts[-1]] = reverse_cuthill_mckee(
-            normal[: starts[-1], : starts[-1]].tocsr(), symmetric_mode=True
-        )
-        self.prior_columns = np.argsort(self.order)[columns]
-        self.weigh(np.zeros_like(rows.right))
-        # A weak prior of the cameras: undetermined parameters (the block's position) stay unchanged
-        squares = self.normal.diagonal()
-        squares[: starts[-1]] = 0.0
-        self.of_cameras = sparse.diags(1e-6 * np.maximum(squares, 1e-12 * max(squares.max(), 1e-12)))
-
-    def form_prior(self, columns: np.ndarray, values: np.ndarray) -> sparse.csr_matrix:
-        """Return the equations of the priors of all curves from their non-zero elements ``(n, 3)``."""
-        shape = len(values), self.rows.matrix.shape[1]
-        return sparse.csr_matrix((values.ravel(), columns.ravel(), np.arange(0, values.size + 1, 3)), shape)
-
-    def weigh(self, residual: np.ndarray) -> None:
-        """Set the robust weights of the points by their residuals."""
-        length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
-        self.weight = (1.0 / (1.0 + (length / ROBUST.outlier) ** 2))[self.number]
-        root = np.sqrt(self.weight)
-        self.root, self.right = (sparse.diags(root) @ self.rows.matrix)[:, self.order], root * self.rows.right
-        self.normal, self.projected = (self.root.T @ self.root).tocsc(), self.root.T @ self.right
-
-    def reweigh(self, fit: _Fit) -> None:
-        """Set noise and robust weights by the residuals of a fit."""
-        residual = self.rows.right - self.rows.matrix @ fit.solved
-        errors = np.column_stack([fit.draw(number) - fit.solved for number in range(8)])[self.order]
-        unsure = float(np.mean(np.sum((self.root @ errors) ** 2, axis=0)))
-        # Noise is at least 1: dense matches agree better than stated, which does not improve GCPs and heights
-        self.noise = max(float(self.weight @ residual**2 + unsure) / float(self.weight.sum()), 1.0)
-        self.weigh(residual)
-
-
-class _Fit:
-    """Curves with a prior ``(6,)``: frequency, damping and standard deviation of either axis; ``solved``: unknowns."""
-
-    def __init__(self, weighted: _WeightedPoints, prior: np.ndarray) -> None:
-        self.weighted = weighted
-        axes = prior.reshape(2, 3).tolist() * (len(weighted.splines) // 2)
-        values = [
-            spline.make_prior(frequency, damping) / sigma
-            for spline, (frequency, damping, sigma) in zip(weighted.splines, axes, strict=True)
-        ]
-        self.root = weighted.form_prior(weighted.prior_columns, np.vstack(values))
-        # The first three rows of F have the first three coefficients, and each further row has one more
-        self.of_prior = 2.0 * sum(
-            np.linalg.slogdet(one[:3])[1] + (len(one) - 3) * np.log(abs(one[3, 2])) for one in values
-        )
-        self._factor: SuperLU = splu(
-            ((weighted.normal + weighted.of_cameras) / weighted.noise + self.root.T @ self.root).tocsc(),
-            permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
-        self.solved = self._solve(weighted.projected / weighted.noise)
-
-    def compute_log_likelihood(self) -> float:
-        """Return the logarithm of the marginal likelihood of the prior, but for a constant."""
-        weighted = self.weighted
-        fitted = float(weighted.projected @ self.solved[weighted.order])
-        determinant = float(np.sum(np.log(np.abs(self._factor.U.diagonal()))))
-        return -0.5 * ((float(weighted.right @ weighted.right) - fitted) / weighted.noise + determinant - self.of_prior)
-
-    def draw(self, seed: int) -> np.ndarray:
-        """Return a sample ``(unknowns,)`` of the posterior."""
-        rng, weighted = np.random.default_rng([seed, 2]), self.weighted
-        right = weighted.root.T @ rng.normal(0.0, 1.0, weighted.root.shape[0]) / np.sqrt(weighted.noise)
-        return self.solved + self._solve(right + self.root.T @ rng.normal(0.0, 1.0, self.root.shape[0]))
-
-    def _solve(self, right: np.ndarray) -> np.ndarray:
-        solved = np.empty_like(right)
-        solved[self.weighted.order] = self._factor.solve(right)
-        return solved
-
-
-def find_priors(weighted: _WeightedPoints, period: float) -> np.ndarray:
-    """Return the most likely prior, and priors of samples: ``(1 + samples, 6)`` as of `_Fit`.
-
-    The likelihood can have two maxima, for a sine and for a vibration that varies: both are sampled, by their shares.
-
-    period : lines of the strongest wave
-    """
-    typical = np.log([2.0 * np.pi / period, np.sqrt(np.prod(JITTER_CURVES.dampings)), JITTER_CURVES.start_px])
-    longest = max(spline.spacing * spline.intervals for spline in weighted.splines)
-    steps = np.array([period / (2.0 * longest), -1.0, -0.5])  # half the resolution of the frequency
-
-    one, none = np.eye(3), np.zeros((3, 3))
-    of_block, second, of_axes = np.hstack([one, none]), np.hstack([none, one]), np.hstack([-one, one])
-    weights = np.vstack([of_block / JITTER_CURVES.spread, of_axes / JITTER_CURVES.axis_spread])
-
-    def compute_log_likelihood(x: np.ndarray) -> float:
-        return _Fit(weighted, np.exp(x)).compute_log_likelihood()
-
-    def compute_cost(x: np.ndarray) -> float:
-        return 0.5 * float(np.sum((weights @ (x - np.tile(typical, 2))) ** 2)) - compute_log_likelihood(x)
-
-    def minimise(x: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """Return x with the least cost of those moved by multiples of ``moved (3, 6)``."""
-        found = optimize.minimize(
-            lambda parts: compute_cost(x + parts @ moved), np.zeros(3), method="Nelder-Mead",
-            options={"initial_simplex": np.vstack([np.zeros(3), np.eye(3)]), "xatol": np.inf,
-                     "fatol": JITTER_CURVES.settled_likelihood},
-        )  # fmt: skip
-        return np.asarray(x + found.x @ moved)
-
-    starts = [np.tile([typical[0], np.log(damping), typical[2]], 2) for damping in JITTER_CURVES.dampings]
-    modes = [
-        minimise(minimise(start, np.diag(steps) @ (of_block + second)), np.diag(steps) @ second) for start in starts
-    ]
-    costs = np.array([compute_cost(mode) for mode in modes])
-    modes = [modes[number] for number in np.flatnonzero(special.softmax(-costs) > 1.0 / JITTER_CURVES.samples)]
-    roots, evidence = list[np.ndarray](), list[float]()
-    for mode in modes:
-        squares, vectors = np.linalg.eigh(-_compute_curvature(compute_log_likelihood, mode, 0.3 * np.tile(steps, 2)))
-        information = vectors * np.maximum(squares, 0.0) @ vectors.T + weights.T @ weights
-        roots.append(np.linalg.inv(np.linalg.cholesky(information)).T)
-        evidence.append(float(np.linalg.slogdet(roots[-1])[1]) - compute_cost(mode))
-    rng, best = np.random.default_rng(3), int(np.argmax(evidence))
-    chosen = rng.choice(len(modes), JITTER_CURVES.samples, p=special.softmax(evidence))
-    samples = [modes[mode] + roots[mode] @ rng.normal(0.0, 1.0, 6) for mode in chosen.tolist()]
-    return np.exp(np.vstack([modes[best], *samples]))
-
-
-def _compute_curvature(function: Callable[[np.ndarray], float], x: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the second derivatives ``(n, n)`` of a function at x by differences over steps ``(n,)``."""
-    curvature, moves = np.zeros((len(x), len(x))), np.diag(steps)
-    for row, column in zip(*np.tril_indices(len(x)), strict=True):
-        corners = [function(x + p * moves[row] + q * moves[column]) * p * q for p in (1.0, -1.0) for q in (1.0, -1.0)]
-        curvature[row, column] = curvature[column, row] = sum(corners) / (4.0 * steps[row] * steps[column])
-    return curvature
+    return EquationRows(matrix, -weight * solution.state.values.ravel()[column], -1 - np.arange(len(column)))

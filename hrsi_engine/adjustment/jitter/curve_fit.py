@@ -1,0 +1,244 @@
+"""Jitter curves by their equations and priors, and the priors by their marginal likelihood.
+
+The priors R are damped vibrations (`line_splines`). Frequency, damping and standard deviation are equal for all images,
+and nearly equal for both axes: where only differences of images are observed, their jitter is shared by them, and what
+no ray shows of an axis is as large as on the other one. (A prior for each curve gives all of it to one image.) The
+logarithms t of these parameters are unknown, with a wide normal distribution of their own. The most likely t has the
+largest marginal likelihood, times that distribution::
+
+    log p(y | t) = -(y' y - y' B x) / 2 n - log det K / 2 + log det R / 2 + constant
+
+A few images can vibrate in nearly the same phase by chance: their differences are then small, and so is the standard
+deviation. So t is uncertain, and its errors are part of those of the curves: each sample of the posterior has a t of
+its own, normally distributed with the curvature of log p (Rasmussen and Williams, Gaussian Processes for Machine
+Learning, 2006, 5.2 and 5.4.1; Rue, Martino and Chopin, J. R. Statist. Soc. B 71, 2009, 319-392). The robust weights of
+the points are those of a strongly damped vibration. The samples are those of a
+Metropolis chain that proposes from it (Tierney, Ann. Statist. 22, 1994, 1701-1762, independence chain).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import optimize, sparse, special
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.linalg import SuperLU, splu
+
+from ...foundation.robust_scale import ROBUST
+from ...foundation.thresholds import threshold, thresholds
+from .line_splines import LineSpline
+
+
+@thresholds
+class JITTER_PRIORS:
+    """Limits for the search for priors of jitter curves, and for the samples of their distribution."""
+
+    start_px: float = threshold(1.0, "px", "initial standard deviation of a curve")
+    dampings: tuple[float, ...] = threshold(
+        (0.1, 1e-5), "", "initial dampings: a vibration over some periods, and nearly a sine"
+    )
+    spread: float = threshold(3.0, "", "a priori standard deviation of the logarithms of a prior's three parameters")
+    axis_spread: float = threshold(0.3, "", "a priori standard deviation of their difference between the two axes")
+    samples: int = threshold(24, "samples", "samples of the posterior distribution for the precision of curves")
+    settled_likelihood: float = threshold(0.3, "", "difference of log likelihoods at convergence")
+
+
+class EquationRows(NamedTuple):
+    """Equations without the points' positions: matrix of splines and cameras, right side, and each row's point."""
+
+    matrix: sparse.csr_matrix
+    right: np.ndarray
+    point: np.ndarray
+
+
+class WeightedPoints:
+    """The equations with robust weights, and what all priors share.
+
+    root, right : equations and right side in standard deviations of a weight of 1; ``normal`` is root' root
+    order : of the unknowns, for a small bandwidth of the normal matrix (Cuthill and McKee), the cameras last
+    splines : of each exposure, the samples' and the lines'; these are the first unknowns
+    prior_columns : unknowns in that order of each row of the priors
+    """
+
+    def __init__(self, rows: EquationRows, splines: Sequence[LineSpline]) -> None:
+        self.rows, self.noise, self.splines = rows, 1.0, splines
+        _, self.number = np.unique(rows.point, return_inverse=True)
+        self.counts = np.bincount(self.number)
+        sizes = [spline.size for spline in self.splines]
+        starts = np.cumsum([0, *sizes])
+        columns = np.vstack([start + one.prior_columns for start, one in zip(starts, self.splines, strict=False)])
+        roots = self.form_prior(columns, np.ones(columns.shape))
+        self.order = np.arange(roots.shape[1])
+        normal = rows.matrix.T @ rows.matrix + roots.T @ roots
+        self.order[: starts[-1]] = reverse_cuthill_mckee(
+            normal[: starts[-1], : starts[-1]].tocsr(), symmetric_mode=True
+        )
+        self.prior_columns = np.argsort(self.order)[columns]
+        self.weigh(np.zeros_like(rows.right))
+        # A weak prior of the cameras: undetermined parameters (the block's position) stay unchanged
+        squares = self.normal.diagonal()
+        squares[: starts[-1]] = 0.0
+        self.of_cameras = sparse.diags(1e-6 * np.maximum(squares, 1e-12 * max(squares.max(), 1e-12)))
+
+    def form_prior(self, columns: np.ndarray, values: np.ndarray) -> sparse.csr_matrix:
+        """Return the equations of the priors of all curves from their non-zero elements ``(n, 3)``."""
+        shape = len(values), self.rows.matrix.shape[1]
+        return sparse.csr_matrix((values.ravel(), columns.ravel(), np.arange(0, values.size + 1, 3)), shape)
+
+    def weigh(self, residual: np.ndarray) -> None:
+        """Set the robust weights of the points by their residuals."""
+        length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
+        self.weight = (1.0 / (1.0 + (length / ROBUST.outlier) ** 2))[self.number]
+        root = np.sqrt(self.weight)
+        self.root, self.right = (sparse.diags(root) @ self.rows.matrix)[:, self.order], root * self.rows.right
+        self.normal, self.projected = (self.root.T @ self.root).tocsc(), self.root.T @ self.right
+
+    def reweigh(self, fit: CurveFit) -> None:
+        """Set noise and robust weights by the residuals of a fit."""
+        residual = self.rows.right - self.rows.matrix @ fit.solved
+        errors = np.column_stack([fit.draw(number) - fit.solved for number in range(8)])[self.order]
+        unsure = float(np.mean(np.sum((self.root @ errors) ** 2, axis=0)))
+        # Noise is at least 1: dense matches agree better than stated, which does not improve GCPs and heights
+        self.noise = max(float(self.weight @ residual**2 + unsure) / float(self.weight.sum()), 1.0)
+        self.weigh(residual)
+
+
+class CurveFit:
+    """Curves with a prior ``(6,)``: frequency, damping and standard deviation of either axis; ``solved``: unknowns."""
+
+    def __init__(self, weighted: WeightedPoints, prior: np.ndarray) -> None:
+        self.weighted = weighted
+        axes = prior.reshape(2, 3).tolist() * (len(weighted.splines) // 2)
+        values = [
+            spline.make_prior(frequency, damping) / sigma
+            for spline, (frequency, damping, sigma) in zip(weighted.splines, axes, strict=True)
+        ]
+        self.root = weighted.form_prior(weighted.prior_columns, np.vstack(values))
+        # The first three rows of F have the first three coefficients, and each further row has one more
+        self.of_prior = 2.0 * sum(
+            np.linalg.slogdet(one[:3])[1] + (len(one) - 3) * np.log(abs(one[3, 2])) for one in values
+        )
+        self._factor: SuperLU = splu(
+            ((weighted.normal + weighted.of_cameras) / weighted.noise + self.root.T @ self.root).tocsc(),
+            permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
+        self.solved = self._solve(weighted.projected / weighted.noise)
+
+    def compute_log_likelihood(self) -> float:
+        """Return the logarithm of the marginal likelihood of the prior, but for a constant."""
+        weighted = self.weighted
+        fitted = float(weighted.projected @ self.solved[weighted.order])
+        determinant = float(np.sum(np.log(np.abs(self._factor.U.diagonal()))))
+        return -0.5 * ((float(weighted.right @ weighted.right) - fitted) / weighted.noise + determinant - self.of_prior)
+
+    def draw(self, seed: int) -> np.ndarray:
+        """Return a sample ``(unknowns,)`` of the posterior."""
+        rng, weighted = np.random.default_rng([seed, 2]), self.weighted
+        right = weighted.root.T @ rng.normal(0.0, 1.0, weighted.root.shape[0]) / np.sqrt(weighted.noise)
+        return self.solved + self._solve(right + self.root.T @ rng.normal(0.0, 1.0, self.root.shape[0]))
+
+    def _solve(self, right: np.ndarray) -> np.ndarray:
+        solved = np.empty_like(right)
+        solved[self.weighted.order] = self._factor.solve(right)
+        return solved
+
+
+class _Posterior:
+    """Distribution of the logarithms x ``(6,)`` of a prior (`CurveFit`), whose density is exp(-cost).
+
+    period : lines of the strongest wave, which is the typical period of the curves
+    """
+
+    def __init__(self, weighted: WeightedPoints, period: float) -> None:
+        self.weighted = weighted
+        typical = [2.0 * np.pi / period, np.sqrt(np.prod(JITTER_PRIORS.dampings)), JITTER_PRIORS.start_px]
+        self.typical = np.tile(np.log(typical), 2)
+        longest = max(spline.spacing * spline.intervals for spline in weighted.splines)
+        self.steps = np.array([period / (2.0 * longest), -1.0, -0.5])  # half the resolution of the frequency
+        one = np.eye(3)
+        self.weights = np.block([[one / JITTER_PRIORS.spread, 0.0 * one], [-one / JITTER_PRIORS.axis_spread] * 2])
+        self.weights[3:, 3:] *= -1.0
+
+    def compute_log_likelihood(self, x: np.ndarray) -> float:
+        """Return the logarithm of the marginal likelihood."""
+        return CurveFit(self.weighted, np.exp(x)).compute_log_likelihood()
+
+    def compute_cost(self, x: np.ndarray) -> float:
+        """Return the negative logarithm of the density, but for a constant."""
+        return 0.5 * float(np.sum((self.weights @ (x - self.typical)) ** 2)) - self.compute_log_likelihood(x)
+
+    def minimise(self, x: np.ndarray, axes: Sequence[int]) -> np.ndarray:
+        """Return x with the least cost, whose three parameters are changed equally on some axes."""
+        moves = np.hstack([np.diag(self.steps) * (axis in axes) for axis in (0, 1)])
+        found = optimize.minimize(
+            lambda parts: self.compute_cost(x + parts @ moves), np.zeros(3), method="Nelder-Mead",
+            options={"initial_simplex": np.vstack([np.zeros(3), np.eye(3)]), "xatol": np.inf,
+                     "fatol": JITTER_PRIORS.settled_likelihood},
+        )  # fmt: skip
+        return np.asarray(x + found.x @ moves)
+
+    def find_modes(self) -> list[np.ndarray]:
+        """Return the minima of the cost, the least first: a sine and a vibration that varies can both be likely."""
+        starts = [self.typical + np.tile([0.0, np.log(damping) - self.typical[1], 0.0], 2)
+                  for damping in JITTER_PRIORS.dampings]  # fmt: skip
+        minima = [self.minimise(start, (0, 1)) for start in starts]
+        costs = np.array([self.compute_cost(minimum) for minimum in minima])
+        modes = list[np.ndarray]()
+        for number in np.argsort(costs).tolist():
+            is_likely = costs[number] - costs.min() <= np.log(JITTER_PRIORS.samples)
+            if is_likely and all(np.abs(minima[number] - mode)[:3].max() > 1.0 for mode in modes):
+                modes.append(self.minimise(minima[number], (1,)))
+        return modes
+
+    def approximate(self, mode: np.ndarray) -> np.ndarray:
+        """Return the root L ``(6, 6)`` of the covariance L L' of a normal distribution about a minimum."""
+        curvature = _compute_curvature(self.compute_log_likelihood, mode, 0.3 * np.tile(self.steps, 2))
+        squares, vectors = np.linalg.eigh(-curvature)
+        information = vectors * np.maximum(squares, 0.0) @ vectors.T + self.weights.T @ self.weights
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(information)).T)
+
+
+def sample_priors(weighted: WeightedPoints, period: float) -> np.ndarray:
+    """Return the most likely prior, and samples of its distribution: ``(1 + samples, 6)``.
+
+    period : lines of the strongest wave
+    """
+    posterior, rng = _Posterior(weighted, period), np.random.default_rng(3)
+    modes = posterior.find_modes()
+    roots = [posterior.approximate(mode) for mode in modes]
+    volumes = np.array([np.linalg.slogdet(root)[1] for root in roots])
+    shares = special.softmax(
+        [volume - posterior.compute_cost(mode) for volume, mode in zip(volumes, modes, strict=True)]
+    )
+
+    def compute_log_weight(x: np.ndarray) -> float:
+        """Return the logarithm of the density over that of the proposals."""
+        squares = [np.sum(np.linalg.solve(root, x - mode) ** 2) for root, mode in zip(roots, modes, strict=True)]
+        return -posterior.compute_cost(x) - float(special.logsumexp(-0.5 * np.array(squares) - volumes, b=shares))
+
+    samples = [modes[0]]
+    log_weight = compute_log_weight(modes[0])
+    for number in rng.choice(len(modes), JITTER_PRIORS.samples, p=shares).tolist():
+        proposed = modes[number] + roots[number] @ rng.normal(0.0, 1.0, 6)
+        proposed_weight = compute_log_weight(proposed)
+        is_accepted = np.log(rng.random()) < proposed_weight - log_weight
+        samples.append(proposed if is_accepted else samples[-1])
+        log_weight = proposed_weight if is_accepted else log_weight
+    return np.exp(samples)
+
+
+def _compute_curvature(function: Callable[[np.ndarray], float], x: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the second derivatives ``(n, n)`` of a function at x by central differences over steps ``(n,)``."""
+
+    def rise(move: np.ndarray) -> float:
+        return 0.5 * (function(x + move) + function(x - move)) - at_x
+
+    at_x, moves = function(x), np.diag(steps)
+    single = np.array([rise(move) for move in moves])
+    curvature = np.diag(single)
+    for row, column in zip(*np.tril_indices(len(x), -1), strict=True):
+        both = 0.5 * (rise(moves[row] + moves[column]) - single[row] - single[column])
+        curvature[row, column] = curvature[column, row] = both
+    return np.asarray(2.0 * curvature / np.outer(steps, steps))
