@@ -140,9 +140,9 @@ def cover(counts: Sequence[int] = (10, 25, 45, 71), repeats: int = 12) -> str:
 HALVES = """## Two halves of the GCPs
 
 The 71 surveyed points of Hobart are divided by chance into 35 and 36, and each half adjusts the block alone (model
-`shift`, drifts within their a priori sigmas). The image corrections of the halves differ by the errors of both. *Found*:
-root mean square of the difference in px (sample, line); *predicted*: root of the sum of both variances. *Inside*: share
-of the differences in both coordinates inside the 90 % ellipse of that sum.
+`shift`, drifts within their a priori sigmas). The image corrections of the halves differ by the errors of both.
+*Found*: root mean square of the difference in px (sample, line); *predicted*: root of the sum of both variances.
+*Inside* is the share of the differences in both coordinates inside the 90 % ellipse of that sum.
 """
 
 
