@@ -169,7 +169,9 @@ def require_no_input(targets: Iterable[str], inputs: Iterable[str]) -> None:
     if not existing:
         return
     inputs = [
-        file for input_name in inputs for file in (_files_in(input_name) if os.path.isdir(input_name) else [input_name])
+        file
+        for name in inputs
+        for file in ([one.path for one in os.scandir(name) if one.is_file()] if os.path.isdir(name) else [name])
     ]
     read, side_identities = ({_identity(file) for file in files} for files in (inputs, files_with(inputs)))
     for target in existing:
@@ -178,10 +180,6 @@ def require_no_input(targets: Iterable[str], inputs: Iterable[str]) -> None:
         if _identity(target) in side_identities and not is_rpc_file(target):
             raise InputError(f"{target} belongs to an input and would be replaced: choose another `output_dir`")
         require_not_read_only(target)
-
-
-def _files_in(folder: str) -> list[str]:
-    return [entry.path for entry in os.scandir(folder) if entry.is_file()]
 
 
 def _identity(path: str) -> object:

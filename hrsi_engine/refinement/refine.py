@@ -249,19 +249,8 @@ def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
 def require_axes_in_order(images: Sequence[Image], ground: np.ndarray, ids: np.ndarray | None = None) -> None:
     """Raise `InputError` with the ids of points that are near images only with longitude and latitude exchanged.
 
-    Parameters
-    ----------
-    images : sequence of Image
-        The images.
-    ground : (n, 3) ndarray
-        Longitude, latitude in degrees, ellipsoidal height in metres.
-    ids : (n,) ndarray of str, optional
-        Names of the points; by default their numbers.
-
-    Raises
-    ------
-    InputError
-        Some points are.
+    ground : (n, 3) longitude, latitude in degrees, ellipsoidal height in metres
+    ids : (n,) names of the points; by default their numbers
     """
     suspects = np.arange(len(ground))
     for image in images:  # as a rule the first image leaves none

@@ -74,7 +74,10 @@ class ViewGrid(QWidget):
 
     def _arrange(self, number: int) -> None:
         """Arrange the views in rows of equal height, the views of a row with equal widths; none stays empty."""
-        rows = max(range(1, number + 1), key=lambda rows: self._estimate_side_px(number, rows), default=0)
+        sides_px = {
+            rows: min(self.width() / math.ceil(number / rows), self.height() / rows) for rows in range(1, number + 1)
+        }
+        rows = max(sides_px, key=lambda rows: sides_px[rows], default=0)
         if (number, rows) == self._arrangement:
             return
         self._arrangement = number, rows
@@ -88,10 +91,6 @@ class ViewGrid(QWidget):
             self._rows.addLayout(cells, 1)
             for view in islice(views, number // rows + (row < number % rows)):
                 cells.addWidget(view, 1)
-
-    def _estimate_side_px(self, number: int, rows: int) -> float:
-        """Return the shorter side of the smallest view."""
-        return min(self.width() / math.ceil(number / rows), self.height() / rows)
 
     def _add_view(self) -> None:
         view = ImageView(self, self._gammas)

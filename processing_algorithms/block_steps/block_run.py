@@ -58,16 +58,10 @@ PROGRESS_SHARES = {True: (0.8, 0.84, 0.94), False: (0.0, 0.1, 0.6)}
 class BlockRun:
     """One run of a block, with what its steps have found so far.
 
-    Parameters
-    ----------
-    context : Context
-        Progress, messages, and whether it is a dry run.
-    output : BlockOutput, optional
-        Where the results are written; without it the run ends with `judge`.
-    points : PointFiles, optional
-        Files of ground and image points.
-    searching : bool
-        Whether tie points are searched in the images, which takes most of the time.
+    context : progress, messages, and whether it is a dry run
+    output : where the results are written; without it the run ends with `judge`
+    points : files of ground and image points
+    searching : whether tie points are searched in the images, which takes most of the time
     """
 
     def __init__(

@@ -22,15 +22,25 @@ from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.io.rasters.sun_angles import read_time
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from .chip_library import CHIPS, ChipLibrary
-from .rows import PANEL, ROLES, SurveyPoint
+from .rows import ROLES, SurveyPoint
 from .session import PointSession
+
+
+def project_with_slopes(session: PointSession, image_id: str, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of ground points ``(n, 3)`` in an image, and their derivatives by metres ``(n, 2, 2)``.
+
+    Rows are sample and line, columns east and north.
+    """
+    steps = [np.tile(step, (len(ground), 1)) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
+    places = session.project(image_id, np.concatenate([ground, *(move_ground(ground, step) for step in steps)]))
+    seen, *aside = np.split(places, 3)
+    return seen, np.stack([place - seen for place in aside], axis=-1)
 
 
 def differentiate_by_metres(session: PointSession, image_id: str, point: SurveyPoint) -> np.ndarray:
     """Return the derivatives of sample and line (rows) by metres east and north (columns) at a point, ``(2, 2)``."""
-    here = np.array([[point.lon, point.lat, point.height]])
-    aside = move_ground(np.repeat(here, 2, axis=0), np.array([[PANEL.north_m, 0.0, 0.0], [0.0, PANEL.north_m, 0.0]]))
-    return np.asarray((session.project(image_id, aside) - session.project(image_id, here)).T / PANEL.north_m)
+    slopes = project_with_slopes(session, image_id, np.array([[point.lon, point.lat, point.height]]))[1]
+    return np.asarray(slopes[0])
 
 
 def find_by_chips(session: PointSession, name: str, images: Sequence[str]) -> dict[str, Transfer]:

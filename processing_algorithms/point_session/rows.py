@@ -29,11 +29,8 @@ class PANEL:
     adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
     shifted_px: float = threshold(10.0, "px", "error of RPCs corrected by a shift: drift, heights")
     half_view_px: float = threshold(60.0, "px", "half side of a view of an image with corrected RPC")
-    difference_px: float = threshold(20.0, "px", "distance for numerical derivatives between images")
     beside_px: float = threshold(2.0, "px", "largest distance of a click from the outline of the target")
-    north_m: float = threshold(10.0, "m", "distance for the numerical direction of north")
     rpc_reach: float = threshold(1.5, "of the RPC's scales", "normalised distance to which an RPC is used")
-    newton_steps: int = threshold(4, "iterations", "steps of Newton's method for the ground position of an image point")
 
 
 @dataclass(frozen=True)

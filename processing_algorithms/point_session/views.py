@@ -14,6 +14,7 @@ from ...hrsi_engine.adjustment.starting_values.intersection import intersect_poi
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.thresholds import EQUALITY, ITERATIONS
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
 from ...hrsi_engine.ground.geodesy import move_ground
 from ...hrsi_engine.io.rasters.cropping import pixel_view
@@ -22,7 +23,7 @@ from ...hrsi_engine.io.surfaces import open_dtm
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
 from ...hrsi_engine.surface.dem import surface_heights
-from .chips import differentiate_by_metres, find_by_chips
+from .chips import differentiate_by_metres, find_by_chips, project_with_slopes
 from .files import image_points
 from .rows import PANEL, TIE, SurveyPoint
 from .session import PointSession
@@ -102,15 +103,12 @@ def locate_ground(session: PointSession, image_id: str, xy: np.ndarray, heights_
     By the last adjustment if there is one.
     """
     ground = session.images[image_id].rpc.localize(xy, heights_m).ground
-    steps = [np.tile(step, (len(xy), 1)) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
-    for _ in range(PANEL.newton_steps):
-        seen, *aside = np.split(
-            session.project(image_id, np.concatenate([ground, *(move_ground(ground, step) for step in steps)])), 3
-        )
-        by_ground = np.stack([place - seen for place in aside], axis=-1)
-        move = np.zeros_like(ground)
-        move[:, :2] = np.linalg.solve(by_ground, (xy - seen)[..., None])[..., 0]
-        ground = move_ground(ground, move)
+    for _ in range(ITERATIONS.most):
+        seen, slopes = project_with_slopes(session, image_id, ground)
+        if not np.abs(xy - seen).max() > EQUALITY.written_px:
+            break
+        move = np.linalg.solve(slopes, (xy - seen)[..., None])[..., 0]
+        ground = move_ground(ground, np.column_stack([move, np.zeros(len(ground))]))
     return np.asarray(ground)
 
 
@@ -167,9 +165,9 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
         return Transfer(refusal="no pixels")
     measured = session.measured[(name, first_id)]
     xy = np.array([measured.sample, measured.line])
-    *line, at = trace_heights(session, name, first_id, second_id)
-    heights = np.repeat(list_heights(session, name)[-1], 2)
-    sides = session.project(second_id, locate_ground(session, first_id, xy + PANEL.difference_px * np.eye(2), heights))
-    by_first = (sides - at).T / PANEL.difference_px
+    line = trace_heights(session, name, first_id, second_id)[:2]
+    ground = locate_ground(session, first_id, xy[None], np.array(list_heights(session, name)[-1:]))
+    slopes = {image_id: project_with_slopes(session, image_id, ground)[1][0] for image_id in (first_id, second_id)}
+    by_first = slopes[second_id] @ np.linalg.inv(slopes[first_id])
     margin_px = max(session.estimate_margin_px(first_id), session.estimate_margin_px(second_id))
-    return transfer_point(first, xy, second, np.array(line), by_first, margin_px)
+    return transfer_point(first, xy, second, line, by_first, margin_px)

@@ -167,8 +167,9 @@ def _weigh_evidence(
             return
         heights = {"height_datum": surveyed[:, 2], "dem_datum": surface_heights(dem.surface, surveyed[:, :2])}
         if (datum := datums[known]) is not None:
-            ellipsoidal = heights[known] + _geoid_offset(surveyed, datum)
-            weigh(unknown, surveyed[:, :2], ellipsoidal, heights[unknown], 0.0, f"heights of {names[known]}")
+            if datum not in (LAYER, ELLIPSOIDAL):
+                heights[known] = heights[known] + read_geoid_heights(surveyed, open_geoid(datum))
+            weigh(unknown, surveyed[:, :2], heights[known], heights[unknown], 0.0, f"heights of {names[known]}")
         elif geoid := find_installed_geoid(surveyed):  # a difference of the undulation shows both
             share = float(np.nanmedian((heights["height_datum"] - heights["dem_datum"]) / geoid[1]))
             if abs(abs(share) - 1.0) < GEOID.undulation_share:
@@ -199,10 +200,6 @@ def _find_rays(made: Understanding, surveyed: np.ndarray, dem: HeightRaster | No
     height = float(np.nanmedian(around)) if np.isfinite(around).any() else images[0].middle_height_m
     tables = [table for one in made.content.sources for table in one.measured]
     return intersect_tracks(images, tables, height) or measure_rays(images, height)
-
-
-def _geoid_offset(ground: np.ndarray, datum: str) -> np.ndarray:
-    return np.zeros(len(ground)) if datum in (LAYER, ELLIPSOIDAL) else read_geoid_heights(ground, open_geoid(datum))
 
 
 # ---- steps -----------------------------------------------------------------------------------------------------------

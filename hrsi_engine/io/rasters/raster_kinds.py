@@ -4,7 +4,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 import pyproj
@@ -77,7 +76,9 @@ def find_raster_kind(path: str, crs: str = "") -> RasterFacts | None:
     if name.endswith(".gtx") or "geoid" in name or "undulation" in name:
         facts.kind = RasterKind.GEOID
         return facts
-    values = _sample_values(band)
+    step = max(1, max(band.XSize, band.YSize) // MEMORY.window_px)
+    values = band.ReadAsArray(buf_xsize=-(-band.XSize // step), buf_ysize=-(-band.YSize // step))
+    values = np.empty(0) if values is None else np.asarray(values).ravel()
     if facts.bands == 1 and band.DataType not in (gdal.GDT_Byte, gdal.GDT_UInt16):
         facts.kind, facts.nodata = RasterKind.HEIGHTS, _find_fill_value(values[values != band.GetNoDataValue()])
         heights = dataset if facts.nodata is None else gdal.Translate("", dataset, format="VRT", noData=facts.nodata)
@@ -87,12 +88,6 @@ def find_raster_kind(path: str, crs: str = "") -> RasterFacts | None:
     is_mask = facts.bands == 1 and len(np.unique(values)) <= RASTER_KINDS.mask_values
     facts.kind = RasterKind.MASK if is_mask else RasterKind.PICTURE
     return facts
-
-
-def _sample_values(band: Any) -> np.ndarray:
-    step = max(1, max(band.XSize, band.YSize) // MEMORY.window_px)
-    values = band.ReadAsArray(buf_xsize=-(-band.XSize // step), buf_ysize=-(-band.YSize // step))
-    return np.empty(0) if values is None else np.asarray(values).ravel()
 
 
 def _find_fill_value(values: np.ndarray) -> float | None:
