@@ -340,7 +340,7 @@ class PointsDock(QDockWidget):
 
     def undo(self, again: bool = False) -> None:
         """Undo the last edit, or with ``again`` redo the one undone last."""
-        if title := self.session.redo() if again else self.session.undo():
+        if title := self.session.history.redo() if again else self.session.history.undo():
             if self.point() not in self.session.points:
                 self.measurements_model.show_point("")
             self.tell(f"{title}: {tr('redone') if again else tr('undone')}")

@@ -12,7 +12,7 @@ from ...hrsi_engine.block.assembly import stack_image_points
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.exposures import join_exposures
 from ...hrsi_engine.block.imaging_geometry import compute_footprint
-from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
+from ...hrsi_engine.block.points import ROLE_LABELS, GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.ground.geodesy import WGS84
@@ -84,7 +84,7 @@ def point_layers(session: PointSession) -> list[Layer]:
     index = {name: row for row, name in enumerate(known.ids.tolist())}
     at = np.array([index.get(name, -1) for name in ids.tolist()], dtype=np.int64)
     ground = GroundPointRows(
-        id=known.ids, role=_role_labels(known.role), height=known.ground[:, 2],
+        id=known.ids, role=ROLE_LABELS[known.role], height=known.ground[:, 2],
         sigma_east_m=unknown, sigma_north_m=unknown, sigma_height_m=unknown,
         rays=np.bincount(at[at >= 0], minlength=len(known)),
         # The survey, for any geometry of the layer
@@ -92,7 +92,7 @@ def point_layers(session: PointSession) -> list[Layer]:
         sigma_xy=known.sigma_m[:, 0], sigma_h=known.sigma_m[:, 1],
     )  # fmt: skip
     place = np.vstack([known.ground, np.full((1, 3), np.nan)])[at]
-    roles = np.append(_role_labels(known.role), "tie")[at]
+    roles = np.append(ROLE_LABELS[known.role], "tie")[at]
     nothing = np.full(len(ids), np.nan)
     columns = ImagePointRows(
         id=ids, role=roles, image=np.asarray(measured.image_ids), sample=xy[:, 0], line=xy[:, 1],
@@ -103,10 +103,6 @@ def point_layers(session: PointSession) -> list[Layer]:
     image_points_layer = Layer("image_points", "PointZ", WGS84, place, columns)
     operations = name_point_operations(known)
     return [Layer("ground_points", "PointZ", WGS84, known.ground, ground, operations), image_points_layer]
-
-
-def _role_labels(role: np.ndarray) -> np.ndarray:
-    return np.array([Role(value).label for value in role.tolist()], dtype=str)
 
 
 _ROLES = {Role.CHECK: "check", Role.OFF: "off", Role.TIE: TIE, Role.HELD_OUT: TIE}

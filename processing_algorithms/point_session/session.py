@@ -66,10 +66,8 @@ class PointSession:
         self._saved: int | None = 0  # the state in the file
         self.adjusted: AdjustmentView | None = None
         self._adjusted_from = Snapshot(self)  # state that was adjusted
-        self._edited: set[Key] = set()  # measurements that differ from those adjusted
         self.shown: CurrentView | None = None  # shown in tables: the adjustment, or its continuation
         self._shown_from = self._adjusted_from
-        self._stale: set[Key] = set()  # measurements that differ from those shown
         self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, cached
         self._shifts: dict[str, np.ndarray] | None = None  # by image, cached
 
@@ -93,7 +91,7 @@ class PointSession:
     def rows(self) -> list[PointRow]:
         """Return all known points, in the order in which they were added."""
         counts = Counter(map(itemgetter(0), self.measured))
-        stale = self._others_than(self._shown_from, self._stale)
+        stale = self._shown_from.list_edits(self.points)
         rows = []
         for name, point in self.points.items():
             residual_m, why = NO_POSITION, ""
@@ -125,7 +123,7 @@ class PointSession:
 
     def judge(self, key: Key) -> tuple[tuple[float, float], float, str]:
         """Return a measurement's residual (px), its length in standard deviations, and why it is suspicious, if so."""
-        if self.shown is None or key in self._stale:
+        if self.shown is None or key in self._shown_from.edited:
             return NO_POSITION[:2], math.nan, ""
         left, length = self.shown.residual_px.get(key, NO_POSITION[:2]), self.shown.statistics.get(key, math.nan)
         return left, length, self.shown.image_suspicions.get(key, "")
@@ -185,7 +183,11 @@ class PointSession:
             if point.role in ROLES[:2]:
                 place = (measured.sample, measured.line, point.lon, point.lat, point.height)
                 surveyed.setdefault(image_id, []).extend(place)
-                if point.role == ROLES[0] and self.shown is not None and (name, image_id) not in self._stale:
+                if (
+                    point.role == ROLES[0]
+                    and self.shown is not None
+                    and (name, image_id) not in self._shown_from.edited
+                ):
                     followed.add(image_id)
         known = {
             image_id: np.array(flat).reshape(-1, 5) for image_id, flat in surveyed.items() if image_id not in followed
@@ -243,14 +245,7 @@ class PointSession:
 
     def list_edits(self) -> set[str]:
         """Return the points that differ from those in the adjustment, including removed ones."""
-        return self._others_than(self._adjusted_from, self._edited)
-
-    def _others_than(self, before: Snapshot, measured: set[Key]) -> set[str]:
-        names = {name for name, _ in measured}
-        if before.points is not self.points:
-            names |= {name for name, point in self.points.items() if before.points.get(name) is not point}
-            names |= before.points.keys() - self.points.keys()
-        return names
+        return self._adjusted_from.list_edits(self.points)
 
     def find_free_id(self, letter: str) -> str:
         """Return an id that is neither in the list nor among the tie points in the background."""
@@ -341,14 +336,6 @@ class PointSession:
         for known in self._predicted.values():
             known.pop(point.id, None)
 
-    def undo(self) -> str:
-        """Undo the last edit and return its title; empty if there is none."""
-        return self.history.undo()
-
-    def redo(self) -> str:
-        """Redo the edit that was undone last and return its title; empty if there is none."""
-        return self.history.redo()
-
     def restore(self, points: Mapping[str, SurveyPoint], measured: Mapping[Key, ImageMeasurement]) -> None:
         """Replace points and measurements in one edit; no file contains them."""
         gone = {key: None for key in self.measured.keys() - measured.keys()}
@@ -359,17 +346,17 @@ class PointSession:
         """Set an adjustment of the state ``seen`` (default: now); its cameras predict, its residuals are shown."""
         self.adjusted, self._adjusted_from = adjusted, seen or Snapshot(self)
         before = self._adjusted_from.measured
-        self._edited = {
+        self._adjusted_from.edited = {
             key for key in self.measured.keys() | before.keys() if self.measured.get(key) is not before.get(key)
         }
-        self._show(adjusted, self._adjusted_from, set(self._edited))
+        self._show(adjusted, self._adjusted_from)
 
     def follow(self, followed: CurrentView) -> None:
         """Show the continuation of the adjustment with the present points and measurements."""
-        self._show(followed, Snapshot(self), set())
+        self._show(followed, Snapshot(self))
 
-    def _show(self, shown: CurrentView, seen: Snapshot, stale: set[Key]) -> None:
-        self.shown, self._shown_from, self._stale = shown, seen, stale
+    def _show(self, shown: CurrentView, seen: Snapshot) -> None:
+        self.shown, self._shown_from = shown, seen
         self._predicted.clear()
         self._shifts = None
 
@@ -390,11 +377,11 @@ class PointSession:
                 self.measured.pop(key, None)
             else:
                 self.measured[key] = measured
-            for before, others in ((self._adjusted_from, self._edited), (self._shown_from, self._stale)):
+            for before in (self._adjusted_from, self._shown_from):
                 if before.measured.get(key) is measured:
-                    others.discard(key)
+                    before.edited.discard(key)
                 else:
-                    others.add(key)
+                    before.edited.add(key)
         if change.points is not None:
             self.points = dict(change.points)
             self._predicted.clear()
@@ -410,11 +397,20 @@ class PointSession:
 
 
 class Snapshot:
-    """Points and measurements of a session at one time, independent of later edits."""
+    """Points and measurements of a session at one time, and the measurements that were ``edited`` since."""
 
     def __init__(self, session: PointSession) -> None:
         self.state = session.history.state
         self.points, self.measured = session.points, dict(session.measured)  # points are replaced, never changed
+        self.edited: set[Key] = set()
+
+    def list_edits(self, points: Mapping[str, SurveyPoint]) -> set[str]:
+        """Return the points whose measurements were edited, or that differ from the present ``points``."""
+        names = {name for name, _ in self.edited}
+        if self.points is not points:
+            names |= {name for name, point in points.items() if self.points.get(name) is not point}
+            names |= self.points.keys() - points.keys()
+        return names
 
 
 def _sigma(where: str, field: str, sigma: float | None) -> float:

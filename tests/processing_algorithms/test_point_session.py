@@ -204,17 +204,17 @@ def test_edits_are_undone_and_done_again(session: PointSession) -> None:
         states.append((dict(session.points), dict(session.measured)))
     assert session.changed and not session.is_adjusted
     for before in states[-2::-1]:
-        assert session.undo()
+        assert session.history.undo()
         assert (session.points, session.measured) == before
         assert list(session.points) == list(before[0])
     assert (session.changed, session.is_adjusted) == (False, True)
     assert session.rows()[0].residual_m[0] == session.adjusted.residual_m[names[0]][0]
     for after in states[1:]:
-        assert session.redo()
+        assert session.history.redo()
         assert (session.points, session.measured) == after
-    assert session.redo() == ""
-    session.undo()
-    assert PointSession().undo() == ""
+    assert session.history.redo() == ""
+    session.history.undo()
+    assert PointSession().history.undo() == ""
     session.set_role(names[5], "off")  # what was undone is gone
     assert session.history.redo_title == "" and session.changed
 
@@ -301,7 +301,7 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
     keeper.follow(session)
     session.set_role(name, "off")
     assert find_journals(root) == []  # the program lives
-    session.undo()
+    session.history.undo()
     keeper.leave()
     assert find_journals(root) == []  # nothing to save
     keeper.follow(session)
@@ -366,8 +366,8 @@ def test_residuals_follow_an_edit(session: PointSession) -> None:
     session.remove_measurement(name, image)
     session.follow(follow(session))
     assert math.isnan(session.measurement(name, image).residual_px[0])
-    session.undo()
-    session.undo()
+    session.history.undo()
+    session.history.undo()
     session.follow(follow(session))
     assert session.measurement(name, image).residual_px == pytest.approx(before, abs=0.005)
     session.remove_point(name)

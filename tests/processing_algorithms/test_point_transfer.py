@@ -87,9 +87,9 @@ def test_tie_is_placed_kept_and_adjusted(session: PointSession, truth: Truth, tm
     session.move_point(place_tie(session, name))
     for image in ("image_2", *good):
         assert np.hypot(*np.subtract(session.predict_place(name, image), places[image])) < 1.0
-    session.undo()
+    session.history.undo()
     assert [key for key in session.measured if key[0] == name] == [(name, "image_2")]
-    session.redo()
+    session.history.redo()
     session.accept(adjust_block(block_of(session), "shift", listed=session.points))
     assert np.isfinite(session.measurement(name, "image_2").residual_px).all()
     path = str(tmp_path / "block.gpkg")
