@@ -135,8 +135,7 @@ def save_image(
         save_vrt(source, target_path, rpc, lineage)
         return ()
     band = source.GetRasterBand(1)
-    is_integer = band.DataType not in (gdal.GDT_Float32, gdal.GDT_Float64)
-    options = form.creation_options(is_integer, threads)
+    options = form.creation_options(band.DataType, threads)
     if band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE"):  # predictors need whole bytes
         options = [option for option in options if not option.startswith("PREDICTOR")]
     with config_option(*INTERNAL_MASK):

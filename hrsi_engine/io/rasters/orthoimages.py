@@ -85,17 +85,13 @@ class OrthoFormat:
     name: str
     compression: str
 
-    def creation_options(self, is_integer: bool, threads: int) -> list[str]:
-        """Return GDAL's creation options for the format.
-
-        is_integer : whether grey values are integers, which decides the predictor
-        threads : number of threads for compression
-        Result: texts ``NAME=VALUE``.
-        """
+    def creation_options(self, data_type: int, threads: int) -> list[str]:
+        """Return GDAL's creation options for the format, ``NAME=VALUE``; ``threads`` compress."""
         driver, options = FORMATS[self.name]
         creation = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
         if self.compression != "none":
-            creation.append("PREDICTOR=YES" if driver == "COG" else f"PREDICTOR={2 if is_integer else 3}")
+            is_float = data_type in (gdal.GDT_Float32, gdal.GDT_Float64)
+            creation.append("PREDICTOR=YES" if driver == "COG" else f"PREDICTOR={3 if is_float else 2}")
         return creation
 
 
@@ -163,51 +159,71 @@ def write_orthoimage(
     """
     figures, total = OrthoFigures(), sum(1 for _ in chunk_windows(grid, warp))
 
-    def write_tiles(target: str, tile_options: Sequence[str], part: Progress) -> None:
+    def fill(dataset: gdal.Dataset, part: Progress) -> None:
+        for number, origin in enumerate(source.bands, 1):
+            copy_band_properties(source.dataset.GetRasterBand(origin), dataset.GetRasterBand(number), warp.nodata)
+        if warp.nodata is None:
+            with config_option(*INTERNAL_MASK):
+                dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
+        for chunks_done, chunk in enumerate(islice(chunks, total)):
+            advance(part, chunks_done / total, f"writing {os.path.basename(path)}")
+            figures.unknown += chunk.unknown
+            figures.hidden += chunk.hidden
+            figures.errors_px.append(chunk.errors_px)
+            if chunk.pixels is not None:
+                figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
+        figures_text = json_text(figures.summary())
+        dataset.SetMetadata({FINGERPRINT: fingerprint(made_from), FIGURES: figures_text, **(lineage or {})})
+
+    layout = TileLayout(grid, grid.crs, len(source.bands), source.data_type)
+    overviews = OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE")
+    write_tiles(path, layout, fill, form, threads=threads, progress=progress, overviews=overviews)
+    return figures
+
+
+class TileLayout(NamedTuple):
+    """Cells of a raster on a map, its CRS (WKT), which may have a vertical part, its bands and GDAL's data type."""
+
+    grid: Grid
+    crs: str
+    bands: int
+    data_type: int
+
+
+def write_tiles(
+    path: str, layout: TileLayout, fill: Callable[[gdal.Dataset, Progress], None], form: OrthoFormat, threads: int,
+    progress: Progress, overviews: str = "AVERAGE",
+) -> None:  # fmt: skip
+    """Write a raster whose properties and pixels ``fill`` writes; a COG is a copy of a hidden file with them.
+
+    Raises `OutputError` if it cannot be written, `Cancelled` if ``progress`` returns False.
+    """
+    grid, driver = layout.grid, FORMATS[form.name][0]
+
+    def write(target: str, tile_options: Sequence[str], part: Progress) -> None:
         with gdal_messages() as messages:
-            dataset = _create_file(target, list(tile_options), source, grid, warp)
+            dataset = gdal.GetDriverByName("GTiff").Create(
+                target, grid.columns, grid.rows, layout.bands, layout.data_type, list(tile_options)
+            )
             is_created = dataset is not None
             if dataset is not None:
-                for chunks_done, chunk in enumerate(islice(chunks, total)):
-                    advance(part, chunks_done / total, f"writing {os.path.basename(path)}")
-                    figures.unknown += chunk.unknown
-                    figures.hidden += chunk.hidden
-                    figures.errors_px.append(chunk.errors_px)
-                    if chunk.pixels is not None:
-                        figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
-                figures_text = json_text(figures.summary())
-                dataset.SetMetadata({FINGERPRINT: fingerprint(made_from), FIGURES: figures_text, **(lineage or {})})
+                dataset.SetProjection(layout.crs)
+                dataset.SetGeoTransform(grid.geotransform)
+                fill(dataset, part)
             del dataset  # closed here, so that failures of the last writing are noticed
         if messages or not is_created:
             raise OutputError(f"{path}: cannot be written ({messages.reason})")
 
-    driver, options = FORMATS[form.name][0], form.creation_options(source.is_integer, threads)
+    options = form.creation_options(layout.data_type, threads)
     with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden_folder, replacing(path) as temporary:
         if driver == "GTiff":
-            write_tiles(temporary, options, progress)
+            write(temporary, options, progress)
         else:
-            plain = os.path.join(hidden_folder, "chunks.tif")
-            write_tiles(plain, (*TILED, "SPARSE_OK=TRUE"), stage(progress, 0.0, CHUNKS.warped_share))
-            _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
+            plain = os.path.join(hidden_folder, "tiles.tif")
+            write(plain, (*TILED, "SPARSE_OK=TRUE"), stage(progress, 0.0, CHUNKS.warped_share))
+            _add_overviews(plain, overviews)
             part = stage(progress, CHUNKS.warped_share, 1.0)
             create_copy(gdal.Open(plain), temporary, path, driver, options, part)
-    return figures
-
-
-def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:
-    """Create a tiled file for the chunks, with descriptions and units of the source's bands."""
-    count = len(source.bands)
-    dataset = gdal.GetDriverByName("GTiff").Create(path, grid.columns, grid.rows, count, source.data_type, options)
-    if dataset is None:
-        return None
-    dataset.SetProjection(grid.crs)
-    dataset.SetGeoTransform(grid.geotransform)
-    for number, origin in enumerate(source.bands, 1):
-        copy_band_properties(source.dataset.GetRasterBand(origin), dataset.GetRasterBand(number), warp.nodata)
-    if warp.nodata is None:
-        with config_option(*INTERNAL_MASK):
-            dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
-    return dataset
 
 
 def copy_band_properties(origin: gdal.Band, band: gdal.Band, nodata: float | None) -> None:

@@ -4,7 +4,6 @@ Heights above a vertical datum have a compound CRS. Ellipsoidal ones have that o
 three-dimensional projected CRS, and the metadata item `VERTICAL_DATUM`. `open_dem` reads both.
 """
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -13,17 +12,13 @@ import numpy as np
 import pyproj
 from osgeo import gdal
 
-from ...foundation.errors import InputError, OutputError
-from ...foundation.progress import Progress, advance, stage
+from ...foundation.errors import InputError
+from ...foundation.progress import Progress, advance
 from ...ground.crs_operations import operations_of
 from ...ground.proj_operations import has_heights
-from ..opening.datasets import gdal_messages
-from ..rpc_files.write import create_copy
-from ..safety.replacing import open_hidden_folder, replacing
 from .dems import ELLIPSOIDAL_DATUM, ELLIPSOIDAL_HEIGHTS, VERTICAL_DATUM
 from .images import GdalRaster
-from .ortho_warp import CHUNKS
-from .orthoimages import TILED, Grid, OrthoFormat
+from .orthoimages import Grid, OrthoFormat, TileLayout, write_tiles
 
 SURFACE_BANDS = ("height", "standard deviation", "pairs")
 NODATA = -9999.0
@@ -80,35 +75,24 @@ def write_surface(
 
     Raises `OutputError` if it cannot be written, `Cancelled` if ``progress`` returns False.
     """
-    with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as folder, replacing(path) as temporary:
-        plain = os.path.join(folder, "tiles.tif")
-        with gdal_messages() as messages:
-            dataset = gdal.GetDriverByName("GTiff").Create(
-                plain, grid.columns, grid.rows, len(names), gdal.GDT_Float32, [*TILED, "SPARSE_OK=TRUE"]
-            )
-            if dataset is not None:
-                dataset.SetProjection(crs)
-                dataset.SetGeoTransform(grid.geotransform)
-                for number, name in enumerate(names, 1):
-                    dataset.GetRasterBand(number).SetDescription(name)
-                    dataset.GetRasterBand(number).SetNoDataValue(NODATA)
-                    if name != SURFACE_BANDS[-1]:
-                        dataset.GetRasterBand(number).SetUnitType("metre")
-                is_ellipsoidal = not has_heights(pyproj.CRS.from_wkt(crs))
-                dataset.SetMetadata({**lineage, **({VERTICAL_DATUM: ELLIPSOIDAL_HEIGHTS} if is_ellipsoidal else {})})
-                part = stage(progress, 0.0, CHUNKS.warped_share)
-                for window, bands in tiles:
-                    advance(part, window.row / grid.rows, "fusing pairs")
-                    empty = np.isnan(bands[0])
-                    for band, values in enumerate(bands, 1):
-                        filled = np.where(empty, np.float32(NODATA), values)
-                        dataset.GetRasterBand(band).WriteArray(filled, window.column, window.row)
-            is_created = dataset is not None
-            del dataset  # closed here, so that failures of the last writing are noticed
-        if messages or not is_created:
-            raise OutputError(f"{path}: cannot be written ({messages.reason})")
-        options = [*form.creation_options(False, threads), "OVERVIEW_RESAMPLING=AVERAGE"]
-        create_copy(gdal.Open(plain), temporary, path, "COG", options, stage(progress, CHUNKS.warped_share, 1.0))
+
+    def fill(dataset: gdal.Dataset, part: Progress) -> None:
+        for number, name in enumerate(names, 1):
+            dataset.GetRasterBand(number).SetDescription(name)
+            dataset.GetRasterBand(number).SetNoDataValue(NODATA)
+            if name != SURFACE_BANDS[-1]:
+                dataset.GetRasterBand(number).SetUnitType("metre")
+        is_ellipsoidal = not has_heights(pyproj.CRS.from_wkt(crs))
+        dataset.SetMetadata({**lineage, **({VERTICAL_DATUM: ELLIPSOIDAL_HEIGHTS} if is_ellipsoidal else {})})
+        for window, bands in tiles:
+            advance(part, window.row / grid.rows, "fusing pairs")
+            empty = np.isnan(bands[0])
+            for band, values in enumerate(bands, 1):
+                filled = np.where(empty, np.float32(NODATA), values)
+                dataset.GetRasterBand(band).WriteArray(filled, window.column, window.row)
+
+    layout = TileLayout(grid, crs, len(names), gdal.GDT_Float32)
+    write_tiles(path, layout, fill, form, threads=threads, progress=progress)
 
 
 STYLE = (
