@@ -10,10 +10,14 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
+from hrsi.benchmarks.clean_verdicts import matched
+from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.adjustment.external.heights import HEIGHTS
 from hrsi.hrsi_engine.adjustment.outcome.area_accuracy import AREA_ACCURACY
+from hrsi.hrsi_engine.block.orthoimage import DEM
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground import geoids
 from hrsi.hrsi_engine.ground.geoids import GEOID
@@ -116,6 +120,28 @@ def test_sentences_state_the_limits_of_the_code():
     share, cell_m = _find_numbers("how-to/surface.md", "by default # m plus a tenth of its cell size (3.3 m for # m)")
     assert dem_sigma_m(cell_m) == pytest.approx(share + 0.1 * cell_m)
     assert GEOID.substitute_sigma_m == _find_numbers("how-to/heights.md", "counts with # m (standard deviation)")[0]
+
+
+def test_errors_of_a_dem_have_the_shares_of_the_page():
+    shares = _find_numbers(
+        "reference.md", "# sigma for a part of the area (a quarter of each side, at least 500 m), and # sigma for all"
+    )
+    assert shares == [DEM.by_part, DEM.by_all]
+
+
+@pytest.mark.real
+@pytest.mark.thorough
+def test_points_on_four_images_are_those_of_the_pages():
+    """Ties of two dates of Kahramanmaras, of which the command holds out every tenth: by 5 % and 0.01 px."""
+    [number, rms_px] = _find_numbers("many_dates.md", "# points are found on all four with # px RMS")
+    assert _find_numbers("matching.md", "2: 6165, 0.088; 3: 476, 0.214; 4: #, # |") == [number, rms_px]
+    result = adjust(
+        matched("kahramanmaras_phr4", [f"{when}_event_img{k}.tif" for when in ("pre", "post") for k in (1, 2)])
+    )
+    rays, rows = result.block.rays_per_point(), result.block.measurements
+    used = (result.weight > 0.0) & result.has_residual & (rays[rows.point] == 4)
+    assert 0.9 * np.count_nonzero(rays == 4) == pytest.approx(number, rel=0.05)
+    assert np.sqrt(np.mean(np.sum(result.residual_px[used] ** 2, axis=1))) == pytest.approx(rms_px, abs=0.01)
 
 
 def test_a_missing_geoid_is_replaced_as_the_page_states(monkeypatch: pytest.MonkeyPatch):

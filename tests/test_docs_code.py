@@ -118,6 +118,10 @@ def test_tasks_are_done(worked: Path):
         assert (worked / name).is_file()
     orthoimages = [sorted(path.name for path in (worked / name).glob("*.tif")) for name in ("ortho", "ortho_in_python")]
     assert orthoimages[0] == orthoimages[1] and len(orthoimages[0]) == 3
+    # What the page says of the pair's verdict is what the report of the run says
+    [(level, code)] = re.findall(r"verdict of this pair is \*(\w+)\* \(\[([\w-]+)\]", TASKS.read_text(encoding="utf-8"))
+    verdict = json.loads((worked / "pair" / "report.json").read_text(encoding="utf-8"))["verdict"]
+    assert verdict["level"] == level and code in {reason["code"] for reason in verdict["reasons"]}
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in DONE_BY_TASKS])

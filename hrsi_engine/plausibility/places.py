@@ -15,7 +15,7 @@ from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY, threshold, thresholds
 from ..ground.geodesy import metres_per_degree, to_ecef
 from ..ground.geoids import height_difference
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
@@ -28,7 +28,6 @@ class PLACEMENT:
     """Limits for the positions of image points, heights and a DEM relative to the images."""
 
     far_outside: float = threshold(0.5, "", "distance of a point outside an image, over its size, that is an error")
-    many_outside: float = threshold(0.5, "", "share of an image's points outside it that is reported")
     bent_px: float = threshold(
         0.01, "px", "curvature of rays beyond which the order of RPC00A is tested", "60 vendor RPCs of 12 sensors: "
         "medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25"
@@ -60,7 +59,6 @@ class SURVEY:
         0.02, "", "tolerance for rounded coordinates in units of the last decimal", "a geoid's slope: 0.2 m in 10 km"
     )
     harmful_px: float = threshold(0.5, "px", "smallest standard deviation of the rounding that is reported")
-    copied_share: float = threshold(0.5, "", "share of check points at GCPs beyond which they are copies")
     same_target_px: float = threshold(1.5, "px", "largest distance of two measurements of one target")
 
 
@@ -78,7 +76,7 @@ def find_points_outside(block: Block) -> list[Reason]:
     outside = (beyond > CONTROL_VISIBILITY.edge_px).any(axis=1) & has_size[measured.image]
     count = np.bincount(measured.image, minlength=len(has_size))
     mostly_outside = np.bincount(measured.image[outside], minlength=len(has_size)) > np.maximum(
-        PLACEMENT.many_outside * count, PLACEMENT.several_points
+        EQUALITY.majority * count, PLACEMENT.several_points
     )
     is_wrong = is_far | (outside & mostly_outside[measured.image])
     for index in np.unique(measured.image[is_wrong]):
@@ -346,7 +344,7 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
             for k in check_rows.keys() & gcp_rows.keys()
         ]
         is_alike[number] = bool(distances) and max(distances) < SURVEY.same_target_px
-    if is_alike.mean() > SURVEY.copied_share:  # a few may be next to a GCP by chance
+    if is_alike.mean() > EQUALITY.majority:  # a few may be next to a GCP by chance
         is_copy |= is_alike
     if not is_copy.any():
         return []

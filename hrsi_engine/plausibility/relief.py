@@ -9,7 +9,7 @@ import numpy as np
 
 from ..foundation.reasons import Level, Reason
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import MEMORY, SAMPLES, threshold, thresholds
 from ..surface.dem import HeightSurface, cell_size_m, dem_sigma_m, surface_heights
 from ..surface.matching import SurfaceMatch, match_surface
 from .accuracy import SIMULATED
@@ -19,8 +19,6 @@ from .accuracy import SIMULATED
 class RELIEF:
     """Limits for a DEM that does not show the ground of the adjusted tie points."""
 
-    fewest_points: int = threshold(30, "points", "fewest tie points with a height of the DEM that are tested")
-    most_points: int = threshold(20_000, "points", "largest number of points that are compared")
     unlike_m: float = threshold(15.0, "m", "scatter of height differences that is reported", SIMULATED)
     unlike_share: float = threshold(0.5, "", "… over the scatter of heights (all three exceeded)", SIMULATED)
     unlike_sigmas: float = threshold(5.0, "sigma", "… in standard deviations of the points' heights", SIMULATED)
@@ -46,11 +44,11 @@ def find_relief_reasons(
     sigma_h_m : standard deviation of the height difference between points and DEM
     holds : True if only the DEM determines the block's height
     """
-    ground = ground[:: 1 + len(ground) // RELIEF.most_points]
+    ground = ground[:: 1 + len(ground) // MEMORY.rows]
     of_dem = surface_heights(surface, ground[:, :2])
     inside = np.isfinite(of_dem)
     ground, of_dem = ground[inside], of_dem[inside]
-    if len(ground) < RELIEF.fewest_points:
+    if len(ground) < SAMPLES.trend:
         return []
     miss = ground[:, 2] - of_dem
     is_far = np.abs(miss - np.median(miss)) > RELIEF.far_off_m

@@ -18,7 +18,7 @@ import numpy as np
 from ..block.block import Block, Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY, MEMORY, SAMPLES, threshold, thresholds
 from ..ground.geodesy import move_ground
 from .accuracy import SIMULATED, ImageAccuracy
 from .control import StraightRays, compute_sightlines
@@ -30,8 +30,6 @@ class TIE_CHECK:
     """Limits for tie points whose rays do not intersect, by pairs of images."""
 
     sample_per_pair: int = threshold(60, "points", "largest number of points of a pair that are tested")
-    most_sampled: int = threshold(20_000, "points", "largest number of points of the block in this test")
-    fewest_of_pair: int = threshold(8, "points", "smallest number of points of a pair that is tested")
     least_slope: float = threshold(
         0.005, "m/m", "smallest difference in slope of rays with a height: 500 m of relief separate such rays by 2.5 "
         "m; with 0.02 every twentieth pair of correct blocks failed", "blocks of adjust_speed of 60 to 90 images, "
@@ -46,14 +44,12 @@ class TIE_CHECK:
     bulk_sigmas: float = threshold(8.0, "sigma", "largest mode of ray distances by errors of the RPCs", SIMULATED)
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
     unusable_share: float = threshold(0.37, "", "share of wrong measurements of unusable tie points", SIMULATED)
-    agreeing_share: float = threshold(0.5, "", "smallest share of agreeing points of a correct pair", SIMULATED)
     broken_share: float = threshold(
         0.25, "", "share of agreeing points of a pair below which the tie points are unusable", SIMULATED
     )
     cured_ratio: float = threshold(
         3.0, "", "smallest ratio of wrong points before and after the correction of an input error", SIMULATED
     )
-    fewest_cured: int = threshold(12, "points", "smallest number that is corrected by a named input error", SIMULATED)
     most_suspects: int = threshold(6, "images", "largest number of images tested for input errors of their own")
 
 
@@ -100,7 +96,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     first = np.flatnonzero(
         tie[:-1] & (measured.point[1:] == measured.point[:-1]) & (measured.image[1:] != measured.image[:-1])
     )
-    if len(first) < TIE_CHECK.fewest_of_pair:
+    if len(first) < SAMPLES.tested:
         return None
     key = measured.image[first].astype(np.int64) * len(block.images) + measured.image[first + 1]
     order = np.argsort(key, kind="stable")
@@ -108,7 +104,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     sizes = np.diff(np.r_[starts, len(key)])
     pair = np.repeat(np.arange(len(starts)), sizes)
-    per_pair = max(TIE_CHECK.fewest_of_pair, min(TIE_CHECK.sample_per_pair, TIE_CHECK.most_sampled // len(starts)))
+    per_pair = max(SAMPLES.tested, min(TIE_CHECK.sample_per_pair, MEMORY.rows // len(starts)))
     # every k-th point of a pair: a point is taken where rank * wanted / size passes the next integer
     rank = np.arange(len(key)) - starts[pair]
     quota = np.minimum(sizes, per_pair)[pair]
@@ -197,9 +193,7 @@ def check_pairs(
     if not shifted:
         is_wrong |= np.repeat(np.abs(bulk) > TIE_CHECK.bulk_sigmas * sigma[starts], sizes)
     share = np.add.reduceat(is_wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
-    return PairConsistency.from_points(
-        pairs, is_wrong, np.where(sizes >= TIE_CHECK.fewest_of_pair, 1.0 - share, np.nan)
-    )
+    return PairConsistency.from_points(pairs, is_wrong, np.where(sizes >= SAMPLES.tested, 1.0 - share, np.nan))
 
 
 def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, limit: float) -> np.ndarray:
@@ -210,7 +204,7 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, l
     design = np.column_stack([np.ones(len(xy)), xy - np.median(xy, axis=0)])
     left, fits = away_m, np.abs(away_m) <= tolerance_m
     for _ in range(TIE_CHECK.drift_steps):
-        if fits.sum() < TIE_CHECK.fewest_of_pair:
+        if fits.sum() < SAMPLES.tested:
             return away_m
         solved, _, rank, _ = np.linalg.lstsq(design[fits], away_m[fits], rcond=None)
         if rank < design.shape[1] or np.hypot(*solved[1:]) > limit:
@@ -247,9 +241,9 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     if pairs is None:
         return []
     consistency = check_pairs(pairs)
-    failing = np.flatnonzero(consistency.good < TIE_CHECK.agreeing_share)
+    failing = np.flatnonzero(consistency.good < EQUALITY.majority)
     share = 1.0 - np.sqrt(1.0 - consistency.share)  # share of measurements: one wrong measurement makes a pair wrong
-    if not len(failing) and (share < TIE_CHECK.doubtful_share or consistency.wrong.sum() < TIE_CHECK.fewest_cured):
+    if not len(failing) and (share < TIE_CHECK.doubtful_share or consistency.wrong.sum() < SAMPLES.fewest):
         return []
     suspects = _select_suspects(pairs, consistency, failing)
     left = 1.0 - check_pairs(pairs, shifted=True).good[failing]  # the other pairs fit without a shift
@@ -320,7 +314,7 @@ def _find_best_mistake(
     """
     best: dict[str, tuple[float, Mistake, np.ndarray]] = {}
     for mistake, images, share in _iterate_hypotheses(pairs, consistency, suspects):
-        cured = (consistency.share - share) * len(pairs.pair) >= TIE_CHECK.fewest_cured
+        cured = (consistency.share - share) * len(pairs.pair) >= SAMPLES.fewest
         cured = cured and share * TIE_CHECK.cured_ratio < consistency.share
         if share < TIE_CHECK.doubtful_share and cured and (mistake.what not in best or share < best[mistake.what][0]):
             best[mistake.what] = share, mistake, images

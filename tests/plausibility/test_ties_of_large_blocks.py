@@ -28,7 +28,7 @@ def mistaken_pairs() -> ties.PairSample:
 def test_readings_of_some_images_are_those_of_the_whole_block() -> None:
     pairs = mistaken_pairs()
     given = ties.check_pairs(pairs)
-    suspects = ties._select_suspects(pairs, given, np.flatnonzero(given.good < ties.TIE_CHECK.agreeing_share))
+    suspects = ties._select_suspects(pairs, given, np.flatnonzero(given.good < ties.EQUALITY.majority))
     assert SLIPPED in suspects
     undo = dict(zip((slip for slip, _ in PIXEL_MISTAKES), (undo for _, undo in PIXEL_MISTAKES), strict=True))
     compared = 0

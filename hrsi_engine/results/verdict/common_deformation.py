@@ -7,7 +7,7 @@ from scipy import special
 
 from ...block.block import Image, Role, stack_rpcs
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import SIGNIFICANCE
+from ...foundation.thresholds import SAMPLES, SIGNIFICANCE
 from ...ground.geodesy import ground_difference_m
 from .evidence import Evidence
 from .significance import EFFECT
@@ -25,13 +25,13 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
     result = evidence.result
     estimated = result.cameras
     gcps = result.block.points.ground[result.block.points.role == Role.GCP]  # without GCPs of an earlier block
-    if len(gcps) < EFFECT.fewest_points or not set(_DRIFTS) <= set(estimated.model.parameters):
+    if len(gcps) < SAMPLES.plane or not set(_DRIFTS) <= set(estimated.model.parameters):
         return
     columns = [estimated.model.parameters.index(name) for name in _DRIFTS]
     number = {image.id: index for index, image in enumerate(result.block.images)}
     for part in result.parts:
         rows = [number[name] for name in part.images]
-        if part.gcps < EFFECT.fewest_points or len(rows) < 2 or part.ce90_m is None or part.le90_m is None:
+        if part.gcps < SAMPLES.plane or len(rows) < 2 or part.ce90_m is None or part.le90_m is None:
             continue
         images = [result.block.images[row] for row in rows]
         drifts = np.ix_(rows, columns)

@@ -8,7 +8,7 @@ import numpy as np
 from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SAMPLES, threshold, thresholds
 from .evidence import Evidence
 from .significance import SOUND_BLOCKS
 
@@ -22,7 +22,6 @@ class CONNECTION:
     fewest_ties: int = threshold(
         4, "points", "fewest tie points of an image without GCPs: two determine its shift, two reveal an error"
     )
-    fewest_of_pair: int = threshold(8, "points", "fewest common points of two images that are tested")
 
 
 def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
@@ -39,7 +38,7 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     wrong = (out - int(((rays > 0) & (rays_out == rays)).sum())) / total  # if all rays disagree, one may be correct
     count = np.bincount(block.measurements.image[ties], minlength=len(block.images))
     lost = np.bincount(block.measurements.image[ties & evidence.left_out], minlength=len(block.images))
-    bad = np.flatnonzero((count >= CONNECTION.fewest_of_pair) & (lost > CONNECTION.most_wrong * count))
+    bad = np.flatnonzero((count >= SAMPLES.tested) & (lost > CONNECTION.most_wrong * count))
     images = tuple(block.images[index].id for index in bad.tolist())
     if wrong > CONNECTION.wrong_share or images:
         where = f"; on image {list_ids(images)} more than {CONNECTION.most_wrong:.0%}" if images else ""

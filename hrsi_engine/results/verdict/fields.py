@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from ...adjustment.result import Adjustment
-from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ...refinement.image_space import IMAGE_SPACE
 from ..residuals import by_image
 
@@ -20,7 +20,6 @@ class FIELD:
     """Limits for systematic patterns (fields) in the residuals of images."""
 
     most_rows: int = threshold(1000, "points", "most points of an image that are tested")
-    fewest_rows: int = threshold(12, "points", "fewest points of an image that is tested")
     equal_share: float = threshold(
         0.8, "", "share of the squares explained by the largest model that a simpler model needs"
     )
@@ -51,7 +50,7 @@ def find_residual_fields(result: Adjustment, selected: np.ndarray, residual_px: 
     fields = []
     for index, rows in by_image(result.block, thinned):
         rows, image = rows[:: max(1, len(rows) // FIELD.most_rows)], result.block.images[index]
-        if len(rows) >= FIELD.fewest_rows:
+        if len(rows) >= SAMPLES.fewest:
             position = (result.block.measurements.xy[rows] - image.centre_px) / np.maximum(image.half_size_px, 1.0)
             field = _find_field(image.id, position, residual_px[rows])
             fields += [field] if field is not None else []

@@ -16,7 +16,7 @@ from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..residuals import state_known_sigmas_px
 from .evidence import CAMERA, Evidence
 from .significance import EFFECT, SOUND_BLOCKS, compute_chi_square_limit, is_significant
@@ -194,7 +194,7 @@ def _find_mean_errors(
     for axis, (name, sides) in enumerate(AXES.items()):
         used = np.isfinite(error[:, axis]) & np.isfinite(single[:, axis])
         count = int(used.sum())
-        if count < EFFECT.fewest_points:
+        if count < SAMPLES.plane:
             continue
         mean, sigma = float(error[used, axis].mean()), float(np.sqrt(single[used, axis].mean()))
         of_cameras = evidence.camera_px**2 * ray[used, axis] / min(count, GROUND_TRUTH.most_independent)
@@ -253,7 +253,7 @@ def do_check_points_agree(evidence: Evidence) -> bool:
         return False
     on_ground = MajorityFit.estimate(*_compute_chi_squares(error[usable], covariance[usable]))
     confirming = check[usable][~on_ground.is_outlier]
-    if len(confirming) < EFFECT.fewest_points or on_ground.factor >= EFFECT.agreeing_factor:
+    if len(confirming) < SAMPLES.plane or on_ground.factor >= EFFECT.agreeing_factor:
         return False
     rows, by_ground = evidence.check_rays
     point, residual_px = block.measurements.point[rows], evidence.left.at_known_px[rows]
@@ -273,7 +273,7 @@ def are_other_gcps_consistent(evidence: Evidence, suspects: Sequence[str]) -> bo
     rejected = {finding.id for finding in evidence.result.findings if finding.left_out}
     gcps = set(points.ids[points.role == Role.GCP].tolist())
     concerned, remaining = gcps & set(suspects), gcps - rejected
-    return concerned <= rejected and len(remaining) >= max(EFFECT.fewest_points, len(gcps & rejected) + 1)
+    return concerned <= rejected and len(remaining) >= max(SAMPLES.plane, len(gcps & rejected) + 1)
 
 
 def _compute_ray_cofactors(evidence: Evidence) -> np.ndarray:

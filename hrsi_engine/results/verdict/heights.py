@@ -8,7 +8,7 @@ from ...adjustment.external.laser_heights import MISFIT
 from ...adjustment.result import HeightAgreement, SourceGroup
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, threshold, thresholds
 from .evidence import Evidence
 from .significance import EFFECT, SOUND_BLOCKS
 
@@ -21,7 +21,6 @@ class HEIGHT_CONFLICTS:
         10, "points", "number below which laser points that alone determine the height are reported", SOUND_BLOCKS
     )
     few_laser_share: float = threshold(0.1, "", "… if also less than this share of their file", SOUND_BLOCKS)
-    outvoted_share: float = threshold(0.5, "", "share of GCPs that contradict other heights: block unusable")
     doubtful_parts: float = threshold(0.1, "", "smallest reported share of a source in contradicting parts")
     canopy_m: float = threshold(3.0, "m", "height difference of laser points on the ground from canopy", SOUND_BLOCKS)
 
@@ -42,10 +41,10 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
         told = [group for group in told if not (undecided and group.left_out)]
         middle = float(np.median([group.offset_m for group in told])) if told else 0.0
         share = sum(group.observations for group in told) / max(one.observations, 1)
-        outvoted = off > HEIGHT_CONFLICTS.outvoted_share * compared and one.left_out < one.observations
+        outvoted = off > EQUALITY.majority * compared and one.left_out < one.observations
         if not (undecided or outvoted or share > HEIGHT_CONFLICTS.doubtful_parts):
             continue
-        open_between = undecided or (not compared and share > HEIGHT_CONFLICTS.outvoted_share)
+        open_between = undecided or (not compared and share > EQUALITY.majority)
         if outvoted:
             what = f"its heights contradict those of {off} of {compared} GCPs, and outweigh them in the adjustment"
         else:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import SAMPLES, threshold, thresholds
 from .evidence import CAMERA, Evidence
 from .significance import EFFECT, SOUND_BLOCKS, is_significant
 
@@ -15,7 +15,9 @@ from .significance import EFFECT, SOUND_BLOCKS, is_significant
 class SOLUTION:
     """Limits beyond which the solution of an adjustment is not reliable."""
 
-    settled_sigmas: float = threshold(1.0, "sigma", "change by another iteration from which a block is unusable")
+    settled_sigmas: float = threshold(
+        0.1, "sigma", "reported change of the unknowns by another iteration: it increases errors by 0.5 %"
+    )
     implausible_factor: float = threshold(
         2.5, "", "smallest reported residuals, of a group or of all (sigma0), over the given sigmas", SOUND_BLOCKS
     )
@@ -35,11 +37,12 @@ def find_divergence(evidence: Evidence) -> Iterator[Reason]:
     The predicted decrease of half the weighted sum of squares is half the squared length of the step in sigmas.
     """
     result = evidence.result
-    if result.converged:
-        return
     still = 2.0 * result.history[-1].predicted_decrease if result.history else np.inf
     moving = np.sqrt(max(still, 0.0)) / max(result.sigma0, 1.0)
-    level = Level.UNUSABLE if not moving < SOLUTION.settled_sigmas else Level.DOUBTFUL
+    if result.converged or moving < SOLUTION.settled_sigmas:
+        return
+    is_unusable = not moving < SOLUTION.settled_sigmas * EFFECT.unusable_factor
+    level = Level.UNUSABLE if is_unusable else Level.DOUBTFUL
     distance = f"; the next iteration would change the unknowns by {moving:.2g} sigma" if np.isfinite(moving) else ""
     yield Reason(
         "not-converged", level, f"the adjustment {result.status}{distance}",
@@ -94,7 +97,7 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
     estimated = result.cameras
     if result.plan is not None:
         return
-    by_ties = {name for part in result.parts if part.gcps < EFFECT.fewest_points for name in part.images}
+    by_ties = {name for part in result.parts if part.gcps < SAMPLES.plane for name in part.images}
     images, is_free = result.block.images, np.array([image.id in by_ties for image in result.block.images])
     tested = np.outer(is_free, estimated.model.drifts)
     normalised = np.where(tested, np.abs(estimated.values) / np.where(tested, evidence.value_sigmas, 1.0), 0.0)
@@ -110,7 +113,7 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
         f"confirm it: {estimated.model.parameters[parameter]} of {images[worst].id} is {value:.1e}, "
         f"{normalised[worst, parameter]:.0f} times the standard deviation ("
         f"{abs(value) / normalised[worst, parameter]:.1e})",
-        f"measure at least {EFFECT.fewest_points} GCPs spread over the images; without GCPs, look for systematic "
+        f"measure at least {SAMPLES.plane} GCPs spread over the images; without GCPs, look for systematic "
         "errors of tie points (between dates, on relief or shadows)",
         images=ids,
     )  # fmt: skip
