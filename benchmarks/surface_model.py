@@ -93,7 +93,8 @@ def make_block(kind: str, folder: Path, images: int, size: int, seed: int, pixel
     """Simulate and adjust a block; return the folder of the adjustment."""
     along = {2: "-8,8", 3: "-8,0,8"}[images]
     SENSORS["pleiades"] = replace(SENSORS["pleiades"], gsd_m=pixel_m)
-    relief = {"relief": 0.4 * size * pixel_m} if kind == "mountains" else {}  # slopes of 30 degrees at any size
+    share = {"hills": 0.12, "mountains": 0.4}.get(kind)  # of the width of the scene: slopes are those of any size
+    relief = {} if share is None else {"relief": share * size * pixel_m}
     run(
         "simulate", images=images, along=along, size=size, landform=kind, gcps=25, checks=0, ties=200, seed=seed,
         noise_image=0.02, noise_gcp_xy=0.02, noise_gcp_h=0.02, output_dir=str(folder / "made"), **relief,
