@@ -25,7 +25,6 @@ from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.foundation.workers.scheduling import digest, open_calls
 from ..hrsi_engine.foundation.workers.threads import one_thread_calls, one_thread_filters, thread_count
 from ..hrsi_engine.ground.crs_operations import operations_of
-from ..hrsi_engine.ground.proj_operations import parse_crs, without_heights
 from ..hrsi_engine.io.pages.report import name_crs_unit, read_picture, write_page, write_text
 from ..hrsi_engine.io.rasters.dems import open_dem
 from ..hrsi_engine.io.rasters.images import GdalRaster
@@ -260,8 +259,7 @@ def plan_grid(adjusted: AdjustedBlock, pairs: Sequence[StereoPair], options: Sur
     """Return the images of the pairs, and the map grid of the surface."""
     area = adjusted.common_area(list(pairs))
     outline = np.pad(np.array(area.convex_hull.exterior.coords)[:, :2], ((0, 0), (0, 1)))
-    named = parse_crs(options.crs) if options.crs else None
-    crs = choose_map_crs(outline) if named is None else str(without_heights(named).to_wkt())
+    crs = choose_map_crs(outline, options.crs)
     map_crs = pyproj.CRS.from_wkt(crs)
     if not map_crs.is_projected:
         raise InputError(f"`crs` {options.crs!r} is not projected: give one in metres, or leave it out")

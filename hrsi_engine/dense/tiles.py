@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block.block import ArrayRaster, Image
+from ..block.overviews import read_reduced
 from ..foundation.pixel_filters import load_opencv
 from ..foundation.thresholds import threshold, thresholds
 from ..ortho.grid import GridWindow, MapGrid
@@ -62,18 +63,8 @@ class DenseBlock:
         """Return the block of reduced images (in memory), with cells larger by the same factor."""
         images = []
         for image in self.images:
-            samples, lines = (size // factor for size in image.known_size)
-            grey, valid = np.empty((lines, samples), np.float32), np.empty((lines, samples), bool)
-            rows = max(1, (1 << 22) // (samples * factor * factor))
-            for line in range(0, lines, rows):  # by strips, for memory
-                count = min(rows, lines - line)
-                part, mask = image.pixels.read(0, line * factor, samples * factor, count * factor)
-                shape = count, factor, samples, factor
-                grey[line : line + count] = part.reshape(shape).mean(axis=(1, 3), dtype=np.float32)
-                valid[line : line + count] = mask.reshape(shape).all(axis=(1, 3))
-            first = (factor - 1) / 2.0
-            rpc = image.rpc.resample((float(factor), float(factor)), (first, first))
-            images.append(replace(image, raster=ArrayRaster(grey, valid), rpc=rpc))
+            rpc = image.rpc.resample((float(factor), float(factor)), ((factor - 1) / 2.0, (factor - 1) / 2.0))
+            images.append(replace(image, raster=ArrayRaster(*read_reduced(image, factor)), rpc=rpc))
         resolution = self.grid.resolution * factor
         grid = MapGrid.from_bounds(self.grid.crs, resolution, self.grid.bounds)
         return replace(self, images=tuple(images), grid=grid, cell_m=self.cell_m * factor)

@@ -20,6 +20,7 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import continuous_longitudes
 from ..ground.map_crs import map_epsg_of
+from ..ground.proj_operations import parse_crs, without_heights
 from ..surface.dem import HeightSurface, Status, intersect_surface
 
 #: Leading digits of the resolutions that are chosen automatically.
@@ -145,9 +146,15 @@ def compute_ground_sample_m(image: Image, ground: np.ndarray) -> float:
     return float(1.0 / image.rpc.px_per_m(middle)[0])
 
 
-def choose_map_crs(ground: np.ndarray) -> str:
-    """Return the WKT of the UTM or UPS projection at the middle of ground points."""
-    return str(pyproj.CRS.from_epsg(map_epsg_of(ground)).to_wkt())
+def choose_map_crs(ground: np.ndarray, name: str | None = None) -> str:
+    """Return the WKT of a named CRS without heights, or of the UTM or UPS projection at the middle of ground points.
+
+    Raises `InputError`: the CRS is unknown, or neither projected nor geographic.
+    """
+    crs = pyproj.CRS.from_epsg(map_epsg_of(ground)) if name is None else without_heights(parse_crs(name, "`crs`: "))
+    if not (crs.is_projected or crs.is_geographic):
+        raise InputError(f"`crs` {name!r} is neither projected nor geographic: choose another")
+    return str(crs.to_wkt())
 
 
 def compute_footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution: float) -> tuple[float, ...]:

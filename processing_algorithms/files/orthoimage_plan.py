@@ -139,14 +139,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
             raise InputError(f"{name}: the DEM has no heights where the image lies: use a DEM that covers it")
     gsd = {image.id: map_grids.compute_ground_sample_m(image, below[image.id]) for image in images}
     ground, finest_m = np.concatenate(list(below.values())), min(gsd.values())
-    if options.crs is None:
-        crs = map_grids.choose_map_crs(ground)
-    else:
-        named = parse_crs(options.crs, "`crs`: ")
-        named = named.sub_crs_list[0] if named.sub_crs_list else named  # without vertical part
-        if not (named.is_projected or named.is_geographic):
-            raise InputError(f"`crs` {options.crs!r} is neither projected nor geographic: choose another")
-        crs = str(named.to_wkt())
+    crs = map_grids.choose_map_crs(ground, options.crs)
     unit = pyproj.CRS.from_wkt(crs).axis_info[0]
     unit_m = METRES_PER_DEGREE if pyproj.CRS.from_wkt(crs).is_geographic else float(unit.unit_conversion_factor)
     fitting = map_grids.round_resolution(finest_m / unit_m)

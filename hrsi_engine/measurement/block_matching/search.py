@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
+from ...block.overviews import PyramidRaster
 from ...foundation.errors import InputError, list_ids
 from ...foundation.progress import Progress, stage
 from ...foundation.thresholds import GRIDS, MEMORY
@@ -23,7 +24,6 @@ from .overview import OverviewFeatures, OverviewJob, choose_overview_step, detec
 from .pair_choice import PairChoice, Probe, ProbeJob, probe_pairs
 from .relative_cameras import estimate_relative_cameras
 from .star import Partner, StarJob, TransferJob, is_matched_everywhere, match_stars, plan_cells, transfer_star
-from .windows import PyramidRaster
 
 EVERY = 1_000_000  # larger than any number of points in a cell, or of cells in an image
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 
-from ...block.block import Image, Raster
-from ...foundation.thresholds import MEMORY, SIGNIFICANCE, threshold, thresholds
+from ...block.block import Image
+from ...block.overviews import average_blocks, read_reduced
+from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import ImageTile, TilePairGeometry
 
@@ -54,17 +55,6 @@ class ImageWindow(NamedTuple):
         )
 
 
-@runtime_checkable
-class PyramidRaster(Raster, Protocol):
-    """A raster of a file with efficient access to reduced resolutions and a mark of the file's content."""
-
-    def content_mark(self) -> str:
-        """Return a text that changes when the content of the file or of its sidecar files changes."""
-
-    def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the complete image as means of ``step`` x ``step`` pixels, and the mask of valid ones."""
-
-
 def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | None:
     """Return the means of ``step`` x ``step`` pixels in a window; None if it contains no valid pixel."""
     inside = window.inside(image.known_size)
@@ -81,26 +71,7 @@ def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | N
 
 def read_overview(image: Image, step: int) -> ImageTile:
     """Return a complete image as means of ``step`` x ``step`` pixels."""
-    raster, size = image.pixels, image.known_size
-    origin = ((step - 1) / 2.0, (step - 1) / 2.0)
-    if isinstance(raster, PyramidRaster):
-        return ImageTile(*raster.read_means(step), origin, float(step))
-    parts, lines = [], step * max(MEMORY.part_px // step, 1)
-    for line in range(0, step * (size[1] // step), lines):
-        strip = raster.read(0, line, size[0], min(lines, size[1] - line))
-        parts.append(average_blocks(*strip, step))
-    grey, valid = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return ImageTile(grey, valid, origin, float(step))
-
-
-def average_blocks(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the means of blocks of ``step`` x ``step`` pixels and whether all pixels of each block are valid."""
-    lines, samples = grey.shape[0] // step, grey.shape[1] // step
-    inner = np.s_[: lines * step, : samples * step]
-    shape = (lines, step, samples, step)
-    mean = np.where(valid[inner], grey[inner], 0).astype(np.float32).reshape(shape).mean(axis=(1, 3))
-    is_complete = valid[inner].reshape(shape).all(axis=(1, 3))
-    return np.where(is_complete, mean, np.float32(0.0)), is_complete
+    return ImageTile(*read_reduced(image, step), ((step - 1) / 2.0, (step - 1) / 2.0), float(step))
 
 
 def predict_window(geometry: TilePairGeometry, window: ImageWindow, border: int) -> ImageWindow:
