@@ -2,8 +2,8 @@
 
 A cell takes the points within its neighbourhood with Gaussian weights, but only those on the level of the point nearest
 to its centre: at a wall a cell is roof or ground and not their mean. Pairs are fused by weights 1/sigma², iteratively
-without those that contradict the others (three sigma); a height that most pairs contradict is none. The sigma of a
-cell is enlarged where pairs scatter more than their sigmas state.
+without those that contradict the others (three sigma). The sigma of a cell is enlarged where pairs scatter more than
+their sigmas state; where as many pairs contradict as agree, all of them count.
 """
 
 from __future__ import annotations
@@ -142,10 +142,12 @@ def fuse_heights(heights: np.ndarray, sigmas: np.ndarray) -> FusedHeights:
         height = (robust * filled).sum(axis=0) / np.maximum(robust.sum(axis=0), 1e-30)
     agrees = use & (np.abs(deviation) <= GRIDDING.outlier)
     count = agrees.sum(axis=0)
-    chi2 = (weight * agrees * (filled - height) ** 2).sum(axis=0) / np.maximum(count - 1, 1)
+    # Where as many pairs contradict a height, their scatter is its standard deviation
+    counted = agrees | (use & (2 * count <= use.sum(axis=0)))
+    chi2 = (weight * counted * (filled - height) ** 2).sum(axis=0) / np.maximum(counted.sum(axis=0) - 1, 1)
     # Pairs that share images are not independent: their mean is taken as accurate as the best one alone
     sigma = smallest * np.sqrt(np.maximum(chi2, 1.0))
-    exists = 2 * count > use.sum(axis=0)  # a height that as many pairs contradict is none
+    exists = count > 0
     none = np.float32(np.nan)
     return FusedHeights(
         np.where(exists, height, none).astype(np.float32), np.where(exists, sigma, none).astype(np.float32),
