@@ -21,7 +21,7 @@ class PyramidRaster(Raster, Protocol):
         """Return the complete image as means of ``step`` x ``step`` pixels, and the mask of valid ones."""
 
 
-def read_reduced(image: Image, step: int) -> tuple[np.ndarray, np.ndarray]:
+def read_overview_pixels(image: Image, step: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the complete image as means of ``step`` x ``step`` pixels, and the mask of those that are all valid."""
     raster, size = image.pixels, image.known_size
     if isinstance(raster, PyramidRaster):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block.block import ArrayRaster, Image
-from ..block.overviews import read_reduced
+from ..block.overviews import read_overview_pixels
 from ..foundation.pixel_filters import load_opencv
 from ..foundation.thresholds import threshold, thresholds
 from ..ortho.grid import GridWindow, MapGrid
@@ -64,7 +64,7 @@ class DenseBlock:
         images = []
         for image in self.images:
             rpc = image.rpc.resample((float(factor), float(factor)), ((factor - 1) / 2.0, (factor - 1) / 2.0))
-            images.append(replace(image, raster=ArrayRaster(*read_reduced(image, factor)), rpc=rpc))
+            images.append(replace(image, raster=ArrayRaster(*read_overview_pixels(image, factor)), rpc=rpc))
         resolution = self.grid.resolution * factor
         grid = MapGrid.from_bounds(self.grid.crs, resolution, self.grid.bounds)
         return replace(self, images=tuple(images), grid=grid, cell_m=self.cell_m * factor)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
-from ...block.overviews import average_blocks, read_reduced
+from ...block.overviews import average_blocks, read_overview_pixels
 from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import ImageTile, TilePairGeometry
@@ -71,7 +71,7 @@ def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | N
 
 def read_overview(image: Image, step: int) -> ImageTile:
     """Return a complete image as means of ``step`` x ``step`` pixels."""
-    return ImageTile(*read_reduced(image, step), ((step - 1) / 2.0, (step - 1) / 2.0), float(step))
+    return ImageTile(*read_overview_pixels(image, step), ((step - 1) / 2.0, (step - 1) / 2.0), float(step))
 
 
 def predict_window(geometry: TilePairGeometry, window: ImageWindow, border: int) -> ImageWindow:
