@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
+from hrsi.processing_algorithms import run
 
 SIGMA_DEM_M = 2.0
 TILTS = (0.10, 0.19)  # 5 degrees of convergence: 0.3 px of noise are 3 m of height, and a bias of 5 px 50 m
@@ -147,3 +149,18 @@ def test_gcps_that_agree_outvote_a_dem_that_is_off_as_a_whole(off_m, monkeypatch
     assert abs(np.median(error)) < max(2.0 * abs(np.median(without)), 1.0)
     (agreement,) = result.heights
     assert agreement.contradicts and agreement.left_out == agreement.observations
+
+
+def test_walls_of_a_dem_do_not_keep_the_adjustment_moving(tmp_path: Path):
+    """Tie points on walls, where a DEM of 0.1 m changes by metres within their errors in plan."""
+    made = tmp_path / "made"
+    run(
+        "simulate", images=3, along="-15,3,20", size=560, landform="city", gcps=20, checks=0, ties=2000, seed=22,
+        noise_gcp_xy=0.02, noise_gcp_h=0.02, pixels=False, output_dir=str(made),
+    )  # fmt: skip
+    report = run(
+        "adjust", images=[str(made / f"image_{k}_RPC.TXT") for k in (1, 2, 3)], gcps=str(made / "ground_points.csv"),
+        image_points=str(made / "image_points.csv"), dem=str(made / "dem.tif"), sigma_dem=0.1,
+        height_datum="ellipsoidal", report=False, force_write=True, output_dir=str(tmp_path / "result"),
+    )  # fmt: skip
+    assert "not-converged" not in {reason["code"] for reason in report["verdict"]["reasons"]}

@@ -25,7 +25,7 @@ import numpy as np
 from ...block.orthoimage import DEM, divide_area
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import REDUNDANCY, SAMPLES, threshold, thresholds
-from ...ground.geodesy import metres_per_degree
+from ...ground.geodesy import metres_per_degree, move_ground
 from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, surface_heights
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
@@ -50,6 +50,7 @@ class HEIGHTS:
         "noise of 1 to 3 m"
     )  # fmt: skip
     alike_m: float = threshold(100.0, "m", "side of cells whose heights are one observation in the jitter estimate")
+    least_plan_m: float = threshold(0.1, "m", "smallest error in plan of a point in a DEM")
     least_common_m: float = threshold(1e-3, "m", "sigma of the common error of surveyed heights, here independent")
 
 
@@ -73,8 +74,8 @@ class HeightRows(NamedTuple):
 class HeightSource(ErrorSource, Protocol):
     """Interface of a source of heights."""
 
-    def observe_heights(self, ground: np.ndarray) -> HeightRows:
-        """Return the observed heights at the points' positions ``ground (m, 3)``."""
+    def observe_heights(self, ground: np.ndarray, cofactors: np.ndarray) -> HeightRows:
+        """Return the observed heights at the points' positions ``ground (m, 3)``, with their cofactors (m, 3, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +110,24 @@ class DemHeights:
     def weighting_sigma_m(self) -> float:
         return float(np.hypot(HEIGHTS.dem_whole * self.sigma_m, self.overall_m))
 
-    def observe_heights(self, ground: np.ndarray) -> HeightRows:
-        """Return the heights of the DEM at the points' positions."""
-        height = surface_heights(self.dem, ground[self.points, :2])
+    def observe_heights(self, ground: np.ndarray, cofactors: np.ndarray) -> HeightRows:
+        """Return the heights of the DEM at the points' positions, steep cells with larger standard deviations.
+
+        In plan a point is known to the standard deviations of its cofactors. At a wall the height of the DEM changes
+        there by more than its own standard deviation, and would alternate between roof and ground.
+        """
+        present = ground[self.points]
+        height = surface_heights(self.dem, present[:, :2])
         finite = np.flatnonzero(np.isfinite(height))
-        count = len(finite)
+        present, height, points, count = present[finite], height[finite], self.points[finite], len(finite)
+        variance = np.full(count, self.sigma_m**2)
+        for axis in (0, 1):
+            step = np.zeros((count, 3))
+            step[:, axis] = np.sqrt(np.maximum(cofactors[points, axis, axis], 0.0)) + HEIGHTS.least_plan_m
+            change = [surface_heights(self.dem, move_ground(present, sign * step)[:, :2]) - height for sign in (-1, 1)]
+            variance += np.nan_to_num(np.abs(change).max(axis=0)) ** 2
         return HeightRows(
-            self.points[finite], np.arange(count), np.ones(count), height[finite], np.full(count, self.sigma_m),
-            self.tile[finite],
+            points, np.arange(count), np.ones(count), height, np.sqrt(variance), self.tile[finite]
         )  # fmt: skip
 
 
@@ -196,7 +207,7 @@ class HeightObservations:
         """Return each source's observations at positions ``(m, 3)``, with the fit of each; as `add_to_priors`."""
         judged: list[SourceFit[HeightRows]] = []
         for source in self.sources:
-            rows = source.observe_heights(ground)
+            rows = source.observe_heights(ground, cofactors)
             q, w = cofactors[rows.point, 2, 2], priors.weight[rows.point, 2]
             by_rays = np.maximum(1.0 - q * w, REDUNDANCY.tested)
             held_by = priors.target[rows.point, 2] - ground[rows.point, 2]

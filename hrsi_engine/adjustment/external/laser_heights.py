@@ -128,7 +128,7 @@ class LaserHeights:
 
     weighting_sigma_m = overall_m
 
-    def observe_heights(self, ground: np.ndarray) -> HeightRows:
+    def observe_heights(self, ground: np.ndarray, _cofactors: np.ndarray) -> HeightRows:
         """Return the observed laser heights at the points' positions."""
         plan = self._planned
         if plan is None or plan.shift_m(ground) > LASER_FIT.moved_m:
