@@ -128,6 +128,9 @@ def study(folder: Path, seed: int, size: int) -> tuple[list[list[str]], list[str
         gcps=str(folder / "city" / "ground_points.csv"),
         tie_points="none",
         image_points=str(folder / "city" / "image_points.csv"),
+        dem=dem["dem"],
+        sigma_dem=0.1,
+        height_datum="ellipsoidal",
         report=False,
         output_dir=str(folder / "refined"),
     )
