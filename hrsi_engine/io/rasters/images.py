@@ -135,27 +135,15 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     if isinstance(path, ImageInMemory):
         return path.image, FoundRpc(path.image.rpc, "in memory", size=path.image.size)
     path = os.fspath(path)
-    rpc_file = read_rpc_file(path)
-    if rpc_file is not None:
-        return Image(
-            image_id(path), rpc_file.rpc, rpc_file.size, path, stated_height_m=rpc_file.height_m, sensor=rpc_file.sensor
-        ), rpc_file
-    raster = GdalRaster(path)
-    rpc_source = rpc_of_dataset(path, raster.dataset)
-    raster.found = rpc_source
-    item = item_of(path)
-    sensor = rpc_source.sensor or ("" if item is None else item.platform)
+    raster, found, item = None, read_rpc_file(path), item_of(path)
+    if found is None:
+        raster = GdalRaster(path)
+        found = raster.found = rpc_of_dataset(path, raster.dataset)
     image = Image(
-        image_id(path),
-        rpc_source.rpc,
-        raster.size,
-        path=path,
-        raster=raster,
-        tile=rpc_source.tile,
-        stated_height_m=rpc_source.height_m,
-        sensor=sensor,
-    )
-    return image, rpc_source
+        image_id(path), found.rpc, found.size if raster is None else raster.size, path=path, raster=raster,
+        tile=found.tile, stated_height_m=found.height_m, sensor=found.sensor or ("" if item is None else item.platform),
+    )  # fmt: skip
+    return image, found
 
 
 def placement_doubt(image: Image) -> PlacementDoubt | None:

@@ -14,7 +14,7 @@ from ...foundation.errors import OutputError
 from ..opening.datasets import gdal_messages
 from ..opening.files import read_pixels
 from ..safety.replacing import open_hidden_folder
-from .ortho_warp import CHUNKS, OrthoSource, Pixels, change_nodata_values
+from .ortho_warp import CHUNKS, OrthoSource, Pixels, mark_invalid
 from .orthoimages import Grid
 
 Box = tuple[int, int, int, int]  # first column, first row, columns, rows of the mosaic
@@ -71,11 +71,7 @@ class MosaicSource:
         if self.pixels.is_integer:
             limits = np.iinfo(dtype)
             values = np.clip(np.rint(values), limits.min, limits.max)
-        values = values.astype(dtype)
-        if self.pixels.masked or nodata is None:
-            return Pixels(np.where(valid, values, 0).astype(dtype), valid)
-        change_nodata_values(values, nodata, valid)
-        return Pixels(np.where(valid, values, np.array(nodata).astype(dtype)), None)
+        return mark_invalid(values.astype(dtype), valid, None if self.pixels.masked else nodata)
 
     def close(self) -> None:
         """Remove the view of the orthoimage from memory."""

@@ -174,6 +174,14 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
         gdal.Unlink(table)
 
 
+def mark_invalid(values: np.ndarray, valid: np.ndarray, nodata: float | None) -> Pixels:
+    """Return grey values ``(bands, rows, columns)`` with nodata where they are not valid, or with a mask for None."""
+    if nodata is None:
+        return Pixels(np.where(valid, values, 0).astype(values.dtype), valid)
+    change_nodata_values(values, nodata, valid)
+    return Pixels(np.where(valid, values, np.array(nodata)).astype(values.dtype), None)
+
+
 def change_nodata_values(values: np.ndarray, nodata: float, valid: np.ndarray | None) -> None:
     """Change grey values ``(bands, rows, columns)`` of valid pixels that equal nodata by the smallest step."""
     is_nodata_value = values == nodata

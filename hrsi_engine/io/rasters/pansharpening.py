@@ -16,7 +16,7 @@ from ...foundation.errors import OutputError
 from ...foundation.pixel_filters import blur, load_opencv
 from ...foundation.thresholds import EQUALITY
 from ..opening.datasets import gdal_messages
-from .ortho_warp import OrthoSource, Pixels, Warp, change_nodata_values, warp_chunk
+from .ortho_warp import OrthoSource, Pixels, Warp, mark_invalid, warp_chunk
 from .orthoimages import MapChunk, OrthoChunk
 
 SHIFT_REACH_PX, SHIFT_BLUR_PX = 16, 2.0  # largest displacement that is found; multispectral pixels are 4 as large
@@ -69,7 +69,7 @@ class Pansharpening:
 
     def _sharpen(self, pan: Pixels, colour: Pixels) -> Pixels:
         """Return the pan-sharpened pixels of a chunk."""
-        files = [_put_in_memory(pan.values), _put_in_memory(colour.values)]
+        files = [gdal_array.OpenArray(pan.values), gdal_array.OpenArray(colour.values)]
         bands = "".join(f'<SpectralBand dstBand="{number}"/>' for number in range(1, len(colour.values) + 1))
         text = PANSHARPENED_VRT.format(weights=",".join(map(repr, self.weights)), bands=bands)
         with gdal_messages() as messages:
@@ -79,12 +79,7 @@ class Pansharpening:
         if values is None:
             raise OutputError(f"{self.colour.source.path}: GDAL cannot pan-sharpen it ({messages.reason})")
         values = values.reshape(colour.values.shape).astype(colour.values.dtype)
-        valid = _find_common(pan, colour)
-        if self.nodata is None:
-            return Pixels(np.where(valid, values, 0).astype(values.dtype), valid)
-        if not np.isnan(self.nodata):
-            change_nodata_values(values, self.nodata, valid)
-        return Pixels(np.where(valid, values, np.array(self.nodata)).astype(values.dtype), None)
+        return mark_invalid(values, _find_common(pan, colour), self.nodata)
 
     def sample(self, windows: Sequence[Any]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return panchromatic and multispectral values ``(bands, rows, columns)`` of those windows that both show."""
@@ -127,10 +122,3 @@ def _find_common(one: Pixels, second: Pixels) -> np.ndarray:
     """Return a mask of the pixels that both chunks show; both have masks."""
     masks = [part.valid for part in (one, second) if part.valid is not None]
     return np.asarray(np.logical_and.reduce(masks))
-
-
-def _put_in_memory(values: np.ndarray) -> gdal.Dataset:
-    code = gdal_array.NumericTypeCodeToGDALTypeCode(values.dtype.type)
-    dataset = gdal.GetDriverByName("MEM").Create("", *values.shape[:0:-1], len(values), code)
-    dataset.WriteArray(values)
-    return dataset
