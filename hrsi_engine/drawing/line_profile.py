@@ -1,12 +1,11 @@
 """Residuals of an image by its lines, with the fitted waves, and their amplitude spectrum, as SVG."""
 
-import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-_WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 360.0, 150.0, 40.0, 10.0, 10.0, 26.0
+from .plots import PlotFrame
 
 
 def draw_line_profile(image: str, axis: str, entry: Mapping[str, Any], waves: Sequence[Mapping[str, Any]]) -> str:
@@ -36,22 +35,12 @@ def _draw_plot(
     curve: tuple[np.ndarray, np.ndarray], dots: tuple[np.ndarray, np.ndarray],
 ) -> str:  # fmt: skip
     """Return a curve and dots with axes as SVG: ``ticks`` along x, values near both ends along y."""
-    first, last, right, low = float(curve[0][0]), float(curve[0][-1]), _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
-
-    def place(x: Any, y: Any) -> tuple[Any, Any]:
-        across = _LEFT + (x - first) / (last - first) * (right - _LEFT)
-        return across, low - (y - bottom) / (top - bottom) * (low - _TOP)
-
-    parts = [
-        f'<svg class="plot" viewBox="0 0 {_WIDTH:.0f} {_HEIGHT:.0f}" role="img" aria-label="{html.escape(label)}">',
-        f'<path class="axis" d="M{_LEFT},{_TOP}V{low}H{right}"/>',
-    ]
-    for text, x in ticks.items():
-        across = min(place(x, bottom)[0], _WIDTH - 4.0 * len(text))  # keeps the text inside the plot
-        parts.append(f'<text class="tick" x="{across:.1f}" y="{low + 15.0}" text-anchor="middle">{text}</text>')
+    frame = PlotFrame(150.0, 40.0, (float(curve[0][0]), float(curve[0][-1])), (bottom, top))
+    parts = []
     for y in (bottom / 1.1, top / 1.1):
-        down = place(first, y)[1] + 4.0
-        parts.append(f'<text class="tick" x="{_LEFT - 4.0}" y="{down:.1f}" text-anchor="end">{y:.2g}</text>')
-    parts += [f'<circle class="bar" cx="{x:.1f}" cy="{y:.1f}" r="2"/>' for x, y in zip(*place(*dots), strict=True)]
-    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(*place(*curve), strict=True))
-    return "".join([*parts, f'<polyline class="normal" points="{points}"/></svg>'])
+        down = frame.place(curve[0][0], y)[1] + 4.0
+        parts.append(f'<text class="tick" x="{frame.left - 4.0}" y="{down:.1f}" text-anchor="end">{y:.2g}</text>')
+    parts += [
+        f'<circle class="bar" cx="{x:.1f}" cy="{y:.1f}" r="2"/>' for x, y in zip(*frame.place(*dots), strict=True)
+    ]
+    return frame.draw(label, ticks, curve, parts)

@@ -2,13 +2,42 @@
 
 import html
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
-HISTOGRAM_WIDTH, HISTOGRAM_HEIGHT = 360.0, 230.0
-LEFT, RIGHT, TOP, BOTTOM = 34.0, 10.0, 10.0, 26.0
-SIGMAS_SHOWN = 5.0  # range of the axis, to both sides of 0
+PLOT_WIDTH, RIGHT, TOP, BOTTOM = 360.0, 10.0, 10.0, 26.0  # of all plots with axes, and their margins
+SIGMAS_SHOWN = 5.0  # range of the axis of a histogram, to both sides of 0
+
+
+class PlotFrame(NamedTuple):
+    """A plot with axes: its height, its left margin, and the ranges of x and y."""
+
+    height: float
+    left: float
+    x_range: tuple[float, float]
+    y_range: tuple[float, float]
+
+    def place(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return the drawing coordinates of values."""
+        (first, last), (bottom, top), low = self.x_range, self.y_range, self.height - BOTTOM
+        across = self.left + (x - first) / (last - first) * (PLOT_WIDTH - RIGHT - self.left)
+        return across, low - (y - bottom) / (top - bottom) * (low - TOP)
+
+    def draw(self, label: str, ticks: Mapping[str, float], curve: tuple[Any, Any], parts: Iterable[str]) -> str:
+        """Return the plot as SVG: axes with ``ticks`` along x, ``parts``, and a curve over them."""
+        low = self.height - BOTTOM
+        lines = [
+            f'<svg class="plot" viewBox="0 0 {PLOT_WIDTH:.0f} {self.height:.0f}" role="img" '
+            f'aria-label="{html.escape(label)}">',
+            f'<path class="axis" d="M{self.left},{TOP}V{low}H{PLOT_WIDTH - RIGHT}"/>',
+        ]
+        for text, x in ticks.items():
+            across = min(self.place(x, 0.0)[0], PLOT_WIDTH - 4.0 * len(text))  # keeps the text inside the plot
+            lines.append(f'<text class="tick" x="{across:.1f}" y="{low + 15.0}" text-anchor="middle">{text}</text>')
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(*self.place(*curve), strict=True))
+        return "".join([*lines, *parts, f'<polyline class="normal" points="{points}"/></svg>'])
 
 
 def draw_histogram(values: np.ndarray, label: str) -> str:
@@ -19,40 +48,15 @@ def draw_histogram(values: np.ndarray, label: str) -> str:
     limits = -SIGMAS_SHOWN, SIGMAS_SHOWN
     counts, edges = np.histogram(np.clip(values, *limits), 40, limits)
     density = counts / max(len(values), 1) / (edges[1] - edges[0])
-    middle = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, 101)
+    middle = np.linspace(*limits, 101)
     curve = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)
-    top = 1.08 * max(float(density.max(initial=0.0)), float(curve.max()))
-    parts = [_open_plot(label)]
+    frame = PlotFrame(230.0, 34.0, limits, (0.0, 1.08 * max(float(density.max(initial=0.0)), float(curve.max()))))
+    bars = []
     for low, high, value in zip(edges[:-1], edges[1:], density, strict=True):
-        (x0, y), (x1, y1) = _place_point(low, value / top), _place_point(high, 0.0)
+        (x0, y), (x1, y1) = frame.place(low, value), frame.place(high, 0.0)
         if value > 0.0:
-            parts.append(f'<rect class="bar" x="{x0:.1f}" y="{y:.1f}" width="{x1 - x0:.1f}" height="{y1 - y:.1f}"/>')
-    points = (_place_point(x, y / top) for x, y in zip(middle, curve, strict=True))
-    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-    parts.append(f'<polyline class="normal" points="{path}"/>')
-    return "".join([*parts, "</svg>"])
-
-
-def _open_plot(label: str) -> str:
-    """Return the opening tag of a histogram, with its axes."""
-    (x0, y0), (x1, y1) = _place_point(-SIGMAS_SHOWN, 0.0), _place_point(SIGMAS_SHOWN, 1.0)
-    parts = [
-        f'<svg class="plot" viewBox="0 0 {HISTOGRAM_WIDTH:.0f} {HISTOGRAM_HEIGHT:.0f}" role="img" '
-        f'aria-label="{html.escape(label)}">',
-        f'<path class="axis" d="M{x0:.1f},{y1:.1f}V{y0:.1f}H{x1:.1f}"/>',
-    ]
-    for tick in (-4, -2, 0, 2, 4):
-        x, y = _place_point(tick, 0.0)
-        parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 15.0:.1f}" text-anchor="middle">{tick}</text>')
-    return "".join(parts)
-
-
-def _place_point(x: float, share: float) -> tuple[float, float]:
-    """Return the drawing coordinates of a value in sigmas and a fraction of the height of the plot."""
-    return (
-        LEFT + (x + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN) * (HISTOGRAM_WIDTH - LEFT - RIGHT),
-        HISTOGRAM_HEIGHT - BOTTOM - share * (HISTOGRAM_HEIGHT - TOP - BOTTOM),
-    )
+            bars.append(f'<rect class="bar" x="{x0:.1f}" y="{y:.1f}" width="{x1 - x0:.1f}" height="{y1 - y:.1f}"/>')
+    return frame.draw(label, {str(tick): tick for tick in (-4, -2, 0, 2, 4)}, (middle, curve), bars)
 
 
 HEAD_UNITS, HEAD_SLOPE = 7.0, 0.45  # length of the head, and half its width relative to its length
