@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -132,34 +132,15 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
     with stage_results(options.folder, report, context, discarded=(str(store.folder),)) as staged:
         path = str(staged / SURFACE_FILE)
         progress = stage(context.progress, 0.85, 0.95)
-        write_surface(
-            path,
-            block.grid,
-            crs,
-            names=SURFACE_BANDS,
-            tiles=surface.tiles(),
-            form=form,
-            threads=threads,
-            progress=progress,
-            lineage=lineage,
-        )
+        write = partial(write_surface, form=form, threads=threads, lineage=lineage)
+        write(path, block.grid, crs, names=SURFACE_BANDS, tiles=surface.tiles(), progress=progress)
         write_text(path.replace(".tif", ".qml"), STYLE)
         report["cells_with_height"], report["sigma_median_m"] = surface.count, surface.median_sigma_m
         if reference is not None:
             compare, progress = ReferenceComparison(block.grid, reference), stage(context.progress, 0.95, 0.99)
             parts = ((window, [compare.subtract(window, fused.height)]) for window, fused in tiles.fuse())
             path, names = str(staged / DIFFERENCE_FILE), ["surface - reference"]
-            write_surface(
-                path,
-                block.grid,
-                block.grid.crs,
-                names=names,
-                tiles=parts,
-                form=form,
-                threads=threads,
-                progress=progress,
-                lineage=lineage,
-            )
+            write(path, block.grid, block.grid.crs, names=names, tiles=parts, progress=progress)
             report["reference"] = {"path": options.reference, **compare.summary()}
             difference = {"path": options.reference, "output": os.path.join(output, DIFFERENCE_FILE)}
             report["images"]["difference"] = difference

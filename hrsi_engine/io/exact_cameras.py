@@ -31,8 +31,8 @@ from ..camera.adjusted_rpc import AdjustedRpc
 from ..camera.linescan import LinescanCamera
 from ..foundation.errors import InputError
 from .opening.datasets import read_head
-from .opening.files import read_bytes
-from .rpc_files.content import Element, element_text, read_xml, siblings
+from .opening.files import Element, read_bytes, read_xml
+from .rpc_files.content import element_text, siblings
 from .rpc_files.find import read_rpc_or_none, side_files
 
 _CSM_LINE_SCANNER = "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"

@@ -19,7 +19,7 @@ from typing import IO, Any
 
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
-from ...hrsi_engine.io.opening.budgets import require_size
+from ...hrsi_engine.io.opening.files import require_size
 from ...hrsi_engine.io.safety.folder_lock import only_writer
 from .files import new_session, open_block
 from .rows import Change, ImageMeasurement, Key, SurveyPoint

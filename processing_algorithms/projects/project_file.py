@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.opening.budgets import require_size
+from ...hrsi_engine.io.opening.files import require_size
 from .. import REGISTRY
 from ..interface.declare import READ_KINDS, Kind, Param
 from ..interface.options import suggestion

@@ -127,7 +127,7 @@ def test_xml_is_parsed_in_one_place(repository: Path):
         for name in [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
         if name.partition(".")[0] in ("xml", "lxml", "defusedxml")
     }
-    assert importers == {"hrsi_engine/io/rpc_files/content.py"}
+    assert importers == {"hrsi_engine/io/opening/files.py"}
 
 
 # ---- files that point elsewhere ------------------------------------------------------------------------------------

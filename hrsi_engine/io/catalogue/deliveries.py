@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ..opening.budgets import FILE_BUDGETS, list_archive, require_delivery, require_size
+from ..opening.budgets import FILE_BUDGETS, list_archive, require_delivery
 from ..opening.datasets import open_dataset
+from ..opening.files import require_size
 from ..rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
 from .stac_items import images_of_items
 

@@ -137,16 +137,6 @@ RPC_RANGES = {
 }  # fmt: skip
 
 
-def require_size(path: str, kind: str) -> None:
-    """Raise `InputError` if a file is larger than any of its ``kind``, a key of `MOST_BYTES`, or is no regular file."""
-    require_plain(path)
-    size, limit = file_bytes(path), MOST_BYTES[kind]
-    if size is not None and size > limit:
-        raise InputError(
-            f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({limit // MIB}): name another file"
-        )
-
-
 def require_gcp_rows(path: str) -> None:
     """Raise `InputError` for a text file with more GCPs than any block has; databases and archives are skipped.
 
@@ -167,14 +157,6 @@ def require_gcp_rows(path: str) -> None:
             f"{path}: has {rows} rows, more than are read as GCPs ({FILE_BUDGETS.gcp_rows}): thin them out, give a "
             "GeoPackage, or, where they are heights only, name them as `laser` or `surface`"
         )
-
-
-def file_bytes(path: str) -> int | None:
-    """Return the size of a file, None if it has none (address of a database, folder)."""
-    if path.startswith("/vsi"):
-        status = virtual_status(path)
-        return None if status is None or status.IsDirectory() else int(status.size)
-    return os.path.getsize(path) if os.path.isfile(path) else None
 
 
 def require_texts(source: str, field: str, rows: int, longest: int) -> None:
@@ -261,9 +243,10 @@ def require_raster(path: str, dataset: gdal.Dataset) -> None:
     if columns * rows > RASTER_BUDGETS.pixels:
         raise InputError(f"{claim}, more than any image or DEM has: obtain the file again, or cut out what is needed")
     if columns * rows > RASTER_BUDGETS.empty_pixels:
-        sizes = [file_bytes(file) for file in dataset.GetFileList() or [path]]
-        held = sum(size for size in sizes if size is not None)
-        if None not in sizes and columns * rows > RASTER_BUDGETS.pixels_per_byte * held:
+        found = [virtual_status(file) for file in dataset.GetFileList() or [path]]
+        are_files = all(status is not None and not status.IsDirectory() for status in found)
+        held = sum(int(status.size) for status in found if status is not None)
+        if are_files and columns * rows > RASTER_BUDGETS.pixels_per_byte * held:
             raise InputError(
                 f"{claim} in {held} bytes: nearly all of it is empty, or the file is damaged: obtain it again, or cut "
                 "what is needed"

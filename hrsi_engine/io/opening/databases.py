@@ -19,7 +19,8 @@ from collections.abc import Iterator, Sequence
 from urllib.parse import quote
 
 from ...foundation.errors import InputError, OutputError
-from .budgets import database_seconds, file_bytes
+from .budgets import database_seconds
+from .files import file_bytes
 
 _MAGIC = b"SQLite format 3\0"
 

@@ -5,12 +5,34 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
+# Bandit warns of this package because its parsers expand entities. None of them is used: `read_xml` parses with expat,
+# which refuses document types and therefore entities; these three only store and write a tree.
+from xml.etree.ElementTree import Element, TreeBuilder, tostring  # nosec B405
+from xml.parsers import expat
+
 import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from .budgets import MOST_BYTES, require_raster, require_size
-from .datasets import check_advice, gdal_messages, open_dataset, read_head
+from .budgets import MIB, MOST_BYTES, require_raster
+from .datasets import check_advice, gdal_messages, open_dataset, read_head, virtual_status
+from .plain_files import require_plain
+
+
+def file_bytes(path: str) -> int | None:
+    """Return the size of a file, None if it has none (address of a database, folder)."""
+    status = virtual_status(path)
+    return None if status is None or status.IsDirectory() else int(status.size)
+
+
+def require_size(path: str, kind: str) -> None:
+    """Raise `InputError` if a file is larger than any of its ``kind``, a key of `MOST_BYTES`, or is no regular file."""
+    require_plain(path)
+    size, limit = file_bytes(path), MOST_BYTES[kind]
+    if size is not None and size > limit:
+        raise InputError(
+            f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({limit // MIB}): name another file"
+        )
 
 
 def read_bytes(path: str, kind: str = "RPC") -> bytes:
@@ -38,6 +60,41 @@ def read_json(path: str, kind: str) -> Any:
         return json.loads(read_bytes(path, kind).decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # the last: brackets nested thousands deep
         raise InputError(f"{path}: is no JSON that can be read ({error}): obtain the file again") from None
+
+
+def local_name(name: str) -> str:
+    """Return an XML name without its namespace prefix: ``isd:RPB`` is RPB."""
+    return name.rpartition(":")[2]
+
+
+def read_xml(path: str) -> Element:
+    """Return the root element of an XML file; elements and attributes have their local names, in any namespace.
+
+    Raises `InputError` if it is not well-formed or declares a document type: entities can expand without limit or read
+    other files, and no RPC file needs them.
+    """
+    content = read_bytes(path)
+    tree, parser = TreeBuilder(), expat.ParserCreate()
+
+    def refuse(*_declaration: object) -> None:
+        raise InputError(f"{path}: contains a DOCTYPE declaration, which RPC files do not need: remove it")
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = lambda name, values: tree.start(
+        local_name(name), {local_name(key): value for key, value in values.items()}
+    )
+    parser.EndElementHandler = lambda name: tree.end(local_name(name))
+    parser.CharacterDataHandler = tree.data
+    try:
+        parser.Parse(content, True)
+        return tree.close()
+    except (expat.ExpatError, AssertionError, ValueError, LookupError) as error:
+        raise InputError(f"{path}: not well-formed XML ({error}): obtain the file again") from None
+
+
+def xml_bytes(root: Element) -> bytes:
+    """Return an XML tree as the content of a file."""
+    return bytes(tostring(root, encoding="utf-8"))
 
 
 def open_raster(path: str) -> gdal.Dataset:

@@ -24,8 +24,9 @@ import numpy as np
 
 from ...block.points import ImagePoints
 from ...foundation.errors import InputError
-from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_size, require_texts
+from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_texts
 from ..opening.datasets import read_head
+from ..opening.files import require_size
 from ..opening.numbers import parse_angle, parse_finite
 from ..safety.replacing import replacing
 from . import table

@@ -35,9 +35,8 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ...foundation.thresholds import MEMORY
-from ..opening.budgets import require_size
 from ..opening.databases import require_sound, sound_database
-from ..opening.files import read_bytes
+from ..opening.files import read_bytes, require_size
 from ..opening.hdf5 import HDF5_HEAD, open_hdf5, read_array
 from .table import PointReader, PointTable
 

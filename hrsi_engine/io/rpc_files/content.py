@@ -1,57 +1,16 @@
-"""XML of small side files, and the files of a folder; every fault is an `InputError` with the file."""
+"""Texts of XML elements, and the files of a folder."""
 
 import os
 import time
 from collections.abc import Sequence
 from functools import lru_cache
 
-# Bandit warns of this package because its parsers expand entities. None of them is used: `read_xml` parses with expat,
-# which refuses document types and therefore entities; these three only store and write a tree.
-from xml.etree.ElementTree import Element, TreeBuilder, tostring  # nosec B405
-from xml.parsers import expat
-
 from osgeo import gdal
 
-from ...foundation.errors import InputError
 from ..opening.datasets import call_quiet
-from ..opening.files import read_bytes
+from ..opening.files import Element
 
 SETTLED_NS = 2_000_000_000  # a folder is cached if it is unchanged for longer than the resolution of file times
-
-
-def local_name(name: str) -> str:
-    """Return an XML name without its namespace prefix: ``isd:RPB`` is RPB."""
-    return name.rpartition(":")[2]
-
-
-def read_xml(path: str) -> Element:
-    """Return the root element of an XML file; elements and attributes have their local names, in any namespace.
-
-    Raises `InputError` if it is not well-formed or declares a document type: entities can expand without limit or read
-    other files, and no RPC file needs them.
-    """
-    content = read_bytes(path)
-    tree, parser = TreeBuilder(), expat.ParserCreate()
-
-    def refuse(*_declaration: object) -> None:
-        raise InputError(f"{path}: contains a DOCTYPE declaration, which RPC files do not need: remove it")
-
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = lambda name, values: tree.start(
-        local_name(name), {local_name(key): value for key, value in values.items()}
-    )
-    parser.EndElementHandler = lambda name: tree.end(local_name(name))
-    parser.CharacterDataHandler = tree.data
-    try:
-        parser.Parse(content, True)
-        return tree.close()
-    except (expat.ExpatError, AssertionError, ValueError, LookupError) as error:
-        raise InputError(f"{path}: not well-formed XML ({error}): obtain the file again") from None
-
-
-def xml_bytes(root: Element) -> bytes:
-    """Return an XML tree as the content of a file."""
-    return bytes(tostring(root, encoding="utf-8"))
 
 
 def element_text(root: Element, name: str) -> str | None:

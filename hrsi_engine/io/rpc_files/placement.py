@@ -48,10 +48,10 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.thresholds import EQUALITY, SIGNIFICANCE, threshold, thresholds
 from ..opening.datasets import metadata_of, open_dataset
+from ..opening.files import Element, read_xml
 from ..opening.georeference import Georeference
 from ..opening.numbers import parse_finite
 from . import fields
-from .content import Element, read_xml
 from .crop import CropPlace, crop_rpc
 
 Geotransform = tuple[float, float, float, float, float, float]

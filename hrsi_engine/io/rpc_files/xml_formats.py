@@ -17,9 +17,10 @@ from dataclasses import replace
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ..opening.files import Element, read_xml, xml_bytes
 from ..opening.numbers import parse_finite
 from . import fields
-from .content import Element, element_text, positive_size, read_xml, siblings, texts_below, xml_bytes
+from .content import element_text, positive_size, siblings, texts_below
 from .fields import ERRORS, POLYNOMIALS, SCALARS, FoundRpc, Origin, RpcReader, shorten
 from .text_formats import MARKS, RPB_NAMES
 

@@ -14,8 +14,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..opening.budgets import require_size
 from ..opening.datasets import VIRTUAL, list_virtual, read_virtual, write_virtual
+from ..opening.files import require_size
 from .replacing import replacing, sweep
 
 #: Errors that reading a damaged file raises.
