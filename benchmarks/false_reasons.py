@@ -206,7 +206,19 @@ def main(words: Sequence[str] | None = None) -> None:
         table = PAGE.read_text(encoding="utf-8").split("<!-- right blocks:")[1].split("<!-- end of")[0]
         cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if "|" in line]
         rows = {cell[0]: cell for cell in cells} | rows
-        put_between(PAGE, "right blocks", render(HEAD, [rows[name] for name in FAMILIES if name in rows]))
+        ordered = [rows[name] for name in FAMILIES if name in rows]
+        put_between(PAGE, "right blocks", f"{render(HEAD, ordered)}\n\n{count_false_causes(ordered)}")
+
+
+def count_false_causes(rows: Sequence[Sequence[str]]) -> str:
+    """Return in how many blocks of a table a reason names an error that none of them has; jitter is no such error."""
+    reasons = [reason.rsplit(" ", 1) for row in rows for reason in row[5].split(", ") if reason]
+    false = [(code, int(number)) for code, number in reasons if code != "jitter"]
+    named = ", ".join(f"{code} {number}" for code, number in false)
+    return (
+        f"Of these {sum(int(row[1]) for row in rows)} blocks, {sum(number for _, number in false)} have a reason other "
+        f"than jitter{f' ({named})' if false else ''}."
+    )
 
 
 def run_seeds(name: str, seeds: Sequence[int], record: Path | None) -> list[Outcome]:

@@ -131,7 +131,7 @@ def test_errors_of_a_dem_have_the_shares_of_the_page():
 
 @pytest.mark.real
 @pytest.mark.thorough
-def test_points_on_four_images_are_those_of_the_pages():
+def test_points_on_four_images_are_those_of_the_pages(real_data: Path):
     """Ties of two dates of Kahramanmaras, of which the command holds out every tenth: by 5 % and 0.01 px."""
     [number, rms_px] = _find_numbers("many_dates.md", "# points are found on all four with # px RMS")
     assert _find_numbers("matching.md", "2: 6165, 0.088; 3: 476, 0.214; 4: #, # |") == [number, rms_px]
