@@ -2,8 +2,9 @@
 
 Three images of a city look 15 degrees forward, 3 and 20 back. Their RPCs have the errors of a vendor; `triangulate`
 refines them with 2000 tie points, 20 GCPs of 2 cm, and the surface as `--dem` with 0.1 m. So the block lies on the
-surface, as it does on one that was made from the block. They are orthorectified on this surface, and a mosaic is made of them. What an image shows is what
-the renderer drew: the first intersection of the true ray of the pixel with the surface.
+surface, as it does on one that was made from the block. They are orthorectified on this surface, and a mosaic is made
+of them. What an image shows is what the renderer drew: the first intersection of the true ray of the pixel with the
+surface.
 """
 
 from __future__ import annotations
