@@ -129,6 +129,7 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
     expected["ties.images"] = 3, 0
     for own in ("held_out", "held_out.ties"):
         expected |= {f"{own}.{key}": (0, 0) for key in ("points", "observations", "wrong")}
+    expected["held_out.tracks"] = 0, 0
     expected |= predicted_area(solution, kinds["T"])
     expected |= pairs(scene, adjusted, away, report["pairs"], kinds["T"], place[2])
     gsd = max(math.sqrt(pixel["gsd_sample_m"][0] * pixel["gsd_line_m"][0])
