@@ -248,8 +248,9 @@ def draw_shaded(surfaces: dict[str, tuple[Path, Cost]], path: Path) -> None:
     parts = []
     for name, (surface, _) in surfaces.items():
         same = str(surface.with_suffix(".same.tif"))
-        gdal.Warp(same, str(surface), dstSRS=first.GetProjection(), outputBounds=box, xRes=step, yRes=-down,
-                  resampleAlg="bilinear", srcBands=[1], dstNodata=-9999.0)  # fmt: skip
+        heights = gdal.Translate("", str(surface), format="VRT", bandList=[1])
+        gdal.Warp(same, heights, dstSRS=first.GetProjection(), outputBounds=box, xRes=step, yRes=-down,
+                  resampleAlg="bilinear", dstNodata=-9999.0)  # fmt: skip
         shade, valid = ShadedSurface(same).read_means(1)
         picture = np.where(valid, np.clip(shade, 0, 255), 0).astype(np.uint8)
         parts.append(cv2.putText(picture, name, (20, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 255, 2))
