@@ -235,6 +235,8 @@ def simulated(kind: str, images: int, pixel_m: float, folder: Path, options: arg
 def describe_differences(difference: np.ndarray) -> str:
     """Return count, median, NMAD and LE90 about the median of differences as cells of a row."""
     difference = difference[np.isfinite(difference)]
+    if not len(difference):
+        return "0 | | | "
     centred = difference - np.median(difference)
     spread = 1.4826 * np.median(np.abs(centred)), np.percentile(np.abs(centred), 90.0)
     return " | ".join([str(len(difference)), *(f"{one:.2f}" for one in (np.median(difference), *spread))])
