@@ -43,6 +43,7 @@ from osgeo import gdal
 from scipy import ndimage
 
 from hrsi.benchmarks import pages
+from hrsi.hrsi_engine.drawing.target_chips import stretch_grey
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rasters.surface_models import ShadedSurface
@@ -254,7 +255,7 @@ def draw_shaded(surfaces: dict[str, tuple[Path, Cost]], path: Path) -> None:
         gdal.Warp(same, heights, dstSRS=first.GetProjection(), outputBounds=box, xRes=step, yRes=-down,
                   resampleAlg="bilinear", dstNodata=-9999.0)  # fmt: skip
         shade, valid = ShadedSurface(same).read_means(1)
-        picture = np.where(valid, np.clip(shade, 0, 255), 0).astype(np.uint8)
+        picture = np.where(valid, stretch_grey(shade, valid), 0).astype(np.uint8)
         parts.append(cv2.putText(picture, name, (20, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 255, 2))
     cv2.imwrite(str(path), np.hstack(parts))
 

@@ -148,7 +148,7 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
         if options.report:
             shown: list[tuple[str, GdalRaster]] = [("surface", ShadedSurface(str(staged / SURFACE_FILE)))]
             shown += [("difference", GdalRaster(path))] if reference is not None else []
-            pictures = [read_picture(raster, key, k, 2 * LENGTH.picture_px) for k, (key, raster) in enumerate(shown)]
+            pictures = [read_picture(raster, key, k, 4 * LENGTH.picture_px) for k, (key, raster) in enumerate(shown)]
             write_page(str(staged / PAGE_FILE), "surface.html.j2", report, pictures=[one for one in pictures if one])
     return report
 

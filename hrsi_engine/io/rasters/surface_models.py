@@ -103,12 +103,16 @@ STYLE = (
 
 
 class ShadedSurface(GdalRaster):
-    """A surface model as a picture that is lit from the north-west, for `read_picture`."""
+    """A surface model as a picture for `read_picture`: brighter where it is higher, and lit from the north-west."""
 
     def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """As `GdalRaster.read_means`."""
         height, valid = super().read_means(step)
         cell = self.dataset.GetGeoTransform()[1] * step
         down, right = np.gradient(np.where(valid, height, np.nan), cell)
-        shade = (1.0 + 0.7 * right + 0.7 * down) / np.sqrt(1.0 + right**2 + down**2)
-        return np.nan_to_num(shade).astype(np.float32), valid & np.isfinite(shade)
+        slope = (right + down) / np.sqrt(2.0)
+        shade = slope / (1.0 + np.abs(slope))  # -1 to 1: walls and trees do not use up the range
+        valid &= np.isfinite(shade)
+        low, high = np.percentile(height[valid], [2.0, 98.0]) if valid.any() else (0.0, 0.0)
+        tone = np.clip((height - low) / (high - low), 0.0, 1.0) if high > low else 0.5
+        return np.where(valid, tone + shade, 0.0).astype(np.float32), valid
