@@ -27,10 +27,9 @@ from .files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from .interface.declare import Context, Report, is_unusable, spell_arguments
 from .interface.options import check_options
 from .projects.plan import FAILED, LEFT_OUT, NOT_ASKED, algorithm_of, check_plan, failures, judge_plan
-from .projects.project_file import FOLDERS, Project, read_project
+from .projects.project_file import FOLDERS, GROUND_OPTIONS, Project, read_project
 
 KEPT, MADE = "kept", "done"  #: further statuses of a step
-GROUND_OPTIONS = frozenset({"dem", "height", "terrain_points"})  #: options that define the ground of orthoimages
 RPC_TEXT = "_rpc.txt"  #: ending of a refined RPC without pixels
 
 

@@ -13,7 +13,7 @@ from .. import REGISTRY
 from ..files.result_folder import INPUTS_CHECKED, NOTHING_WRONG
 from ..interface.declare import Context, Report
 from ..interface.options import check_options
-from .project_file import FOLDERS, SINGLE, Project
+from .project_file import FOLDERS, GROUND_OPTIONS, SINGLE, Project
 
 PLANNED, FAILED, LEFT_OUT = "planned", "failed", "left out"
 NOT_ASKED = "not asked for"
@@ -46,7 +46,7 @@ def _check_step(step: str, project: Project, images: tuple[str, ...], folder: st
     name = algorithm_of(step, images)
     given: dict[str, Any] = {"images": images, "output_dir": folder}
     options = {**project.options_of(step, name), **given}
-    without_terrain = step == "orthorectify" and not {"dem", "height", "terrain_points"} & options.keys()
+    without_terrain = step == "orthorectify" and not GROUND_OPTIONS & options.keys()
     if without_terrain:  # points that are not adjusted yet
         options["height"] = open_image(images[0]).middle_height_m
     try:

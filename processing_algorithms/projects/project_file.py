@@ -31,6 +31,7 @@ SHARED = (
     "dem_datum",
 )  # fmt: skip
 ONLY_ASKED = ("surface-model",)  #: steps that run only if the file has their table
+GROUND_OPTIONS = frozenset({"dem", "height", "terrain_points"})  #: options that define the ground of orthoimages
 SKIP = "skip"  #: a step with this key set, to true or to the reason, is not run
 
 

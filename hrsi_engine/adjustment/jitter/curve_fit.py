@@ -10,10 +10,10 @@ largest marginal likelihood, times that distribution::
 
 A few images can vibrate in nearly the same phase by chance: their differences are then small, and so is the standard
 deviation. So t is uncertain, and its errors are part of those of the curves: each sample of the posterior has a t of
-its own, normally distributed with the curvature of log p (Rasmussen and Williams, Gaussian Processes for Machine
-Learning, 2006, 5.2 and 5.4.1; Rue, Martino and Chopin, J. R. Statist. Soc. B 71, 2009, 319-392). The robust weights of
-the points are those of a strongly damped vibration. The samples are those of a
-Metropolis chain that proposes from it (Tierney, Ann. Statist. 22, 1994, 1701-1762, independence chain).
+its own. It comes from a Metropolis chain (Tierney, Ann. Statist. 22, 1994, 1701-1762, independence chain) that proposes
+from normal distributions with the curvature of log p at its maxima (Rasmussen and Williams, Gaussian Processes for
+Machine Learning, 2006, 5.2 and 5.4.1; Rue, Martino and Chopin, J. R. Statist. Soc. B 71, 2009, 319-392). The robust
+weights of the points are those of a strongly damped vibration.
 """
 
 from __future__ import annotations
