@@ -17,7 +17,7 @@ from ..hrsi_engine.foundation.errors import InputError, SolveError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.reasons import Level, Reason
 from ..hrsi_engine.foundation.thresholds import EQUALITY, LISTS, SAMPLES, threshold, thresholds
-from ..hrsi_engine.foundation.workers.threads import thread_count
+from ..hrsi_engine.foundation.workers.threads import one_thread_calls, thread_count
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from ..hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
@@ -42,7 +42,8 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     part = context.stage(0.0, 0.9)
     window_px = options.matching.window_px + options.matching.window_px % 2  # window sides are even
     how = replace(options.matching, window_px=window_px)
-    found = match_pairs(pairs, how, thread_count(options.common.threads), part)
+    with one_thread_calls():  # windows are small: BLAS threads would mostly wait for each other
+        found = match_pairs(pairs, how, thread_count(options.common.threads), part)
     pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
     pooled = {
         state: misregistration.shift_statistics(
