@@ -24,7 +24,7 @@ COPIED = (
     "benchmarks", "docs", "scripts", "metadata.txt",
 )  # fmt: skip
 PAGE = "figures.py check "
-TRUTH = "tests/results/test_outputs_from_truth.py"
+TRUTH = "tests/oracle/test_adjustment.py"
 OUTLIERS = "tests/results/test_outliers.py"
 
 
@@ -121,7 +121,7 @@ MUTANTS = (
     Mutant(
         "check points judged by the measurement and survey alone", "results/residuals.py",
         "np.where(check[points, None, None], predicted, 0.0)", "0.0 * predicted",
-        "tests/oracle/test_adjustment.py -k positions_sigmas_and_residuals",
+        TRUTH,
     ),
     Mutant(
         "drift that is not followed left out of the sigmas", "results/residuals.py",
@@ -140,7 +140,7 @@ MUTANTS = (
     Mutant(
         "2 %: ground sample distance", "block/imaging_geometry.py", "np.hypot(steps[:, 0], steps[:, 1]).tolist()",
         "(1.02 * np.hypot(steps[:, 0], steps[:, 1])).tolist()",
-        "tests/results/test_report_figures.py",
+        TRUTH,
     ),
     Mutant(
         "2 %: RMSE in all tables", "results/residuals.py", "return float(np.sqrt(np.mean(finite**2)))",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import simulated_blocks as blocks
 from scipy.optimize import least_squares
 
@@ -65,35 +64,10 @@ def test_predictions_are_those_of_intersections_without_the_image():
     assert checked > 10
 
 
-def test_enlargement_is_what_noise_does():
-    """With right cameras and 0.3 px of noise predictions scatter by that times their enlargement."""
-    block, _, _ = blocks.block(gcps=0, checks=0, ties=1500, count=4, seed=2, bias_px=0.0, drift=0.0, noise_px=0.3)
-    _, fit = fit_tracks(block, ties_of(block))
-    scaled = fit.predicted_px / fit.enlargement[:, None] / 0.3
-    spread = np.sqrt(np.nanmean(scaled**2))
-    assert spread == pytest.approx(1.0, abs=0.03)  # 6000 predictions
-
-
 def test_two_images_predict_nothing():
     block, _, _ = blocks.block(gcps=0, checks=0, ties=20, count=2)
     _, fit = fit_tracks(block, ties_of(block))
     assert np.isnan(fit.predicted_px).all() and np.isfinite(fit.fit_px).all()
-
-
-def test_pairs_tell_the_bias_across_the_epipolar_lines():
-    """Moving one camera moves the residual by n's part of it; what lies along the lines does not show."""
-    block, _, _ = blocks.block(gcps=0, checks=0, ties=60, count=2, bias_px=0.0, drift=0.0, noise_px=0.1, seed=3)
-    before = fit_pairs(*fit_tracks(block, ties_of(block)))[0]
-    assert abs(np.median(before.across_px)) < 0.05 and np.std(before.across_px) == pytest.approx(0.1, rel=0.3)
-    shifts = np.array([fit_pairs(*fit_tracks(moved(block, *step), ties_of(block)))[0].across_px.mean()
-                       for step in ((3.0, 0.0), (0.0, 3.0))])  # fmt: skip
-    # n = (a, b, c, d) is a unit vector and the two images' parts of it are about alike: 3 / sqrt(2) px in all
-    assert np.hypot(*(shifts - before.across_px.mean())) == pytest.approx(3.0 / np.sqrt(2.0), rel=0.1)
-
-
-def moved(block: Block, sample: float, line: float) -> Block:
-    first, *others = (image.rpc for image in block.images)
-    return block.with_cameras([first.shift(sample, line), *others])
 
 
 def test_wrong_tracks_are_those_that_are_wrong_under_every_set():

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from dense_affine_block import IMAGE_PX, SURVEY_M
 from independent_formulas import Camera, numbers, table
 
 from hrsi.processing_algorithms import run
@@ -44,11 +46,29 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 
 @pytest.fixture(scope="session")
 def adjusted(scene: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
-    """`adjust` with an affine correction and the sigmas as given; folder, report, refined cameras."""
-    folder = tmp_path_factory.mktemp("oracle_adjusted") / "out"
+    """`adjust` with an affine correction; folder, report, refined cameras.
+
+    Stated sigmas of image points are a third of the true ones, so that sigma0 is far above 1 and scales every figure;
+    those of surveys differ in east, north and height, so that none stands for another.
+    """
+    folder = tmp_path_factory.mktemp("oracle_adjusted")
+    east, north, height = SURVEY_M.tolist()
+    stated = {
+        "gcps": {"sigma_east": east, "sigma_north": north, "sigma_h": height}, "image_points": {"sigma": IMAGE_PX},
+    }  # fmt: skip
+    for name, sigmas in stated.items():
+        rows = [{key: value for key, value in row.items() if key != "sigma_xy"} | sigmas
+                for row in table(getattr(scene, name))]  # fmt: skip
+        with (folder / f"{name}.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            writer.writerows(rows)
+    files = {name: str(folder / f"{name}.csv") for name in stated}
+    folder = folder / "out"
     run(
-        "adjust", images=scene.images, gcps=scene.gcps, image_points=scene.image_points, height_datum="ellipsoidal",
-        model="affine", test_sigmas=False, hold_out=0.0, stac=True, output_dir=str(folder),
+        "adjust", images=scene.images, **files, height_datum="ellipsoidal", model="affine", test_sigmas=False,
+        reject=0.0, hold_out=0.0, stac=True, title="A title", client="Client", place="Somewhere",
+        output_dir=str(folder),
     )  # fmt: skip
     refined = {name: Camera(folder / f"{name}.tif") for name in IMAGES}
     return SimpleNamespace(folder=folder, package=folder / "block.gpkg", report=report_of(folder), refined=refined)

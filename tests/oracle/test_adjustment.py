@@ -147,6 +147,12 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
         r"accuracy\..*points_required|.*\.leave_one_out": "constants of the standards; no factor here",
     })  # fmt: skip
     assert all(value == 0 for path, value in leaves(report["crs_operations"]) if not path.endswith(".points"))
+    assert report["sigma0"] > 2.0  # or a figure without it would be right, too
+    # 8 check points are fewer than any standard asks for
+    assert not report["accuracy"]["asprs"]["enough_points"] and not report["accuracy"]["nssda"]["enough_points"]
+    assert report["document"] == {"title": "A title", "client": "Client", "place": "Somewhere"}
+    page = (adjusted.folder / "report.html").read_text(encoding="utf-8")
+    assert "asks for at least 30 check points; this test used only 8" in page
 
 
 def stated_errors(camera: Camera, solution: SimpleNamespace, name: str, height: float) -> tuple[float, float]:
@@ -318,16 +324,16 @@ def test_layers_hold_the_positions_sigmas_and_residuals(scene, adjusted, solutio
         if point in scene.places:
             survey = [row["survey_lon"], row["survey_lat"], row["survey_height"]]
             assert np.abs(metres(survey, scene.places[point])).max() < 1e-6
-            assert (row["sigma_xy"], row["sigma_h"]) == pytest.approx((0.1, 0.15))
+            assert (row["sigma_xy"], row["sigma_h"]) == pytest.approx((rms(dense.SURVEY_M[:2]), dense.SURVEY_M[2]))
     seen = {}
     for row in layer(adjusted.package, "image_points"):
         point, name = row["id"], row["image"]
         seen[point, name] = row
         assert [row["sample"], row["line"]] == pytest.approx(scene.measured[point][name], abs=1e-9)
         assert [row["residual_sample_px"], row["residual_line_px"]] == pytest.approx(
-            residual_of(solution, scene, away, point, name), abs=FIT_PX
+            away.pixels[point, name], abs=FIT_PX
         )
-        assert (row["sigma_px"], row["quality"], row["weight"]) == pytest.approx((0.3, 1.0, 1.0))
+        assert (row["sigma_px"], row["quality"], row["weight"]) == pytest.approx((dense.IMAGE_PX, 1.0, 1.0))
     assert set(seen) == set(away.pixels)
     for name in ("residuals_wgs84", "residuals_utm"):
         rows = layer(adjusted.package, name)
@@ -341,21 +347,19 @@ def test_layers_hold_the_positions_sigmas_and_residuals(scene, adjusted, solutio
                 assert sigma == pytest.approx(sigma_of_survey(scene, solution, away, point), rel=4e-3)
             else:
                 found = [row["residual_sample_px"], row["residual_line_px"]]
-                assert found == pytest.approx(residual_of(solution, scene, away, point, row["image"]), abs=FIT_PX)
+                assert found == pytest.approx(away.pixels[point, row["image"]], abs=FIT_PX)
                 own = seen[point, row["image"]]
                 for axis in ("sample", "line"):
                     assert row[f"sigma_{axis}_px"] == own[f"sigma_{axis}_px"]
                 sigma = sigma_on_image(solution, scene, point, row["image"])
                 assert [own["sigma_sample_px"], own["sigma_line_px"]] == pytest.approx(sigma, rel=5e-3)
-    for axis in ("sample", "line"):
-        taken = [row for (point, _), row in seen.items() if not point.startswith("C")]
-        values = np.array([row[f"residual_{axis}_px"] / row[f"sigma_{axis}_px"] for row in taken])
-        told = adjusted.report["normalised_residuals"][axis]
-        assert told["count"] == len(values)
-        assert told["beyond_3"] == pytest.approx(np.mean(np.abs(values) > 3.0), abs=0.05)
-        assert told["std"] == pytest.approx(
-            1.0, abs=4.0 / math.sqrt(2.0 * len(values))
-        )  # of residuals over their sigmas
+    values = np.array([normalise(solution, scene, point, name) for point, name in seen if not point.startswith("C")])
+    for axis, of_axis in zip(("sample", "line"), values.T, strict=True):
+        expected = {
+            "count": len(of_axis), "mean": np.mean(of_axis), "std": np.std(of_axis),
+            "beyond_3": np.mean(np.abs(of_axis) > 3.0),
+        }  # fmt: skip
+        assert adjusted.report["normalised_residuals"][axis] == pytest.approx(expected, abs=3e-3)
     for row in layer(adjusted.package, "images"):
         camera = adjusted.refined[row["id"]]
         assert (row["samples"], row["lines"], row["observations"]) == (160, 160, len(scene.measured))
@@ -366,9 +370,16 @@ def test_layers_hold_the_positions_sigmas_and_residuals(scene, adjusted, solutio
         assert np.ptp(back, axis=0) == pytest.approx([160.0, 160.0], abs=0.02)
 
 
-def residual_of(solution, scene, away, point, name):
-    """Return observed - computed: at the survey of a known point, else at the adjusted position."""
-    return away.pixels[point, name]
+def normalise(solution, scene, point, name) -> np.ndarray:
+    """Return Baarda's w of a measurement: v over the root of its variance, sigma² - A Q A', by the stated sigmas."""
+    computed, by_values, by_ground = dense.corrected(
+        scene.cameras[name], solution.middle[name], solution.parameters[name], solution.position[point]
+    )
+    rows = np.r_[solution.of_image[name] + np.arange(6), solution.of_point[point] + np.arange(3)]
+    cofactor = solution.covariance[np.ix_(rows, rows)] / solution.factor**2
+    design = np.hstack([by_values, by_ground])
+    variance = dense.IMAGE_PX**2 - (design @ cofactor @ design.T).diagonal()
+    return (scene.measured[point][name] - computed) / np.sqrt(variance)
 
 
 def sigma_on_image(solution, scene, point, name) -> list[float]:

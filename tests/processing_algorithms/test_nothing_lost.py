@@ -5,22 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import random
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.jitter_files import JitterFile
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
-from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.command_line.cli import main
 
@@ -138,43 +133,6 @@ import sys
 from hrsi.processing_algorithms.command_line.cli import main
 sys.exit(main(sys.argv[1:]))
 """
-
-
-@pytest.mark.killed
-@pytest.mark.parametrize("number", mark_beyond(1, "killed", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
-def test_a_block_in_place_is_written_whole_or_not_at_all(folder: Path, tmp_path: Path, number: signal.Signals) -> None:
-    """Killed at random moments: after the next run all images have the new RPC and there is a report, or neither."""
-    images = [folder / f"image_{k}.tif" for k in (1, 2, 3)]
-    for file in folder.glob("*_RPC.TXT"):
-        file.unlink()
-    originals = [read_rpc(str(image)).rpc for image in images]
-    output, rng = tmp_path / "o", random.Random(int(number))
-    words = ["adjust", *map(str, images), "--gcps", str(folder / "ground_points.csv"), "--image-points",
-             str(folder / "image_points.csv"), "--height-datum", "ellipsoidal", "--write", "in-place", "--no-report",
-             "--output-dir", str(output)]  # fmt: skip
-    started = time.monotonic()
-    assert subprocess.run([sys.executable, "-c", WRITER, *words], capture_output=True, check=False).returncode == 0
-    whole = time.monotonic() - started
-    states = set()
-    for _ in range(3):
-        shutil.rmtree(output, ignore_errors=True)
-        for image in images:
-            if read_rpc(str(image)).rpc not in originals:
-                run("write-rpc", images=[str(image)], restore=True)
-        process = subprocess.Popen(
-            [sys.executable, "-c", WRITER, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        )
-        time.sleep(rng.uniform(0.6, 1.0) * whole)
-        process.send_signal(number)
-        assert b"Traceback" not in process.communicate(timeout=60)[1]
-        recover_folders([str(folder), *([str(output)] if output.exists() else [])])
-        changed = [read_rpc(str(image)).rpc != original for image, original in zip(images, originals, strict=True)]
-        assert len(set(changed)) == 1
-        assert changed[0] == (output / "report.json").exists()
-        hidden = [path for place in (folder, output) if place.exists() for path in place.rglob(".*")]
-        assert hidden == []
-        states.add(changed[0])
-    assert states
 
 
 def test_report_names_what_was_written(folder: Path, tmp_path: Path) -> None:

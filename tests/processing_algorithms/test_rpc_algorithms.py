@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from osgeo import gdal, ogr
+from osgeo import ogr
 
 import hrsi
 from hrsi.hrsi_engine.camera.rpc import RPC
@@ -59,19 +59,6 @@ def test_localize_then_project_as_filters(
     image = [line.split() for line in capsys.readouterr().out.splitlines()]
     # 15 digits of a longitude are 1e-13 degree
     np.testing.assert_allclose(np.array([r[:2] for r in image], float), [[100, 200], [5000.5, 6000.25]], atol=1e-7)
-
-
-def test_project_agrees_with_gdaltransform(
-    real_data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = str(real_data / "s2p_triplet_phr" / "img_01.tif")
-    ground = np.array([[5.4431, 43.2621, 200.0], [5.4440, 43.2611, 250.0]])
-    pipe_in(monkeypatch, "\n".join(" ".join(map(repr, row)) for row in ground.tolist()))
-    assert main(["project", path, "--quiet"]) == 0
-    image = np.array([line.split() for line in capsys.readouterr().out.splitlines()], dtype=float)
-    transformer = gdal.Transformer(gdal.Open(path), None, ["METHOD=RPC"])
-    by_gdal = np.array(transformer.TransformPoints(True, ground.tolist())[0])[:, :2]
-    np.testing.assert_allclose(image + 0.5, by_gdal, atol=1e-6)
 
 
 def test_json_holds_the_points(
