@@ -90,7 +90,7 @@ speed-guard: set-up-test  ## whether a command has become slower than recorded i
 
 .PHONY: first-contact
 first-contact: set-up-test  ## init and run on folders as people have them, simulated and real: roles, exit codes, verdicts, true errors
-	@$(BIN)/python tests/first_contact/contact.py
+	@$(PYTEST) -p no:pytest_qgis -sq tests/first_contact
 
 .PHONY: test-desktop
 test-desktop: set-up-test  ## the plugin in the real window of QGIS, by mouse and keyboard; pictures in build/desktop

@@ -72,15 +72,6 @@ def test_sentence_of_a_message_ends_at_its_colon() -> None:
     assert len(faults_of_code(f"x = {message.replace(':', '')!r}")) == 1
 
 
-@pytest.mark.thorough  # all texts once more: `make lint` has just run the same check
-def test_all_texts_keep_to_the_vocabulary() -> None:
-    listed = set(check_words.TO_REWRITE.read_text(encoding="utf-8").split())
-    assert not listed, "scripts/words_to_rewrite.txt may only become shorter"
-    names = [name for name in check_words.list_files() if name not in listed]
-    faults = [fault for name in names for fault in check_words.check_file(name, WORDS, PATTERN)]
-    assert not faults, "\n".join(faults)
-
-
 def test_words_of_docstrings_and_comments_are_checked() -> None:
     """Not the names of parameters, nor comments for tools; sentences may be long, and without a verb."""
     source = '''def f(ties):

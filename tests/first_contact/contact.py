@@ -1,31 +1,18 @@
-"""The first contact with a folder: init, the dry run and the run, as the README prints them; what a newcomer gets.
-
-``python tests/first_contact/contact.py [--plan] [NAME...]`` prints the table of all folders, simulated and real;
-with ``--plan`` without the runs.
-"""
+"""The first contact with a folder: init, the dry run and the run, as the README prints them; what a newcomer gets."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import json
-import os
 import re
-import shutil
-import sys
-import tempfile
 import time
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parent))
-
-from client_folders import CLIENT_FOLDERS
-from folders import FOLDERS, Source, simulate
+from folders import Source
 
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -62,16 +49,13 @@ class Contact:
         return found
 
     def line(self) -> str:
-        """Return a row of the table."""
+        """Return folder, whether it was asked, exit codes, verdict, steps, true error (px), CPU seconds and faults."""
         steps = "".join(
             {"done": "+", "failed": "!", "left out": "-"}.get(one, "?") for one in (self.steps or {}).values()
         )
         asked = int(bool(self.question))
         return (f"{self.name:34} {asked:2} {' '.join(map(str, self.codes)):8} {self.verdict:9} {steps:5} "
                 f"{self.error_px:8.2f} {self.seconds:6.1f}  {'; '.join(self.faults)}")  # fmt: skip
-
-
-HEAD = f"{'folder':34} ask {'codes':7} {'verdict':9} {'steps':5} {'true px':>8} {'CPU s':>6}  faults"
 
 
 def meet(name: str, folder: Path, answer: str = "ellipsoidal", run: bool = True) -> Contact:
@@ -125,38 +109,3 @@ def true_error_px(source: Source, folder: Path) -> float:
         found = image.rpc.project(np.array([place[str(measured.ids[row])] for row in rows]))
         squares.append(np.sum((found - measured.xy[rows]) ** 2, axis=1))
     return float(np.sqrt(np.mean(np.concatenate(squares))))
-
-
-def print_table(names: list[str], data: Path | None, run: bool = True) -> int:
-    """Meet all folders, print the table, and return the number of faults."""
-    print(HEAD, flush=True)
-    faults = 0
-    with tempfile.TemporaryDirectory(prefix="first-contact-") as place:
-        source = simulate(Path(place) / "source")
-        for layout in (*FOLDERS, *CLIENT_FOLDERS):
-            if not names or layout.__name__ in names:
-                folder = Path(place) / layout.__name__
-                layout(source, folder)
-                met = meet(layout.__name__, folder, run=run)
-                met.error_px = true_error_px(source, folder)
-                print(met.line(), flush=True)
-                if met.faults or names:
-                    print(met.text)
-                faults += len(met.faults)
-        for name in REAL if data is not None else ():
-            if not names or name in names:
-                folder = Path(place) / name
-                shutil.copytree(data / name, folder)
-                met = meet(name, folder, run=run)
-                print(met.line(), flush=True)
-                if met.faults or names:
-                    print(met.text)
-                faults += len(met.faults)
-    return faults
-
-
-if __name__ == "__main__":
-    root = os.environ.get("HRSI_TEST_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data"
-    shared = Path(root) / "real" if (Path(root) / "real").is_dir() else None
-    words = [word for word in sys.argv[1:] if word != "--plan"]
-    sys.exit(min(print_table(words, shared, "--plan" not in sys.argv), 1))

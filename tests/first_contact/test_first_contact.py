@@ -137,7 +137,8 @@ def test_a_folder_becomes_a_result(layout, source: Source, tmp_path: Path):
         return
     check_contact(met)
     assert met.codes == [0, 0, 0], met.text
-    error = true_error_px(source, tmp_path / "folder")
+    met.error_px = error = true_error_px(source, tmp_path / "folder")
+    print(met.line())
     if layout is folders.one_image_alone:
         assert met.steps is not None and met.steps["triangulate"] == "left out" and met.steps["orthorectify"] == "done"
         assert met.verdict == "doubtful"
@@ -151,6 +152,7 @@ def test_a_real_folder_becomes_a_result(name: str, real_data: Path, tmp_path: Pa
 
     shutil.copytree(real_data / name, tmp_path / name)
     met = meet(name, tmp_path / name, run=name in ("qb2_gcp", "zy3_stereo_gcp"))
+    print(met.line())
     assert met.faults == [] and set(met.codes) == {0}, met.text
     assert bool(met.question) == (name == "zy3_stereo_gcp")
 

@@ -135,7 +135,7 @@ def test_virtual_files(tmp_path: Path, grey: np.ndarray, kind: str):
 
 
 def test_an_image_of_40000_x_40000_pixels_costs_a_blink(tmp_path: Path):
-    """3.2 GB; `benchmarks/content_marks.py` prints what it costs with real bytes, cold and warm."""
+    """3.2 GB of a sparse file."""
     path = tmp_path / "large.img"
     with path.open("wb") as file:
         file.truncate(2 * 40_000**2)

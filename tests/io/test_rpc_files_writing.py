@@ -6,8 +6,6 @@ import hashlib
 import os
 import shutil
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -274,17 +272,6 @@ def test_in_place_follows_a_link_and_keeps_permissions(image: Path, tmp_path: Pa
     assert (tmp_path / "link.tif").is_symlink()
     assert image.stat().st_mode & 0o777 == 0o640
     assert read_rpc(str(image)).rpc == NEW
-
-
-@pytest.mark.killed
-@pytest.mark.parametrize("kills", [int(os.environ.get("HRSI_KILLS", "40"))])
-def test_killed_writers_leave_a_whole_file(kills: int) -> None:
-    """HRSI_KILLS=200 for the full number; each kill is at a random moment of writing in place or restoring."""
-    script = Path(__file__).parents[1] / "kill_rpc_writer.py"
-    command = [sys.executable, str(script), "--kills", str(kills)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    print(done.stdout)
 
 
 # ---- other files ------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import numpy as np
 from ...foundation.pixel_filters import compute_local_maximum, erode, filter_separable, slopes
 from ...foundation.thresholds import threshold, thresholds
 
-SIMULATED_OBJECTS = "simulated scenes of objects and corners, 2026-11-21 (docs/protocols/interest_points_accuracy.md)"
+SIMULATED_OBJECTS = "simulated scenes of objects and corners, 2026-11-21 (tests/measurement/test_interest_points.py)"
 
 
 @thresholds
