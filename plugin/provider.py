@@ -108,7 +108,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
 
     def createCustomParametersWidget(self, parent: Any = None) -> Any:
         """Return the dialog of an algorithm with many parameters; None: that of QGIS."""
-        from .dialog import GroupedDialog  # there is no GUI in qgis_process
+        from .dialog_fields import GroupedDialog  # there is no GUI in qgis_process
 
         return GroupedDialog(self, parent=parent) if len(self.declaration.params) > SHORT_DIALOG else None
 
@@ -172,7 +172,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
                 feedback.pushWarning(told_verdict)
         self._report = report
         if makes_quick_looks:
-            from ..processing_algorithms.files.map_layers import write_quick_looks
+            from ..processing_algorithms.files.result_folder import write_quick_looks
 
             with suppress(HrsiError, OSError):  # the result itself is written
                 run_apart(lambda: write_quick_looks(report, self._options["output_dir"]))

@@ -106,7 +106,7 @@ def _list_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
 
     OGR is asked: a layer of QGIS must not be made in this thread (`background_task`).
     """
-    from ..processing_algorithms.files.map_layers import list_written_layers  # loads the engine
+    from ..processing_algorithms.files.result_folder import list_written_layers  # loads the engine
 
     return list_written_layers(options["output_dir"], declaration.layers)
 
@@ -133,7 +133,7 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
 
 def write_folder_layers(report: Report) -> list[str]:
     """Write layers of what a folder contains, before anything is adjusted, and return the sources for the map."""
-    from ..processing_algorithms.files.map_layers import write_folder_map  # loads the engine
+    from ..processing_algorithms.files.result_folder import write_folder_map  # loads the engine
 
     place = Path(QgsProcessingUtils.generateTempFilename("map"))
     place.mkdir(parents=True, exist_ok=True)

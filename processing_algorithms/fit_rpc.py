@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..hrsi_engine.block.placement import FRAME
-from ..hrsi_engine.camera.adjusted_rpc import AdjustedRpc
-from ..hrsi_engine.camera.linescan import SampledCamera
+from ..hrsi_engine.camera.linescan import AdjustedRpc, SampledCamera
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.options import InMemory

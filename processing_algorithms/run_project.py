@@ -19,7 +19,7 @@ from ..hrsi_engine.io.catalogue.deliveries import resolve_images
 from ..hrsi_engine.io.catalogue.lineage import input_entries
 from ..hrsi_engine.io.output_dir import check_output_dir, find_image_outputs, read_report
 from ..hrsi_engine.io.pages.report import name_crs_unit, write_page, write_report_json
-from ..hrsi_engine.io.safety.folder_lock import only_writer
+from ..hrsi_engine.io.safety.transactions import only_writer
 from . import REGISTRY
 from .declarations.projects import RunOptions
 from .declarations.surfaces import SURFACE_FILE

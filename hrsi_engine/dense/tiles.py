@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..block.block import ArrayRaster, Image
-from ..block.overviews import read_overview_pixels
+from ..block.block import ArrayRaster, Image, read_overview_pixels
 from ..foundation.pixel_filters import load_opencv
 from ..foundation.thresholds import threshold, thresholds
 from ..ortho.grid import GridWindow, MapGrid

@@ -27,8 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from ..camera.adjusted_rpc import AdjustedRpc
-from ..camera.linescan import LinescanCamera
+from ..camera.linescan import AdjustedRpc, LinescanCamera
 from ..foundation.errors import InputError
 from .opening.datasets import read_head
 from .opening.files import Element, read_bytes, read_xml

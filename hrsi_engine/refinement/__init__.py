@@ -8,9 +8,8 @@
 | image_space        | bias compensation: polynomials of the image position                           |
 | object_coordinates | polynomials of the ground position, added in the image                         |
 | object_space       | corrections of the ground position                                             |
-| pseudo_rays        | pseudo light rays of image points                                              |
+| pseudo_rays        | pseudo light rays of image points, their corrections and equations             |
 | pseudo_sensor      | the generic method: corrections of a pseudo sensor                             |
-| corrected_rays     | … its formula: intersection of a corrected ray, and the equations              |
 | compiled_cameras   | the equations of many image points by compiled loops over the models' formulas |
 | estimate           | parameters of one image from its GCPs                                          |
 | selection          | choice of the model from the GCPs, and contradicting GCPs                      |

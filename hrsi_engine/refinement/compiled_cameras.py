@@ -22,16 +22,15 @@ from ..block.block import Image
 from ..camera.compiled_rpc import project_point, rpc_tables
 from ..foundation.compiled_code import OPTIONS, Arrays, register
 from ..ground import ellipsoid
-from . import corrected_rays, pseudo_rays
-from .corrected_rays import linearise_by_rays
+from . import pseudo_rays
 from .image_space import ImagePolynomial, correct_in_image
 from .object_coordinates import GroundPolynomial, correct_by_ground
 from .object_space import GroundCorrection, move_position, rotate_derivatives
-from .pseudo_rays import COLUMNS, compute_sensor_frame, draw_ray, localize_ray_ends, place_in_frame
+from .pseudo_rays import COLUMNS, compute_sensor_frame, draw_ray, linearise_by_rays, localize_ray_ends, place_in_frame
 from .pseudo_sensor import PseudoSensor
 
 register(correct_in_image, correct_by_ground, move_position, rotate_derivatives)
-register(*corrected_rays.CORRECTION_FORMULAS, *pseudo_rays.RAY_FORMULAS)
+register(*pseudo_rays.CORRECTION_FORMULAS, *pseudo_rays.RAY_FORMULAS)
 
 
 @njit(**OPTIONS)

@@ -21,9 +21,8 @@ import numpy as np
 from ..block.block import Image
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import fold_affine
-from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure, refit_camera
 from .model_table import IMAGE_SPACE_TABLE, make_models
-from .refit import refit_camera
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,8 @@ from ..block.block import Image
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number
 from .ground_area import compute_ground_area
-from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure, refit_camera
 from .model_table import OBJECT_COORDINATES_TABLE, make_models
-from .refit import refit_camera
 
 
 @dataclass(frozen=True, eq=False)

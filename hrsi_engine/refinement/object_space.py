@@ -20,9 +20,8 @@ from ..ground import ellipsoid
 from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame
 from .ground_area import compute_ground_area, compute_px_per_m
-from .model import ALL_ROWS, Equations, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .model import ALL_ROWS, Equations, Linearise, Priors, RefitRPC, RowIndex, Structure, refit_camera
 from .model_table import OBJECT_SPACE_TABLE, make_models
-from .refit import refit_camera
 
 GROUND_AXES = ("east", "north", "up")
 UP = 2

@@ -18,7 +18,7 @@ deviations (the diagonal of C_A, eq. 5.46): loose for the constants, tight for t
 also be estimated with few GCPs; the thesis omits them below 50.
 
 The observation equation in metres, (x, y)(image point, values, z) = ground, is converted to pixels by Newton steps
-towards the corrected camera's projection. `corrected_rays.linearise_by_rays` takes two of them; `project` iterates to
+towards the corrected camera's projection. `pseudo_rays.linearise_by_rays` takes two of them; `project` iterates to
 convergence, with the ray of each new position. Both compute image -> ray -> ground, because with a large attitude error
 the ground is outside the area in which the vendor's RPC is accurate.
 """
@@ -33,11 +33,10 @@ from ..camera.rpc_fit import CHECK_GRID, FIT, best_fit, make_image_grid
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import EQUALITY, ITERATIONS
 from ..ground import ellipsoid
-from .corrected_rays import intersect_frame_height, linearise_by_rays
 from .ground_area import compute_ground_area, compute_px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefitRPC, Structure
 from .model_table import PSEUDO_SENSOR_TABLE, make_models
-from .pseudo_rays import SENSOR, compute_pseudo_rays, compute_sensor_frame
+from .pseudo_rays import SENSOR, compute_pseudo_rays, compute_sensor_frame, intersect_frame_height, linearise_by_rays
 
 #: The corrected quantities; the first three are in metres, the others in radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")

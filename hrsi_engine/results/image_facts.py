@@ -22,7 +22,7 @@ from ..foundation.thresholds import GRIDS, threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from ..io.rasters.sun_angles import read_time
 from ..refinement.model import RefitRPC
-from ..refinement.parameter_names import describe_parameter
+from ..refinement.model_table import describe_parameter
 from .residuals import Residuals, group_rmse, radial_rmse
 
 

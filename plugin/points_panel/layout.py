@@ -38,7 +38,7 @@ from .view_grid import ViewGrid
 
 if TYPE_CHECKING:
     from ...processing_algorithms.point_session.adjusted import AdjustmentView
-    from ...processing_algorithms.point_session.pictures import PointPicture
+    from ...processing_algorithms.point_session.chips import PointPicture
 
 MOST_VIEWS = 9
 FIRST_VIEWS = 2

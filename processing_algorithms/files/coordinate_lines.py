@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.opening.numbers import has_decimal_commas, parse_finite
+from ...hrsi_engine.io.opening.files import has_decimal_commas, parse_finite
 
 
 def standard_input(example: str) -> Iterable[str]:

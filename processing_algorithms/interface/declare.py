@@ -23,8 +23,8 @@ Filled = TypeVar("Filled")
 _ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
 #: Modules of the engine that a run needs, imported when it begins.
 _WHEN_RUN = (
-    "io.rasters.images", "foundation.json_values", "io.safety.folder_lock", "io.catalogue.deliveries",
-    "io.catalogue.lineage", "io.safety.transactions", "foundation.workers.threads",
+    "io.rasters.images", "foundation.json_values", "io.safety.transactions", "io.catalogue.deliveries",
+    "io.catalogue.lineage", "foundation.workers.threads",
 )  # fmt: skip
 POSITIONS_CRS = "EPSG:4979"  #: CRS of all ground positions in results: longitude, latitude, ellipsoidal height
 SCHEMA = 1  #: version of the format of reports
@@ -274,7 +274,7 @@ class Algorithm:
         """
         modules = (self.work_module, *(f"{_ROOT}.hrsi_engine.{name}" for name in _WHEN_RUN))
         with quitting_on_signals():
-            work, rasters, values, lock, deliveries, lineage, transactions, threads = map(import_module, modules)
+            work, rasters, values, transactions, deliveries, lineage, threads = map(import_module, modules)
         given = {param.key: options[param.key] for param in self.params if options[param.key] != param.default}
         images: list[str] = []
         for param in self.params:
@@ -300,10 +300,10 @@ class Algorithm:
         try:
             target = options.get("output_dir")
             if context.dry_run and target:
-                lock.require_writable(target)
+                transactions.require_writable(target)
             where_they_lie = options.get("restore") or options.get("write") == "in-place" or not target
             locked = [path for path in images if os.path.exists(path)] if "write" in options and where_they_lie else []
-            with lock.only_writer(*((None,) if context.dry_run else (target, locked))):
+            with transactions.only_writer(*((None,) if context.dry_run else (target, locked))):
                 if not context.dry_run:  # what a stopped run left in folders of this one
                     folders = {os.path.dirname(path) or "." for path in images} | {target or "."}
                     for notice in transactions.recover_folders(filter(os.path.isdir, folders)):

@@ -20,7 +20,7 @@ from typing import IO, Any
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.io.opening.files import require_size
-from ...hrsi_engine.io.safety.folder_lock import only_writer
+from ...hrsi_engine.io.safety.transactions import only_writer
 from .files import new_session, open_block
 from .rows import Change, ImageMeasurement, Key, SurveyPoint
 from .session import PointSession

@@ -20,7 +20,7 @@ from rpc_samples import sample_rpc, write_image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.opening.budgets import require_gcp_rows
-from hrsi.hrsi_engine.io.opening.numbers import parse_finite
+from hrsi.hrsi_engine.io.opening.files import parse_finite
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text, write_vrt

@@ -16,9 +16,8 @@ from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.interruption import signals_as_exceptions
 from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.hrsi_engine.io.safety import replacing, transactions
-from hrsi.hrsi_engine.io.safety.folder_lock import only_writer
 from hrsi.hrsi_engine.io.safety.replacing import is_dead, open_hidden_folder, sweep, temporary_folder, temporary_name
-from hrsi.hrsi_engine.io.safety.transactions import Transaction, recover_folders
+from hrsi.hrsi_engine.io.safety.transactions import Transaction, only_writer, recover_folders
 
 COUNT = 6
 GONE = f"{replacing._machine_name()}-{2**22 + 1}-1"  # a process that there is not

@@ -9,7 +9,7 @@ from measure_structure import Product
 
 #: What QGIS's installers and packages bring.
 STOCK = {"numpy", "scipy", "osgeo", "pyproj", "shapely", "jinja2", "markupsafe", "qgis", "processing"}
-#: Modules that are loaded only where their package is there; cv2 is imported by name (`foundation.packages`).
+#: Modules that are loaded only where their package is there; cv2 is imported by name (`foundation.lazy_names`).
 WITH_PACKAGE = {
     "numba": {
         "adjustment.equations.elimination_kernels", "camera.compiled_rpc",

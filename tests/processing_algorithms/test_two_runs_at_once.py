@@ -15,8 +15,7 @@ from bad_inputs import digests, faults_of_error, run_words
 from every_algorithm import sound_options, words_of
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.safety.folder_lock import LOCK, only_writer
-from hrsi.hrsi_engine.io.safety.transactions import recover_folders
+from hrsi.hrsi_engine.io.safety.transactions import LOCK, only_writer, recover_folders
 from hrsi.processing_algorithms import REGISTRY
 
 
@@ -60,7 +59,7 @@ def test_two_command_lines_at_once(scene: Path, tmp_path: Path) -> None:
 
 HOLDER = """
 import sys, time
-from hrsi.hrsi_engine.io.safety.folder_lock import only_writer
+from hrsi.hrsi_engine.io.safety.transactions import only_writer
 with only_writer(sys.argv[1]):
     print("held", flush=True)
     time.sleep(60)

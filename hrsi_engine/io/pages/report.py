@@ -23,7 +23,7 @@ from markupsafe import Markup
 from osgeo import gdal
 
 from ...drawing.block_figures import Picture
-from ...drawing.line_profile import draw_line_profile
+from ...drawing.plots import draw_line_profile
 from ...drawing.target_chips import encode_grey_png, stretch_grey
 from ...foundation.errors import OutputError
 from ...foundation.json_values import json_lines, json_ready

@@ -26,8 +26,7 @@ from ...block.points import ImagePoints
 from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_texts
 from ..opening.datasets import read_head
-from ..opening.files import require_size
-from ..opening.numbers import parse_angle, parse_finite
+from ..opening.files import parse_angle, parse_finite, require_size
 from ..safety.replacing import replacing
 from . import table
 

@@ -15,7 +15,7 @@ from ...ground.operation_uses import OperationUse
 from ..opening.budgets import require_heights
 from ..opening.datasets import check_advice
 from ..opening.plain_files import require_plain_around
-from . import csv_text, gcp_files, gcp_texts, match_files, micmac_files, ogr_layer
+from . import csv_text, gcp_files, match_files, ogr_layer
 from .in_memory import PointsInMemory
 from .interpret import PointTables, image_names, interpret, require_field
 from .kept_columns import read_columns, read_complete_table
@@ -24,11 +24,11 @@ from .table import FIELDS, PointReader, PointTable, match_fields
 
 #: Formats of point files in the order in which they are tried; the last two need to open the file.
 POINT_READERS: dict[str, PointReader] = {
-    "micmac": micmac_files.MICMAC_TIE_POINTS,
-    "micmac-homol": micmac_files.MICMAC_HOMOL,
+    "micmac": match_files.MICMAC_TIE_POINTS,
+    "micmac-homol": match_files.MICMAC_HOMOL,
     "asp-match-text": match_files.ASP_TEXT_MATCHES,
-    "metashape": gcp_texts.METASHAPE_REFERENCE,
-    "orthoengine": gcp_texts.ORTHOENGINE_TEXT,
+    "metashape": gcp_files.METASHAPE_REFERENCE,
+    "orthoengine": gcp_files.ORTHOENGINE_TEXT,
     "qgis-points": gcp_files.QGIS_POINTS,
     "envi": gcp_files.ENVI_GCPS,
     "csv": csv_text.READER,

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ..opening.budgets import require_texts
-from ..opening.numbers import parse_angle, parse_finite
+from ..opening.files import parse_angle, parse_finite
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from ...camera.rpc import RPC
 from ...camera.rpc_fit import refit_rpc
 from ...foundation.errors import InputError, SolveError
 from ...foundation.thresholds import EQUALITY
-from ..opening.numbers import parse_finite
+from ..opening.files import parse_finite
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,9 +24,8 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import EQUALITY
 from ..opening.datasets import metadata_of, open_dataset, read_head
-from ..opening.files import open_raster
+from ..opening.files import open_raster, parse_finite
 from ..opening.item_images import item_of
-from ..opening.numbers import parse_finite
 from . import crop, fields, text_formats, tiff_tag, xml_formats
 from .content import siblings
 from .fields import FoundRpc, RpcReader

@@ -48,9 +48,8 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.thresholds import EQUALITY, SIGNIFICANCE, threshold, thresholds
 from ..opening.datasets import metadata_of, open_dataset
-from ..opening.files import Element, read_xml
+from ..opening.files import Element, parse_finite, read_xml
 from ..opening.georeference import Georeference
-from ..opening.numbers import parse_finite
 from . import fields
 from .crop import CropPlace, crop_rpc
 

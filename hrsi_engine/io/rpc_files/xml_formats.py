@@ -17,8 +17,7 @@ from dataclasses import replace
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..opening.files import Element, read_xml, xml_bytes
-from ..opening.numbers import parse_finite
+from ..opening.files import Element, parse_finite, read_xml, xml_bytes
 from . import fields
 from .content import element_text, positive_size, siblings, texts_below
 from .fields import ERRORS, POLYNOMIALS, SCALARS, FoundRpc, Origin, RpcReader, shorten

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...block.block import Image
-from ...block.overviews import PyramidRaster
+from ...block.block import Image, PyramidRaster
 from ...foundation.errors import InputError, list_ids
 from ...foundation.progress import Progress, stage
 from ...foundation.thresholds import GRIDS, MEMORY

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...block.block import Image
-from ...block.overviews import average_blocks, read_overview_pixels
+from ...block.block import Image, average_blocks, read_overview_pixels
 from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import ImageTile, TilePairGeometry
