@@ -11,7 +11,7 @@ Importing this package is quick: its functions and their modules are imported wh
 from .adjusting import adjust_block as adjust_block
 from .adjusting import block_of as block_of
 from .adjusting import follow as follow
-from .chips import ChipLibrary as ChipLibrary
+from .chip_library import ChipLibrary as ChipLibrary
 from .chips import PointPicture as PointPicture
 from .chips import list_library_points as list_library_points
 from .chips import list_photos as list_photos

@@ -6,12 +6,8 @@ east and north of a pixel of the chip, G (2, 2), and the derivatives of the new 
 north, P (2, 2), a step in the chip corresponds to P G times that step in the image. Matching and its tests are those of
 points that are transferred between images (`measurement.point_transfer`).
 
-Library of image chips, `chips.gpkg`: pixels around measured GCPs, with their survey.
-
 Pictures for recognising a point: photographs of its survey, and chips of its earlier measurements.
 """
-
-from __future__ import annotations
 
 import base64
 import os
@@ -21,19 +17,18 @@ from typing import Any
 
 import numpy as np
 
-from ...hrsi_engine.block.block import ArrayRaster, Raster
-from ...hrsi_engine.drawing.target_chips import decode_png, draw_target_chip, encode_png
-from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.ground.geodesy import WGS84, metres_per_degree, move_ground
+from ...hrsi_engine.block.block import Raster
+from ...hrsi_engine.drawing.target_chips import draw_target_chip, encode_png
+from ...hrsi_engine.ground.geodesy import WGS84, move_ground
 from ...hrsi_engine.io.geopackage.declared_layers import ChipRows
-from ...hrsi_engine.io.geopackage.layer_tables import read_layer_table, replace_layers
+from ...hrsi_engine.io.geopackage.layer_tables import replace_layers
 from ...hrsi_engine.io.geopackage.layers import Layer
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.io.rasters.sun_angles import read_time
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.measurement.targets.measuring import make_refusal
 from ..files.target_chip import chip_of
+from .chip_library import CHIPS, ChipLibrary
 from .rows import ROLES, SurveyPoint
 from .session import PointSession
 from .targets import BY_HAND
@@ -163,72 +158,6 @@ def _cut_chip(session: PointSession, point: SurveyPoint, image_id: str, dates: d
         "sigma_h": point.sigma_h, "operation": point.operation,
         "pixels": base64.b64encode(encode_png(pixels)).decode("ascii"),
     }]  # fmt: skip
-
-
-@thresholds
-class CHIPS:
-    """Size of chips, their assignment to points, and number compared."""
-
-    half_px: int = threshold(64, "px", "half side of a chip, sufficient for images of a third of its resolution")
-    same_id_m: float = threshold(10.0, "m", "largest distance of a chip with the id of a point")
-    same_place_m: float = threshold(0.5, "m", "largest distance of a chip with another id")
-    most: int = threshold(6, "chips", "largest number compared for a point, most similar pixel sizes first")
-    agree_px: float = threshold(1.0, "px", "largest distance of the positions by two chips")
-
-
-class ChipLibrary:
-    """Chips of the GeoPackage ``path`` as columns ``rows``; empty if the file does not exist."""
-
-    def __init__(self, path: str) -> None:
-        self.path, found = path, dict.fromkeys(ChipRows.declared, np.empty(0))
-        if os.path.exists(path):
-            found = read_layer_table(path, ChipRows.layer)
-            if missing := [name for name in ChipRows.declared if name not in found]:
-                raise InputError(f"{path}: layer {ChipRows.layer!r} has no field {missing[0]!r}: name another file")
-        self.rows = ChipRows(**{name: found[name] for name in ChipRows.declared})
-
-    def __len__(self) -> int:
-        return len(self.rows.id)
-
-    def point(self, row: int) -> SurveyPoint:
-        """Return the GCP of a chip."""
-        lon, lat, height, sigma_xy, sigma_h = self._numbers(row, ("lon", "lat", "height", "sigma_xy", "sigma_h"))
-        operation = str(self.rows.operation[row])
-        return SurveyPoint(
-            str(self.rows.id[row]),
-            lon,
-            lat,
-            height=height,
-            role=ROLES[0],
-            sigma_xy=sigma_xy,
-            sigma_h=sigma_h,
-            operation=operation,
-        )
-
-    def find_rows(self, point: SurveyPoint) -> np.ndarray:
-        """Return the rows of a point's chips ``(k,)``: chips of its id near it, and chips of any id at its position."""
-        here = np.array([[point.lon, point.lat, point.height]])
-        places = np.column_stack([self.rows.lon, self.rows.lat])
-        away_m = np.hypot(*((places - here[:, :2]) * metres_per_degree(here)[:, :2]).T)
-        limit_m = np.where(np.asarray(self.rows.id) == point.id, CHIPS.same_id_m, CHIPS.same_place_m)
-        return np.flatnonzero(away_m <= limit_m)
-
-    def read_pixels(self, row: int) -> ArrayRaster:
-        """Return the pixels of a chip; the value 0 means no pixel."""
-        grey = decode_png(base64.b64decode(str(self.rows.pixels[row])))
-        return ArrayRaster(grey.astype(np.float32), grey > 0)
-
-    def read_position(self, row: int) -> np.ndarray:
-        """Return the position of the point in a chip: sample, line ``(2,)``."""
-        return np.array(self._numbers(row, ("sample", "line")))
-
-    def read_geometry(self, row: int) -> np.ndarray:
-        """Return the metres east and north (rows) per sample and line (columns) of a chip, ``(2, 2)``."""
-        names = ("east_by_sample_m", "east_by_line_m", "north_by_sample_m", "north_by_line_m")
-        return np.array(self._numbers(row, names)).reshape(2, 2)
-
-    def _numbers(self, row: int, names: Sequence[str]) -> list[float]:
-        return [float(self.rows[name][row]) for name in names]
 
 
 PHOTO_ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".gif", ".bmp", ".tif", ".tiff")

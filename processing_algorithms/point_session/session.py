@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ...hrsi_engine.block.points import ImagePoints
     from ...hrsi_engine.measurement.point_transfer import Transfer
     from .adjusted import AdjustmentView, CurrentView
-    from .chips import ChipLibrary
+    from .chip_library import ChipLibrary
     from .targets import Fit
 
 TRANSFER_PX = 0.05  # relief within the window and interpolation, not included in the sigma of the fit

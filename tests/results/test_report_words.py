@@ -11,8 +11,8 @@ import pytest
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.io.rasters.images import open_image
+from hrsi.hrsi_engine.refinement.model_table import describe_parameter
 from hrsi.hrsi_engine.refinement.models import MODELS
-from hrsi.hrsi_engine.refinement.parameter_names import describe_parameter
 from hrsi.hrsi_engine.results.image_facts import describe_acquisition
 
 
