@@ -1,7 +1,8 @@
 """What removing jitter costs: `jitter_cost.py [--lines 20000 40000] [--runs N] [--docs]`.
 
 The whole command `hrsi adjust`, reading and writing included, with `--jitter none` and `--jitter auto` by turns: two
-images, and three with a DEM, whose attitude vibrates by 1 px with a period of 1000 lines; 8 GCPs and 3000 tie points.
+images, and three with a DEM, whose attitude vibrates by 1 px with a period of 1000 lines or not at all; 8 GCPs and 3000
+tie points.
 CPU times are the operating system's, each the least of the runs. With --docs the table goes into docs/jitter.md.
 """
 
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 from hrsi.benchmarks.jitter_found import PAGE
@@ -21,7 +23,7 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.processing_algorithms import run
 
 SEED = 5
-HEADER = ("lines", "images", "surface", "none CPU s", "auto CPU s", "ratio")
+HEADER = ("lines", "images", "surface", "jitter px", "none CPU s", "auto CPU s", "ratio")
 
 
 def measure_cpu(command: Sequence[str]) -> float:
@@ -32,16 +34,17 @@ def measure_cpu(command: Sequence[str]) -> float:
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
-def compare(work: Path, lines: int, images: int, with_dem: bool, runs: int) -> tuple[float, float]:
+def compare(work: Path, lines: int, images: int, jitter_px: int, runs: int) -> tuple[float, float]:
     """Return the CPU time without and with the removal of jitter, in s."""
-    block = work / f"{lines}_{images}"
-    run("simulate", images=images, size=4000, lines=lines, gcps=8, checks=20, ties=3000, pixels=False, jitter="1,1000",
-        seed=SEED, output_dir=str(block))  # fmt: skip
+    block = work / f"{lines}_{images}_{jitter_px}"
+    vibration = {"jitter": f"{jitter_px},1000"} if jitter_px else {}
+    run("simulate", images=images, size=4000, lines=lines, gcps=8, checks=20, ties=3000, pixels=False, seed=SEED,
+        output_dir=str(block), **vibration)  # fmt: skip
     command = [
         sys.executable, "-m", "hrsi", "adjust", *map(str, sorted(block.glob("image_*_RPC.TXT"))),
         "--gcps", str(block / "ground_points.csv"), "--image-points", str(block / "image_points.csv"),
         "--height-datum", "ellipsoidal", "--quiet", "--overwrite",
-        *(["--dem", str(block / "dem.tif"), "--sigma-dem", "2"] if with_dem else []),
+        *(["--dem", str(block / "dem.tif"), "--sigma-dem", "2"] if images > 2 else []),
     ]  # fmt: skip
     least = {"none": float("inf"), "auto": float("inf")}
     for _ in range(runs):
@@ -61,10 +64,11 @@ def main(words: Sequence[str] | None = None) -> None:
     rows = []
     with tempfile.TemporaryDirectory() as work:
         for lines in options.lines:
-            for images, with_dem in ((2, False), (3, True)):
-                none, auto = compare(Path(work), lines, images, with_dem, options.runs)
-                surface = "yes" if with_dem else ""
-                rows.append([str(lines), str(images), surface, f"{none:.1f}", f"{auto:.1f}", f"{auto / none:.2f}"])
+            for images, jitter_px in product((2, 3), (0, 1)):
+                none, auto = compare(Path(work), lines, images, jitter_px, options.runs)
+                surface = "yes" if images > 2 else ""
+                seconds = f"{none:.1f}", f"{auto:.1f}", f"{auto / none:.2f}"
+                rows.append([str(lines), str(images), surface, str(jitter_px), *seconds])
                 print(*rows[-1], flush=True)
     print(render(HEADER, rows))
     if options.docs:

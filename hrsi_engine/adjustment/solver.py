@@ -63,9 +63,10 @@ def adjust(
         return run_adjuster(block, options, progress, start)[0]
     from .jitter.correction import adjust_without_jitter  # needs more of SciPy, which takes time to load
 
-    return adjust_without_jitter(
-        block, options, lambda given, how, part: run_adjuster(given, how, part, start), progress
-    )
+    with one_thread_calls():  # bands are narrow
+        return adjust_without_jitter(
+            block, options, lambda given, how, part: run_adjuster(given, how, part, start), progress
+        )
 
 
 def run_adjuster(

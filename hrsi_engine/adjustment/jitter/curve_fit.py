@@ -22,9 +22,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize, sparse, special
+from scipy import linalg, optimize, sparse, special
 from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import SuperLU, splu
 
 from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import threshold, thresholds
@@ -56,49 +55,60 @@ class EquationRows(NamedTuple):
 class WeightedPoints:
     """The equations with robust weights, and what all priors share.
 
-    root, right : equations and right side in standard deviations of a weight of 1; ``normal`` is root' root
-    order : of the unknowns, for a small bandwidth of the normal matrix (Cuthill and McKee), the cameras last
-    splines : of each exposure, the samples' and the lines'; these are the first unknowns
+    Unknowns are in the order of ``order``: the s coefficients of the splines for a small bandwidth (Cuthill and McKee),
+    then the c parameters of the cameras. Of the normal matrix, ``band (bandwidth + 1, s)`` is the lower part of the
+    splines' block by its diagonals, as LAPACK stores it, ``border (s, c)`` and ``corner (c, c)`` belong to the cameras.
+
+    root, right : equations and right side in standard deviations of a weight of 1; ``projected`` is root' right
+    splines : of each exposure, the samples' and the lines'
     prior_columns : unknowns in that order of each row of the priors
     """
 
     def __init__(self, rows: EquationRows, splines: Sequence[LineSpline]) -> None:
-        self.rows, self.noise, self.splines = rows, 1.0, splines
+        self.right, self.noise, self.splines = rows.right, 1.0, splines
         _, self.number = np.unique(rows.point, return_inverse=True)
         self.counts = np.bincount(self.number)
-        sizes = [spline.size for spline in self.splines]
-        starts = np.cumsum([0, *sizes])
-        columns = np.vstack([start + one.prior_columns for start, one in zip(starts, self.splines, strict=False)])
-        roots = self.form_prior(columns, np.ones(columns.shape))
-        self.order = np.arange(roots.shape[1])
-        normal = rows.matrix.T @ rows.matrix + roots.T @ roots
-        self.order[: starts[-1]] = reverse_cuthill_mckee(
-            normal[: starts[-1], : starts[-1]].tocsr(), symmetric_mode=True
-        )
-        self.prior_columns = np.argsort(self.order)[columns]
+        starts = np.cumsum([0, *(spline.size for spline in splines)])
+        self.size = size = int(starts[-1])
+        columns = np.vstack([start + one.prior_columns for start, one in zip(starts, splines, strict=False)])
+        pattern = sparse.csr_matrix((np.ones(columns.size), columns.ravel(), np.arange(0, columns.size + 1, 3)))
+        pattern = pattern.T @ pattern + rows.matrix[:, :size].T @ rows.matrix[:, :size]
+        self.order = np.arange(rows.matrix.shape[1])
+        self.order[:size] = reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=True)
+        place = np.argsort(self.order)
+        self.matrix, self.prior_columns = rows.matrix[:, self.order], place[columns]
+        row, column = place[np.array(pattern.nonzero())]
+        self.diagonals = int(np.abs(row - column).max()) + 1
+        # Elements of the band from products of two elements of a prior's row, those of the upper part left out
+        row, column = self.prior_columns[:, :, None], self.prior_columns[:, None, :]
+        self._is_lower = row >= column
+        self._band_index = ((row - column) * size + column)[self._is_lower]
         self.weigh(np.zeros_like(rows.right))
         # A weak prior of the cameras: undetermined parameters (the block's position) stay unchanged
-        squares = self.normal.diagonal()
-        squares[: starts[-1]] = 0.0
-        self.of_cameras = sparse.diags(1e-6 * np.maximum(squares, 1e-12 * max(squares.max(), 1e-12)))
+        squares = np.diag(self.corner)
+        self.of_cameras = np.diag(1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12)))
 
-    def form_prior(self, columns: np.ndarray, values: np.ndarray) -> sparse.csr_matrix:
-        """Return the equations of the priors of all curves from their non-zero elements ``(n, 3)``."""
-        shape = len(values), self.rows.matrix.shape[1]
-        return sparse.csr_matrix((values.ravel(), columns.ravel(), np.arange(0, values.size + 1, 3)), shape)
+    def form_prior(self, values: np.ndarray) -> np.ndarray:
+        """Return the normal matrix of the priors as a band from the non-zero elements ``(n, 3)`` of their rows."""
+        products = (values[:, :, None] * values[:, None, :])[self._is_lower]
+        return np.bincount(self._band_index, products, self.band.size).reshape(self.band.shape)
 
     def weigh(self, residual: np.ndarray) -> None:
         """Set the robust weights of the points by their residuals."""
         length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
         self.weight = (1.0 / (1.0 + (length / ROBUST.outlier) ** 2))[self.number]
-        root = np.sqrt(self.weight)
-        self.root, self.right = (sparse.diags(root) @ self.rows.matrix)[:, self.order], root * self.rows.right
-        self.normal, self.projected = (self.root.T @ self.root).tocsc(), self.root.T @ self.right
+        self.root = sparse.diags(np.sqrt(self.weight)) @ self.matrix
+        self.projected = self.matrix.T @ (self.weight * self.right)
+        normal, size = (self.root.T @ self.root).tocsc(), self.size
+        lower = sparse.tril(normal[:size, :size]).tocoo()
+        self.band = np.zeros((self.diagonals, size))
+        self.band[lower.row - lower.col, lower.col] = lower.data
+        self.border, self.corner = normal[:size, size:].toarray(), normal[size:, size:].toarray()
 
     def reweigh(self, fit: CurveFit) -> None:
         """Set noise and robust weights by the residuals of a fit."""
-        residual = self.rows.right - self.rows.matrix @ fit.solved
-        errors = np.column_stack([fit.draw(number) - fit.solved for number in range(8)])[self.order]
+        residual = self.right - self.matrix @ fit.solved
+        errors = np.column_stack([fit.draw(number) - fit.solved for number in range(8)])
         unsure = float(np.mean(np.sum((self.root @ errors) ** 2, axis=0)))
         # Noise is at least 1: dense matches agree better than stated, which does not improve GCPs and heights
         self.noise = max(float(self.weight @ residual**2 + unsure) / float(self.weight.sum()), 1.0)
@@ -106,43 +116,55 @@ class WeightedPoints:
 
 
 class CurveFit:
-    """Curves with a prior ``(6,)``: frequency, damping and standard deviation of either axis; ``solved``: unknowns."""
+    """Curves with a prior ``(6,)``: frequency, damping and standard deviation of either axis.
+
+    The splines are eliminated by the Cholesky factor L of their band, whose border becomes Z = L^-1 border.
+    ``solved`` are the unknowns in the order of `WeightedPoints`.
+    """
 
     def __init__(self, weighted: WeightedPoints, prior: np.ndarray) -> None:
         self.weighted = weighted
         axes = prior.reshape(2, 3).tolist() * (len(weighted.splines) // 2)
-        values = [
+        rows_of_splines = [
             spline.make_prior(frequency, damping) / sigma
             for spline, (frequency, damping, sigma) in zip(weighted.splines, axes, strict=True)
         ]
-        self.root = weighted.form_prior(weighted.prior_columns, np.vstack(values))
+        self._prior_rows = np.vstack(rows_of_splines)
+        band = weighted.band / weighted.noise + weighted.form_prior(self._prior_rows)
+        self._factor = linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+        self._border = self._divide(weighted.border / weighted.noise)
+        self._corner = (weighted.corner + weighted.of_cameras) / weighted.noise - self._border.T @ self._border
         # The first three rows of F have the first three coefficients, and each further row has one more
-        self.of_prior = 2.0 * sum(
-            np.linalg.slogdet(one[:3])[1] + (len(one) - 3) * np.log(abs(one[3, 2])) for one in values
+        log_root_prior = sum(
+            np.linalg.slogdet(rows[:3])[1] + (len(rows) - 3) * np.log(abs(rows[3, 2])) for rows in rows_of_splines
         )
-        self._factor: SuperLU = splu(
-            ((weighted.normal + weighted.of_cameras) / weighted.noise + self.root.T @ self.root).tocsc(),
-            permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
+        log_root_band = float(np.sum(np.log(self._factor[0])))
+        self._log_determinants = 2.0 * (log_root_band - log_root_prior) + np.linalg.slogdet(self._corner)[1]
         self.solved = self._solve(weighted.projected / weighted.noise)
 
     def compute_log_likelihood(self) -> float:
         """Return the logarithm of the marginal likelihood of the prior, but for a constant."""
         weighted = self.weighted
-        fitted = float(weighted.projected @ self.solved[weighted.order])
-        determinant = float(np.sum(np.log(np.abs(self._factor.U.diagonal()))))
-        return -0.5 * ((float(weighted.right @ weighted.right) - fitted) / weighted.noise + determinant - self.of_prior)
+        misfit = float(weighted.weight @ weighted.right**2 - weighted.projected @ self.solved) / weighted.noise
+        return -0.5 * (misfit + self._log_determinants)
 
     def draw(self, seed: int) -> np.ndarray:
         """Return a sample ``(unknowns,)`` of the posterior."""
         rng, weighted = np.random.default_rng([seed, 2]), self.weighted
         right = weighted.root.T @ rng.normal(0.0, 1.0, weighted.root.shape[0]) / np.sqrt(weighted.noise)
-        return self.solved + self._solve(right + self.root.T @ rng.normal(0.0, 1.0, self.root.shape[0]))
+        of_prior = self._prior_rows * rng.normal(0.0, 1.0, (len(self._prior_rows), 1))
+        right += np.bincount(weighted.prior_columns.ravel(), of_prior.ravel(), len(right))
+        return self.solved + self._solve(right)
 
     def _solve(self, right: np.ndarray) -> np.ndarray:
-        solved = np.empty_like(right)
-        solved[self.weighted.order] = self._factor.solve(right)
-        return solved
+        size = self.weighted.size
+        reduced = self._divide(right[:size])
+        cameras = np.linalg.solve(self._corner, right[size:] - self._border.T @ reduced)
+        return np.concatenate([self._divide(reduced - self._border @ cameras, "T"), cameras])
+
+    def _divide(self, right: np.ndarray, transposed: str = "N") -> np.ndarray:
+        """Return L^-1 right, or L'^-1 right if ``transposed`` is T."""
+        return np.asarray(linalg.lapack.dtbtrs(self._factor, right, uplo="L", trans=transposed)[0]).reshape(right.shape)
 
 
 class _Posterior:

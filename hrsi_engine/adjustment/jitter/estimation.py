@@ -91,26 +91,24 @@ def estimate_jitter(
     if priors is None:
         priors = sample_priors(weighted, period)
     mean = CurveFit(weighted, priors[0]).solved
-    fits = [CurveFit(weighted, prior) for prior in priors[1:]]
-    sampled_curves = np.column_stack([fit.draw(number) - mean for number, fit in enumerate(fits)])
+    errors = [CurveFit(weighted, prior).draw(number) - mean for number, prior in enumerate(priors[1:])]
+    solved = np.empty((unknowns, 1 + len(errors)))
+    solved[weighted.order] = np.column_stack([mean, *errors])
     curves: dict[str, JitterCurve] = {}
-    samples: list[dict[str, JitterCurve]] = [{} for _ in range(JITTER_PRIORS.samples)]
+    samples: list[dict[str, JitterCurve]] = [{} for _ in errors]
     exposures = number_exposures(problem.observations.images)
     for image, exposure in zip(problem.observations.images, exposures.tolist(), strict=True):
-        if exposure not in places:
+        if (place := places.get(exposure)) is None:
             continue
         first, last = _lines_of(image)
-        matrix = places[exposure].spline.make_matrix(_scene_lines(image, np.arange(first, last + 1)))
-        unknown_slice = slice(places[exposure].start, places[exposure].stop)
-        shift = np.stack([matrix @ axis for axis in np.split(mean[unknown_slice], 2)], axis=1) / image.camera_pixel
-        errors = (
-            np.stack([matrix @ axis for axis in np.split(sampled_curves[unknown_slice], 2)], axis=1)
-            / image.camera_pixel
-        )
-        sigma = np.sqrt(np.mean(errors**2, axis=2))
+        matrix = place.spline.make_matrix(_scene_lines(image, np.arange(first, last + 1))) / image.camera_pixel
+        axes = np.split(solved[place.start : place.stop], 2)
+        # Mean and errors of both axes ``(1 + samples, lines, 2)``
+        shift, *sampled = np.stack([(matrix @ axis).T for axis in axes], axis=2)
+        sigma = np.sqrt(np.mean(np.square(sampled), axis=0))
         curves[image.id] = JitterCurve(first, shift, sigma)
-        for number, sample in enumerate(samples):
-            sample[image.id] = JitterCurve(first, errors[:, :, number], sigma)
+        for sample, error in zip(samples, sampled, strict=True):
+            sample[image.id] = JitterCurve(first, error, sigma)
     return JitterEstimate(curves, tuple(samples), priors)
 
 
