@@ -12,7 +12,7 @@ from .background_task import keep_threads
 from .dependencies import MENU_ENTRY, missing_package_message, package_folder, use_packages
 from .icons import icon_path
 from .provider import HrsiProvider
-from .quick_looks import Comparison, make_print_layout
+from .results import Comparison, make_print_layout
 from .translation import install_translator, tr
 
 

@@ -8,7 +8,7 @@ declarations are imported; the module of an algorithm, with its heavy imports, i
 from typing import Any
 
 from ..hrsi_engine.foundation.progress import Progress, silent
-from .declarations import image_points, orthoimages, projects, rpcs, surfaces, triangulation
+from .declarations import image_points, orthoimages, projects, rpcs, triangulation
 from .interface.declare import Algorithm, Context, Log, Report
 from .interface.options import check_options, find_algorithm
 from .laboratory.declarations import interest_points, match, register, simulate
@@ -19,7 +19,6 @@ REGISTRY: dict[str, Algorithm] = {
         *triangulation.ALGORITHMS,
         *image_points.ALGORITHMS,
         *rpcs.ALGORITHMS,
-        *surfaces.ALGORITHMS,
         *orthoimages.ALGORITHMS,
         *projects.ALGORITHMS,
         *(study.ALGORITHM for study in (interest_points, match, simulate, register)),

@@ -43,9 +43,7 @@ from ..hrsi_engine.results.surface_figures import describe_surface
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import GridSurface
 from .block_steps import plausibility
-from .block_steps.inputs import read_block, refuse_idle_matches
-from .block_steps.outputs import Clock
-from .block_steps.rpc_sets import (
+from .block_steps.adjusted_block import (
     RPC_SETS,
     EstimationPoints,
     find_estimation_points,
@@ -53,6 +51,8 @@ from .block_steps.rpc_sets import (
     rpcs_of_folder,
     split_measurements,
 )
+from .block_steps.inputs import read_block, refuse_idle_matches
+from .block_steps.outputs import Clock
 from .block_steps.summary import format_digits
 from .block_steps.tie_search import find_ties
 from .declarations.rpcs import AUTOMATIC_TRACKS, EVALUATION_FILE, NO_TRACKS, OWN, EvaluateOptions

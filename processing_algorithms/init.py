@@ -8,8 +8,7 @@ from ..hrsi_engine.foundation.reasons import Level
 from .declarations.projects import InitOptions
 from .interface.declare import Context, Report
 from .projects.folder_files import read_folder
-from .projects.plan import check_plan, judge_plan
-from .projects.project_file import PROJECT_FILE, read_project
+from .projects.project_file import PROJECT_FILE, check_plan, judge_plan, read_project
 from .projects.understanding import understand
 from .projects.write_project import describe_folder, write_project
 

@@ -10,8 +10,15 @@ from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files.find import ImagePositions, read_image_positions
 from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
 from .declarations.rpcs import POINTS_FILE, LocalizeOptions
-from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input
-from .files.opening import is_on_image, open_images, open_terrain
+from .files.opening import (
+    format_lines,
+    is_on_image,
+    make_point_rows,
+    open_images,
+    open_terrain,
+    parse_lines,
+    standard_input,
+)
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .interface.declare import Context, Report
 

@@ -14,8 +14,15 @@ from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.refinement.refine import require_axes_in_order
 from ..hrsi_engine.surface.dem import surface_heights
 from .declarations.rpcs import POINTS_FILE, ProjectOptions
-from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input
-from .files.opening import is_on_image, open_images, open_terrain
+from .files.opening import (
+    format_lines,
+    is_on_image,
+    make_point_rows,
+    open_images,
+    open_terrain,
+    parse_lines,
+    standard_input,
+)
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .interface.declare import Context, Report
 

@@ -21,13 +21,24 @@ from ..hrsi_engine.io.output_dir import check_output_dir, find_image_outputs, re
 from ..hrsi_engine.io.pages.report import name_crs_unit, write_page, write_report_json
 from ..hrsi_engine.io.safety.transactions import only_writer
 from . import REGISTRY
+from .declarations.orthoimages import SURFACE_FILE
 from .declarations.projects import RunOptions
-from .declarations.surfaces import SURFACE_FILE
 from .files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from .interface.declare import Context, Report, is_unusable, spell_arguments
 from .interface.options import check_options
-from .projects.plan import FAILED, LEFT_OUT, NOT_ASKED, algorithm_of, check_plan, failures, judge_plan
-from .projects.project_file import FOLDERS, GROUND_OPTIONS, Project, read_project
+from .projects.project_file import (
+    FAILED,
+    FOLDERS,
+    GROUND_OPTIONS,
+    LEFT_OUT,
+    NOT_ASKED,
+    Project,
+    algorithm_of,
+    check_plan,
+    failures,
+    judge_plan,
+    read_project,
+)
 
 KEPT, MADE = "kept", "done"  #: further statuses of a step
 RPC_TEXT = "_rpc.txt"  #: ending of a refined RPC without pixels

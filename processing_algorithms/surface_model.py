@@ -43,7 +43,7 @@ from ..hrsi_engine.io.safety.content_marks import content_mark
 from ..hrsi_engine.ortho.grid import GridWindow, MapGrid, choose_map_crs, round_resolution
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .block_steps.adjusted_block import AdjustedBlock, read_adjusted_block
-from .declarations.surfaces import DIFFERENCE_FILE, SURFACE_FILE, SurfaceModelOptions
+from .declarations.orthoimages import DIFFERENCE_FILE, SURFACE_FILE, SurfaceModelOptions
 from .files.orthoimage_plan import label_crs, parse_box
 from .files.result_folder import LENGTH, PAGE_FILE, REPORT_FILE, check_folder, plan, stage_results
 from .hand_over import pair_entry

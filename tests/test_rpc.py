@@ -15,8 +15,7 @@ from osgeo import gdal
 from rasterio.transform import RPCTransformer
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.camera.rpc_inverse import fit_inverse
-from hrsi.hrsi_engine.camera.rpc_terms import EVALUATION, POWERS, monomials
+from hrsi.hrsi_engine.camera.rpc_terms import EVALUATION, POWERS, fit_inverse, monomials
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.workers.threads import thread_count
 from hrsi.hrsi_engine.ground.geodesy import LocalFrame

@@ -22,8 +22,7 @@ import numpy as np
 
 from ..foundation.errors import InputError
 from ..ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
-from .rpc_inverse import Solver
-from .rpc_terms import DERIVATIVES, Workspace, for_parts, monomials, slopes_of_ratios
+from .rpc_terms import DERIVATIVES, Solver, Workspace, for_parts, monomials, slopes_of_ratios
 
 if TYPE_CHECKING:
     import rasterio.rpc

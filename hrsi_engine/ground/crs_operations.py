@@ -7,7 +7,7 @@ differences: a ballpark operation, which treats two datums as equal, is used onl
 the conversion from WGS84 is the inverse of the conversion to it at every point.
 
 **Epochs.** An operation between a plate-fixed datum and WGS84 that does not change positions states an accuracy of 1 to
-4 m because of the plate motion. With an epoch, that motion is removed (`plate_motion`).
+4 m because of the plate motion. With an epoch, that motion is removed (`PlateMotion`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,12 +21,14 @@ from ..foundation.errors import InputError
 from .ellipsoid import wrap_once
 from .geoids import find_substitute, how_to_get_grids
 from .operation_uses import COORDINATES_OF_ACCURACY, CrsOperation, OperationUse, with_geoid
-from .plate_motion import PlateMotion, find_plate_motion, is_realisation_of_itrs
 from .proj_operations import (
     Candidate,
+    PlateMotion,
     Rectangle,
     choose_operations,
+    find_plate_motion,
     has_heights,
+    is_realisation_of_itrs,
     list_operations,
     name_vertical_crs,
     parse_crs,

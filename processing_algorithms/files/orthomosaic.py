@@ -24,7 +24,7 @@ from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.io.catalogue.lineage import versions
 from ...hrsi_engine.io.geopackage.declared_layers import SeamlineRows
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from ...hrsi_engine.io.rasters.mosaics import LabelFile, MosaicSource, open_labels
+from ...hrsi_engine.io.rasters.ortho_rasters import LabelFile, MosaicSource, open_labels
 from ...hrsi_engine.io.rasters.ortho_warp import Warp
 from ...hrsi_engine.io.rasters.orthoimages import (
     OrthoChunk,

@@ -23,7 +23,7 @@ from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, exists_anywhere, stage_folder
 from ...hrsi_engine.io.pages.report import write_page, write_report_json
 from ...hrsi_engine.io.rasters.images import close_images, open_image
-from ...hrsi_engine.io.rasters.quick_looks import write_quick_look
+from ...hrsi_engine.io.rasters.ortho_warp import write_quick_look
 from ..interface.declare import QUICK_LOOKS, STATES, Context, Report
 from ..interface.option_groups import OptionalFolder, ResultFolder
 

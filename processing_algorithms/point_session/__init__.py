@@ -17,8 +17,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "chip_library": "ChipLibrary",
         "chips": "PointPicture list_library_points list_photos list_pictures save_chips",
         "recovery": "EditJournal find_journals forget recover",
-        "views": "dem_height find_transfers new_tie operations_of place_on place_tie view_of",
+        "views": "dem_height find_transfers list_residuals new_tie operations_of place_on place_tie"
+        " summarise_roles view_of",
         "adjusting": "adjust_block block_of follow",
-        "residual_list": "list_residuals summarise_roles",
     },
 )

@@ -25,8 +25,6 @@ from .recovery import EditJournal as EditJournal
 from .recovery import find_journals as find_journals
 from .recovery import forget as forget
 from .recovery import recover as recover
-from .residual_list import list_residuals as list_residuals
-from .residual_list import summarise_roles as summarise_roles
 from .rows import MODEL as MODEL
 from .rows import MeasurementRow as MeasurementRow
 from .rows import PointRow as PointRow
@@ -34,8 +32,10 @@ from .session import PointSession as PointSession
 from .session import Snapshot as Snapshot
 from .views import dem_height as dem_height
 from .views import find_transfers as find_transfers
+from .views import list_residuals as list_residuals
 from .views import new_tie as new_tie
 from .views import operations_of as operations_of
 from .views import place_on as place_on
 from .views import place_tie as place_tie
+from .views import summarise_roles as summarise_roles
 from .views import view_of as view_of

@@ -21,8 +21,8 @@ from ...hrsi_engine.io.laser_files import read_laser
 from ...hrsi_engine.io.output_dir import RESULT_FILES
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.ogr_layer import is_area
+from ...hrsi_engine.io.rasters.dems import RasterKind, find_raster_kind
 from ...hrsi_engine.io.rasters.images import open_image_and_source
-from ...hrsi_engine.io.rasters.raster_kinds import RasterKind, find_raster_kind
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none, rpc_reader_of
 from .height_rasters import OWN_ENDING, HeightRaster, find_heights, merge_tiles, parts_of
 from .point_sources import PointSource, read_sources

@@ -17,7 +17,7 @@ from ...hrsi_engine.foundation.thresholds import EQUALITY, MEMORY, threshold, th
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.ground.proj_operations import has_heights
 from ...hrsi_engine.io.opening.datasets import open_dataset
-from ...hrsi_engine.io.rasters.raster_kinds import RasterFacts, RasterKind, find_raster_kind, write_virtual_raster
+from ...hrsi_engine.io.rasters.dems import RasterFacts, RasterKind, find_raster_kind, write_virtual_raster
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from .point_sources import state_datum
 

@@ -36,7 +36,7 @@ from hrsi.tests.simulated_blocks import block as simulated_block
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Where positions may be converted: the service and the modules that serve it.
-SERVICE = {"crs_operations.py", "proj_operations.py", "geoids.py", "plate_motion.py"}
+SERVICE = {"crs_operations.py", "proj_operations.py", "geoids.py"}
 #: It moves the map window to the extent of a layer as QGIS draws it; no coordinate of the block comes from that.
 MAP_WINDOW = {"plugin/first_steps.py"}
 FORBIDDEN = {

@@ -24,7 +24,7 @@ from hrsi.hrsi_engine.io.opening.files import parse_finite
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text, write_vrt
-from hrsi.processing_algorithms.files.coordinate_lines import parse_lines
+from hrsi.processing_algorithms.files.opening import parse_lines
 
 ENTRIES = 60_000
 MOST_CPU_S = 10.0  # the promise of docs/protocols/robustness.md

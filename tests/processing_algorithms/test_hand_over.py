@@ -23,8 +23,7 @@ from hrsi.hrsi_engine.ground.sun import SunAngles
 from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.projects import PROJECT_PLANNERS
-from hrsi.hrsi_engine.io.projects.colmap import PerspectiveView, write_shear
-from hrsi.hrsi_engine.io.projects.views import CropView
+from hrsi.hrsi_engine.io.projects.views import CropView, PerspectiveView, write_shear
 from hrsi.hrsi_engine.io.rasters.cropping import CropWindow
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text

@@ -20,7 +20,7 @@ from qgis.core import (
 from qgis.gui import QgsMapCanvas
 
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.plugin.quick_looks import Comparison, make_print_layout
+from hrsi.plugin.results import Comparison, make_print_layout
 from hrsi.processing_algorithms import run
 from hrsi.tests.qgis.panels import guarded_threads, run_in_background
 

@@ -23,8 +23,7 @@ from osgeo import gdal
 from ...block.imaging_geometry import GEOMETRY
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
-from .datasets import virtual_status
-from .plain_files import require_plain
+from .datasets import require_plain, virtual_status
 
 MIB = 2**20
 ROLE_OF_TIES = re.compile(rb"""[,;\t]["']?(?:tie|held[-_]out)["']?[,;\t\r\n]""", re.IGNORECASE)  #: in a line

@@ -20,8 +20,7 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from .budgets import MIB, MOST_BYTES, require_raster
-from .datasets import check_advice, gdal_messages, open_dataset, read_head, virtual_status
-from .plain_files import require_plain
+from .datasets import check_advice, gdal_messages, open_dataset, read_head, require_plain, virtual_status
 
 
 def file_bytes(path: str) -> int | None:

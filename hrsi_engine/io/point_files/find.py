@@ -13,8 +13,7 @@ from ...foundation.errors import InputError
 from ...foundation.options import InMemory
 from ...ground.operation_uses import OperationUse
 from ..opening.budgets import require_heights
-from ..opening.datasets import check_advice
-from ..opening.plain_files import require_plain_around
+from ..opening.datasets import check_advice, require_plain_around
 from . import csv_text, gcp_files, match_files, ogr_layer
 from .in_memory import PointsInMemory
 from .interpret import PointTables, image_names, interpret, require_field

@@ -1,17 +1,13 @@
 """Projects for other programs: a folder with refined images or RPCs, DEM, configuration, and the commands to run.
 
-`PROJECT_PLANNERS` has one entry for each program; a new one is a file with a function that returns the files of the
+`PROJECT_PLANNERS` has one entry for each program; a new one is a function that returns the files of the
 project, how each of them is written, and the commands.
 """
 
-from .asp import plan_asp_project
-from .cars import plan_cars_project
-from .colmap import plan_colmap_project
-from .micmac import plan_micmac_project
-from .nerf import plan_nerf_project
 from .points import plan_points_project
 from .project import BlockProject, PlannedProject, ProjectPlanner
-from .s2p import plan_s2p_project
+from .stereo_programs import plan_asp_project, plan_cars_project, plan_micmac_project, plan_s2p_project
+from .views import plan_colmap_project, plan_nerf_project
 
 __all__ = ["PROJECT_PLANNERS", "BlockProject", "PlannedProject", "ProjectPlanner"]
 
