@@ -95,9 +95,7 @@ def refine_given_matches(
         for pair in job.pairs:
             trials[job.number, pair.number] = trials.get((job.number, pair.number), 0) + len(pair.first_xy)
     accepted = {pair: len(rows) for pair, rows in joining.group_by_pair(accepted_matches).items()}
-    pairs = [
-        PairSummary(images[a].id, images[b].id, accepted.get((a, b), 0), float("nan")) for a, b in sorted(trials)
-    ]  # fmt: skip
+    pairs = [PairSummary(images[a].id, images[b].id, accepted.get((a, b), 0), float("nan")) for a, b in sorted(trials)]
     usable = [number for number, image in enumerate(images) if image.raster is not None]
     of_image = {number: sum(number in pair for pair in trials) for number in usable}
     holds = summarise_connections(images, usable, links, of_image, {})

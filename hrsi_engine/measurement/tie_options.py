@@ -58,8 +58,8 @@ class TieOptions:
         False,
         "Match all of every image, with small windows first, and keep all tie points, for a terrain model from "
         "them (`terrain_points` of orthorectify); takes about 15 s of one core per megapixel of a pair",
-            advanced=True,
-    )  # fmt: skip
+        advanced=True,
+    )
     most_partners: int = option(
         8,
         "Average number of images that each image is matched with: all that overlap if these are few, else those "

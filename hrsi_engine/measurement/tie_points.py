@@ -102,8 +102,7 @@ def find_tie_points(
     Cancelled
         ``progress`` returned False.
     """
-    search = TieSearch(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper,
-                       earlier=earlier)  # fmt: skip
+    search = TieSearch(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper, earlier=earlier)
     search.choose_pairs(stage(progress, 0.0, 0.2))
     search.match_pairs(stage(progress, 0.2, 0.85))
     matches, links = search.judge()

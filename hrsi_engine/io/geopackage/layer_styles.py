@@ -139,8 +139,8 @@ def _thin_points(color: str, size_mm: float) -> Callable[[LayerColumns, float], 
     def style(fields: LayerColumns, width_m: float) -> Style:
         count = len(next(iter(fields.values()), ()))
         return _render_style(
-            "points.qml.j2", "Points", color=LAYER_COLORS[color], size=size_mm, point_shares=shares(count, width_m),
-        )  # fmt: skip
+            "points.qml.j2", "Points", color=LAYER_COLORS[color], size=size_mm, point_shares=shares(count, width_m)
+        )
 
     return style
 

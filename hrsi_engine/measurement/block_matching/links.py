@@ -171,9 +171,8 @@ def cut_weak_bridges(links: Sequence[ImageLink]) -> list[ImageLink]:
     cut = {
         (link.first, link.second)
         for link, bridge in zip(sound, loops.bridge, strict=True)
-        if bridge and link.matches < COARSE.enough
-        and min(loops.size[link.first], loops.size[link.second]) == 1
-    }  # fmt: skip
+        if bridge and link.matches < COARSE.enough and min(loops.size[link.first], loops.size[link.second]) == 1
+    }
     remaining = [link for link in sound if (link.first, link.second) not in cut]
     size = _LinkGraph(remaining).together
     largest = max(size.values(), default=0)

@@ -168,7 +168,7 @@ class TieSearch:
             probing.append(WorkPart(f"probe-{a}", probe_pairs, job, keep=False, label=f"probing {images[a].id}"))
         results = run_parts(
             probing, [part.key for part in probing], self._scheduler, self._keeper, stage(progress, 0.7, 1.0)
-        )  # fmt: skip
+        )
         probes = [
             Probe(a, b, int(answer["agreeing"][k]), convergence, tuple(answer["cells"][k]))
             for a, candidates in partners.items()

@@ -13,7 +13,4 @@ Layers, each importing only those above it::
 
 from ...foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "options": "STRONG_QUALITY CentreOptions",
-    "windows": "Area",
-})  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(__name__, {"options": "STRONG_QUALITY CentreOptions", "windows": "Area"})

@@ -108,7 +108,7 @@ def _find_stable_regions(
 
 def _select_compact(
     stable: tuple[list, np.ndarray], usable: np.ndarray, reach: float, scale: int, sign: int
-) -> LevelRegions:  # fmt: skip
+) -> LevelRegions:
     """Return the regions of usable pixels, away from the edges, whose moments agree with their area."""
     pixels, boxes = stable
     left, top, width, height = boxes.T

@@ -203,8 +203,8 @@ def _propagate_covariance(L: np.ndarray, variance: float, warp: tuple[float, ...
 
 @njit(**OPTIONS)
 def match_range(
-    begin: int, end: int, images: Arrays, centre: np.ndarray, weight: np.ndarray, limits: Arrays, results: Arrays,
-) -> None:  # fmt: skip
+    begin: int, end: int, images: Arrays, centre: np.ndarray, weight: np.ndarray, limits: Arrays, results: Arrays
+) -> None:
     """Match the windows ``begin:end`` around pixels ``centre (n, 2)``, whose templates are inside the first image.
 
     images : grey values and slopes by column and row of the first, spline coefficients of the second
