@@ -24,7 +24,7 @@ from ..block.imaging_geometry import GEOMETRY
 from ..block.laser import LaserPoints
 from ..foundation.errors import InputError
 from ..foundation.json_values import json_text
-from .opening.budgets import FILE_BUDGETS, GROUND_HEIGHTS
+from .opening.budgets import FILE_BUDGETS, RASTER_BUDGETS
 from .opening.datasets import quiet, read_head
 from .opening.hdf5 import HDF5_HEAD, open_hdf5, read_array
 from .point_files.find import choose_fields, read_table, split_spec
@@ -55,7 +55,7 @@ def read_laser(
     else:
         table = read_parquet(path, choose_fields(spec)) if head.startswith(b"PAR1") else read_table(spec)
         points = _read_points(table, Reference(ground_crs or "", height_datum, epoch=epoch))
-    is_impossible = (points.ground[:, 2] <= GROUND_HEIGHTS.no_data_m) | (
+    is_impossible = (points.ground[:, 2] <= RASTER_BUDGETS.no_data_m) | (
         points.ground[:, 2] > GEOMETRY.highest_height_m
     )
     if not len(points) or is_impossible.all():
@@ -261,7 +261,7 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
 def _without_fill(values: np.ndarray) -> np.ndarray:
     """Return numbers as float64, NaN for fill values."""
     numbers = np.asarray(values, dtype=np.float64)
-    return np.where((numbers >= np.finfo(np.float32).max) | (numbers <= GROUND_HEIGHTS.no_data_m), np.nan, numbers)
+    return np.where((numbers >= np.finfo(np.float32).max) | (numbers <= RASTER_BUDGETS.no_data_m), np.nan, numbers)
 
 
 def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:

@@ -8,18 +8,10 @@ from typing import TextIO
 
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.interruption import PATIENCE
-from ...hrsi_engine.foundation.thresholds import EQUALITY, threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import EQUALITY
 from ...hrsi_engine.foundation.version import run_date
 
 _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage
-
-
-@thresholds
-class LIVE_LINE:
-    """Drawing of the line of progress, and lines of progress in the log."""
-
-    foreseen_s: float = threshold(3.0, "s", "smallest time of work for an estimate of the rest")
-    least_columns: int = threshold(20, "characters", "smallest width of the line")
 
 
 _REST_COLUMNS = len(" 59:59 min left")
@@ -131,9 +123,9 @@ class LiveTerminal(TerminalProgress):
 
 def progress_line(message: str, fraction: float, elapsed_s: float, columns: int) -> str:
     """Return one line of progress for a number of columns: message, bar, percentage, remaining time."""
-    columns = max(columns, LIVE_LINE.least_columns) - 1  # a full line would wrap
+    columns -= 1  # a full line would wrap
     rest = ""
-    if fraction >= EQUALITY.negligible and elapsed_s >= LIVE_LINE.foreseen_s:
+    if fraction >= EQUALITY.negligible:
         rest = f" {spell_duration(elapsed_s * (1.0 - fraction) / fraction)} left"
     tail = f"{int(100 * fraction + 1e-9):3d} %{rest:<{_REST_COLUMNS}}"
     bar = (columns - len(tail)) // 3

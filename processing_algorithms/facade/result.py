@@ -8,7 +8,6 @@ points, so that they differ by the correction of the RPCs alone.
 
 import html
 import os
-import re
 from collections.abc import Sequence
 from importlib import import_module, util
 from pathlib import Path
@@ -25,7 +24,6 @@ from ...hrsi_engine.io.opening.files import read_json
 from ...hrsi_engine.io.output_dir import find_image_outputs
 from ...hrsi_engine.io.rpc_files import read_rpc
 from .. import REGISTRY
-from ..files.result_folder import PAGE_FILE
 from ..interface.declare import Report, spell_arguments
 from ..projects.project_file import FOLDERS
 
@@ -307,26 +305,12 @@ def _make_frame(columns: dict[str, np.ndarray]) -> Any:
 ARROW_SHARE = 0.1  # length of a large arrow (nine of ten are shorter) over the width of the map
 
 
-class PageMap(str):
-    """The map of a report's page as SVG, which notebooks show."""
-
-    def _repr_svg_(self) -> str:
-        return str(self)
-
-
 def plot_block(folder: Path) -> Any:
-    """Return a figure of matplotlib with two maps of the block in a result folder.
-
-    Without matplotlib it is the map of the report's page; raises `InputError` if there is no page.
-    """
+    """Return a figure of matplotlib with two maps of the block in a result folder."""
     try:
         pyplot = import_module("matplotlib.pyplot")
     except ImportError:
-        page = folder / PAGE_FILE
-        drawn = re.search(r"<svg class=\"map\".*?</svg>", page.read_text("utf-8"), re.DOTALL) if page.exists() else None
-        if drawn is None:
-            raise InputError("plot needs matplotlib: install it, or set `report`") from None
-        return PageMap(drawn[0])
+        raise InputError("plot needs matplotlib: install it, or look at report.html, which has this map") from None
     record = read_record(str(folder))
     layers = record.layer("image_points").partition("|")[0]
     table, footprints = read_layer_table(layers, "image_points"), read_layer_table(layers, "images")["geometry"]

@@ -13,22 +13,16 @@ from typing import cast
 import numpy as np
 from scipy import ndimage
 
-from ...hrsi_engine.foundation.thresholds import EQUALITY, MEMORY, threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import EQUALITY, MEMORY
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.ground.proj_operations import has_heights
 from ...hrsi_engine.io.opening.datasets import open_dataset
 from ...hrsi_engine.io.rasters.dems import RasterFacts, RasterKind, find_raster_kind, write_virtual_raster
 from ...hrsi_engine.surface.grid_surface import GridSurface
+from .. import REGISTRY
 from .point_sources import state_datum
 
 OWN_ENDING = "_hrsi.vrt"  #: of virtual rasters that `init` writes
-
-
-@thresholds
-class RASTERS:
-    """Limits for rasters of heights."""
-
-    widest_gap: int = threshold(1000, "cells", "widest gap of a DEM for interpolation", "maximum of `fill_gaps`")
 
 
 @dataclass
@@ -104,7 +98,8 @@ def find_heights(path: str, facts: RasterFacts, region: np.ndarray) -> HeightRas
         if known.any():
             holes = ndimage.binary_fill_holes(known) & ~known  # without the area beyond its edge
             gap = step * (2 + int(np.ceil(2.0 * ndimage.distance_transform_edt(holes).max()))) if holes.any() else 0
-            return HeightRaster((path,), found, crs, gap_cells=min(gap, RASTERS.widest_gap))
+            widest = REGISTRY["orthorectify"].param("fill_gaps").maximum or gap
+            return HeightRaster((path,), found, crs, gap_cells=int(min(gap, widest)))
     return None
 
 

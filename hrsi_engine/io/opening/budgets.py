@@ -82,7 +82,7 @@ MOST_BYTES = {
 
 @thresholds
 class RASTER_BUDGETS:
-    """Largest sizes of rasters, and possible sizes of their cells."""
+    """Largest sizes of rasters, possible sizes of their cells, and a height that means nodata."""
 
     pixels: int = threshold(4 * 10**11, "px", "most pixels of a raster", "the world at 60 m; a scene has about 1e10")
     pixels_per_byte: int = threshold(
@@ -93,16 +93,9 @@ class RASTER_BUDGETS:
         1024 * MIB, "byte", "largest block of pixels that is read, and files that are hashed, as a whole"
     )
     cell_m: tuple[float, float] = threshold((1e-3, 1e6), "m", "smallest and largest cell of DEMs and orthoimages")
-
-
-@thresholds
-class GROUND_HEIGHTS:
-    """Heights that the ground does not have; they are refused."""
-
     no_data_m: float = threshold(
-        -9999.0, "m", "height that means nodata in files that do not declare it", "images show no ground as deep as "
-        "this"
-    )  # fmt: skip
+        -9999.0, "m", "height that means nodata in files that do not declare it", "images show no ground as deep"
+    )
 
 
 @thresholds
@@ -266,7 +259,7 @@ def require_heights(heights_m: np.ndarray, where: Callable[[int], str]) -> None:
 
     ``where`` returns the place of an index: file and cell, or file and row.
     """
-    wrong = (heights_m <= GROUND_HEIGHTS.no_data_m) | (heights_m > GEOMETRY.highest_height_m)
+    wrong = (heights_m <= RASTER_BUDGETS.no_data_m) | (heights_m > GEOMETRY.highest_height_m)
     if wrong.any():
         index = int(np.flatnonzero(wrong)[0])
         share = f"{wrong.sum()} of {len(heights_m)}"

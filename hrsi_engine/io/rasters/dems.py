@@ -24,7 +24,7 @@ from ...ground.geoids import Geoid, find_geoid
 from ...ground.operation_uses import OperationUse, with_geoid
 from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
-from ..opening.budgets import GROUND_HEIGHTS, require_heights, require_raster
+from ..opening.budgets import RASTER_BUDGETS, require_heights, require_raster
 from ..opening.datasets import call_quiet, check_advice, metadata_of, open_dataset, require_plain
 from ..opening.files import read_pixels
 from ..opening.georeference import Georeference
@@ -277,7 +277,7 @@ def find_raster_kind(path: str, crs: str = "") -> RasterFacts | None:
 
 def _find_fill_value(values: np.ndarray) -> float | None:
     """Return the only value that is no height of the ground; None if there is none, or several."""
-    is_impossible = (values <= GROUND_HEIGHTS.no_data_m) | (values > GEOMETRY.highest_height_m)
+    is_impossible = (values <= RASTER_BUDGETS.no_data_m) | (values > GEOMETRY.highest_height_m)
     fills = np.unique(values[is_impossible])
     return float(fills[0]) if len(fills) == 1 else None
 

@@ -18,7 +18,7 @@ from ...block.block import Image
 from ...block.placement import PlacementDoubt, judge_size
 from ...foundation.errors import InputError
 from ...foundation.options import InMemory
-from ...foundation.thresholds import MEMORY, threshold, thresholds
+from ...foundation.thresholds import MEMORY
 from ..opening.datasets import virtual_status
 from ..opening.files import open_raster, read_pixels
 from ..opening.item_images import item_of
@@ -28,16 +28,6 @@ from ..rpc_files.placement import describe_map_evidence, find_placement_doubt
 from ..safety.content_marks import content_mark
 
 RPC_SUFFIX = "_rpc"  # ending of the names of RPC files
-
-
-@thresholds
-class OPEN_IMAGES:
-    """Number of images that are kept open, and of pixels read together."""
-
-    open_per_thread: int = threshold(
-        32, "files", "most files that a thread keeps open", "a block of a thousand images must not keep all of them in "
-        "memory"
-    )  # fmt: skip
 
 
 _open_datasets = threading.local()
@@ -215,7 +205,7 @@ class GdalRaster:
         datasets = _open_datasets.__dict__.setdefault("by_path", OrderedDict())  # the oldest are closed
         dataset = datasets.pop((self.path, self.stamp), None) or open_raster(self.path)
         datasets[self.path, self.stamp] = dataset
-        while len(datasets) > OPEN_IMAGES.open_per_thread:
+        while len(datasets) > MEMORY.images:
             datasets.popitem(last=False)
         return dataset
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ...foundation.thresholds import threshold, thresholds
 from ...ground.sun import SunAngles, sun_at_time
 from ..opening.datasets import metadata_of, open_dataset
 from ..opening.files import read_text
@@ -51,15 +50,6 @@ _MAXAR_NAME = re.compile(r"(?:^|/)(\d\d)([A-Z]{3})(\d\d)(\d\d)(\d\d)(\d\d)-[PMS]
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 
 
-@thresholds
-class SUN:
-    """Limit for plausible acquisition times."""
-
-    lowest_deg: float = threshold(
-        2.0, "deg", "smallest sun elevation of images; a lower sun shows that the time is not that of the acquisition"
-    )
-
-
 class SunReading(NamedTuple):
     """Sun angles of an image, and the source that states them."""
 
@@ -81,10 +71,10 @@ def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
         return None
     for source, text in texts:
         time = _time_in(text)
-        if time is not None and (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg > SUN.lowest_deg:
+        if time is not None and (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg > 0.0:
             return SunReading(sun, f"{source}, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
     time = _time_of_name(path)
-    if time is None or (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg <= SUN.lowest_deg:
+    if time is None or (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg <= 0.0:
         return None
     return SunReading(sun, f"the name of the file, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
 

@@ -14,14 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.errors import SolveError
-from ...foundation.thresholds import ITERATIONS, SAMPLES, threshold, thresholds
-
-
-@thresholds
-class ELLIPSES:
-    """Limits and iterations of ellipse fits."""
-
-    step_px: float = threshold(1e-5, "px", "shift of the centre at which the fit has converged")
+from ...foundation.thresholds import EQUALITY, ITERATIONS, SAMPLES
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +214,7 @@ def iterate_ellipses(
         rows, step, new_form = rows[closed], step[closed], new_form[closed]
         centre[rows] += step[:, :2]
         Q[rows] = new_form
-        rows = rows[np.abs(step[:, :2]).max(axis=1) >= ELLIPSES.step_px]
+        rows = rows[np.abs(step[:, :2]).max(axis=1) >= EQUALITY.rounding]
         if not len(rows):
             break
     return centre, Q
