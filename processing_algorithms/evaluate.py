@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,50 +16,37 @@ from ..hrsi_engine.adjustment.evaluation import (
     fit_tracks,
 )
 from ..hrsi_engine.adjustment.external.surface_plan import SurfacePlan
-from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90
-from ..hrsi_engine.block.assembly import stack_image_points
-from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
+from ..hrsi_engine.block.block import Block, Image, Role
 from ..hrsi_engine.block.imaging_geometry import compute_footprint
 from ..hrsi_engine.block.points import ROLE_LABELS
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.drawing.plots import draw_bars
-from ..hrsi_engine.foundation.errors import InputError, list_ids
+from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
-from ..hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES, SIGNIFICANCE
+from ..hrsi_engine.foundation.thresholds import SAMPLES, SIGNIFICANCE
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.geopackage.declared_layers import EvaluatedPairRows, EvaluatedResidualRows
 from ..hrsi_engine.io.geopackage.layer_styles import Style
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.pages.report import write_page
-from ..hrsi_engine.io.point_files import measurements_of, read_points
-from ..hrsi_engine.measurement.block_matching.search import count_points_per_cell
 from ..hrsi_engine.measurement.tie_points import find_overlapping_pairs
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import compute_given_residuals, radial_rmse, rmse
 from ..hrsi_engine.results.surface_figures import describe_surface
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import GridSurface
-from .block_steps import plausibility
-from .block_steps.adjusted_block import (
-    RPC_SETS,
-    EstimationPoints,
-    find_estimation_points,
-    find_points_near,
-    rpcs_of_folder,
-    split_measurements,
-)
+from .block_steps.adjusted_block import rpcs_of_folder
+from .block_steps.evaluation_points import EvaluationPoints, read_evaluation_points
 from .block_steps.inputs import read_block, refuse_idle_matches
 from .block_steps.outputs import Clock
 from .block_steps.summary import format_digits
-from .block_steps.tie_search import find_ties
 from .declarations.rpcs import AUTOMATIC_TRACKS, EVALUATION_FILE, NO_TRACKS, OWN, EvaluateOptions
 from .files.opening import dem_surface, open_control_surface, open_images
 from .files.result_folder import LENGTH, PAGE_FILE, check_folder, plan_folder, stage_results
 from .interface.declare import Context, Report
-from .interface.option_groups import SearchOptions
 
 #: Source, files and RPCs of a set.
 CameraSet = tuple[str, Sequence[str], Sequence[RPC]]
@@ -95,7 +82,9 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     if context.dry_run:
         return _plan_run(options, images, list(cameras), surface, context)
     clock.lap("read")
-    judges = _read_points(options, images, surface, {name: files for name, (_, files, _) in cameras.items()}, context)
+    judges = read_evaluation_points(
+        options, images, surface, {name: files for name, (_, files, _) in cameras.items()}, context
+    )
     block, warnings = judges.block, judges.warnings
     clock.lap("tracks")
     # The same points for all sets: tracks in at least two images that are no outliers for at least one set
@@ -176,127 +165,6 @@ def _open_sets(options: EvaluateOptions, images: Sequence[Image], context: Conte
     if any(list(rpcs) == own for _, _, rpcs in named.values()):
         return named
     return {OWN: ("the images", [image.path for image in images], own), **named}
-
-
-@dataclass(eq=False)
-class EvaluationPoints:
-    """The points that evaluate RPCs.
-
-    block : tracks and known points
-    found : tie points that were found in the images for this evaluation
-    tracks, held_out : number of tracks that no RPC was estimated from, and how many of them a run held out
-    left_out : number of tracks that an RPC was estimated from
-    makers : points from which RPCs were estimated, by the names of the sets
-    """
-
-    found: list[ImagePoints] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    discarded: tuple[str, ...] = ()
-    makers: Mapping[str, EstimationPoints] = field(default_factory=dict)
-    tracks: int = 0
-    held_out: int = 0
-    left_out: int = 0
-    block: Block = field(init=False)
-
-    @property
-    def are_independent(self) -> bool:
-        """Whether no RPC was estimated from the tracks."""
-        return self.tracks > 0 and all(maker.used is not None for maker in self.makers.values())
-
-    def find_tracks(
-        self, search: SearchOptions, images: Sequence[Image], surface: HeightSurface | None, folder: str,
-        context: Context,
-    ) -> None:  # fmt: skip
-        """Find tie points in the images, and add the warnings of the search."""
-        ties, discarded = find_ties(images, search, surface, folder, context)
-        self.found, self.discarded = [ties.image_points], (*self.discarded, *discarded)
-        self.warnings += ties.warnings
-
-    def exclude_estimation_points(self, block: Block, makers: Mapping[str, EstimationPoints], apart_px: float) -> None:
-        """Set the block without points from which RPCs were estimated; with all of them if none remain.
-
-        Tracks found for this evaluation must be ``apart_px`` away from those points, with whom they would share pixels.
-        """
-        self.makers, self.block = makers, hold_out_ties(block, 0.0)
-        used, held = (
-            stack_image_points([part for maker in makers.values() if (part := getattr(maker, what)) is not None])
-            for what in ("used", "held_out")
-        )
-        role, tracks = self.block.points.role, self.block.points.role == Role.TIE
-        made, kept = (find_points_near(self.block, points, EQUALITY.rpc_px) for points in (used, held))
-        if (checks := made & (role == Role.CHECK)).any():
-            role[checks] = Role.GCP
-            self.warnings.append(
-                f"check point {list_ids(self.block.points.ids[checks])} made one of the sets of RPCs: it is control"
-            )
-        if self.found:
-            made |= find_points_near(self.block, used, apart_px) & ~kept
-        several = tracks & (self.block.rays_per_point() >= 2)
-        self.left_out, self.tracks = int((several & made).sum()), int((several & ~made).sum())
-        self.held_out = int((several & ~made & kept).sum())
-        if self.tracks:
-            self.block = self.block.with_measurements(~(tracks & made)[self.block.measurements.point])
-
-
-def _read_points(
-    options: EvaluateOptions, images: Sequence[Image], surface: GridSurface | None,
-    files: Mapping[str, Sequence[str]], context: Context,
-) -> EvaluationPoints:  # fmt: skip
-    """Return the block of all tracks and known points that evaluate the RPCs, with warnings for the user.
-
-    Points from which one of the sets was estimated, whose RPC ``files`` are given, are excluded. If no tracks remain,
-    others are found in the images.
-    """
-    file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
-    ids = [image.id for image in images]
-    made = {name: find_estimation_points(named, ids) for name, named in files.items()}
-    makers = {name: maker for name, maker in made.items() if maker is not None}
-    judges = EvaluationPoints()
-    if options.tracks == AUTOMATIC_TRACKS:
-        judges.find_tracks(options.search, images, surface, options.folder.output_dir, context.stage(0.0, 0.4))
-    block, warnings = read_block(images, options.points, surface, file, judges.found)
-    judges.warnings += warnings
-    points = ", ".join(name for name in (options.points.gcps, options.points.image_points, file) if name)
-    for reason in plausibility.input_reasons(block, surface):
-        about = options.dem.dem if reason.code == "dem-coverage" else points
-        judges.warnings.append(f"{f'{about}: ' if about else ''}{reason.message}: {reason.advice} ({reason.code})")
-    if options.used_points is not None:
-        used, _ = split_measurements([read_points(measurements_of(options.used_points), image_ids=ids)])
-        if not len(used):
-            raise InputError(
-                f"{options.used_points}: has no image points: name the layer image_points of an adjustment"
-            )
-        near = find_points_near(block, used, options.apart_px) & np.isin(block.points.role, [Role.TIE, Role.HELD_OUT])
-        block = block.with_measurements(~near[block.measurements.point])
-        judges.warnings.append(
-            f"{near.sum()} tracks are within {options.apart_px:g} px of points that were used: they are not evaluated"
-        )
-    judges.exclude_estimation_points(block, makers, options.apart_px)
-    few = judges.left_out and judges.tracks < SAMPLES.trend
-    if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
-        # Further tracks in the same images: more in each cell than a run finds by default
-        search = options.search.search
-        many = RPC_SETS.denser * max(count_points_per_cell(search, image) for image in images)
-        denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
-        judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
-        block, _ = read_block(images, options.points, surface, None, judges.found)
-        judges.exclude_estimation_points(block, makers, options.apart_px)
-    for name, maker in makers.items():
-        if maker.used is None:
-            judges.warnings.append(
-                f"RPCs {name}: refined by HRSI, but the layers of that run ({maker.report or 'no report'}) are "
-                "missing: it is not known whether that run used these tracks, so no set is named as the best"
-            )
-    if judges.left_out:
-        told = f"{judges.left_out} tracks were used for RPCs {' or '.join(makers)}"
-        judges.warnings.append(
-            f"{told} and are not evaluated; {judges.tracks} others are, {judges.held_out} of them held out in that "
-            "adjustment"
-            if judges.tracks
-            else f"all {told}: their residuals are no independent measure, so no set is named as the best; give other "
-            "tracks, or images with pixels"
-        )
-    return judges
 
 
 # ---- figures ---------------------------------------------------------------------------------------------------------

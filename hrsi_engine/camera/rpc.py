@@ -133,9 +133,8 @@ class RPC:
         if rpcs is None:
             raise InputError(f"{source.name}: the dataset has no RPC: read the RPC's file with read_rpc")
         values = {name: getattr(rpcs, theirs) for name, theirs in RASTERIO_NAMES.items()}
-        for name in ("err_bias", "err_rand"):
-            values[name] = None if values[name] is None or values[name] < 0.0 else values[name]
-        return cls(**values)
+        errors = {name: values[name] for name in ("err_bias", "err_rand")}
+        return cls(**values | {name: None if (value or 0.0) < 0.0 else value for name, value in errors.items()})
 
     def to_rasterio(self) -> rasterio.rpc.RPC:
         """Return the RPC for rasterio: for ``dataset.rpcs = …``, or its ``RPCTransformer``.
@@ -153,9 +152,7 @@ class RPC:
         import rasterio.rpc
 
         values = {theirs: getattr(self, name) for name, theirs in RASTERIO_NAMES.items()}
-        return rasterio.rpc.RPC(
-            **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
-        )
+        return rasterio.rpc.RPC(**{name: np.array(value).tolist() for name, value in values.items()})
 
     # ---- derived constants -------------------------------------------------------------------------------------
 
@@ -232,7 +229,7 @@ class RPC:
         """Write normalised ground coordinates of ``(n, 3)`` points to ``out (3, n)``, longitudes wrapped at 180."""
         for axis in range(3):
             np.subtract(ground[:, axis], self._ground_off[axis], out=out[axis])
-        if out[0].max() > 180.0 or out[0].min() < -180.0:
+        if np.abs(out[0]).max(initial=0.0) > 180.0:
             out[0] = wrap_degrees(out[0])
         out /= self._ground_scale[:, None]
 
@@ -257,8 +254,7 @@ class RPC:
         """
         ground = _check_points(ground, 3, "ground")
         normalised = np.empty((3, len(ground)))
-        if len(ground):
-            self._normalise(ground, out=normalised)
+        self._normalise(ground, out=normalised)
         return normalised
 
     def denominators(self, ground: np.ndarray) -> np.ndarray:
@@ -295,8 +291,7 @@ class RPC:
         def project_part(part: slice, work: Workspace) -> None:
             terms = work.terms(part.stop - part.start)
             self._normalise(ground[part], out=terms[1:4])
-            ratios, _ = work.ratios(self.polynomials, terms)
-            self._denormalise(ratios, image[part])
+            self._denormalise(work.ratios(self.polynomials, terms)[0], image[part])
 
         for_parts(len(ground), project_part)
         return image

@@ -1,9 +1,6 @@
 """The adjusted block of a result folder: images with refined RPCs, its points, its ground, and its stereo pairs.
 
-Sets of RPCs in directories, and the image points from which they were estimated, found by the report of the run.
-
-An RPC that was adjusted to a tie point fits it, for any true camera. Points from which an RPC was estimated therefore
-do not evaluate it; those that its run held out do.
+Also sets of RPCs in directories.
 """
 
 import os
@@ -12,23 +9,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
-from ...hrsi_engine.block.assembly import stack_image_points
-from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
+from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints
 from ...hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, compute_all_pairs, intersect_footprints
 from ...hrsi_engine.block.stereo_pairs import StereoPair, choose_stereo_pairs
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.sun import SunAngles
 from ...hrsi_engine.io.catalogue.block_records import read_record
-from ...hrsi_engine.io.catalogue.lineage import find_refining_report
 from ...hrsi_engine.io.output_dir import find_image_outputs, read_report
-from ...hrsi_engine.io.point_files import PointTables, read_points
+from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.interpret import interpret
 from ...hrsi_engine.io.point_files.positions import Reference
@@ -42,7 +34,7 @@ from ..files.result_folder import REPORT_FILE
 from ..interface.declare import Log
 from ..interface.option_groups import DemOptions
 from .inputs import open_block_images
-from .outputs import LAYERS_FILE, RESAMPLED
+from .outputs import RESAMPLED
 
 SHAKEN = (
     "the images contain jitter that the refined RPCs do not: surface models get waves; adjust the block with `write` "
@@ -125,87 +117,6 @@ def _use_refined_rpc(image: Image, told: Mapping[str, Any], folder: str) -> Imag
         )
     resampled = (told.get("options") or {}).get("write") == RESAMPLED  # without jitter, which an RPC cannot represent
     return replace(image, rpc=read_rpc(found).rpc, path=found if resampled else image.path)
-
-
-REFINING_ALGORITHMS = ("triangulate", "adjust", "refine-rpc")  #: algorithms that refine RPCs
-
-
-@thresholds
-class RPC_SETS:
-    """Limits for points that were used to estimate RPCs, and for the number of predictions."""
-
-    denser: int = threshold(3, "", "factor of the tie points per cell in a further search")
-
-
-@dataclass(frozen=True, eq=False)
-class EstimationPoints:
-    """Image points of the run that refined a set of RPCs; None if its layers do not exist any more.
-
-    used : measurements of GCPs and tie points, which influenced the cameras
-    held_out : measurements of tie points that the run held out
-    """
-
-    report: str
-    used: ImagePoints | None = None
-    held_out: ImagePoints | None = None
-
-
-def find_estimation_points(files: Sequence[str], image_ids: Sequence[str]) -> EstimationPoints | None:
-    """Return the points from which the RPCs of some files were estimated; None if HRSI refined none of them."""
-    reports: dict[str, bool] = {}
-    for file in files:
-        told = find_refining_report(file)
-        beside = os.path.join(os.path.dirname(os.path.abspath(file)), REPORT_FILE)
-        found = next((one for one in (beside, told) if one and _names_output(one, file)), None)
-        if found or told is not None:
-            reports[found or told or ""] = found is not None
-    if not reports:
-        return None
-    first = next(iter(reports))
-    if not all(reports.values()):
-        return EstimationPoints(next(name for name, there in reports.items() if not there))
-    tables = []
-    for report in reports:
-        layers = os.path.join(os.path.dirname(report), LAYERS_FILE)
-        try:
-            tables.append(read_points(f"{layers}|layername=image_points", image_ids=image_ids))
-        except InputError:
-            return EstimationPoints(report)
-    return EstimationPoints(first, *split_measurements(tables))
-
-
-def _names_output(path: str, file: str) -> bool:
-    """Return whether a report belongs to a run that wrote a file; its folder may have been moved."""
-    report = read_report(path)
-    if report is None or report["algorithm"] not in REFINING_ALGORITHMS:
-        return False
-    return os.path.basename(file) in map(os.path.basename, find_image_outputs(report).values())
-
-
-def split_measurements(tables: Sequence[PointTables]) -> tuple[ImagePoints, ImagePoints]:
-    """Return the image points that influenced cameras, and those of held-out tie points; neither has check points."""
-    used, held = list[ImagePoints](), list[ImagePoints]()
-    for image, ground in ((one.image, one.ground) for one in tables if one.image is not None):
-        passive, out = (
-            np.isin(image.ids, [] if ground is None else ground.ids[ground.role == role])
-            for role in (Role.CHECK, Role.HELD_OUT)
-        )
-        used.append(image.select(~passive & ~out))
-        held.append(image.select(out))
-    return stack_image_points(used), stack_image_points(held)
-
-
-def find_points_near(block: Block, measured: ImagePoints, apart_px: float) -> np.ndarray:
-    """Return the mask of the points of a block within ``apart_px`` of a ``measured`` point in at least one image."""
-    rows = block.measurements
-    near = np.zeros(len(block.points), dtype=bool)
-    image_ids = np.asarray(measured.image_ids)
-    for index, image in enumerate(block.images):
-        here, there = np.flatnonzero(rows.image == index), measured.xy[image_ids == image.id]
-        if len(here) and len(there):
-            distance, _ = cKDTree(there).query(rows.xy[here], distance_upper_bound=apart_px * (1.0 + 1e-9))
-            near[rows.point[here[distance <= apart_px]]] = True
-    return near
 
 
 NEVER_RPC = (".gpkg", ".json", ".html", ".csv", ".aux.xml", ".png", ".jpg", ".log", ".gpkg-wal", ".gpkg-shm")
