@@ -41,7 +41,7 @@ from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 
 WRONG_GCPS, WRONG_TIES = 0.05, 0.01
-PARTS = ("read", "check", "adjust", "residuals", "judge", "write")
+PARTS = ("read", "check", "adjust", "residuals", "judge", "write", "draw")
 HEAD = (
     "block",
     "images",

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from ..foundation.large_arrays import any_of_rows
+from ..foundation.large_arrays import any_of_rows, square_lengths
 from ..foundation.thresholds import EQUALITY, SIGNIFICANCE
 from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_parameters
 from ..refinement.selection import DRIFTING, NESTED_MODELS
@@ -60,12 +60,9 @@ def predict_left_out(
     derivatives = compute_derivatives(problem, solution, control.points)
     # the drift that a model omits also appears in the residuals of tie points
     tie = ~problem.observations.located[problem.observations.point]
-    by_ties = replace(solution, factor=solution.factor * tie)
-    tie_squares = sum_squares(problem, camera, by_ties)
-    most_left = EQUALITY.negligible * float(
-        (by_ties.weight * by_ties.weighting.contributes[problem.observations.point])
-        @ np.sum(solution.normals.residual**2, axis=1)
-    )
+    tie_squares = squares - sum_squares(problem, camera, replace(solution, factor=solution.factor * ~tie))
+    tie_weight = solution.weight * tie * solution.weighting.contributes[problem.observations.point]
+    most_left = EQUALITY.negligible * float(tie_weight @ square_lengths(solution.normals.residual))
     unit_variance = max(loop.sum_of_squares(solution) / loop.count_redundancy(solution.weighting), 1.0)
     squared, too_simple = {}, []
     has = {name.removeprefix("drift_") for name in camera.parameters}  # without drifts a shift has no nested models

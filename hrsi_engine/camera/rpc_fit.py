@@ -334,7 +334,7 @@ def _iterate_least_squares(
     system: _System, axes: list[int], scale_px: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return numerator and denominator of each image axis; the given axes share one denominator."""
-    divisor, rms_before = np.ones(len(system.terms)), np.inf
+    divisor, rms_before = np.ones(len(system.terms)), 0.0  # an exact fit needs no weights
     polynomials: list[tuple[np.ndarray, np.ndarray]] = []
     for _ in range(ITERATIONS.most):
         # Solve the observation equations with the damping

@@ -51,23 +51,24 @@ class ACCURACY_STATEMENT:
 class BlockResult:
     """A block's results before anything is written.
 
+    adjustment, residuals : of the block
     pairs : the images with their original RPCs, and the refined ones
     report : entries of ``report.json``; those on written files are added by the writers
     verdict : level (ok, doubtful, unusable) and its reasons
     lineage : metadata of the refined images, by name
     items : refined images as STAC items without their files, if they were requested
-    layers : those of ``block.gpkg``; drawings : those of the page, if one was requested
+    layers : those of ``block.gpkg``
     tables : parts of complete tables by layer, if the layers contain a selection of the points
     """
 
     adjustment: Adjustment
+    residuals: Residuals
     pairs: Sequence[tuple[Image, RefitRPC]]
     report: dict[str, Any]
     verdict: Verdict
     lineage: Mapping[str, str]
     items: Sequence[dict[str, Any]]
     layers: Sequence[Layer]
-    drawings: Mapping[str, Any]
     tables: Mapping[str, Iterable[Mapping[str, np.ndarray]]]
 
     @property
@@ -90,16 +91,20 @@ class BlockResult:
         """Curves of the removed jitter, by image id; None if it was not estimated."""
         return None if self.adjustment.jitter is None else self.adjustment.jitter.curves
 
+    def draw(self, outline: Outline) -> dict[str, Any]:
+        """Return the drawings of the page; ``outline`` finds target outlines."""
+        delivered = [replace(image, rpc=new.rpc) for image, new in self.pairs]
+        return draw_figures(report_figures(self.adjustment, self.residuals, delivered, outline))
+
 
 def assemble_result(
-    judged: JudgedBlock, record: Mapping[str, Any], entries: Mapping[str, Any], outline: Outline | None = None,
-    report_path: str = "", with_items: bool = False,
+    judged: JudgedBlock, record: Mapping[str, Any], entries: Mapping[str, Any], report_path: str = "",
+    with_items: bool = False,
 ) -> BlockResult:  # fmt: skip
     """Return the results of an adjustment.
 
     record : the report's entries on the run: version, options, inputs
     entries : further entries of the report, other than those on the block
-    outline : finds target outlines for the figures of the page; None: no figures
     report_path : later path of the report; with_items : True if images are described as STAC items
     """
     evidence, adjustment, residuals = judged.evidence, judged.adjustment, judged.residuals
@@ -117,14 +122,13 @@ def assemble_result(
             **entries,
         }  # fmt: skip
         report = add_image_facts(report, adjustment, residuals, refined)
-        delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
+        pairs = list(zip(images, refined, strict=True))
+        delivered = [replace(image, rpc=new.rpc) for image, new in pairs]
         layers = block_layers(adjustment, residuals, delivered, selection)
-        drawings = {} if outline is None else draw_figures(report_figures(adjustment, residuals, delivered, outline))
     complete = {} if selection.is_complete else iterate_tables(adjustment, residuals, selection)
-    pairs, lineage = list(zip(images, refined, strict=True)), lineage_items(report, report_path)
-    folder = os.path.dirname(report_path)
+    lineage, folder = lineage_items(report, report_path), os.path.dirname(report_path)
     items = [describe_item(image, new, report, folder) for image, new in pairs] if with_items else []
-    return BlockResult(adjustment, pairs, report, judged.verdict, lineage, items, layers, drawings, complete)
+    return BlockResult(adjustment, residuals, pairs, report, judged.verdict, lineage, items, layers, complete)
 
 
 def state_accuracy_by_standards(result: Adjustment, left: Residuals) -> dict[str, Any] | None:

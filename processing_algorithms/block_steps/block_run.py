@@ -31,7 +31,6 @@ from ...hrsi_engine.results.judged_block import JudgedBlock, judge_block
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from ..files.opening import dem_surface, open_images
 from ..files.result_folder import REPORT_FILE
-from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import (
     BlockGrowthOptions,
@@ -263,11 +262,9 @@ class BlockRun:
         output, judged = self._output(), self.judge()
         path = os.path.join(output.folder.output_dir, REPORT_FILE)
         with explain_failures(self.reasons):
-            results = assemble_result(
-                judged, self.context.record, self.entries, find_outline if output.report else None, path, output.stac
-            )
-        self.clock.lap("judge")
-        return write_results(output, results, self.clock, self._writing, self._temporary_folders)
+            results = assemble_result(judged, self.context.record, self.entries, path, output.stac)
+            self.clock.lap("judge")
+            return write_results(output, results, self.clock, self._writing, self._temporary_folders)
 
     def _output(self) -> BlockOutput:
         if self.output is None:

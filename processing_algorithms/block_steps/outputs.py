@@ -7,7 +7,6 @@ import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +42,7 @@ from ...hrsi_engine.results.block_results import BlockResult
 from ...hrsi_engine.results.stac import describe_assets
 from ...hrsi_engine.results.verdict import Verdict
 from ..files.result_folder import INPUTS_CHECKED, NOTHING_WRONG, PAGE_FILE, REPORT_FILE, plan
+from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
 
@@ -187,9 +187,11 @@ def write_results(
         if output.stac and how != WRITE_NOTHING:
             _write_items(folder, report, images, result.items, target.output_dir)
         clock.lap("write")
+        drawings = result.draw(find_outline) if output.report else {}
+        clock.lap("draw")
         report["seconds"] = clock.total()
         if output.report:
-            write_report_html(str(folder / PAGE_FILE), report, result.drawings)
+            write_report_html(str(folder / PAGE_FILE), report, drawings)
         write_report_json(str(folder / REPORT_FILE), report)
         write_report_json(str(folder / RECORD_FILE), result.record)
         if cameras is not None:
@@ -201,15 +203,10 @@ def write_results(
 
 
 def _write_tables(folder: Path, layers: Sequence[Layer], result: BlockResult, progress: Progress) -> None:
-    """Write the layers, and the complete tables of a large block: their rows become text while SQLite inserts."""
-    with ThreadPoolExecutor(1) as pool:
-        written = [
-            pool.submit(write_large_table, str(folder / COMPLETE_FILES[name]), parts)
-            for name, parts in result.tables.items()
-        ]
-        write_geopackage(str(folder / LAYERS_FILE), layers, progress=progress, lineage=result.lineage)
-    for table in written:
-        table.result()
+    """Write the layers, and the complete tables of a large block."""
+    for name, parts in result.tables.items():
+        write_large_table(str(folder / COMPLETE_FILES[name]), parts)
+    write_geopackage(str(folder / LAYERS_FILE), layers, progress=progress, lineage=result.lineage)
 
 
 def _set_aside_other_rpcs(pairs: Pairs, names: Mapping[str, str], output_dir: str, changes: Transaction) -> list[str]:

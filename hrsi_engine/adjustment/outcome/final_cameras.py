@@ -84,7 +84,8 @@ def sum_squares(problem: Problem, camera: ImagePolynomial, solution: Solution) -
     observations, size = problem.observations, len(camera.parameters)
     weight = solution.weight * solution.weighting.contributes[observations.point]
     squares = np.zeros((observations.cameras, size, size))
-    for index, rows in enumerate(observations.by_image):
+    for index, rows_of_image in enumerate(observations.by_image):
+        rows = rows_of_image[weight[rows_of_image] > 0.0]
         image, number = observations.images[index], observations.camera_of_image[index]
         computed = observations.xy[rows] - solution.normals.residual[rows]
         projected = computed - camera.correction(image, solution.state.values[number], computed)

@@ -230,7 +230,8 @@ def _find_nearest_planes(
     candidates : (p, t, c) planes, c of 3 or 1 for level ones
     ranks : (p,) ranks
     """
-    distance = np.abs(y[:, None] - candidates @ terms.swapaxes(1, 2)) / sigma[:, None]
+    distance = (candidates @ (terms / sigma[..., None]).swapaxes(1, 2)) - (y / sigma)[:, None]
+    np.abs(distance, out=distance)
     distance.partition(np.unique(ranks), axis=2)
     reach = np.take_along_axis(distance, ranks[:, None, None], axis=2)[:, :, 0]
     return np.asarray(reach.argmin(axis=1))
