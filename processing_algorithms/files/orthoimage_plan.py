@@ -34,7 +34,6 @@ from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp
 from ...hrsi_engine.io.rasters.pansharpening import Pansharpening
 from ...hrsi_engine.ortho import grid as map_grids
 from ...hrsi_engine.ortho.mapping import OrthoMapping
-from ...hrsi_engine.ortho.point_surface import surface_of_points
 from ...hrsi_engine.surface.dem import HeightSurface
 from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 from ..declarations.orthoimages import OrthorectifyOptions
@@ -109,6 +108,8 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
 
 def _open_terrain_points(spec: str, options: OrthorectifyOptions) -> tuple[GridSurface, Terrain]:
     """Return the surface between the ground points of a file, and the terrain that it is."""
+    from ...hrsi_engine.ortho.point_surface import surface_of_points  # needs SciPy
+
     datum = options.terrain.height_datum
     ground = read_points(spec, ground_crs=options.ground_crs, height_datum=datum, adjusted=True).ground
     if ground is None:

@@ -9,7 +9,6 @@ Quick-looks: small images on a map, warped by an RPC at one height, to look at a
 """
 
 import math
-import secrets
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -31,6 +30,8 @@ RESAMPLING = {
     "near": 1, "bilinear": 1, "cubic": 2, "cubicspline": 2, "lanczos": 3, "average": 1, "rms": 1, "mode": 1, "max": 1,
     "min": 1, "med": 1, "q1": 1, "q3": 1,
 }  # fmt: skip
+
+OUTSIDE_PX = 1e7  #: a position outside every image
 
 
 @thresholds
@@ -144,6 +145,7 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
     # A window of the image as a dataset in memory, with its mask as an alpha band
     bands, mask = source.read(sample, line, samples, lines)
     image = gdal.GetDriverByName("MEM").Create("", samples, lines, len(bands), source.data_type)
+    image.SetGeoTransform((sample - 0.5, 1.0, 0.0, line - 0.5, 0.0, 1.0))  # the table has positions in the whole image
     for number, values in enumerate(bands, 1):
         image.GetRasterBand(number).WriteArray(values)
     if mask is not None:
@@ -152,31 +154,34 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
         image.GetRasterBand(len(bands) + 1).WriteArray((mask != 0) * opaque)
         image.GetRasterBand(len(bands) + 1).SetColorInterpretation(gdal.GCI_AlphaBand)
     target = _make_target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, is_complete))
-    table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
-    try:
-        with gdal_messages() as messages, config_option("CPL_TMPDIR", "/vsimem"):
-            _write_table(table, mapping.positions, first - 0.5, mapping.is_complete)
-            nodes = {  # at the centres of every ``step``-th pixel
-                "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
-                "PIXEL_OFFSET": str(0.5 - mapping.first[0]), "LINE_OFFSET": str(0.5 - mapping.first[1]),
-                "PIXEL_STEP": step, "LINE_STEP": step,
-                "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
-            }  # fmt: skip
-            target.SetMetadata(nodes, "GEOLOCATION")
-            warped = gdal.Warp(target, image, options=_warp_options(source, warp, is_complete))
-        if not warped:
-            raise OutputError(f"{source.path}: GDAL cannot warp it ({messages.reason})")
-        count = len(source.bands)
-        values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
-        valid = values[count] != 0 if _with_alpha(source, warp, is_complete) else None
-        values = values[:count]
-        if warp.nodata is None:
-            return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
-        if (is_complete or valid is not None) and not np.isnan(warp.nodata):
-            change_nodata_values(values, warp.nodata, valid)
-        return Pixels(values, None)
-    finally:
-        gdal.Unlink(table)
+    positions = _fill_unknown(mapping)
+    _, table_rows, table_columns = positions.shape
+    size = f"PIXELS={table_columns},LINES={table_rows},BANDS=2,DATATYPE=Float64"
+    table = f"MEM:::DATAPOINTER={positions.ctypes.data},{size}"
+    nodes = {  # at the centres of every ``step``-th pixel
+        "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
+        "PIXEL_OFFSET": str(0.5 - mapping.first[0]), "LINE_OFFSET": str(0.5 - mapping.first[1]),
+        "PIXEL_STEP": step, "LINE_STEP": step,
+        "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
+    }  # fmt: skip
+    target.SetMetadata(nodes, "GEOLOCATION")
+    with (
+        gdal_messages() as messages,
+        config_option("CPL_TMPDIR", "/vsimem"),
+        config_option("GDAL_MEM_ENABLE_OPEN", "YES"),  # of GDAL 3.10
+    ):
+        warped = gdal.Warp(target, image, options=_warp_options(source, warp, is_complete))
+    if not warped:
+        raise OutputError(f"{source.path}: GDAL cannot warp it ({messages.reason})")
+    count = len(source.bands)
+    values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
+    valid = values[count] != 0 if _with_alpha(source, warp, is_complete) else None
+    values = values[:count]
+    if warp.nodata is None:
+        return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
+    if (is_complete or valid is not None) and not np.isnan(warp.nodata):
+        change_nodata_values(values, warp.nodata, valid)
+    return Pixels(values, None)
 
 
 def mark_invalid(values: np.ndarray, valid: np.ndarray, nodata: float | None) -> Pixels:
@@ -221,20 +226,18 @@ def _make_target(source: OrthoSource, columns: int, rows: int, nodata: float, wi
     return dataset
 
 
-def _write_table(path: str, positions: np.ndarray, origin: np.ndarray, is_complete: bool) -> None:
-    """Write image positions, relative to an origin, as a raster of two bands in memory."""
-    _, rows, columns = positions.shape
-    options = ["INTERLEAVE=BAND", f"BLOCKYSIZE={rows}"]
-    dataset = gdal.GetDriverByName("GTiff").Create(path, columns, rows, 2, gdal.GDT_Float64, options)
-    for axis in range(2):
-        values = positions[axis] - origin[axis]
-        if not is_complete:
-            # Unknown or hidden terrain is outside the image, on one side or the other: GDAL derives the part of the
-            # image that it reads from positions at the edge of the chunk, all of which may be unknown
-            unknown = np.isnan(values)
-            values[unknown] = np.random.default_rng(0).choice([-1e5, 1e5], np.count_nonzero(unknown))
-        dataset.GetRasterBand(axis + 1).WriteArray(values)
-    del dataset  # closed here, not at the return: Dask's profiler, for example, may keep a reference to this frame
+def _fill_unknown(mapping: Any) -> np.ndarray:
+    """Return the positions ``(2, rows, columns)`` of a mapping in one piece of memory, all of them numbers.
+
+    Unknown or hidden terrain is outside the image, on one side or the other: GDAL derives the part of the image that it
+    reads from positions at the edge of the chunk, all of which may be unknown.
+    """
+    positions = np.ascontiguousarray(mapping.positions)
+    if mapping.is_complete:
+        return positions
+    unknown, positions = np.isnan(positions), positions.copy()
+    positions[unknown] = np.random.default_rng(0).choice([-OUTSIDE_PX, OUTSIDE_PX], np.count_nonzero(unknown))
+    return positions
 
 
 def _warp_options(source: OrthoSource, warp: Warp, is_complete: bool) -> gdal.GDALWarpAppOptions:
@@ -255,7 +258,7 @@ def _warp_options(source: OrthoSource, warp: Warp, is_complete: bool) -> gdal.GD
     with_alpha = _with_alpha(source, warp, is_complete)
     return gdal.WarpOptions(
         transformerOptions=[
-            "SRC_METHOD=NO_GEOTRANSFORM", "DST_METHOD=GEOLOC_ARRAY", "GEOLOC_BACKMAP_OVERSAMPLE_FACTOR=0.1",
+            "SRC_METHOD=GEOTRANSFORM", "DST_METHOD=GEOLOC_ARRAY", "GEOLOC_BACKMAP_OVERSAMPLE_FACTOR=0.1",
         ],
         warpOptions=options, errorThreshold=0.0, resampleAlg=warp.resampling, warpMemoryLimit=2000,
         srcNodata=" ".join(repr(value) for value in nodata) if len(nodata) == len(source.bands) else None,
