@@ -12,6 +12,8 @@ from .projects.project_file import PROJECT_FILE, check_plan, judge_plan, read_pr
 from .projects.understanding import understand
 from .projects.write_project import describe_folder, write_project
 
+ANSWERS = ("egm96", "ellipsoidal")  #: height datums that the question asks for; the last one's check is reported
+
 
 def run(options: InitOptions, context: Context) -> Report:
     """Understand the folder, write the project file, and check the plan."""
@@ -33,22 +35,26 @@ def run(options: InitOptions, context: Context) -> Report:
                 "verdict": {"level": "ok", "sentence": "the folder was read", "reasons": []}}  # fmt: skip
     write_project(made, path)
     report["outputs"] = {"project": path}
-    if not made.question:
-        project = read_project(path)
-        entries = check_plan(project, context.stage(0.6, 1.0))
-        report["steps"] = {**entries, **report["steps"]}
-        report["verdict"] = judge_plan(entries)
-        if report["verdict"]["level"] == Level.UNUSABLE.label:
-            report["unsolved"], report["exit_code"] = report["verdict"]["sentence"], InputError.exit_code
+    for answer in ANSWERS if made.question else ("",):
+        entries = check_plan(read_project(path, answer), context.stage(0.6, 1.0))
+        verdict = judge_plan(entries)
+        if made.question and verdict["level"] != Level.UNUSABLE.label:
+            return report  # the question remains
+    else:  # also if no answer makes the inputs usable
+        report |= {"steps": {**entries, **report["steps"]}, "verdict": verdict, "question": ""}
+        if verdict["level"] == Level.UNUSABLE.label:
+            advice = [one["advice"] for one in verdict["reasons"] if one["level"] == Level.UNUSABLE.label]
+            report["unsolved"] = ": ".join([verdict["sentence"], *advice[:1]])
+            report["exit_code"] = InputError.exit_code
     return report
 
 
 def summarise(report: Report) -> str:
-    """Return the table of files, the decisions, the steps, and the question or what to do next."""
+    """Return the table of files, the decisions, the steps, and the question, or the next command of a sound plan."""
     lines = list(report["table"])
     lines += [f"{step}: {entry['status']}: {entry['told']}" for step, entry in report["steps"].items()]
     if report["question"]:
         return "\n".join([*lines, f"question: {report['question']}"])
     verdict = report["verdict"]
-    return "\n".join([*lines, f"checks: {verdict['sentence']}. Verdict of the checks: {verdict['level']}",
-                      f"next: hrsi run {report['project']}"])  # fmt: skip
+    lines.append(f"checks: {verdict['sentence']}. Verdict of the checks: {verdict['level']}")
+    return "\n".join(lines if "unsolved" in report else [*lines, f"next: hrsi run {report['project']}"])

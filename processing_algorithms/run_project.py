@@ -21,6 +21,7 @@ from ..hrsi_engine.io.output_dir import check_output_dir, find_image_outputs, re
 from ..hrsi_engine.io.pages.report import name_crs_unit, write_page, write_report_json
 from ..hrsi_engine.io.safety.transactions import only_writer
 from . import REGISTRY
+from .block_steps.summary import verdict_lines
 from .declarations.orthoimages import SURFACE_FILE
 from .declarations.projects import RunOptions
 from .files.result_folder import PAGE_FILE, REPORT_FILE, plan
@@ -88,10 +89,10 @@ def run(options: RunOptions, context: Context) -> Report:
 
 
 def summarise(report: Report) -> str:
-    """Return the status of each step, and the verdict."""
+    """Return the status of each step, the reasons with their advice, and the verdict."""
     width = max(map(len, report["steps"]), default=0)
     lines = [f"{name:{width}}  {entry['status']}: {entry['told']}" for name, entry in report["steps"].items()]
-    return "\n".join([*lines, f"{report['verdict']['sentence']}. Verdict: {report['verdict']['level']}"])
+    return "\n".join([*lines, *verdict_lines(report["verdict"])])
 
 
 def _do_step(

@@ -9,7 +9,7 @@ have the order in which the rays of the images differ less.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ...hrsi_engine.block.columns import NameColumn
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES, threshold, thresholds
 from ...hrsi_engine.ground.geodesy import ground_difference_m
+from ...hrsi_engine.io.point_files import PointTables
 from ...hrsi_engine.io.point_files.csv_text import count_header_rows, parse_field, read_lines, split_rows
 from ...hrsi_engine.io.point_files.interpret import matching_names
 from ...hrsi_engine.io.point_files.table import match_fields
@@ -228,20 +229,39 @@ def _assign_columns(
 def _fit_columns(
     numbers: np.ndarray, ground: np.ndarray, pairs: Sequence[tuple[int, int]], images: Mapping[str, Image]
 ) -> Iterator[ImageColumns]:
-    """Yield the column pairs that agree with the projections of ground points (n, 3), for each image."""
+    """Yield the column pairs that agree with the projections of ground points (n, 3), for each image.
+
+    Lines that are counted upwards agree too: the adjustment reports them.
+    """
     for image in images.values():
         projected = image.rpc.project(ground)
+        size = 2.0 * float(image.half_size_px.max())
         for first, second in pairs:
-            for sample, line in ((first, second), (second, first)):
-                difference = numbers[:, [sample, line]] - projected
+            for sample, line, upwards in product((first, second), (first, second), (False, True)):
+                difference = numbers[:, [sample, line]] * (1.0, -1.0 if upwards else 1.0) - projected
                 difference = difference[np.isfinite(difference).all(axis=1)]
-                if len(difference) < SAMPLES.plane:
+                if sample == line or len(difference) < SAMPLES.plane:
                     continue
                 middle = np.median(difference, axis=0)
                 scatter = float(np.hypot(*(robust_sigma(part) for part in (difference - middle).T)))
-                size = 2.0 * float(image.half_size_px.max())
-                if scatter < EQUALITY.negligible * size and np.abs(middle).max() < size / 2.0:
+                if scatter < EQUALITY.negligible * size and np.abs(middle).max() < size * (1.5 if upwards else 0.5):
                     yield ImageColumns(image.id, sample, line, scatter)
+
+
+def agrees(tables: PointTables, images: Mapping[str, Image]) -> bool:
+    """Return whether the measurements of points agree with the projections of their ground positions, in each image."""
+    if tables.ground is None or tables.image is None:
+        return False
+    place = dict(zip(tables.ground.ids.tolist(), tables.ground.ground, strict=True))
+    ground = np.array([place[name] for name in tables.image.ids.tolist()])
+    image_of_row = np.asarray(tables.image.image_ids)
+    in_block = set(image_of_row.tolist()) & images.keys()
+    for name in in_block:
+        rows = image_of_row == name
+        fits = _fit_columns(tables.image.xy[rows], ground[rows], [(0, 1)], {name: images[name]})
+        if not any(fit.sample == 0 for fit in fits):
+            return False
+    return bool(in_block)
 
 
 def _name_columns(

@@ -18,6 +18,7 @@ from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names
 from ...hrsi_engine.io.point_files import PointTables, csv_text, read_points
 from ...hrsi_engine.io.point_files.find import read_table
+from ...hrsi_engine.io.point_files.table import match_fields
 from . import column_roles
 from .column_roles import COLUMN_ROLES, POSITION_NAMES, match_image, share_near
 
@@ -35,7 +36,7 @@ DATUM_WORDS = (
     ("egm2008", r"(?<![a-z])(msl|ortho_?h|orthometric|geoid|above_sea|nhn|dhhn|navd|ign69|ngf|evrf|odn)|"
                 r"cop(ernicus)?.?(dem|dsm|glo)|aw3d|nasadem"),
 )  # fmt: skip
-HEIGHT_UNKNOWN = "the height datum is not known"
+HEIGHT_UNKNOWN, NO_HEIGHT = "the height datum is not known", "have no height"  #: words of warnings of the reader
 
 
 @dataclass
@@ -112,12 +113,12 @@ def _read_source(
     for crs in chain(("", *crs_names), _list_crs(spec, region)):
         tables = _try(spec, images, crs)
         if tables is not None and _is_plausible(tables, images, region):
-            return _make_source(path, *_with_roles(spec, tables, images, crs), crs)
+            return _make_source(path, *_complete(spec, tables, images, crs), crs)
     table = column_roles.read_text_table(path) if _is_text(path) else None
     readings = []
     for names in column_roles.list_ground_columns(table) if table is not None else _list_fields(spec):
         chosen = f"{spec}|columns={','.join(names)}"
-        for crs in chain(crs_names, _list_crs(chosen, region)) if table is None or "x" in names else ("",):
+        for crs in chain(("",), crs_names, _list_crs(chosen, region)) if table is None or "x" in names else ("",):
             tables = _try(chosen, images, crs)
             if tables is not None and tables.ground is not None and _is_plausible(tables, images, region):
                 readings.append((share_near(tables.ground.ground[:, :2], region), ",".join(names), tables, crs))
@@ -125,7 +126,7 @@ def _read_source(
     if not readings:
         return None
     _, listed, tables, crs = max(readings, key=lambda one: one[0])
-    source = _make_source(path, *_with_roles(f"{spec}|columns={listed}", tables, images, crs), crs)
+    source = _make_source(path, *_complete(f"{spec}|columns={listed}", tables, images, crs), crs)
     if source.datum is None:
         source.datum = state_datum(*(table.names if table is not None else [listed]))
     return source
@@ -189,22 +190,50 @@ def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSo
     return PointSource(
         path, [spec], crs, datum=datum, ground=tables.ground,
         measured=[tables.image] if tables.image is not None else [], notes=notes,
-        has_heights="have no height" not in told,
+        has_heights=NO_HEIGHT not in told,
     )  # fmt: skip
 
 
-def _with_roles(spec: str, tables: PointTables, images: Mapping[str, Image], crs: str) -> tuple[str, PointTables]:
-    """Return the text and the points of a file whose roles are in a field of another name, ``type``."""
-    if tables.ground is None or (tables.ground.role >= 0).any() or "|" in spec:
+def _complete(spec: str, tables: PointTables, images: Mapping[str, Image], crs: str) -> tuple[str, PointTables]:
+    """Return the text and the points of a file with what its other fields state: roles, heights, image positions."""
+    try:
+        table = read_table(spec)
+    except HrsiError:
         return spec, tables
-    table = read_table(spec)
-    for name in table.field_names:
-        if ROLE_FIELD.fullmatch(name.strip()) and "role" not in table.columns:
-            chosen = f"{spec}|columns=role={name}"
-            found = _try(chosen, images, crs)
-            if found is not None and found.ground is not None and (found.ground.role == Role.GCP).any():
-                return chosen, found
+    if tables.ground is None or len(table) > COLUMN_ROLES.most_rows:
+        return spec, tables
+    listed = spec.partition("|columns=")[2]  # meanings of all columns, or fields chosen by name
+    known = match_fields(table.field_names).values()
+    spare = [name for k, name in enumerate(table.field_names) if k not in known and f"={name}" not in listed]
+    spare = [] if listed and "=" not in listed else spare
+    for name in spare:
+        if ROLE_FIELD.fullmatch(name.strip()) and not (tables.ground.role >= 0).any():
+            read = _try(f"{spec}|columns=role={name}", images, crs)
+            if read is not None and read.ground is not None and (read.ground.role == Role.GCP).any():
+                spec, tables = f"{spec}|columns=role={name}", read
+        if HEIGHT_FIELD.search(name.strip()) and NO_HEIGHT in " ".join(tables.warnings):
+            read = _try(f"{spec}|columns=height={name}", images, crs)
+            spec, tables = (spec, tables) if read is None else (f"{spec}|columns=height={name}", read)
+    if tables.image is not None:
+        return spec, tables
+    named = "image" not in table.columns and match_image(os.path.basename(table.source), list(images))
+    for chosen in _list_image_fields(spec, listed, spare):
+        for image in [""] if "image" in table.columns else [f"|image={one}" for one in ([named] if named else images)]:
+            read = _try(chosen + image, images, crs)
+            if read is not None and column_roles.agrees(read, images):
+                return chosen + image, read
     return spec, tables
+
+
+def _list_image_fields(spec: str, listed: str, spare: Sequence[str]) -> Iterator[str]:
+    """Yield texts in which two neighbouring columns without a meaning are sample and line, in both orders."""
+    columns = listed.split(",")
+    for order in (("sample", "line"), ("line", "sample")):
+        for pair in pairwise(spare):
+            yield f"{spec}|columns={order[0]}={pair[0]},{order[1]}={pair[1]}"
+        for k, pair in enumerate(pairwise(columns)):
+            if set(pair) == {column_roles.UNUSED}:
+                yield spec.replace(listed, ",".join([*columns[:k], *order, *columns[k + 2 :]]))
 
 
 def _is_text(path: str) -> bool:
@@ -291,13 +320,14 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
             found.roles[one.path] = ("ground points, not used", apart)
             found.notes.append(f"{one.name}: {apart}: not used; exchange gcps if it is the right one")
             continue
-        elif own <= ids:
+        elif own & ids and not one.measured:
+            others = f"in {found.control[0].name} too"
+            if not own <= ids:
+                found.roles[one.path] = ("ground points, not used", f"some of its ids are {others}")
+                continue
             (check_ids if is_check else gcp_ids).update(own)
-            others = "check points" if not is_check else "GCPs"
-            found.roles[one.path] = (what, f"{reason}, in {found.control[0].name} too, whose other points are {others}")
-            continue
-        elif own & ids:
-            found.roles[one.path] = ("ground points, not used", f"some of its ids are in {found.control[0].name} too")
+            whose = "check points" if not is_check else "GCPs"
+            found.roles[one.path] = (what, f"{reason}, {others}, whose other points are {whose}")
             continue
         elif is_check:
             check_ids |= own

@@ -66,8 +66,11 @@ class Project(NamedTuple):
         return {**{key: value for key, value in self.shared.items() if key in known}, **self.steps[step]}
 
 
-def read_project(path: str) -> Project:
-    """Return the project of a file, or of a folder with one; raise `InputError` with the key of an invalid entry."""
+def read_project(path: str, answer: str = "") -> Project:
+    """Return the project of a file, or of a folder with one; raise `InputError` with the key of an invalid entry.
+
+    ``answer`` is the height datum where the file leaves it to the user.
+    """
     path = os.path.join(path, PROJECT_FILE) if os.path.isdir(path) else path
     require_size(path, "names")
     try:
@@ -81,7 +84,9 @@ def read_project(path: str) -> Project:
             raise InputError(f"{path}: has no place for {key!r}{suggestion(key, known)}: it has {', '.join(known)}")
     if not content.get("images"):
         raise InputError(f'{path}: names no images: add images = ["folder"]')
-    if asked := [key for key in SHARED if content.get(key) == ASK]:
+    asked = [key for key in SHARED if content.get(key) == ASK]
+    content |= dict.fromkeys(asked, answer)
+    if asked and not answer:
         raise InputError(
             f"{path}: do the heights refer to the ellipsoid or to the geoid (sea level)? Set {' and '.join(asked)} = "
             '"ellipsoidal" or "egm2008"'

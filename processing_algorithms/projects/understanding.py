@@ -78,8 +78,9 @@ def understand(content: FolderContent, height_datum: str | None = None) -> Under
             f"{_names(points.control)}: not measured in an image: measure them in the panel HRSI Points, and name "
             "image_points"
         )
-    if has_control:
+    if has_control or (points.ties and all(one.has_heights for one in points.control)):  # a run reports other ids
         made.shared |= {key: value for key, value in points.options.items() if key != "tie_points"}
+    if has_control:
         made.decisions.append(f"{len(surveyed & measured)} of {len(surveyed)} ground points are measured in images")
     elif points.measured:
         points.ties = points.measured

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import zipfile
@@ -9,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from folders import (
+    Row,
     Source,
     airbus_delivery,
     copy,
@@ -26,6 +28,8 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text
 from hrsi.processing_algorithms import run
+
+MEASURED_FIELDS = ["id", "image", "sample", "line"]
 
 
 def zip_beside_delivery(source: Source, folder: Path) -> None:
@@ -356,10 +360,92 @@ def holes_and_zeros(source: Source, folder: Path) -> None:
               header=["image", "point", "ligne", "colonne"])  # fmt: skip
 
 
+def _rows_of_image(source: Source, number: int) -> list[Row]:
+    """Return the measurements in an image with their ground positions in UTM; most points are in several images."""
+    place = {row["id"]: row for row in in_utm(source.ground)}
+    rows = [row for row in source.measured if row["image"] == source.images[number].stem]
+    return [{**place[row["id"]], **row} for k, row in enumerate(rows) if k % 6 != number]
+
+
+def csv_per_image_with_pixels(source: Source, folder: Path) -> None:
+    """A CSV for each image with ground positions and pixels; names of fields that others use."""
+    copy(source, folder, gcps=False)
+    for number in range(3):
+        rows = _rows_of_image(source, number)
+        write_csv(folder / f"image_{number + 1}.csv", rows, ["id", "sample", "line", "lon", "lat", "height"],
+                  header=["Name", "px", "py", "Longitude", "Latitude", "Elev"])  # fmt: skip
+
+
+def text_per_image_with_pixels(source: Source, folder: Path) -> None:
+    """Rows of id, easting, northing, height, column, row, without header."""
+    copy(source, folder, gcps=False)
+    for number in range(3):
+        fields = ["id", "x", "y", "height", "sample", "line"]
+        write_csv(folder / f"image_{number + 1}_gcp.txt", _rows_of_image(source, number), fields, " ", header=[])
+
+
+def geojson_per_image_with_pixels(source: Source, folder: Path) -> None:
+    copy(source, folder, gcps=False)
+    for number in range(3):
+        features = [
+            {"type": "Feature", "geometry": {"type": "Point", "coordinates": [float(row["lon"]), float(row["lat"])]},
+             "properties": {"name": row["id"], "u": float(row["sample"]), "v": float(row["line"]),
+                            "z_ell": float(row["height"])}}
+            for row in _rows_of_image(source, number)
+        ]  # fmt: skip
+        text = json.dumps({"type": "FeatureCollection", "features": features})
+        (folder / f"gcps_image_{number + 1}.geojson").write_text(text)
+
+
+def heights_of_zero(source: Source, folder: Path) -> None:
+    """GCPs whose heights are 0, as programs write points without a height, beside a DEM."""
+    copy(source, folder)
+    rows = [{**row, "height": "0"} for row in source.ground]
+    write_csv(folder / "gcps.csv", rows, ["id", "lon", "lat", "height"])
+
+
+def lines_upwards(source: Source, folder: Path) -> None:
+    copy(source, folder)
+    rows = [{**row, "line": str(-float(row["line"]))} for row in source.measured]
+    write_csv(folder / "measured.csv", rows, ["id", "image", "sample", "line"], header=["id", "image", "x", "y"])
+
+
+def ids_with_zeros(source: Source, folder: Path) -> None:
+    copy(source, folder)
+    number = {row["id"]: k + 1 for k, row in enumerate(source.ground)}
+    for name, fields, width in (("gcps", ["id", "lon", "lat", "height"], 1), ("measured", MEASURED_FIELDS, 3)):
+        rows = [{**row, "id": str(number[row["id"]]).zfill(width)}
+                for row in (source.ground if name == "gcps" else source.measured)]  # fmt: skip
+        write_csv(folder / f"{name}.csv", rows, fields)
+
+
+def measured_at_half_size(source: Source, folder: Path) -> None:
+    copy(source, folder)
+    half = {axis: lambda text: str(float(text) / 2.0) for axis in ("sample", "line")}
+    rows = [{key: half[key](text) if key in half and row["image"] == source.images[2].stem else text
+             for key, text in row.items()} for row in source.measured]  # fmt: skip
+    write_csv(folder / "measured.csv", rows, MEASURED_FIELDS)
+
+
+def heights_in_feet(source: Source, folder: Path) -> None:
+    copy(source, folder, dem=False)
+    rows = [{**row, "height": str(float(row["height"]) / 0.3048)} for row in source.ground]
+    write_csv(folder / "gcps.csv", rows, ["id", "lon", "lat", "height"])
+
+
+#: Folders with a mistake, and what is said of it.
+MISTAKES: dict[Callable[[Source, Path], None], tuple[str, str]] = {
+    lines_upwards: ("lines are negative, counted upwards", "change the sign of the lines"),
+    ids_with_zeros: ("'1' is measured as '001'", "use the same ids in both files"),
+    measured_at_half_size: ("pixels twice as large on image image_3", "measure on the image itself"),
+    heights_in_feet: ("are in feet", "give heights in metres"),
+}
+
 CLIENT_FOLDERS: tuple[Callable[[Source, Path], None], ...] = (
     zip_beside_delivery, zip_alone, airbus_volumes, excel_with_units, comments_and_units, ids_with_blanks,
     swapped_columns, lambert_shapefile, lambert_text, dem_tiles, dem_tiles_in_vrt, dem_alone, copernicus, long_names,
     symlinks, one_broken_rpc, two_rpcs_each, jpeg2000, quick_looks, folders_of_kinds, arcgis_table,
     one_file_of_everything, spreadsheet, foreign_fields, kml_placemarks, georeferencer_with_crs, nitf, mixed_sensors,
     orthoimage_with_rpc_left, ascii_dem_without_crs, points_not_measured, two_surveys, holes_and_zeros,
+    csv_per_image_with_pixels, text_per_image_with_pixels, geojson_per_image_with_pixels, heights_of_zero,
 )  # fmt: skip

@@ -18,10 +18,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import client_folders
 import folders
-from client_folders import CLIENT_FOLDERS
+from client_folders import CLIENT_FOLDERS, MISTAKES
 from contact import REAL, Contact, meet, true_error_px
 from folders import FOLDERS, Source
 
+from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.projects.height_evidence import find_installed_geoid, weigh_hypotheses
 
 MEASURED = {"measured.csv": "image measurements"}
@@ -84,6 +85,11 @@ ROLES |= {
     "two_surveys": {"gcps_2019.csv": "ground points, not used", "gcps.csv": "GCPs: 18", **MEASURED},
     "holes_and_zeros": {"gcp.txt": "GCPs: 18", "mesures.txt": "image measurements: 54", "mnt.tif": "DEM: 114 x 114"},
 }  # fmt: skip
+ROLES |= {
+    "csv_per_image_with_pixels": {f"image_{k}.csv": "GCPs: 15 ground points, with their" for k in (1, 2, 3)},
+    "text_per_image_with_pixels": {f"image_{k}_gcp.txt": "GCPs: 15 ground points, with their" for k in (1, 2, 3)},
+    "geojson_per_image_with_pixels": {f"gcps_image_{k}.geojson": "GCPs: 15 ground points, with" for k in (1, 2, 3)},
+}
 AS_COPIED = {"gcps.csv": "GCPs: 18", **MEASURED}
 #: Folders whose heights nothing can show: the one question is asked.
 ASKED = {"rpc_files_alone", "ascii_dem_without_crs"}
@@ -144,6 +150,26 @@ def test_a_folder_becomes_a_result(layout, source: Source, tmp_path: Path):
         assert met.verdict == "doubtful"
     elif layout is not client_folders.long_names:  # the truth has other names
         assert error < MOST_PX[met.name not in WITHOUT_GCPS], met.text
+
+
+@pytest.mark.parametrize("layout", MISTAKES, ids=lambda one: one.__name__)
+def test_a_mistake_is_named_by_init_and_by_run(layout, source: Source, tmp_path: Path, capsys):
+    folder = lay_out(layout, source, tmp_path / "folder")
+    assert main(["init", str(folder), "--height-datum", "ellipsoidal"]) == 2
+    of_init = capsys.readouterr().err.splitlines()[-1]
+    assert main(["run", str(folder), "--no-report"]) == 3
+    of_run = capsys.readouterr().err
+    for words in MISTAKES[layout]:
+        assert of_init.startswith("ERROR: ") and words in of_init
+        assert words in of_run
+
+
+def test_a_question_is_not_asked_where_no_answer_helps(source: Source, tmp_path: Path, capsys):
+    folder = lay_out(client_folders.heights_in_feet, source, tmp_path / "folder")
+    assert main(["init", str(folder)]) == 2
+    shown = capsys.readouterr()
+    assert "question:" not in shown.err + shown.out
+    assert "ERROR: the heights of the ground points are in feet" in shown.err
 
 
 @pytest.mark.real

@@ -151,6 +151,8 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
                 f"the field is used"
             )
         z = np.where(np.isnan(height), z, height)
+    if reference.surface is not None and np.isfinite(z).sum() > 1 and not np.nan_to_num(z).any():
+        z = np.full(len(table), np.nan)  # programs write 0 for points without a height
     return np.column_stack([x, y, z]), crs, warnings
 
 

@@ -82,6 +82,25 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
+def find_untied_images(evidence: Evidence) -> Iterator[Reason]:
+    """Yield reasons for images that GCPs orient and in which tie points of the others lie, but none is measured."""
+    block, used = evidence.result.block, evidence.adjusting
+    ties, exposure = used & (evidence.row_role == Role.TIE), block.exposure_of_image
+    count, tied = (np.bincount(exposure[block.measurements.image[rows]], minlength=len(block.images))[exposure]
+                   for rows in (used, ties))  # fmt: skip
+    ground = evidence.result.ground[np.unique(block.measurements.point[ties])]
+    for index in np.flatnonzero((count > 0) & (tied == 0)).tolist():
+        image, xy = block.images[index], evidence.refined[index].rpc.project(ground)
+        inside = int(((xy >= image.domain_px[::2]) & (xy <= image.domain_px[1::2])).all(axis=1).sum())
+        if image.size is not None and inside >= SAMPLES.tested:
+            yield Reason(
+                "few-ties", Level.DOUBTFUL,
+                f"no valid tie point on {image.id}, although {inside} of the other images lie in it",
+                "look at its pixels: clouds, another season, or an image that was mirrored or rotated after its RPC",
+                images=(image.id,),
+            )  # fmt: skip
+
+
 def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for parts of a block without GCPs and without common points with the others."""
     parts = [part for part in evidence.result.parts if part.gcps or part.ties]
@@ -119,5 +138,6 @@ def describe_weak_figures(keys: Sequence[str], part: Mapping[str, Any]) -> list[
 
 
 ON_CONNECTIONS = (
-    find_ties_left_out, find_unconnected_images, find_parts_without_control, find_undetermined_accuracy,
+    find_ties_left_out, find_unconnected_images, find_untied_images, find_parts_without_control,
+    find_undetermined_accuracy,
 )  # fmt: skip
