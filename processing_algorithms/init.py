@@ -50,7 +50,7 @@ def run(options: InitOptions, context: Context) -> Report:
 
 
 def summarise(report: Report) -> str:
-    """Return the table of files, the decisions, the steps, and the question, or the next command of a sound plan."""
+    """Return the table of files, the decisions, the steps, and the question or the next command."""
     lines = list(report["table"])
     lines += [f"{step}: {entry['status']}: {entry['told']}" for step, entry in report["steps"].items()]
     if report["question"]:

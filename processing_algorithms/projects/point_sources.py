@@ -36,7 +36,7 @@ DATUM_WORDS = (
     ("egm2008", r"(?<![a-z])(msl|ortho_?h|orthometric|geoid|above_sea|nhn|dhhn|navd|ign69|ngf|evrf|odn)|"
                 r"cop(ernicus)?.?(dem|dsm|glo)|aw3d|nasadem"),
 )  # fmt: skip
-HEIGHT_UNKNOWN, NO_HEIGHT = "the height datum is not known", "have no height"  #: words of warnings of the reader
+HEIGHT_UNKNOWN, HEIGHT_MISSING = "the height datum is not known", "have no height"  #: words of warnings of the reader
 
 
 @dataclass
@@ -190,7 +190,7 @@ def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSo
     return PointSource(
         path, [spec], crs, datum=datum, ground=tables.ground,
         measured=[tables.image] if tables.image is not None else [], notes=notes,
-        has_heights=NO_HEIGHT not in told,
+        has_heights=HEIGHT_MISSING not in told,
     )  # fmt: skip
 
 
@@ -211,7 +211,7 @@ def _complete(spec: str, tables: PointTables, images: Mapping[str, Image], crs: 
             read = _try(f"{spec}|columns=role={name}", images, crs)
             if read is not None and read.ground is not None and (read.ground.role == Role.GCP).any():
                 spec, tables = f"{spec}|columns=role={name}", read
-        if HEIGHT_FIELD.search(name.strip()) and NO_HEIGHT in " ".join(tables.warnings):
+        if HEIGHT_FIELD.search(name.strip()) and HEIGHT_MISSING in " ".join(tables.warnings):
             read = _try(f"{spec}|columns=height={name}", images, crs)
             spec, tables = (spec, tables) if read is None else (f"{spec}|columns=height={name}", read)
     if tables.image is not None:
