@@ -3,6 +3,7 @@
     python benchmarks/generated_mutants.py collect [TEST ...]      which quick tests run which line (needs coverage)
     python benchmarks/generated_mutants.py run [--count 300] [--seed 2] [--minutes 60] [--docs]
     python benchmarks/generated_mutants.py since [WORD ...]        survivors that a named test is said to notice by now
+    python benchmarks/generated_mutants.py chosen [WORD ...]       mutants of outputs, chosen by hand
 
 `collect` writes ``build/mutants/lines.json``; `run` tries each mutant with the tests that run its line, those of the
 oracle first, then those that take least time. It stops at the first that fails, or where all numbers of all outputs of
@@ -12,6 +13,7 @@ A mutant is never written to a file: it is put in place of its module as that is
 ``benchmarks/mutants_sorted_out.toml`` names survivors that change no output (``mutants``), each with the reason, and
 says of others (``survivors``) why no test notices them; these count as survivors. Of survivors of a past state it names
 the test that notices them now (``since``): `since` puts each of these faults into the sources as they are, and runs it.
+Each mutant of ``chosen`` exchanges a text of the sources; the named test must notice it.
 """
 
 from __future__ import annotations
@@ -153,8 +155,10 @@ def tests_of(known: dict, file: str, line: int) -> list[str]:
     return [*oracle, *others]
 
 
-#: Name, file, fault (None: the product as it is) and tests.
-Job = tuple[str, str, Fault | None, list[str]]
+#: What becomes of a module: a fault of one expression, a text and what takes its place, or nothing.
+Change = Fault | tuple[str, str] | None
+#: Name, file, change and tests.
+Job = tuple[str, str, Change, list[str]]
 
 
 # ---- mutants ---------------------------------------------------------------------------------------------------------
@@ -298,7 +302,7 @@ def put_in_place(file: str, code: CodeType) -> None:
     importlib.machinery.SourceFileLoader.get_code = get_code
 
 
-def try_in_child(file: str, fault: Fault | None, tests: list[str], answer: int) -> None:
+def try_in_child(file: str, fault: Change, tests: list[str], answer: int) -> None:
     """Run the tests with the mutant in this process, and write what failed first."""
     os.setsid()
     resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU, MOST_CPU + 5))
@@ -308,7 +312,8 @@ def try_in_child(file: str, fault: Fault | None, tests: list[str], answer: int) 
     os.chdir(ROOT)
     if fault is not None:
         source = (ROOT / file).read_text(encoding="utf-8")
-        put_in_place(file, compile(with_fault(source, fault), str(ROOT / file), "exec"))
+        changed = source.replace(*fault) if isinstance(fault, tuple) else with_fault(source, fault)
+        put_in_place(file, compile(changed, str(ROOT / file), "exec"))
     outputs = Path(f"/tmp/mutant-{os.getpid()}")
 
     def is_same() -> bool:
@@ -325,7 +330,7 @@ def try_in_child(file: str, fault: Fault | None, tests: list[str], answer: int) 
     os.write(answer, told.encode())
 
 
-def start(file: str, fault: Fault | None, tests: list[str]) -> tuple[int, int]:
+def start(file: str, fault: Change, tests: list[str]) -> tuple[int, int]:
     """Start the tests of a mutant in a process of its own; return its id and where it answers."""
     read, write = os.pipe()
     child = os.fork()
@@ -437,22 +442,14 @@ def run(options: argparse.Namespace) -> int:
     return 0 if share >= 0.95 else 1
 
 
-def try_since(words: list[str]) -> int:
-    """Try the survivors that a test notices since, those whose names hold a word; return 1 where one is not noticed."""
-    since = tomllib.loads(SORTED_OUT.read_text()).get("since", {})
-    chosen = {name: entry for name, entry in since.items() if not words or any(word in name for word in words)}
-    jobs: list[Job] = []
-    for name, entry in chosen.items():
-        file = entry.get("file", name.split(":")[0])
-        line, what = int(name.split(":")[1]), name.split(" ", 1)[1]
-        faults = [
-            fault for fault in list_faults((ROOT / file).read_text(encoding="utf-8"))
-            if f"{fault.kind}: {fault.before} -> {fault.after}" == what
-        ]  # fmt: skip
-        if not faults:
-            print(f"GONE      {name}")
-            continue
-        jobs.append((name, file, min(faults, key=lambda fault: abs(fault.line - line)), [entry["test"]]))
+def try_named(step: str, words: list[str]) -> int:
+    """Try the mutants that a named test must notice, of those whose names hold a word; return 1 where one does not."""
+    judged = tomllib.loads(SORTED_OUT.read_text())
+    named = list_since(judged["since"]) if step == "since" else list_chosen(judged["chosen"])
+    chosen = [job for job in named if not words or any(word in job[0] for word in words)]
+    jobs = [job for job in chosen if job[2] is not None]
+    for name in [name for name, _, change, _ in chosen if change is None]:
+        print(f"GONE      {name}")
     missed = len(chosen) - len(jobs)
 
     def done(name: str, failed: str, seconds: float) -> None:
@@ -470,6 +467,25 @@ def try_since(words: list[str]) -> int:
     run_all(jobs, 1, done)
     print(f"{len(jobs)} tried, {missed} of {len(chosen)} are not noticed")
     return 1 if missed else 0
+
+
+def list_since(since: dict[str, dict]) -> Iterator[Job]:
+    """Yield survivors of a past state, each fault where it is in today's sources (None: nowhere)."""
+    for name, entry in since.items():
+        file = entry.get("file", name.split(":")[0])
+        line, what = int(name.split(":")[1]), name.split(" ", 1)[1]
+        faults = [
+            fault for fault in list_faults((ROOT / file).read_text(encoding="utf-8"))
+            if f"{fault.kind}: {fault.before} -> {fault.after}" == what
+        ]  # fmt: skip
+        yield name, file, min(faults, key=lambda fault: abs(fault.line - line), default=None), [entry["test"]]
+
+
+def list_chosen(chosen: list[dict]) -> Iterator[Job]:
+    """Yield mutants chosen by hand (None: the text that they exchange is gone)."""
+    for entry in chosen:
+        is_there = entry["old"] in (ROOT / entry["file"]).read_text(encoding="utf-8")
+        yield entry["name"], entry["file"], (entry["old"], entry["new"]) if is_there else None, [entry["test"]]
 
 
 def drop_false_alarms(results: dict[str, dict]) -> None:
@@ -574,11 +590,12 @@ def main(words: list[str]) -> int:
     own.add_argument("--nice", type=int, default=10)
     own.add_argument("--minutes", type=float, default=float("inf"), help="then the table has what was tried")
     own.add_argument("--again", action="store_true")
-    steps.add_parser("since").add_argument("words", nargs="*")
+    for step in ("since", "chosen"):
+        steps.add_parser(step).add_argument("words", nargs="*")
     own.add_argument("--docs", action="store_true")
     options = parser.parse_args(words)
-    if options.step == "since":
-        return try_since(options.words)
+    if options.step in ("since", "chosen"):
+        return try_named(options.step, options.words)
     return collect(options.tests) if options.step == "collect" else run(options)
 
 

@@ -69,7 +69,11 @@ def test_quickbird_centres_are_better_by_half(thesis_data):
     with open(thesis_data / "quickbird_ms_pan_tie_points.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     ms, pan = (np.array([[float(r[f"{i}_sample"]), float(r[f"{i}_line"])] for r in rows]) for i in ("ms", "pan"))
-    result = compare_kinds(ms, pan, np.array([r["kind"] for r in rows]), unit=0.61)
+    kinds = np.array([r["kind"] for r in rows])
+    result = compare_kinds(ms, pan, kinds, unit=0.61)
+    centre = np.column_stack([ms, np.ones(len(ms))])[kinds == "center"]
+    left = pan[kinds == "center"] - centre @ np.linalg.lstsq(centre, pan[kinds == "center"], rcond=None)[0]
+    assert result.alone["center"].distance == pytest.approx(0.61 * np.hypot(*left.std(axis=0, ddof=1)), rel=1e-6)
     print({kind: round(row.distance, 2) for kind, row in result.together.items()}, result.ratio())
     assert result.together["center"].distance == pytest.approx(1.0, abs=0.05)
     assert result.together["corner"].distance == pytest.approx(2.1, abs=0.05)
