@@ -7,7 +7,6 @@ into docs/protocols/robustness.md.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import sys
 import tempfile
@@ -37,10 +36,10 @@ from bad_inputs import (  # noqa: E402  # lies with the tests
 )
 from every_algorithm import inputs_of, make_scene  # noqa: E402
 
-from hrsi.benchmarks.robustness_page import write_section  # noqa: E402
-from hrsi.benchmarks.thesis_tables import render  # noqa: E402
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections  # noqa: E402
 from hrsi.processing_algorithms import REGISTRY  # noqa: E402
 
+PAGE = DOCS / "protocols/robustness.md"
 HANGS = "hanging /vsicurl"
 PATIENCE_S = "1"  # of the requests here; a user's or the program's own patience is longer
 LONGEST_S = 60.0  # that a case may take
@@ -77,10 +76,9 @@ def row_of(name: str, found: Sequence[Outcome]) -> list[str]:
 
 def main(words: Sequence[str]) -> int:
     """Print the tables; return 1 where a case is wrong."""
-    parser = argparse.ArgumentParser(prog="bad_inputs.py", description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("names", nargs="*", metavar="ALGORITHM", help="only these")
     parser.add_argument("--jobs", type=int, default=2, help="algorithms at the same time")
-    parser.add_argument("--docs", action="store_true")
     options = parser.parse_args(list(words))
     by_name: dict[str, list[Outcome]] = {}
     by_kind: dict[str, list[Outcome]] = defaultdict(list)
@@ -98,17 +96,8 @@ def main(words: Sequence[str]) -> int:
     second = render(["kind", *HEAD], [row_of(*one) for one in by_kind.items()])
     print(f"\n{first}\n\n{second}")
     if options.docs:
-        write_section("Bad input", "benchmarks/bad_inputs.py", EXPLANATION, first, second)
+        write_sections(PAGE, {"Bad input": f"{first}\n\n{second}"})
     return 1 if any(outcome.wrong for outcome in every) else 0
-
-
-EXPLANATION = """\
-Each case is one command line with one fault, at one of the inputs that the algorithm declares or at its output folder.
-*Refused*: the command ends with exit code 1 or 2 and one line. The line names the file, or the images to which the file
-does not belong. The output folder contains only finished parts that are kept on purpose. *Reported*: a result with a
-warning or a verdict that names the fault. *Done*: the fault does not affect the result, such as blanks in a path, or a
-camera where none is necessary. *Wrong*: any other ending. Examples are a traceback, more than one line, a fault that is
-not reported, a changed input and files that are left behind."""
 
 
 if __name__ == "__main__":

@@ -7,15 +7,13 @@ on a datum.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DOCS
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, judge
 from hrsi.hrsi_engine.block.block import Block
 from hrsi.hrsi_engine.laboratory.simulation import (
@@ -59,14 +57,13 @@ def judge_block(block: Block) -> Verdict:
     return judge(adjust(block, AdjustOptions()), before)
 
 
-def main(words: Sequence[str] = ()) -> None:
+def main(words: Sequence[str] | None = None) -> None:
     """Print the table; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(prog="biased_rpcs.py", description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--seeds", default="100:101", metavar="A:B", help="seeds from A to below B")
     parser.add_argument("--factors", nargs="*", type=float, default=[5.0, 7.5, 10.0], help="biases over the CE90")
     parser.add_argument("--sensors", nargs="+", default=list(FIGURES_M), metavar="NAME")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
-    options = parser.parse_args(list(words))
+    options = parser.parse_args(words)
     first, last = map(int, options.seeds.split(":"))
     rows = []
     for sensor in options.sensors:
@@ -88,21 +85,9 @@ def main(words: Sequence[str] = ()) -> None:
             ])  # fmt: skip
             print(" | ".join(rows[-1]), flush=True)
     head = ["sensor", "bias", "ok", "doubtful", "unusable", "blamed on a datum", "named as biased", "other reasons"]
-    table = render(head, rows)
     if options.docs:
-        PAGE.write_text(INTRODUCTION.format(words=" ".join(words).strip()) + "\n" + table + "\n", encoding="utf-8")
+        write_sections(PAGE, {"": render(head, rows)})
 
-
-INTRODUCTION = """# RPCs biased beyond their sensor's figure
-
-Made by `python benchmarks/biased_rpcs.py {words}`. What each reason means: [verdict](../verdict.md).
-
-For each simulated sensor there are two images, eight GCPs and thirty check points. Both RPCs have the same error of the
-orbit, 5 to 10 times the CE90 of the sensor without ground control, in eight directions. Nothing else is wrong, and the
-GCPs take the error away. So no block may be unusable, and no datum may be blamed.
-"""
 
 if __name__ == "__main__":
-    import sys
-
-    main(sys.argv[1:])
+    main()

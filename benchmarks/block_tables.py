@@ -6,7 +6,6 @@ writes docs/protocols/accuracy_blocks.md and its figures. The data lie in HRSI_T
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -18,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hrsi.benchmarks import hobart_monte_carlo
-from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.benchmarks.real_blocks import (
     TEN,
     ZY3_CONTROL,
@@ -34,7 +33,6 @@ from hrsi.benchmarks.real_blocks import (
     unmeasured,
     zy3,
 )
-from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import predict_accuracy
@@ -52,7 +50,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 
 PAGE = DOCS / "protocols/accuracy_blocks.md"
 Three = tuple[float, float, float]
-Section = tuple[str, str, Sequence[str], list[list[str]]]
+Section = tuple[str, Sequence[str], list[list[str]]]  # title, head, rows
 #: RMSE of check points X Y Z in m with 1 to 10 (unnamed) GCPs, shift and affine: tables 5.4 (Hobart), 5.5 (Melbourne).
 TABLE_5_4: list[tuple[Three, Three]] = [
     ((0.564, 0.643, 0.943), (0.564, 0.643, 0.943)), ((0.570, 0.668, 0.928), (0.573, 0.658, 1.152)),
@@ -116,12 +114,7 @@ def hobart_by_kind() -> Section:
         drift = [part.sigma for part in result.variance_components if part.unit == "px/px"]
         kinds = (metres(check_rmse(result, kind)) for kind in ("center", "corner"))
         rows.append([text, *kinds, f"{drift[0]:.1e}" if drift else ""])
-    text = (
-        "The block has 10 named GCPs. The table has the RMSE east, north, height in m. The target for the centres, "
-        "with the measurements of the check points as tie points, is 0.43 0.31 1.12. With variance components the "
-        "standard deviation of the attitude drift is estimated too (px/px)."
-    )
-    return "Hobart, IKONOS triplet", text, ("check points", "31 centres", "30 corners", "drift"), rows
+    return "Hobart, IKONOS triplet", ("check points", "31 centres", "30 corners", "drift"), rows
 
 
 def hobart_kinds() -> Section:
@@ -131,11 +124,7 @@ def hobart_kinds() -> Section:
         sigma = {part.group: part.sigma for part in adjust(block, ESTIMATED).variance_components}
         centre, corner = sigma["image points: center"], sigma["image points: corner"]
         rows.append([text, f"{centre:.3f}", f"{corner:.3f}", f"{corner / centre:.2f}"])
-    text = (
-        "The sigmas in px are estimated from the residuals, with a given sigma of 0.5 px for both kinds. Two rays show "
-        "only errors across the epipolar line, so tie points alone show half of the error of a corner."
-    )
-    return "Hobart, variance components", text, ("points", "centres", "corners", "ratio"), rows
+    return "Hobart, variance components", ("points", "centres", "corners", "ratio"), rows
 
 
 def hobart_chance() -> Section:
@@ -145,14 +134,8 @@ def hobart_chance() -> Section:
         change, spread = hobart_monte_carlo.height_changes(drift)
         more = float(np.mean(change >= hobart_monte_carlo.MEASURED_M))
         rows.append([f"{drift:.0e}", f"{change.mean():+.3f}", f"{change.std():.3f}", f"{more:.1%}", f"{spread:.3f}"])
-    text = (
-        "The blocks are simulated with the geometry of Hobart and the noise estimated above, "
-        f"{hobart_monte_carlo.RUNS} runs for each drift. The table has the change of the height RMSE of the centres if "
-        "the measurements of the check points are used as tie points (shift). Its fourth column is the share of runs "
-        f"in which the RMSE increases by {hobart_monte_carlo.MEASURED_M} m, the increase of the real block, or more."
-    )
     head = ("true drift, px/px", "mean change m", "its std m", "share as large or larger", "std of the RMSE m")
-    return "Hobart, Monte Carlo", text, head, rows
+    return "Hobart, Monte Carlo", head, rows
 
 
 def table_5_4() -> Section:
@@ -163,17 +146,11 @@ def table_5_4() -> Section:
         more = [_hobart_cell(count, options, "affine") for options in (TIES, ESTIMATED)]
         generic = _hobart_cell(count, TIES, "generic-affine")
         rows.append([str(count), metres(shift), *bias, metres(affine), *more, generic])
-    text = (
-        "The table has the RMSE X, Y, Z of all check points in m, including corners. The GCPs of the thesis are not "
-        "named; here the first ones of the ten are used. The measurements of the check points are used as tie points, "
-        "because not every GCP is on image 2.\n\n"
-        "![Figure 5.5](../figure_5_5.svg)"
-    )
     head = (
         "GCPs", "shift, printed", "shift", "generic-shift", "affine, printed", "affine", "affine, drift estimated",
         "generic-affine",
     )  # fmt: skip
-    return "Table 5.4 and figure 5.5: Hobart, 1 to 10 GCPs", text, head, rows
+    return "Table 5.4 and figure 5.5: Hobart, 1 to 10 GCPs", head, rows
 
 
 def _hobart_cell(count: int, options: AdjustOptions, model: str) -> str:
@@ -209,16 +186,8 @@ def table_5_5(name: str, printed: list[tuple[Three, Three]]) -> Section:
         some = [with_gcps(block, count) for block in blocks]
         ours = [_simulated_cell(some, replace(PLAIN, model="affine", variance_components=yes)) for yes in (False, True)]
         rows.append([str(count), metres(shift), _simulated_cell(some, PLAIN), metres(affine), *ours])
-    sensor, images, checks = SIMULATED[name]
-    picture = "\n\n![Figure 5.6](../figure_5_6.svg)" if name.startswith("QuickBird") else ""
-    text = (
-        f"The table has the RMSE X, Y, Z of {checks} check points in m. The simulation has {images} images of 12 000 x "
-        f"12 000 px ({sensor}) and 200 tie points, with noise of {NOISE.image_px} px, and GCPs with {NOISE.gcp_xy_m} m "
-        f"in plan and {NOISE.gcp_h_m} m in height. The values are the RMS of {len(SEEDS)} blocks. Ground, cameras and "
-        f"measurements of the field of the thesis are not published.{picture}"
-    )
     head = ("GCPs", "shift, printed", "shift, simulated", "affine, printed", "affine", "affine, drift estimated")
-    return f"Simulated {name}, 1 to 10 GCPs", text, head, rows
+    return f"Simulated {name}, 1 to 10 GCPs", head, rows
 
 
 def _simulated_cell(blocks: list[Block], options: AdjustOptions) -> str:
@@ -238,12 +207,8 @@ def formal_sigmas() -> Section:
         block = simulated_blocks(name)[0]
         for model in ("shift", "affine"):
             rows.append([f"{name}, simulated ({model})", *_formal(adjust(block, replace(PLAIN, model=model)))])
-    text = (
-        "The table has the mean formal sigmas X, Y, H of the check points in m with 10 GCPs, and their observed and "
-        "predicted RMSE. The sigmas of the thesis do not include the errors of the GCPs themselves."
-    )
     head = ("block", "observed RMSE", "mean sigma", "predicted RMSE", "sigma0")
-    return "Tables 5.2 and 5.3: formal accuracy", text, head, rows
+    return "Tables 5.2 and 5.3: formal accuracy", head, rows
 
 
 def _formal(result: Adjustment) -> list[str]:
@@ -271,15 +236,14 @@ def zy3_models() -> Section:
         ("affine, as tie points, variance components", replace(ESTIMATED, model="affine")),
     ):
         rows.append([text, metres(check_rmse(adjust(zy3(), options)))])
-    text = "The table has the RMSE E, N, H in m."
-    return "ZY-3, 7 control and 35 check points", text, ("model", "35 check points"), rows
+    return "ZY-3, 7 control and 35 check points", ("model", "35 check points"), rows
 
 
 def zy3_blunders() -> Section:
     """Return ZY-3 with each GCP wrong in turn, beside the block in which it was never measured there."""
     tested = AdjustOptions(model="shift")
     clean = check_rmse(adjust(zy3(), tested))
-    rows = []
+    rows = [["none", "", metres(clean), "", "", ""]]
     for name in ZY3_CONTROL:
         for where, bad, oracle in (
             ("forward image", mismeasured(zy3(), name, (0,)), unmeasured(zy3(), name, 0)),
@@ -293,13 +257,8 @@ def zy3_blunders() -> Section:
                 f"{name}, {where}", named, metres(untested), percent(ours / clean), percent(floor / clean),
                 percent(ours / floor),
             ])  # fmt: skip
-    text = (
-        f"One GCP is displaced by 40 px. The table has the change of the RMSE E, N, H of the 35 check points in %, "
-        f"relative to {metres(clean)} m. The *limit* is the same block without the wrong observation, which is the "
-        "best possible result. The last column is the loss relative to this limit."
-    )
     head = ("wrong GCP", "reported", "untested, m", "tested, %", "limit, %", "tested relative to limit, %")
-    return "ZY-3 with one wrong GCP", text, head, rows
+    return "ZY-3 with one wrong GCP", head, rows
 
 
 def _the_35(result: Adjustment) -> np.ndarray:
@@ -313,8 +272,7 @@ def quickbird_loo() -> Section:
         error = adjust(quickbird(), replace(PLAIN, model=model, cross_validate=True)).cross_validation.error_m
         away = np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1)))
         rows.append([model, f"{away / 6.5:.3f}", metres(np.sqrt(np.mean(error[:, :2] ** 2, axis=0)))])
-    text = "The errors are leave-one-out errors of the GCPs."
-    return "QuickBird-2, 5 GCPs", text, ("model", "RMSE, px", "east, north, m"), rows
+    return "QuickBird-2, 5 GCPs", ("model", "RMSE, px", "east, north, m"), rows
 
 
 def tie_blocks() -> Section:
@@ -338,15 +296,10 @@ def tie_blocks() -> Section:
                 text, model, f"{before:.3f}", f"{every:.3f}", f"{tie_rmse(result, rays):.3f}",
                 f"{out} of {len(block.measurements)}", str(gross), f"{seconds:.1f}",
             ])  # fmt: skip
-    text = (
-        "The table has the RMSE per observation in px. The tie points of the s2p triplet are independent tracks of "
-        "SIFT (OpenCV). With them sat-bundleadjust and CARS reach 0.154 px in 225 and 203 s (whole chain). SPOT 7 has "
-        "115 109 external tie points of MicMac."
-    )
     head = (
         "block", "model", "RPCs of the vendor", "all measurements", "tested", "rejected", "beyond 10 sigma", "seconds",
     )  # fmt: skip
-    return "Tie points only", text, head, rows
+    return "Tie points only", head, rows
 
 
 # ---- output --------------------------------------------------------------------------------------------------------
@@ -363,11 +316,6 @@ SUBJECTS: dict[str, tuple[Callable[[], Section], ...]] = {
     "quickbird": (quickbird_loo,),
     "ties": (tie_blocks,),
 }
-INTRODUCTION = f"""# Accuracy: blocks
-
-Made by `python benchmarks/accuracy.py blocks --docs`. How the adjustment works: [adjustment](../adjustment.md).
-
-{HOBART_NOTE}"""
 
 
 def sections(names: Sequence[str]) -> Iterator[Section]:
@@ -392,29 +340,23 @@ def figure(path: Path, title: str, rows: list[list[str]], curves: dict[str, int]
         drawn.savefig(path, format="svg", metadata={"Date": None})
 
 
-def main(words: Sequence[str] = (), write: Callable[[str], object] = print) -> None:
-    """Print the tables of the named subjects, or all; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(prog="accuracy.py blocks", description=__doc__)
+def main(words: Sequence[str] | None = None, write: Callable[[str], object] = print) -> None:
+    """Print the tables of the named subjects, or all; ``--docs`` writes them into the page, and its figures."""
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("names", nargs="*", choices=[*SUBJECTS, []], metavar="NAME", help="subjects; default: all")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name} and its figures")
-    options = parser.parse_args(list(words))
-    if options.docs and options.names:
-        parser.error("--docs writes all tables: leave the names out")
-    parts = [INTRODUCTION]
-    for title, text, head, rows in sections(options.names):
-        table = render(head, rows)
-        write(f"\n{title}\n{text}\n\n{table}")
-        parts.append(f"## {title}\n\n{text}\n\n{table}\n")
+    options = parser.parse_args(words)
+    tables = {}
+    for title, head, rows in sections(options.names):
+        tables[title] = render(head, rows)
+        write(f"\n{title}\n\n{tables[title]}")
         if options.docs and title.startswith(("Table 5.4", "Simulated QuickBird")):
             name, field = ("figure_5_5", "Hobart") if "5.4" in title else ("figure_5_6", "QuickBird")
             figure(
                 PAGE.parent / f"{name}.svg", field, rows, {label: head.index(label) for label in head if label in DRAWN}
             )
     if options.docs:
-        PAGE.write_text("\n".join(parts), encoding="utf-8")
+        write_sections(PAGE, tables)
 
 
 if __name__ == "__main__":
-    import sys
-
-    main(sys.argv[1:])
+    main()

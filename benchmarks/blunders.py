@@ -9,7 +9,6 @@ docs/protocols/accuracy_blunders.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -18,8 +17,7 @@ import numpy as np
 from scipy import special, stats
 
 from hrsi.benchmarks.adjust_speed import visible_sigmas
-from hrsi.benchmarks.pages import DOCS
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment, Decision
 from hrsi.hrsi_engine.block.block import Block, Role
@@ -36,7 +34,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 PAGE = DOCS / "protocols/accuracy_blunders.md"
 TESTED = AdjustOptions(reject_sigma=4.0)  # as the command line does
 SHOWN = 10.0  # sigmas in its own residual from which a blunder must be found
-Section = tuple[str, str, Sequence[str], list[list[str]]]
+Section = tuple[str, Sequence[str], list[list[str]]]  # title, head, rows
 
 
 @cache
@@ -159,23 +157,11 @@ def wrong_ties(seeds: Sequence[int]) -> Section:
                     " ".join(f"{value:+.1f}" for value in change), f"{score.alarms / max(score.right, 1):.3%}",
                     f"{score.lost / score.good:.1%}", str(score.named), str(findings),
                 ])  # fmt: skip
-    text = (
-        f"Each row has {len(seeds)} blocks: IKONOS, 10 GCPs, 60 check points, 400 tie points, 0.3 px. The columns "
-        "are:\n\n* Rejected: the share of the wrong measurements that are rejected. Only those are counted that would "
-        f"show more than {SHOWN:g} sigma in their own residuals if all others were correct.\n"
-        "* Noticeable: the same, for measurements that a test of their point alone would detect with known cameras. "
-        "With two rays the errors of both can cancel, and no test detects them.\n"
-        "* Check RMSE: the change of the RMSE E, N, H relative to the same blocks without blunders.\n"
-        "* False alarms: the rejected share of correct measurements at points without a wrong one.\n"
-        "* Lost: the rejected share of all correct measurements. Most of them are at points with a wrong one.\n"
-        "* Reported: the number of correct measurements that are reported as blunders.\n"
-        "* GCPs reported: the number of GCPs that are reported as wrong. All GCPs are correct."
-    )
     head = (
         "rays", "px", "wrong", "rejected", "noticeable", "check RMSE, %", "false alarms", "lost", "reported",
         "GCPs reported",
     )  # fmt: skip
-    return "Wrong tie measurements", text, head, rows
+    return "Wrong tie measurements", head, rows
 
 
 # ---- control -------------------------------------------------------------------------------------------------------
@@ -245,14 +231,8 @@ def wrong_control(seeds: Sequence[int]) -> Section:
                     f"{sensor}, {images}", f"{wrong} of {gcps}", what, f"{named / (wrong * len(seeds)):.1%}",
                     f"{right_kind / max(named, 1):.0%}", str(falsely), str(undecided),
                 ])  # fmt: skip
-    text = (
-        f"Each row has {len(seeds)} blocks with 200 tie points. Reported: the share of the wrong GCPs that are "
-        "reported. Kind: the share of these with the correct kind of error (height, ground position or measurement). "
-        "False reports: the number of blocks in which a correct GCP is reported. Undecided: the number of blocks with "
-        "groups of GCPs of which one must be wrong, but which one is not determined."
-    )
     head = ("sensor, images", "wrong GCPs", "error", "reported", "kind", "false reports", "undecided")
-    return "Wrong GCPs", text, head, rows
+    return "Wrong GCPs", head, rows
 
 
 def masked_control(seeds: Sequence[int]) -> Section:
@@ -278,15 +258,8 @@ def masked_control(seeds: Sequence[int]) -> Section:
                     f"{sensor}, {images}", f"{wrong} of {gcps}", stated, what, f"{named / (wrong * len(seeds)):.1%}",
                     str(falsely), str(undecided),
                 ])  # fmt: skip
-    text = (
-        f"Each row has {len(seeds)} blocks with 200 tie points. The sigmas of the GCPs are given as in the third "
-        "column. If they are 0.2 and 20 m in turn, GCPs of 0.2 m are wrong, and the others have errors of the given "
-        "size. Reported: the share of the wrong GCPs that are reported. If one of three GCPs of 0.2 m has a wrong "
-        "height (1 of 6), this is a tilt, which attitude drift explains equally well. Shifts of single GCPs of 0.2 m, "
-        "and of horizontal control, are often not distinguished from attitude drift either."
-    )
     head = ("sensor, images", "wrong GCPs", "sigmas", "error", "reported", "false reports", "undecided")
-    return "Wrong GCPs of unequal sigmas", text, head, rows
+    return "Wrong GCPs of unequal sigmas", head, rows
 
 
 def _right_kind(mistake: str, what: str) -> bool:
@@ -361,13 +334,7 @@ def clean_blocks(seeds: Sequence[int]) -> Section:
             accused += bool(result.findings)
             tied += bool((result.decision != Decision.KEPT).any())
         rows.append([what, str(len(seeds)), str(accused), str(tied)])
-    sensors = ", ".join(f"{sensor} ({images} images)" for sensor, images in CLEAN)
-    text = (
-        f"The blocks have in turn images of {sensors}. They have 6 or 10 GCPs in turn, and 200 tie points. The table "
-        "has the number of blocks with a reported GCP (alone or in one of two groups), and that of blocks with any "
-        "rejected measurement."
-    )
-    return "Error-free blocks", text, ("sigmas of the GCPs", "blocks", "GCP reported", "measurement rejected"), rows
+    return "Error-free blocks", ("sigmas of the GCPs", "blocks", "GCP reported", "measurement rejected"), rows
 
 
 # ---- output --------------------------------------------------------------------------------------------------------
@@ -380,42 +347,27 @@ PARTS: dict[str, tuple[Callable[[Sequence[int]], Section], int]] = {
     "clean": (clean_blocks, 100),
 }
 FIRST_SEED = 2000
-TITLES = ("Wrong tie measurements", "Wrong GCPs", "Wrong GCPs of unequal sigmas", "Error-free blocks")
-INTRODUCTION = """# Accuracy: blunders
-
-Made by `python benchmarks/blunders.py --docs`. How blunders are found: [adjustment](../adjustment.md).
-"""
-
-
-def write_page(made: dict[str, str]) -> None:
-    """Write the page with the sections ``made``; those that are there and were not made again stay."""
-    text = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
-    found = {part.splitlines()[0]: part.split("\n", 1)[1] for part in text.split("\n## ")[1:]} | made
-    parts = [f"## {title}\n{found[title]}" for title in TITLES if title in found]
-    PAGE.write_text("\n".join([INTRODUCTION, *parts]), encoding="utf-8")
 
 
 def main() -> None:
     """Print the tables; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("names", nargs="*", choices=[*PARTS, []], metavar="PART", help="parts; default: all")
     parser.add_argument(
         "--seeds", nargs=2, type=int, metavar=("FIRST", "END"), help="other seeds than the judging ones"
     )
-    parser.add_argument("--docs", action="store_true", help=f"write the tables into {PAGE.name}")
     options = parser.parse_args()
     if options.docs and options.seeds:
         parser.error("--docs takes the judging seeds: leave --seeds out")
-    made: dict[str, str] = {}
+    tables: dict[str, str] = {}
     for name in options.names or PARTS:
         make, count = PARTS[name]
         seeds = range(*options.seeds) if options.seeds else range(FIRST_SEED, FIRST_SEED + count)
-        title, text, head, rows = make(seeds)
-        table = render(head, rows)
-        print(f"\n{title}\n{text}\n\n{table}", flush=True)
-        made[title] = f"\n{text}\n\n{table}\n"
+        title, head, rows = make(seeds)
+        tables[title] = render(head, rows)
+        print(f"\n{title}\n\n{tables[title]}", flush=True)
     if options.docs:
-        write_page(made)
+        write_sections(PAGE, tables)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,14 @@
 """Chapter 2 of the thesis, figure by figure: corners against gravity centres.
 
-    python benchmarks/chapter2.py [--data DIR] [--trials 400] [--page docs/protocols/chapter2.md]
+    python benchmarks/chapter2.py [--data DIR] [--trials 400] [--docs]
 
 Tables 2.1 to 2.3 by enumeration, with the entries in which the thesis differs; the same by Monte Carlo over positions,
 orientations, sizes, blur and noise; ellipse centres from hand-measured edge points; registration of the QuickBird MS
-and PAN images; the Hobart points checked on themselves by intersection. ``--page`` writes it all as Markdown.
+and PAN images; the Hobart points checked on themselves by intersection. ``--docs`` writes it all into the page.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 from contextlib import redirect_stdout
@@ -17,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DATA
+from hrsi.benchmarks.pages import DATA, DOCS, make_parser
 from hrsi.benchmarks.sampling_analysis import THESIS, table_2_1, table_2_2, table_2_3
 from hrsi.benchmarks.sampling_simulation import CASES, simulate_sampling
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -30,6 +29,7 @@ from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.registration import MethodComparison, compare_kinds
 from hrsi.hrsi_engine.measurement.targets.ellipse import FITS, fit_ellipse
 
+PAGE = DOCS / "protocols/chapter2.md"
 QUICKBIRD_PAN_M = 0.61
 NAMES = {"center": "centre"}  # kinds of points, as the page writes them
 #: Averages that table 2.1 prints for corners and centres, by case.
@@ -214,45 +214,19 @@ def print_all(data: Path, trials: int) -> None:
 
 
 def main() -> None:
-    """Print the figures; write them as a page where asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Print the figures; ``--docs`` writes them into the page, whose conclusions stay."""
+    parser = make_parser(__doc__.splitlines()[0], PAGE)
     parser.add_argument("--data", type=Path, default=DATA / "thesis")
     parser.add_argument("--trials", type=int, default=400)
-    parser.add_argument("--page", type=Path)
     given = parser.parse_args()
     text = io.StringIO()
     with redirect_stdout(text):
         print_all(given.data, given.trials)
     print(text.getvalue())
-    if given.page:
-        head = (
-            "# Corners against gravity centres: chapter 2 of the thesis\n\nMade by `benchmarks/chapter2.py --page`.\n"
-        )
-        given.page.write_text(head + text.getvalue() + REMARKS, encoding="utf-8")
-
-
-REMARKS = """
-## Conclusions
-
-Table 2.1: in case 3 the average of the corners is 2.70 (its two values are 1.58 and 3.81), not 2.25. In case 11 both
-the columns and the rows are ambiguous. Nine outcomes are possible and not three, and the average of the centres is
-2.15, not 1.33. The totals become 2.80 and 1.36 px, and the ratio 48.6 % instead of 47.3 %. Values such as 2.91 and 3.53
-are truncated, not rounded. Table 2.2 is correct. Its average of the rows is 0.65 without intermediate rounding (0.66
-printed), which makes the ratio 60.3 % instead of 59.6 %.
-
-Monte Carlo: with whole pixels and 1:4 the ratio of table 2.1 is confirmed for its object along the pixels (about 49 %).
-Most of the error of the corner is a constant towards the corner, because the centre of a coarse corner pixel is farther
-inside. A registration absorbs it only if all corners have the same direction. In any orientation the centre is much
-more accurate, because its errors average over the whole outline.
-
-At the same resolution the ratio of 60 % applies only to the chosen half-pixel positions. At any other position, an
-object of a whole number of pixels along the pixels is rounded as one piece. Its centre is then no more accurate than
-its corner. If the object is rotated, the error of the centre is a third or less of that of the corner, and decreases
-with the size of the object.
-
-With sub-pixel measurement the centre is about three times more accurate at the same resolution. Between resolutions the
-strongest corner response moves inwards by a constant number of pixels of each image, so it must be corrected.
-"""
+    if given.docs:
+        head, _, table = PAGE.read_text(encoding="utf-8").partition("\nTable 2.1: ")
+        remarks = table.partition("\n## ")[2]
+        PAGE.write_text(f"{head}{text.getvalue()}\n## {remarks}", encoding="utf-8")
 
 
 if __name__ == "__main__":

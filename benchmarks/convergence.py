@@ -14,7 +14,6 @@ check RMSE : px in sample and line (images), m east, north, height (blocks)
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,17 +22,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hrsi.benchmarks import real_blocks
-from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse
 from hrsi.benchmarks.spot5 import read_spot5
-from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.preparation.preparation import prepare_problem
 from hrsi.hrsi_engine.adjustment.preparation.problem import Problem
 from hrsi.hrsi_engine.block.block import Block, Image, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent
-from hrsi.hrsi_engine.foundation.thresholds import ITERATIONS
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
 from hrsi.hrsi_engine.refinement import MODELS
@@ -268,23 +265,6 @@ def _each(models: dict, run: Callable[[str], Run], points: int | None) -> tuple[
 
 
 HEAD = ("model", "iterations", "status", "cost", "away, sigma", "check RMSE")
-INTRODUCTION = f"""# Convergence of all models
-
-Made by `python benchmarks/convergence.py --docs`. Every model is estimated on every real dataset, with
-{ITERATIONS.most} iterations at most.
-
-The column *away* is the distance from the minimum in standard deviations. SciPy's `least_squares` finds the minimum
-from two starts: the RPCs of the vendor, and the solution of HRSI. Its tolerances are 1e-13, and its residuals are those
-of the corrected camera itself. The distance is 0 if the cost of the solution of HRSI is not higher. A solution within
-{AT_THE_MINIMUM} sigma is at the minimum, independent of its status. The check RMSE is in px (sample, line) for images,
-and in m (east, north, height) for blocks.
-
-By definition `idkf` and `slss` use every point once. If their solution is not within 0.1 sigma of the minimum, their
-status contains the distance. An error of 0.1 rad shifts the image by 30 000 pixels. The direct methods are not designed
-for such errors, and their 78 coefficients then have several minima. If one is stopped far from all of them, its place
-depends on the computer, and its numbers are left out.
-
-{HOBART_NOTE}"""
 
 
 def summary(found: Sequence[Run]) -> list[str]:
@@ -301,28 +281,27 @@ def summary(found: Sequence[Run]) -> list[str]:
 
 def main() -> int:
     """Print the tables, ``--docs`` writes the page; return 1 where a model misses its minimum."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("names", nargs="*", help="parts of titles; default: all sets")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     words = parser.parse_args()
     if words.docs and words.names:
         parser.error("--docs writes all tables: leave the names out")
-    overview, parts, wrong = [], [], []
+    overview, sections, wrong = [], {}, []
     for title, found, refused in runs(words.names):
         known = (*ONE_PASS, *LOCAL_MINIMA.get(title, ()))
         wrong += [f"{title}: {run.model}" for run in found if not run.is_at_minimum and run.model not in known]
         overview.append([title, *summary(found)])
-        lines = [f"## {title}", "", render(HEAD, [run.row() for run in found]), ""]
-        lines += ["Not estimated:", "", *(f"* {text}" for text in refused), ""] if refused else []
-        parts.append("\n".join(lines))
-        print(parts[-1], flush=True)
+        lines = [render(HEAD, [run.row() for run in found])]
+        lines += ["", "Not estimated:", "", *(f"* {text}" for text in refused)] if refused else []
+        sections[title] = "\n".join(lines)
+        print(f"## {title}\n\n{sections[title]}\n", flush=True)
     head = (
         "set", "models", "iterations, median", "most", "not at the minimum", "largest distance of the others, sigma",
     )  # fmt: skip
     table = render(head, overview)
     print(table)
     if words.docs:
-        PAGE.write_text("\n".join([INTRODUCTION, table, "", *parts]).rstrip() + "\n", encoding="utf-8")
+        write_sections(PAGE, {"": table} | sections)
     print("\n".join(f"not at the minimum, and it should be: {one}" for one in wrong))
     return int(bool(wrong))
 

@@ -6,7 +6,6 @@ forked processes with limits. What fails is kept where ``--keep`` says.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import multiprocessing
 import os
@@ -20,14 +19,14 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # a process that fork
     os.environ[_name] = "1"
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from damaged_files import DAMAGES, MOST_BYTES, MOST_SECONDS, READERS, Ending, Laboratory, SoundFile, sound_files  # noqa: E402
+from damaged_files import DAMAGES, READERS, Ending, Laboratory, SoundFile, sound_files  # noqa: E402
 
-from hrsi.benchmarks.pages import DOCS  # noqa: E402
-from hrsi.benchmarks.thesis_tables import render  # noqa: E402
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections  # noqa: E402
 
 #: Readers whose readings take long: each so many turns they have one.
 LONG = {"adjust": 5, "layers": 5, "session": 3}
 BATCH = 40  # readings of a process: a new one for each takes longer than most readings
+PAGE = DOCS / "protocols/damaged_files.md"
 FAULTS = ("crash", "traceback", "time", "memory")
 
 
@@ -72,7 +71,7 @@ def _examine(jobs: tuple[list[Job], Path | None]) -> list[tuple[SoundFile, str, 
 
 def main() -> int:
     """Damage, read, print the tables; return 1 where a reading failed."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--files", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--readers", nargs="*", choices=READERS, default=list(READERS))
@@ -80,7 +79,6 @@ def main() -> int:
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="end then, with fewer files")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--docs", action="store_true")
     options = parser.parse_args()
     counts: Counter[tuple[str, str, str]] = Counter()
     slowest: dict[str, Ending] = {}
@@ -108,17 +106,17 @@ def main() -> int:
                     cost = f"{ending.seconds:.1f} s, {ending.bytes / 2**20:.0f} MiB"
                     print(f"{ending.how} {file.reader} {file.name} {kind} {seed}: {cost}\n{ending.text}", flush=True)
     print(f"{time.monotonic() - started:.0f} s")
-    text = render_tables(counts, slowest, largest, len(files))
-    print(text)
+    sections = make_sections(counts, slowest, largest)
+    print(f"{len(files)} undamaged files", *sections.values(), sep="\n\n")
     if options.docs:
-        PAGE.write_text(text, encoding="utf-8")
+        write_sections(PAGE, sections)
     return int(any(how in FAULTS for _, _, how in counts))
 
 
-def render_tables(
-    counts: Counter[tuple[str, str, str]], slowest: dict[str, Ending], largest: dict[str, Ending], seeds: int
-) -> str:
-    """Return the page: by reader how readings ended and what they cost, and by reader and kind what was refused."""
+def make_sections(
+    counts: Counter[tuple[str, str, str]], slowest: dict[str, Ending], largest: dict[str, Ending]
+) -> dict[str, str]:
+    """Return tables by heading: by reader how readings ended and their cost; by reader and kind what was refused."""
     ends = ("read", "refused", *FAULTS)
     rows = []
     for reader in [reader for reader in READERS if reader in slowest]:
@@ -139,36 +137,10 @@ def render_tables(
             wrong = sum(ended[fault] for fault in FAULTS)
             cells.append(f"{ended['refused']} of {sum(ended.values())}" + (f", {wrong} wrong" if wrong else ""))
         by_kind.append([reader, *cells])
-    return TEXT.format(
-        seeds=seeds,
-        number=sum(counts.values()),
-        seconds=MOST_SECONDS,
-        gib=MOST_BYTES / 2**30,
-        endings=render(["reader", "files", *ends, "longest, CPU s", "most memory, MiB"], rows),
-        kinds=render(["reader", *DAMAGES], by_kind),
-    )
-
-
-PAGE = DOCS / "protocols/damaged_files.md"
-TEXT = """# Damaged files
-
-Printed by `benchmarks/damaged_files.py --docs`: {number} files are damaged on purpose. They are made of {seeds}
-undamaged files of the simulator, of the engine's writers and of GDAL, and of real ones. Each file is read by its
-reader, in processes with limits; `adjust` is the whole command with one damaged input. A reader may read a damaged file
-if the damage is not visible, or refuse it with one line that names it. All other endings are faults: a crash, a
-traceback, more than {seconds:.0f} s of processor time, more than {gib:.0f} GiB of memory (that of the
-interpreter with all packages included).
-
-{endings}
-
-## What was refused, by the kind of damage
-
-{kinds}
-
-The kinds of damage are: *bits* inverts up to 16 bits, *bytes* and *blank* replace a piece, and *numbers* inserts
-extreme numbers, in text or binary. The kinds *cut*, *removed*, *repeated* and *exchanged* remove, double or move
-pieces. Content of other formats is inserted by *foreign*.
-"""
+    return {
+        "": render(["reader", "files", *ends, "longest, CPU s", "most memory, MiB"], rows),
+        "What was refused, by the kind of damage": render(["reader", *DAMAGES], by_kind),
+    }
 
 
 if __name__ == "__main__":

@@ -14,13 +14,12 @@ from typing import Any
 import real_blocks
 from tie_points_accuracy import SAMPLES, paths
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.processing_algorithms import run
 
 PAGE = DOCS / "protocols/evaluation.md"
-BEGIN, END = "<!-- table of evaluate_rpcs.py -->", "<!-- end of the table -->"
 MODELS = ("shift", "affine")
 HEAD = (
     "| block | wrong matches | RPCs | predicted RMSE px | median px | fit px | two views px | three px | four px "
@@ -70,9 +69,7 @@ def main() -> None:
                 lines += rows(name, reject, evaluated(name, Path(folder), reject))
     print("\n".join(lines))
     if "--docs" in sys.argv[1:]:
-        text = PAGE.read_text(encoding="utf-8")
-        before, after = text.split(BEGIN)[0], text.split(END)[1]
-        PAGE.write_text(f"{before}{BEGIN}\n\n" + "\n".join(lines) + f"\n\n{END}{after}", encoding="utf-8")
+        put_between(PAGE, "evaluation", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -8,16 +8,15 @@ than a shift's.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse, hobart, zy3
-from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.statistics.precision import LINE_90
 from hrsi.hrsi_engine.block.block import Block, Role
@@ -30,14 +29,6 @@ BLOCKS: dict[str, tuple[Callable[[Sequence[str]], Block], tuple[str, ...]]] = {
     "ZY-3 pair": (zy3, ZY3_CONTROL),
 }
 HEAD = ("GCPs", "choices", "model", "RMSE east, north, height m", "worst height m", "height better than shift's")
-INTRODUCTION = f"""# One, two or three GCPs
-
-Printed by `python benchmarks/few_gcps.py --docs`. The table has all choices of one GCP among those in
-`benchmarks/real_blocks.py`, and evenly distributed choices of two and three. Measurements of check points are used as
-tie points. RMSE over all choices and check points; the height RMSE of the worst choice; in how many choices a model's
-height is better than a shift's.
-
-{HOBART_NOTE}"""
 
 
 def choices(ids: Sequence[str], count: int, most: int) -> list[tuple[str, ...]]:
@@ -52,7 +43,7 @@ def errors(make: Callable[[Sequence[str]], Block], chosen: list[tuple[str, ...]]
     return np.array([check_rmse(adjust(make(ids), options)) for ids in chosen])
 
 
-def rows(make: Callable[[Sequence[str]], Block], ids: Sequence[str], most: int) -> list[list[str]]:
+def tabulate(make: Callable[[Sequence[str]], Block], ids: Sequence[str], most: int) -> str:
     """Return the table of a block."""
     table = []
     for count in (1, 2, 3):
@@ -65,14 +56,7 @@ def rows(make: Callable[[Sequence[str]], Block], ids: Sequence[str], most: int) 
                 str(count), str(len(chosen)), model, numbers, f"{rmse[:, 2].max():.3f}",
                 "" if model == "shift" else str(better),
             ])  # fmt: skip
-    return table
-
-
-HEIGHTS = """## The heights of table 5.4
-
-The thesis prints 0.93 to 0.96 m for Hobart's heights with 1 to 10 GCPs, over 113 points. Its appendix has measurements
-of 71 of them, and image 2, the third ray, has 17. By rays and kind, shift, ten GCPs, RMSE east, north, height in m:
-"""
+    return render(HEAD, table)
 
 
 def heights() -> str:
@@ -93,19 +77,10 @@ def heights() -> str:
     ]
     table.append(["thesis, table 5.4, 10 GCPs", "103", "0.566 0.507 0.943"])
     return (
-        f"{HEIGHTS}\n{render(('check points', 'number', 'RMSE'), table)}\n\n"
+        f"{render(('check points', 'number', 'RMSE'), table)}\n\n"
         "Points on three images reach the printed heights; corners on two, measured to 0.6 px, cannot: rays that meet "
         "at 42 degrees turn that into 2 m.\n"
     )
-
-
-COVERAGE = """## Predictions with more GCPs
-
-Hobart with random choices among its 71 surveyed points, default options of `adjust`. The others are check points. With
-71 GCPs each is predicted by an adjustment without its survey (leave-one-out). Errors contain survey and measurement of
-the check points. *CE90* and *LE90*: shares inside the predicted figures of the block (without surveys). *Ellipse* and
-*sigma*: inside the 90 % limits of each point. Errors (90 %) and predicted figures in m.
-"""
 
 
 def cover(counts: Sequence[int] = (10, 25, 45, 71), repeats: int = 12) -> str:
@@ -134,16 +109,7 @@ def cover(counts: Sequence[int] = (10, 25, 45, 71), repeats: int = 12) -> str:
             mean[[4, 6]] = np.quantile(np.array(shares)[:, [4, 6]], 0.9, axis=0)
         table.append([str(count), *(f"{one:.0f}" for one in mean[:4]), *(f"{one:.2f}" for one in mean[4:])])
     head = ("GCPs", "CE90 %", "LE90 %", "ellipse %", "sigma %", "plan m", "CE90 m", "height m", "LE90 m")
-    return f"{COVERAGE}\n{render(head, table)}\n"
-
-
-HALVES = """## Two halves of the GCPs
-
-The 71 surveyed points of Hobart are divided by chance into 35 and 36, and each half adjusts the block alone (model
-`shift`, drifts within their a priori sigmas). The image corrections of the halves differ by the errors of both.
-*Found*: root mean square of the difference in px (sample, line); *predicted*: root of the sum of both variances.
-*Inside* is the share of the differences in both coordinates inside the 90 % ellipse of that sum.
-"""
+    return render(head, table)
 
 
 def compare_halves(repeats: int = 20) -> str:
@@ -170,24 +136,26 @@ def compare_halves(repeats: int = 20) -> str:
             block.images, found, predicted, np.mean(squares <= -2.0 * np.log(0.1), axis=0), strict=True
         )
     ]
-    return f"{HALVES}\n{render(('image', 'found px', 'predicted px', 'inside %'), table)}\n"
+    return render(("image", "found px", "predicted px", "inside %"), table)
+
+
+STUDIES: dict[str, Callable[[], str]] = {
+    "The heights of table 5.4": heights, "Predictions with more GCPs": cover, "Two halves of the GCPs": compare_halves,
+}  # fmt: skip
 
 
 def main() -> None:
     """Print the tables; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--docs", action="store_true")
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--most", type=int, default=20, help="choices of two and of three GCPs")
     words = parser.parse_args()
-    parts = [INTRODUCTION]
-    for title, (make, ids) in BLOCKS.items():
-        parts.append(f"## {title}\n\n{render(HEAD, rows(make, ids, words.most))}\n")
-        print(parts[-1], flush=True)
-    for part in (heights(), cover(), compare_halves()):
-        parts.append(part)
-        print(part, flush=True)
+    makers = {title: partial(tabulate, *block, words.most) for title, block in BLOCKS.items()} | STUDIES
+    sections = {}
+    for title, make in makers.items():
+        sections[title] = make()
+        print(f"## {title}\n\n{sections[title]}\n", flush=True)
     if words.docs:
-        PAGE.write_text("\n".join(parts), encoding="utf-8")
+        write_sections(PAGE, sections)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -15,8 +14,7 @@ from osgeo import gdal
 from scipy import ndimage
 
 from hrsi.benchmarks import pages
-from hrsi.benchmarks.pages import DOCS
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import ArrayRaster, Raster, Role
 from hrsi.hrsi_engine.foundation.progress import silent
@@ -378,87 +376,27 @@ TRIPLET_HEAD = (
     "laser points used",
     "verdict", "CPU s",
 )  # fmt: skip
-INTRODUCTION = """# Free control: laser heights and free DEMs instead of GCPs
-
-Printed by `python benchmarks/free_control.py --docs`.
-"""
-SIMULATED = """
-## Simulated blocks
-
-Pairs and triplets of WorldView-2 (0.5 m) and Pleiades (0.7 m) alternate. The scenes are 7 km wide, with a relief of
-150 m. There is no GCP. The errors of the RPCs are those of the sensors. Three passes of ICESat-2
-(`simulate --laser-passes 3`) have the errors of real segments. 200 laser points have three tie points each within 10 m,
-as matching finds them. Image points have a noise of 0.2 px. The DEM of 30 m has 1.5 m noise in each cell and 1 m common
-error, with sigma 3 m. The reference of 10 m has 150 places, matched with an accuracy of 1.5 m. Its root mean square
-distance error is 5 m, stated as 3.5 m in each coordinate: 64 % of the variance is one shift, 16 % differs between nine
-parts, 20 % from place to place. A block has 50 independent check points. The options are the default ones. In the case
-with trees in the DEM, the other groups are parts of the DEM that are 10 m too high.
-
-All check points of a block share its error in plan, which is one draw. So the share of n blocks within CE90 has a
-standard error of at least 30 % / √n, 3 % with 100 blocks. The ratio of the root mean square of the shifts of the blocks
-(east and north) to their sigmas should be 1. Its standard error is 0.5 / √n: 0.05. 199 other blocks, seeds from 20001
-on, had 91.6 ± 2.1 % within CE90 and 0.97 ± 0.04 of their sigma with the reference, 92.2 % and 0.99 with the laser
-alone.
-"""
-MATCHING = """
-## A reference of 10 m for images of 0.5 m
-
-Pairs of WorldView-2 of 4096 pixels are rendered. The free orthoimages have four bands (`simulate --free-ortho 10`) and
-are from another time of the year: a share of the soil, plants and parcels has another appearance. The free DEM has
-trees. The position of each match in the image is compared with that in the orthoimage, which has simulated errors. The
-unit is its pixels of 10 m, which are 20 x 20 image pixels. The required accuracy of a coordinate is 0.3 px.
-"""
-COST = """
-## Cost
-
-A pair of WorldView-2 of 40 000 x 40 000 pixels has 500 tie points. Its laser points are looked up, measured (at most
-2000) and adjusted, again where the block moved. The images are rendered when they are read; that time is not included.
-"""
-TRIPLET = """
-## A real triplet
-
-The Pleiades triplet of s2p has RPCs that put all ground 20 m too high. Its own DSM, resampled to 30 m, is the DEM. The
-laser points are drawn from the DSM, 12 m long, with simulated errors. Most of this scene (walls, trees, terraces) is
-too rough for a laser, as it would be for real laser points. The heights of the tie points above the DSM are compared
-where it is even (3 m).
-
-Over all tie points the median is about 0.1 m higher. It increases with the range of the DSM's heights within 2 m:
-+0.02 m below 0.5 m, +0.04 m to 1 m, +0.10 m to 2 m, +0.46 m to 5 m, +0.67 m above. Corners are on the upper edges of
-roofs, walls and crowns, at 0.68 of the range. The DSM, in cells of 0.5 m, has an intermediate height there, at 0.53. So
-the block is not too high. If only the part above the highest or below the lowest height within 3 m is counted, the
-median is 0. With the DEM the verdict is doubtful because the DEM covers 39 % of the images' ground, not because of its
-heights.
-
-With nothing, the block keeps the mean position of its RPCs, which are 0.17 m too high besides the 20 m. The relief of
-the DEM also determines the position in plan. The tie points fit the DSM best 0.5 m away from their positions, where the
-median over all is -0.05 m. When the heights of the DEM were used without its relief, these values were 1.4 m and
--0.80 m, and the median in the table was -0.50 m.
-"""
 
 
 def main() -> None:
     """Print the tables; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--docs", action="store_true")
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=1001, help="first seed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=600.0, help="stop after this time")
     parser.add_argument("--only", choices=PARTS, help="this part of the page, the others stay")
     words = parser.parse_args()
-    old = PAGE.read_text(encoding="utf-8").split("\n## ") if PAGE.exists() else []
-    page = {name: next((f"\n## {part}" for part in old if part.startswith(title)), "") for name, title in PARTS.items()}
-    if words.only in (None, "simulated"):
-        seeds = range(words.first, words.first + words.seeds)
-        page["simulated"] = f"{SIMULATED}\n{render(HEAD, simulated(seeds, words.workers, words.minutes))}\n"
-    if words.only in (None, "matching"):
-        page["matching"] = f"{MATCHING}\n{render(MATCHING_HEAD, matching(words.first))}\n"
-    if words.only in (None, "cost"):
-        page["cost"] = f"{COST}\n{render(COST_HEAD, cost(words.first))}\n"
-    if words.only in (None, "triplet"):
-        page["triplet"] = f"{TRIPLET}\n{render(TRIPLET_HEAD, triplet(1))}\n"
+    seeds = range(words.first, words.first + words.seeds)
+    makers = {
+        "simulated": lambda: render(HEAD, simulated(seeds, words.workers, words.minutes)),
+        "matching": lambda: render(MATCHING_HEAD, matching(words.first)),
+        "cost": lambda: render(COST_HEAD, cost(words.first)), "triplet": lambda: render(TRIPLET_HEAD, triplet(1)),
+    }  # fmt: skip
+    tables = {PARTS[name]: make() for name, make in makers.items() if words.only in (None, name)}
+    print(*tables.values(), sep="\n\n")
     if words.docs:
-        PAGE.write_text(INTRODUCTION + "".join(part.rstrip("\n") + "\n" for part in page.values()), encoding="utf-8")
+        write_sections(PAGE, tables)
 
 
 if __name__ == "__main__":

@@ -29,8 +29,7 @@ import pyproj
 from osgeo import gdal
 from pyproj.transformer import TransformerGroup
 
-from hrsi.benchmarks.pages import DOCS
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, render
 from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.adjustment.result import Adjustment

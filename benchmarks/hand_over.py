@@ -30,8 +30,7 @@ import numpy as np
 from osgeo import gdal
 from scipy.optimize import least_squares
 
-from hrsi.benchmarks.pages import DOCS, ROOT, put_between
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, ROOT, put_between, render
 from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run

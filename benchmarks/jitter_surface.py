@@ -24,8 +24,7 @@ from osgeo import gdal
 from hrsi.benchmarks.hand_over import WILD_M, heights_of, installed, nmad, open_work_folder, read_end, typed
 from hrsi.benchmarks.jitter_found import PAGE, SIZE
 from hrsi.benchmarks.jitter_removed import fit_wave
-from hrsi.benchmarks.pages import put_between
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import put_between, render
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 

@@ -7,7 +7,6 @@ is started, and everything is looked at once more. ``--docs`` writes the table i
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import random
@@ -26,9 +25,9 @@ sys.path.insert(0, str(ROOT / "tests"))
 from every_algorithm import make_scene  # noqa: E402  # lies with the tests
 from killed_runs import SIGNALS, Kill, Target, add_shifted_rpcs, load_everything, writers  # noqa: E402
 
-from hrsi.benchmarks.robustness_page import write_section  # noqa: E402
-from hrsi.benchmarks.thesis_tables import render  # noqa: E402
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections  # noqa: E402
 
+PAGE = DOCS / "protocols/robustness.md"
 FEWEST = 3  # times that each signal ends a writer
 #: What counts as which fault, by how it is told.
 FAULTS = {
@@ -57,12 +56,11 @@ def rounds_of(targets: Sequence[Target], kills: float) -> list[int]:
 
 def main(words: Sequence[str]) -> int:
     """Print the table; return 1 where anything is wrong."""
-    parser = argparse.ArgumentParser(prog="kills.py", description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--writers", dest="names", nargs="+", help="only those whose name holds one of these words")
     parser.add_argument("--kills", type=int, default=540, help="at least so many in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--signals", nargs="+", default=[number.name for number in SIGNALS], metavar="NAME")
-    parser.add_argument("--docs", action="store_true")
     options = parser.parse_args(list(words))
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's job in the background ignores it
     numbers = [signal.Signals[name] for name in options.signals]
@@ -96,21 +94,8 @@ def main(words: Sequence[str]) -> int:
     print(f"\n{table}\n\n{said}")
     if options.docs:
         title = f"Runs that are ended by {', '.join(options.signals)}"
-        command = f"benchmarks/kills.py --kills {options.kills} --signals {' '.join(options.signals)}"
-        write_section(title, command, EXPLANATION, table, said)
+        write_sections(PAGE, {title: f"{table}\n\n{said}"})
     return 1 if wrong else 0
-
-
-EXPLANATION = """\
-Each run is ended at a random moment. Half of the runs are ended from outside at a random time, four fifths of these
-after the first change of a file. The other half are ended exactly before a random one of their changes of files. The
-columns describe the files after the next run, or another reader of the folder, had finished or removed the interrupted
-work. *Nothing there*: no result. *Whole result*: a complete result. *Finished parts*: some of the orthoimages, which
-are written one by one. *Half-written*: files that cannot be read as a whole, results with a missing part, and next runs
-with results that differ from those of an undisturbed run. *Left over*: files that remain after the next run. These are
-all paths, hidden or not, in the folders of inputs and results that an undisturbed run does not leave, and all
-differences of mode bits. `write-rpc` has three images. Its *half-written* results include those in which some images
-have the new RPC and others the old one."""
 
 
 if __name__ == "__main__":

@@ -1,17 +1,16 @@
 """Traps for the matching of tie points: simulated pairs with full truth, and how many of the matches are false.
 
-    python benchmarks/matching_traps.py [--seeds 3] [--traps NAME,NAME…] [--write]
+    python benchmarks/matching_traps.py [--seeds 3] [--traps NAME,NAME…] [--docs]
 
 Every pair shows the same kind of scene, and something that leads matching astray: what repeats itself, what moves, what
 looks different in one image, what is hidden. A match is false where it lies more than 3 px from where the ground that
 the first image shows there is in the second, by the cameras that took the images and the surface itself; positions on
-what moves (water, cloud, its shadow) are false wherever they are. --write puts the
+what moves (water, cloud, its shadow) are false wherever they are. --docs puts the
 table into docs/protocols/matching_traps.md.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, make_parser, write_sections
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.laboratory.simulation import (
@@ -281,31 +280,14 @@ def table(names: Sequence[str], seeds: Sequence[int]) -> str:
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=101)
     parser.add_argument("--traps", default=",".join(TRAPS))
-    parser.add_argument("--write", action="store_true")
     options = parser.parse_args(words)
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    text = table(options.traps.split(","), seeds)
-    if options.write:
-        write_page(text, len(seeds))
-
-
-def write_page(text: str, scenes: int) -> None:
-    """Write the table into the documentation."""
-    PAGE.write_text(
-        "# Traps for matching\n\n"
-        f"Simulated Pléiades pairs of {SIZE[0]} x {SIZE[1]} px with the vendor's RPC errors, {scenes} scenes a trap, "
-        "matched by `tie-points`\nwithout options. A match is false where it lies more than 3 px (of the coarser image)"
-        " from where the ground that the first\nimage shows there is in the second, by the cameras and the surface "
-        "that made the images. None of the scenes was used to choose\nthresholds. A pair without matches is named by a "
-        "warning; nothing is made up. CPU seconds are those of one pair. Made by\n"
-        "`benchmarks/matching_traps.py --write`.\n\n"
-        f"{text}\n",
-        encoding="utf-8",
-    )
+    text = table(options.traps.split(","), range(options.first_seed, options.first_seed + options.seeds))
+    if options.docs:
+        write_sections(PAGE, {"": text})
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ height) or, in blocks without any survey, tie points held apart, by how well the
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -20,8 +19,7 @@ from scipy import stats
 
 from hrsi.benchmarks import real_blocks, sigma_coverage, spot5
 from hrsi.benchmarks.clean_verdicts import REAL
-from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, make_parser, read_rows, render, write_sections
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.assembly import assemble
@@ -222,19 +220,6 @@ def _against_shift(model: str, draws: Sequence[dict[str, Outcome]]) -> str:
     return " ".join(said)
 
 
-INTRODUCTION = f"""# Accuracy: choice of the model
-
-Made by `python benchmarks/accuracy.py models --docs`. The page on the [adjustment](../adjustment.md) describes `auto`.
-
-The values are root mean squares over draws of GCPs, or over seeds of simulated blocks. RMSE is that of all points that
-are not GCPs, in east, north and height. For blocks without surveyed points it is the RMSE of held-out tie points (half
-of all), in px per observation. *Relative to shift* is the difference of the RMSE in %. Differences with `!` (worse) or
-`*` (better) are significant in a paired t-test over the draws (one-sided, {SIGNIFICANCE:g}), and at least
-{MATERIAL:.0%}. The column *chosen* has the chosen models and the number of draws with each.
-
-{HOBART_NOTE}"""
-
-
 @cache
 def subjects(seeds: int) -> dict[str, Callable[[], Iterator[tuple[str, list[dict[str, Outcome]]]]]]:
     """Return what can be asked for by name."""
@@ -247,13 +232,12 @@ def subjects(seeds: int) -> dict[str, Callable[[], Iterator[tuple[str, list[dict
     }  # fmt: skip
 
 
-def main(words: Sequence[str] = ()) -> None:
+def main(words: Sequence[str] | None = None) -> None:
     """Print the table; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(prog="accuracy.py models", description=__doc__)
+    parser = make_parser(__doc__, PAGE)  # which keeps the rows of other blocks
     parser.add_argument("names", nargs="*", help="words of the blocks' names; default: all")
     parser.add_argument("--seeds", type=int, default=12, help="of simulated blocks")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}, which keeps the rows of other blocks")
-    options = parser.parse_args(list(words))
+    options = parser.parse_args(words)
     made: dict[str, list[list[str]]] = {}  # by block and number of GCPs
     for name, make in subjects(options.seeds).items():
         if options.names and not any(word.lower() in name.lower() for word in options.names):
@@ -265,21 +249,18 @@ def main(words: Sequence[str] = ()) -> None:
     if options.docs:
         shown = read_page() | made if options.names else made
         rows = [row for own in shown.values() for row in own]
-        PAGE.write_text(f"{INTRODUCTION}\n{render(HEAD, rows)}\n", encoding="utf-8")
+        write_sections(PAGE, {"": render(HEAD, rows)})
 
 
 def read_page() -> dict[str, list[list[str]]]:
     """Return the rows that the page shows, by block and number of GCPs."""
     found: dict[str, list[list[str]]] = {}
     label = ""
-    for line in [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("|")][2:]:
-        row = [cell.strip() for cell in line[1:].rstrip().removesuffix("|").split("|")]
+    for row in read_rows(PAGE):
         label = row[0] or label
         found.setdefault(label, []).append(row)
     return found
 
 
 if __name__ == "__main__":
-    import sys
-
-    main(sys.argv[1:])
+    main()

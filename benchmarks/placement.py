@@ -19,28 +19,9 @@ sys.path.insert(0, str(ROOT / "tests"))
 import placement_cases  # noqa: E402
 from placement_cases import Case, Finding  # noqa: E402
 
-from hrsi.benchmarks.pages import DOCS  # noqa: E402
+from hrsi.benchmarks.pages import DOCS, render, write_sections  # noqa: E402
 
-PAGE = """\
-# Where the pixels of an image lie in the image of its RPC
-
-Made by `python benchmarks/placement.py --docs`.
-
-A scene of {width} x {height} px with an RPC is cut, reduced, enlarged and converted by five programs.
-Its RPC goes along in nine ways. The true position of each pixel is known. A cell has the
-largest error (px) of the RPC as it is in the files, and,
-if HRSI changes it, the error after; then what HRSI reports:
-
-* m: *moved* to where the image was cut,
-* u: *unknown*, a warning with the possible error,
-* c: *contradictory*, a warning, and `write-rpc` refuses.
-
-"size" is a side file that states the size of the scene.
-
-{table}
-
-{sums}
-"""
+PAGE = DOCS / "protocols/placement.md"
 
 
 def main() -> None:
@@ -53,16 +34,12 @@ def main() -> None:
         rows[f"{case.shape}, {case.tool}, {case.grid} grid"][name_carrier(case)] = format_cell(found)
         count(found, counts)
     carriers = list(dict.fromkeys(carrier for row in rows.values() for carrier in row))
-    lines = [["image", *carriers], ["---"] * (len(carriers) + 1)]
-    lines += [[name, *(row.get(carrier, "") for carrier in carriers)] for name, row in rows.items()]
-    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    sums = "\n".join(f"* {name}: {number}" for name, number in counts.items())
-    width, height = placement_cases.SIZE
+    cells = [[name, *(row.get(one, "") for one in carriers)] for name, row in rows.items()]
+    table = render(["image", *carriers], cells)
+    text = "\n".join([table, "", *(f"* {name}: {number}" for name, number in counts.items())])
+    print(text)
     if "--docs" in sys.argv:
-        page = PAGE.format(width=width, height=height, table=table, sums=sums)
-        (DOCS / "protocols" / "placement.md").write_text(page, encoding="utf-8")
-    else:
-        print(table, sums, sep="\n\n")
+        write_sections(PAGE, {"": text})
 
 
 def name_carrier(case: Case) -> str:

@@ -6,14 +6,13 @@
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DATA, DOCS
+from hrsi.benchmarks.pages import DATA, DOCS, make_parser, render, write_sections
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.hold_out import hold_out_ties
@@ -203,21 +202,6 @@ HELD_OUT_HEAD = [
     "block", "images", "tie points", "held out", "wrong", "RMSE px: held out", "used", "epipolar px: held out", "used",
     "verdict",
 ]  # fmt: skip
-INTRODUCTION = """# Held-out tie points of real blocks
-
-Made by `python benchmarks/real_blocks.py --docs`.
-
-A tenth of the tie points was not used in the adjustment (`--hold-out`, the default for blocks with more than 500 of
-them). The table compares them with the same number of used tie points. If both are equal, the refined RPCs are as
-accurate between the used points as at these points. The first figure is the independent one.
-
-* RMSE: sqrt(mean(dx² + dy²)) after intersection.
-* Epipolar: root mean square distance of an image point from the epipolar lines of the others of its track.
-* Wrong: held-out matches that fit no camera. They are left out of both figures.
-
-Blocks with 500 tie points or fewer use all of them. ZY-3 (42 surveyed points in two images) and QuickBird-2 (one image)
-have no tie points.
-"""
 
 
 def matched(folder: str, names: Sequence[str]) -> Block:
@@ -267,24 +251,19 @@ def judge_by_held_out(name: str) -> list[str]:
     ]  # fmt: skip
 
 
-def main(words: Sequence[str] = ()) -> None:
+def main(words: Sequence[str] | None = None) -> None:
     """Print the table of held-out ties; ``--docs`` writes the page."""
-    from hrsi.benchmarks.thesis_tables import render  # it imports this module's blocks
-
-    parser = argparse.ArgumentParser(prog="real_blocks.py", description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--blocks", nargs="*", default=list(WITH_TIES), help="blocks whose name begins so")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
-    options = parser.parse_args(list(words))
+    options = parser.parse_args(words)
     rows = []
     for name in WITH_TIES:
         if any(name.startswith(asked) for asked in options.blocks):
             rows.append(judge_by_held_out(name))
             print(" | ".join(rows[-1]), flush=True)
     if options.docs:
-        PAGE.write_text(f"{INTRODUCTION}\n{render(HELD_OUT_HEAD, rows)}\n", encoding="utf-8")
+        write_sections(PAGE, {"": render(HELD_OUT_HEAD, rows)})
 
 
 if __name__ == "__main__":
-    import sys
-
-    main(sys.argv[1:])
+    main()

@@ -31,8 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from osgeo import gdal
 
-from hrsi.benchmarks.pages import DOCS, put_between
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, put_between, render
 from hrsi.benchmarks.true_errors import intersect_pixels, read_rpc_text
 from hrsi.benchmarks.wrong_inputs import PLACES, TruePoints
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust

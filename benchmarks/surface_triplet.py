@@ -19,9 +19,8 @@ from osgeo import gdal
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, render
 from hrsi.benchmarks.real_blocks import DATA
-from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.assembly import assemble

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from hrsi.benchmarks import block_tables, chapter2, thesis_tables
-from hrsi.benchmarks.pages import DATA, DOCS
+from hrsi.benchmarks.pages import DATA, DOCS, make_parser, render, write_sections
 from hrsi.benchmarks.real_blocks import TEN, check_rmse, hobart
 from hrsi.benchmarks.sampling_analysis import THESIS, table_2_1, table_2_2, table_2_3
 from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
@@ -277,10 +276,10 @@ def summarise(numbers: list[Number]) -> list[list[str]]:
     return rows
 
 
-def page(numbers: list[Number]) -> str:
-    """Return the page."""
-    head = thesis_tables.render(("table", "numbers", *STATES), summarise(numbers))
-    missing = thesis_tables.render(
+def make_sections(numbers: list[Number]) -> dict[str, str]:
+    """Return the tables of the page by their headings."""
+    head = render(("table", "numbers", *STATES), summarise(numbers))
+    missing = render(
         ("table", "numbers", "why it is not computed"),
         [[table, str(count), why] for table, (count, why) in NOT_COMPUTABLE.items()],
     )
@@ -290,8 +289,8 @@ def page(numbers: list[Number]) -> str:
             row = number.row.partition(", ")[0] if number.table.startswith("App") else number.row
             groups.setdefault((number.table, row, number.why), []).append(number)
     rows = [[table, row, _list(group), why or "**open**"] for (table, row, why), group in groups.items()]
-    differing = thesis_tables.render(("table", "row", "printed → computed", "why"), rows)
-    return "\n\n".join([INTRODUCTION, head, "## Not computed", missing, "## Numbers that differ", differing]) + "\n"
+    differing = render(("table", "row", "printed → computed", "why"), rows)
+    return {"": head, "Not computed": missing, "Numbers that differ": differing}
 
 
 def _list(group: list[Number]) -> str:
@@ -306,25 +305,15 @@ def _list(group: list[Number]) -> str:
     )
 
 
-INTRODUCTION = """# The thesis, number by number
-
-Made by `python benchmarks/thesis_numbers.py --docs`. The page has every number in the tables of chapters 2 to 5 that
-can be computed from printed data. A number is *equal* if it differs by one unit of the last digit at most. It is
-*within chance* if it differs by less than the standard error of an RMSE of n points, 1 / sqrt(2 n). Generic figures of
-SPOT 5 are those of the formulas of the thesis, with the geometry from its printed residuals. The page on
-[accuracy](accuracy_thesis.md) also has the figures of HRSI."""
-
-
 def main() -> None:
     """Print the table; write the page where asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = make_parser(__doc__.splitlines()[0], PAGE)
     parser.add_argument("--data", type=Path, default=DATA / "thesis")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     words = parser.parse_args()
-    text = page(collect(words.data))
-    print(text)
+    sections = make_sections(collect(words.data))
+    print(*(f"## {title}\n\n{text}" for title, text in sections.items()), sep="\n\n")
     if words.docs:
-        PAGE.write_text(text, encoding="utf-8")
+        write_sections(PAGE, sections)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ thesis data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
 
 from __future__ import annotations
 
-import argparse
 import csv
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hrsi.benchmarks import thesis_formulas
-from hrsi.benchmarks.pages import DATA, DOCS
+from hrsi.benchmarks.pages import DATA, DOCS, make_parser, render, write_sections
 from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image
@@ -184,15 +183,6 @@ def rows_of_points(spot5: Spot5, folder: Path) -> list[list[str]]:
     return rows
 
 
-def render(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table that reads well as text and as Markdown."""
-    width = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
-    lines = [
-        [cell.ljust(w) for cell, w in zip(row, width, strict=True)] for row in [head, ["-" * w for w in width], *rows]
-    ]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
-
-
 # ---- figures -------------------------------------------------------------------------------------------------------
 
 
@@ -236,41 +226,6 @@ def write_figures(folder: Path, height_m: float = 680e3) -> None:
 # ---- page ----------------------------------------------------------------------------------------------------------
 
 HEAD = ("bias, printed", "bias, computed", "generic, printed", "its formulas, computed", "generic, HRSI")
-INTRODUCTION = """# Accuracy: the thesis's tables
-
-Made by `python benchmarks/accuracy.py thesis --docs`. The tables have the RMSE of check points in pixels, sample /
-line. If all points are control, it is the RMSE of these. *Bias* is a shift with one GCP and an affine transformation
-with more. *Generic* is `--model generic`.
-
-The SPOT 5 image is not published. Its geometry is determined from the residuals that the thesis prints for its nine
-cases (`python benchmarks/spot5.py`): UTM zone 48, azimuth 192.5°, 16.7° off nadir, errors along geocentric axes and in
-the orbital frame. This geometry reproduces the printed shifts of 5 to 590 px to 0.05 px. The image points of the 37
-GCPs are computed with it, and the printed residuals are added. *Its formulas* are equations 4.10 to 4.17 of the thesis
-as printed (`benchmarks/thesis_formulas.py`). HRSI uses the same a priori standard deviations in all cases. They are 2
-km and 0.2 rad for constants, and 2 m and 0.2 mrad for drifts over 30 km on the ground, from the middle of the image to
-its edge. That of GCPs is 1 px.
-"""
-DIFFERENCES = """## Where the figures differ, and why
-
-* **Generic, 37 GCPs, undisturbed.** The thesis does not print which parameters it estimated. With its formulas the RMSE
-  is 0.99 / 0.76 px for angles and then positions, 0.84 / 0.73 for all twelve at once, and 0.77 / 0.70 with heights and
-  yaw. The printed values are 0.91 / 0.70, and those of the variant of HRSI are 0.91 / 0.75.
-* **Cases with one GCP.** A yaw error rotates the image about the GCP. One point does not determine it with any method.
-  The thesis has an RMSE of 959.91 px where a shift leaves 1040.90, but it does not determine the yaw either. Its angles
-  are in the vertical planes through the axes of the map. In this image their effect on an inclined ray is a shear
-  opposite to that of the yaw error. The formulas of the thesis give the same result here. HRSI rotates rays in space.
-* **Tables 4.9 to 4.11, columns and rows.** In table 4.6 the column of the thesis is the sample of this page (1.13 /
-  0.87 with 3 GCPs). In tables 4.9 to 4.11 its columns are exchanged (0.87 / 1.13). This page prints all as sample /
-  line.
-* **Errors of 0.1 rad (cases 1 and 7).** The thesis adjusts an RPC that was fitted to the erroneous camera over an area
-  that it does not print. Its shifts of 43 000 px are reproduced to 14 px. With three and more GCPs the RMSE of the
-  generic method of HRSI is within 0.1 px of that of the undisturbed image, and that of the thesis within 0.16 px.
-* **Direct methods in case 7.** They are not designed for errors of 0.1 rad. An RMSE above 1000 px is a failure, and its
-  digits depend on the computer. With 7 GCPs `bils` ends at 8715, 11 521 or 15 840 px in sample: the number of threads
-  and the kernel of OpenBLAS decide.
-* **IKONOS.** The RPC of the vendor is not printed. The RPC used here was fitted and has a further error of 3 to 6 px.
-  The positions are whole pixels. The 1 and 9 GCPs of the thesis are not named: H098 and nine roundabouts are used here.
-"""
 
 
 def sections(folder: Path) -> list[tuple[str, str]]:
@@ -293,36 +248,34 @@ def sections(folder: Path) -> list[tuple[str, str]]:
     ]
 
 
-def figures_text() -> str:
-    """Return the section on figures 4.2 to 4.5."""
+def describe_figures() -> tuple[str, str]:
+    """Return title and text of the section on figures 4.2 to 4.5."""
     second = np.radians(1.0 / 3600.0)
     ikonos_m = float(edge_difference(680e3, np.array(0.0), np.array(2.0 * second), np.radians(0.93 / 2.0)))
     names = ("attitude error to 0.1 rad", "attitude error to 1 mrad", "field of view", "off-nadir angle")
     pictures = "\n".join(f"![Figure 4.{k}: {name}](../figure_4_{k}.svg)" for k, name in enumerate(names, 2))
     return (
-        "## Figures 4.2 to 4.5: limits of bias compensation\n\nThe figures have the error that a shift leaves at the "
+        "Figures 4.2 to 4.5: limits of bias compensation",
+        "The figures have the error that a shift leaves at the "
         "edge of the image (equations 4.6 to 4.8), from an orbit of 680 km. "
-        f'For IKONOS with 2" of roll it is {abs(ikonos_m):.6f} m (printed 0.000454 m).\n\n{pictures}\n'
+        f'For IKONOS with 2" of roll it is {abs(ikonos_m):.6f} m (printed 0.000454 m).\n\n{pictures}\n',
     )
 
 
-def main(words: Sequence[str] = (), write: Callable[[str], object] = print) -> None:
+def main(words: Sequence[str] | None = None, write: Callable[[str], object] = print) -> None:
     """Print the tables; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(prog="accuracy.py thesis", description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--data", type=Path, default=DATA / "thesis", help="folder with the thesis's tables")
-    parser.add_argument("--docs", action="store_true", help="write docs/protocols/accuracy_thesis.md and its figures")
-    options = parser.parse_args(list(words))
+    options = parser.parse_args(words)
     tables = sections(options.data)
     for title, table in tables:
         write(f"\n{title}\n\n{table}")
-    write("\n" + figures_text())
+    title, text = describe_figures()
+    write(f"\n## {title}\n\n{text}")
     if options.docs:
-        body = "\n".join(f"## {title}\n\n{table}\n" for title, table in tables)
-        PAGE.write_text("\n".join([INTRODUCTION, body, DIFFERENCES, figures_text()]), encoding="utf-8")
+        write_sections(PAGE, dict(tables) | {title: text})
         write_figures(PAGE.parent)
 
 
 if __name__ == "__main__":
-    import sys
-
-    main(sys.argv[1:])
+    main()

@@ -9,7 +9,6 @@ by thirds of the matching's quality.
 
 from __future__ import annotations
 
-import argparse
 import pickle
 import tempfile
 from collections.abc import Callable, Iterator
@@ -20,9 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, make_parser, read_rows, render, write_sections
 from hrsi.benchmarks.real_blocks import DATA
-from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.assembly import assemble
@@ -158,15 +156,6 @@ def split(ratio: np.ndarray, rays: np.ndarray, quality: np.ndarray) -> list[str]
 
 HEAD = ("block", "compared", "tie points", "median sigma px", "sigma0", "all", "2 rays", "3 rays", "4 rays",
         "worst third", "middle", "best third")  # fmt: skip
-INTRODUCTION = """# Sigmas of automatic tie points
-
-Printed by `python benchmarks/tie_sigmas.py --docs`. Tie points were found and adjusted with the defaults (a shift for
-each image). *Residuals* are divided by their sigmas in the adjustment. *Truth* is the difference between the position
-measured by matching and the projection of the true surface by the true cameras, divided by the sigma of matching. The
-figures are standard deviations of the values below 4, with the share of values beyond 4 in brackets. The
-adjustment takes no sigma of matching below 0.02 px (`least_matched_px`); simulated images are matched more
-precisely, so that their residuals and sigma0 are smaller than expected.
-"""
 
 
 def rows(name: str, found: Ties) -> Iterator[list[str]]:
@@ -180,9 +169,8 @@ def rows(name: str, found: Ties) -> Iterator[list[str]]:
 
 def main() -> None:
     """Print the table; ``--docs`` writes its rows into the page, ``--keep FOLDER`` keeps the ties for the next run."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("names", nargs="*")
-    parser.add_argument("--docs", action="store_true")
     parser.add_argument("--keep", type=Path)
     words = parser.parse_args()
     makers: dict[str, Callable[[], Ties]] = {name: partial(real, name) for name in REAL}
@@ -195,10 +183,9 @@ def main() -> None:
         print(render(HEAD, table[-2:]), flush=True)
     if words.docs:
         made = {row[0] for row in table}
-        shown = [line.strip("| ").split("|") for line in PAGE.read_text(encoding="utf-8").splitlines() if "|" in line]
-        table += [[cell.strip() for cell in row] for row in shown[2:] if row[0].strip() not in made]
+        table += [row for row in read_rows(PAGE) if row[0] not in made]
         table.sort(key=lambda row: list(makers).index(row[0]))
-        PAGE.write_text(f"{INTRODUCTION}\n{render(HEAD, table)}\n", encoding="utf-8")
+        write_sections(PAGE, {"": render(HEAD, table)})
 
 
 def _kept(folder: Path | None, name: str, make: Callable[[], Ties]) -> Ties:

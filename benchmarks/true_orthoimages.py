@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from osgeo import gdal, ogr
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, put_between, render
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.ground.crs_operations import operations_of
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -41,28 +41,7 @@ CITY: dict[str, Any] = {
     "noise_gcp_h": 0.02,
 }
 
-PAGE = """\
-# True orthoimages
-
-Made by `python benchmarks/true_orthoimages.py --docs`.
-
-{about}
-The images have {size} x {size} px. Hidden is ground of the image's area that the image does not show. Ghosts are
-pixels of hidden ground with grey values. Without `--visibility` all hidden ground has the pixels of what hides it.
-Masked is visible ground without grey values, as a share of the orthoimage. The renderer follows rays in steps of half
-a cell of the surface, and does not see that corners are in the way for less than that.
-
-{images}
-
-The mosaic takes each pixel from one of the three images. Ghosts are pixels whose ground this image does not show, as a
-share of the ground that is hidden in any image; "without" is the same mosaic without `--visibility`. Unfilled are
-pixels that no image shows. The misregistration at seamlines is the distance between the true positions of what the
-images on both sides show at a pixel.
-
-{mosaics}
-
-![An orthoimage, its true orthoimage, and the mosaic](../pictures/true_orthoimages.png)
-"""
+PAGE = DOCS / "protocols/true_orthoimages.md"
 
 
 def simulate(folder: Path, seed: int, size: int) -> BlockSimulation:
@@ -195,11 +174,6 @@ def draw(folder: Path, path: Path, side: int = 340) -> None:
     cv2.imwrite(str(path), np.hstack(parts[:-1]).astype(np.uint8))
 
 
-def table(head: list[str], rows: list[list[str]]) -> str:
-    """Return a table in Markdown."""
-    return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
-
-
 def main() -> None:
     """Print the tables, or write the page and its picture."""
     words = [word for word in sys.argv[1:] if word != "--docs"]
@@ -211,7 +185,7 @@ def main() -> None:
             mosaics.append(row)
             if "--docs" in sys.argv and len(mosaics) == 1:
                 draw(Path(folder), DOCS / "pictures" / "true_orthoimages.png")
-    of_images = table(["seed, image", "incidence, degrees", "hidden", "hidden px", "ghosts px", "masked"], images)
+    of_images = render(["seed, image", "incidence, degrees", "hidden", "hidden px", "ghosts px", "masked"], images)
     head = [
         "seed",
         "ghosts without",
@@ -221,11 +195,10 @@ def main() -> None:
         "misregistration: median px",
         "95 % px",
     ]
-    of_mosaics = table([*head, "largest px"], mosaics)
+    of_mosaics = render([*head, "largest px"], mosaics)
     if "--docs" in sys.argv:
-        about = (__doc__ or "").split("\n\n")[1]
-        page = PAGE.format(about=about.strip() + "\n", size=size, images=of_images, mosaics=of_mosaics)
-        (DOCS / "protocols" / "true_orthoimages.md").write_text(page, encoding="utf-8")
+        put_between(PAGE, "images", of_images)
+        put_between(PAGE, "mosaics", of_mosaics)
     print(of_images, of_mosaics, sep="\n\n")
 
 
