@@ -120,7 +120,7 @@ def _write_crop(job: CropJob, options: CropOptions, target: str, progress: Progr
     original = None if told.original is None else crop_rpc(told.original, window.place, window.size)
     lineage = Lineage({**told.items, **items}, original)
     pixels = open_window(job.image.path, window, options.resampling)
-    form, threads = OrthoFormat(options.format, options.compression), thread_count(options.common.threads)
+    form, threads = OrthoFormat(options.format, options.compression), thread_count()
     return save_image(pixels, target, job.rpc, form=form, threads=threads, lineage=lineage, progress=progress)
 
 

@@ -43,7 +43,7 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     window_px = options.matching.window_px + options.matching.window_px % 2  # window sides are even
     how = replace(options.matching, window_px=window_px)
     with one_thread_calls():  # windows are small: BLAS threads would mostly wait for each other
-        found = match_pairs(pairs, how, thread_count(options.common.threads), part)
+        found = match_pairs(pairs, how, thread_count(), part)
     pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
     pooled = {
         state: misregistration.shift_statistics(

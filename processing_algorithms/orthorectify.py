@@ -145,7 +145,7 @@ def check_ortho_folder(
 def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
     """Make the orthoimages that do not exist yet; return the report's entry of each image."""
     Path(options.folder.output_dir).mkdir(parents=True, exist_ok=True)
-    threads = thread_count(options.common.threads)
+    threads = thread_count()
     sizes = np.array([job.grid.columns * job.grid.rows for job in jobs], dtype=float)
     share = np.r_[0.0, np.cumsum(sizes) / sizes.sum()]
     entries: dict[str, Report] = {}

@@ -69,7 +69,7 @@ def run(options: StripOptions, context: Context) -> Report:
         target = str(staged / file)
         if with_pixels:
             joined = join_images([part.path for part in parts], places.first, places.size)
-            form, threads = OrthoFormat(options.format, options.compression), thread_count(options.common.threads)
+            form, threads = OrthoFormat(options.format, options.compression), thread_count()
             lineage = _join_lineages(parts, places)
             warnings += save_image(
                 joined, target, strip.rpc, form=form, threads=threads, lineage=lineage, progress=context.progress

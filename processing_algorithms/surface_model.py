@@ -127,7 +127,7 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
     report = report_surface(block, pairs, tiles, crs, options, context)
     report["warnings"] = [*adjusted.warnings, *list_date_warnings(adjusted, pairs)]
     surface = SurfaceBands(block.grid, tiles, offsets, options.dense.largest_sigma_m)
-    form, threads = OrthoFormat("cog", options.compression), thread_count(options.common.threads)
+    form, threads = OrthoFormat("cog", options.compression), thread_count()
     lineage = {"HRSI_VERSION": report["version"], "HRSI_ALGORITHM": report["algorithm"]}
     with stage_results(options.folder, report, context, discarded=(str(store.folder),)) as staged:
         path = str(staged / SURFACE_FILE)
@@ -267,7 +267,7 @@ def match_tiles(
     """Match the tiles that are not stored yet, and store them; return all of them."""
     if stored := len(store):
         context.log(f"continues with {stored} finished tiles in {store.folder}")
-    threads = thread_count(options.common.threads)
+    threads = thread_count()
     mark = [(content_mark(image.path), image.rpc) for image in block.images]
     with ExitStack() as limits:
         limits.enter_context(one_thread_calls())

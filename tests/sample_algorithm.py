@@ -14,9 +14,10 @@ from typing import Any
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, SolveError
 from hrsi.hrsi_engine.foundation.options import nest_options, option
 from hrsi.hrsi_engine.foundation.progress import advance
+from hrsi.hrsi_engine.foundation.workers.threads import thread_count
 from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Kind, Report, settings_of
-from hrsi.processing_algorithms.interface.option_groups import Common, ResultFolder
+from hrsi.processing_algorithms.interface.option_groups import ResultFolder
 
 
 def _fail(error: Exception) -> Callable[[], None]:
@@ -57,7 +58,6 @@ class SampleOptions:
     wait: float = option(0.0, "Time to work", unit="s", minimum=0)
     report: bool = option(True, "Write a report")
     folder: ResultFolder = nest_options(ResultFolder)
-    common: Common = nest_options(Common)
 
 
 def run(options: SampleOptions, context: Context) -> Report:
@@ -69,7 +69,7 @@ def run(options: SampleOptions, context: Context) -> Report:
         for step in range(100):
             advance(context.progress, step / 100)
             time.sleep(options.wait / 100)
-    return {"algorithm": "sample", "options": settings_of(options)}
+    return {"algorithm": "sample", "options": settings_of(options) | {"threads": thread_count()}}
 
 
 def summarise(report: Report) -> str:

@@ -18,11 +18,10 @@ from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from ..interface.declare import Algorithm, Context, Report, fill_options, is_unusable, spell_arguments, unusable_text
-from ..interface.option_groups import LineOptions
+from ..interface.option_groups import LINE_PARAMS, LineOptions
 from ..interface.options import TYPED, OptionSource, check_options, find_algorithm
 from .command_parser import (
     COMMANDS,
-    LINE_PARAMS,
     algorithm_parser,
     help_page,
     json_usage,

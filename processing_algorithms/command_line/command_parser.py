@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
-from ..interface.declare import POSITIONAL_KINDS, Algorithm, Kind, Param, params_of, spell_arguments, value_facts
-from ..interface.option_groups import Common, LineOptions, ResultFolder
+from ..interface.declare import COMMON_PARAMS, POSITIONAL_KINDS, Algorithm, Kind, Param, spell_arguments, value_facts
+from ..interface.option_groups import LINE_PARAMS, OUTPUT_PARAMS
 from ..interface.options import KINDS, suggestion
 
 _NEGATIVE_VALUE = re.compile(r"-[.\d]")
-OUTPUT_PARAMS, COMMON_PARAMS = params_of(ResultFolder), params_of(Common)
-LINE_PARAMS = params_of(LineOptions)  #: options of the command line itself
 #: Commands that are no algorithms, with their help.
 COMMANDS = {
     "help": "Show the page of an algorithm",
@@ -40,7 +38,6 @@ IMAGES_TITLE, MAIN_TITLE, OUTPUT_TITLE, ADVANCED_TITLE, COMMON = (
     "advanced options",
     "common options",
 )
-COMMON_KEYS = {param.key for param in COMMON_PARAMS}  #: options that every algorithm has
 _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 
 #: Settings of argparse for options of a kind; options of every other kind take one word.
@@ -196,7 +193,7 @@ def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
     for param in params:
         group = param.group[:1].lower() + param.group[1:] or (ADVANCED_TITLE if param.advanced else MAIN_TITLE)
         heading = IMAGES_TITLE if param.kind in POSITIONAL_KINDS else OUTPUT_TITLE if param.name in outputs else group
-        (common if param.key in COMMON_KEYS else listed.setdefault(heading, [])).append(param)
+        (common if param in COMMON_PARAMS else listed.setdefault(heading, [])).append(param)
     return {title: members for title, members in listed.items() if members} | {COMMON: [*common, *LINE_PARAMS]}
 
 

@@ -115,7 +115,6 @@ class MeasureTargetsOptions:
     height_datum: str = groups.height_datum_option()
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
     report: bool = groups.report_option("Write report.html with a chip of every target")
-    common: groups.Common = nest_options(groups.Common)
 
 
 MEASURE_TARGETS = Algorithm(

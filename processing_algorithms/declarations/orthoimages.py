@@ -92,7 +92,6 @@ class OrthorectifyOptions:
     workers: groups.WorkerOptions = nest_options(groups.WorkerOptions)
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
     report: bool = groups.report_option()
-    common: groups.Common = nest_options(groups.Common)
 
 
 ORTHORECTIFY = Algorithm(
@@ -137,7 +136,6 @@ class OrthoCheckOptions:
     matching: MisregistrationOptions = nest_options(MisregistrationOptions)
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
     report: bool = groups.report_option()
-    common: groups.Common = nest_options(groups.Common)
 
 
 ORTHO_CHECK = Algorithm(
@@ -195,7 +193,6 @@ class SurfaceModelOptions:
     workers: groups.WorkerOptions = nest_options(groups.WorkerOptions)
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
     report: bool = groups.report_option()
-    common: groups.Common = nest_options(groups.Common)
 
 
 SURFACE_MODEL = Algorithm(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nest_options, option, options
+from ...hrsi_engine.foundation.options import option, options
 from ..interface.declare import Algorithm, Kind
-from ..interface.option_groups import Common, report_option
+from ..interface.option_groups import report_option
 
 
 @options(kw_only=True)
@@ -22,7 +22,6 @@ class InitOptions:
         None, "Project file to be written; by default project.toml in the folder", metavar="PROJECT.toml"
     )
     overwrite: bool = option(False, "Replace an existing project file")
-    common: Common = nest_options(Common)
 
 
 INIT = Algorithm(
@@ -56,7 +55,6 @@ class RunOptions:
     )  # fmt: skip
     overwrite: bool = option(False, "Do all steps again, and replace what else is in the output directory")
     report: bool = report_option("Write report.html, with a chapter for each step")
-    common: Common = nest_options(Common)
 
 
 RUN = Algorithm(

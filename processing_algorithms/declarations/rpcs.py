@@ -105,7 +105,6 @@ class WriteRpcOptions:
         None, "Directory for copies, VRTs and sidecars; created if missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
     )
     overwrite: bool = option(False, "Replace files of an earlier run")
-    common: groups.Common = nest_options(groups.Common)
 
 
 WRITE_RPC = Algorithm(
@@ -162,7 +161,6 @@ class CropOptions:
     )
     compression: str = groups.compression_option()
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
-    common: groups.Common = nest_options(groups.Common)
 
 
 CROP = Algorithm(
@@ -202,7 +200,6 @@ class StripOptions:
     )
     compression: str = groups.compression_option()
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
-    common: groups.Common = nest_options(groups.Common)
 
 
 JOIN_STRIP = Algorithm(
@@ -239,7 +236,6 @@ class RpcInfoOptions:
         "and those whose grid is missing (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS",
     )  # fmt: skip
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
-    common: groups.Common = nest_options(groups.Common)
 
 
 RPC_INFO = Algorithm(
@@ -277,7 +273,6 @@ class ProjectOptions:
     ground_crs: str | None = groups.ground_crs_option()
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
-    common: groups.Common = nest_options(groups.Common)
 
 
 PROJECT = Algorithm(
@@ -309,7 +304,6 @@ class LocalizeOptions:
     )  # fmt: skip
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
-    common: groups.Common = nest_options(groups.Common)
 
 
 LOCALIZE = Algorithm(
@@ -358,7 +352,6 @@ class FitRpcOptions:
         metavar="M",
     )
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
-    common: groups.Common = nest_options(groups.Common)
 
 
 FIT_RPC = Algorithm(
@@ -410,7 +403,6 @@ class HandOverOptions:
     )
     link: bool = option(False, "Write VRTs that refer to the images instead of copies")
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
-    common: groups.Common = nest_options(groups.Common)
 
 
 HAND_OVER = Algorithm(

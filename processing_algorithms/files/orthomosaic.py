@@ -108,7 +108,7 @@ def make_mosaic(plan: MosaicPlan, options: OrthorectifyOptions, progress: Progre
     }  # fmt: skip
     if plan.is_finished:
         return {**entry, "status": "kept", **_select_counts(read_figures(plan.path))}
-    threads = thread_count(options.common.threads)
+    threads = thread_count()
     with ExitStack() as stack:
         sources = [MosaicSource(job.path, job.grid, plan.grid) for job in plan.jobs]
         for source in sources:

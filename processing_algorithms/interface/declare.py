@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import Any, TypeVar
 
 from ...hrsi_engine.foundation.interruption import quitting_on_signals
-from ...hrsi_engine.foundation.options import InMemory, Option, inner_options_of, option_of
+from ...hrsi_engine.foundation.options import InMemory, Option, inner_options_of, option_of, options, threads_option
 from ...hrsi_engine.foundation.progress import Progress, stage
 from ...hrsi_engine.foundation.reasons import Level
 
@@ -224,6 +224,16 @@ def _join_items(items: Iterable[Any]) -> str:
     return ",".join(f"{item:g}" if isinstance(item, float) else str(item) for item in items)
 
 
+@options
+class Common:
+    """Options of every algorithm, which the declarations do not repeat."""
+
+    threads: int = threads_option()
+
+
+COMMON_PARAMS = params_of(Common)
+
+
 @dataclass(frozen=True)
 class Algorithm:
     """A declared algorithm.
@@ -263,8 +273,9 @@ class Algorithm:
 
     @cached_property
     def params(self) -> tuple[Param, ...]:
-        """The declared options, in their order."""
-        return params_of(self.options)
+        """The declared options, in their order; at the end those of every algorithm."""
+        declared = params_of(self.options)
+        return (*declared, *(param for param in COMMON_PARAMS if param not in declared))
 
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
         """Run with checked options, by key, as the only writer in the output directory.
@@ -290,7 +301,8 @@ class Algorithm:
         record = {
             "schema": SCHEMA, "algorithm": self.name,
             **lineage.run_record(context.command or self.command(given), named),
-            "options": {key: _plain_value(value) for key, value in given.items()}, "settings": settings_of(made),
+            "options": {key: _plain_value(value) for key, value in given.items()},
+            "settings": settings_of(made) | settings_of(fill_options(Common, options)),
             **context.record,
             "crs": {
                 "positions": POSITIONS_CRS, "heights": "ellipsoidal", "input_heights": options.get("height_datum"),

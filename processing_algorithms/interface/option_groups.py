@@ -10,7 +10,7 @@ from ...hrsi_engine.foundation.options import nest_options, option, options, thr
 from ...hrsi_engine.foundation.workers.certificates import Certificates
 from ...hrsi_engine.measurement.reference.options import ReferenceOptions
 from ...hrsi_engine.measurement.tie_options import TieOptions
-from .declare import Kind
+from .declare import Kind, params_of
 
 DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
 EARLIEST_EPOCH = 1957.0  # year of the first satellite
@@ -63,13 +63,6 @@ def window_option(help: str) -> Any:
 
 
 @options
-class Common:
-    """Options of every algorithm."""
-
-    threads: int = threads_option()
-
-
-@options
 class LineOptions:
     """Options of the command line only."""
 
@@ -90,6 +83,10 @@ class ResultFolder:
         help="Directory for the results; created where missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
     )
     overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
+
+
+OUTPUT_PARAMS = params_of(ResultFolder)
+LINE_PARAMS = params_of(LineOptions)  #: options of the command line itself
 
 
 @options
@@ -131,7 +128,6 @@ class BlockOutput:
     stac: bool = option(
         False, "Also write a STAC item of each refined image (ID_stac.json), and one file of all items (stac.json)"
     )
-    common: Common = nest_options(Common)
 
 
 # ---- heights ---------------------------------------------------------------------------------------------------------

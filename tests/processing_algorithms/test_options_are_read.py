@@ -14,8 +14,7 @@ from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.foundation.workers.threads import thread_count
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Report
-from hrsi.processing_algorithms.interface.option_groups import Common
+from hrsi.processing_algorithms.interface.declare import Algorithm, Common, Context, Report
 from hrsi.tests.option_reads import OptionReads
 
 

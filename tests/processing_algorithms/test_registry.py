@@ -9,8 +9,7 @@ import pytest
 import hrsi.processing_algorithms as processing_algorithms
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import REGISTRY, run
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, params_of
-from hrsi.processing_algorithms.interface.option_groups import Common
+from hrsi.processing_algorithms.interface.declare import Algorithm, Common, Kind, params_of
 from hrsi.processing_algorithms.interface.options import KINDS, check_options
 from hrsi.tests.sample_algorithm import SAMPLE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ....hrsi_engine.foundation.options import nest_options, option, options
 from ....hrsi_engine.laboratory.registration_options import RegistrationOptions
 from ...interface.declare import Algorithm, Kind
-from ...interface.option_groups import Common, ResultFolder, TerrainOptions, report_option
+from ...interface.option_groups import ResultFolder, TerrainOptions, report_option
 
 LAYERS_FILE, LAYER = "registration.gpkg", "residuals"
 
@@ -25,7 +25,6 @@ class RegisterOptions:
     terrain: TerrainOptions = nest_options(TerrainOptions)
     folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option()
-    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

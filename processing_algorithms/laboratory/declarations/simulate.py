@@ -17,7 +17,7 @@ from ....hrsi_engine.laboratory.simulation.options import (
     SceneSpec,
 )
 from ...interface.declare import Algorithm
-from ...interface.option_groups import Common, ResultFolder
+from ...interface.option_groups import ResultFolder
 
 
 @options
@@ -112,7 +112,6 @@ class SimulateOptions:
     ms: bool = option(False, "Also render multispectral images with larger pixels")
     ortho: bool = option(False, "Write an orthoimage of the scene without errors")
     folder: ResultFolder = nest_options(ResultFolder)
-    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

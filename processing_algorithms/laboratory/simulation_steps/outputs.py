@@ -138,7 +138,7 @@ def write_free_ortho(folder: Path, simulated: BlockSimulation, options: Simulate
     seen_m = max(0.5 * max(view.size) * view.sensor.gsd_m for view in simulated.views)  # the scene is larger
     errors = draw_ortho_errors(seen_m, spec, [options.scene.seed, FREE_ORTHO_SEED])
     bands = simulate_free_orthoimage(scene, spec, errors)
-    threads = thread_count(options.common.threads)
+    threads = thread_count()
     write_image(str(folder / FREE_ORTHO), bands, None, bands[0].geotransform, threads, stage(progress, 0.99, 1.0))
     east, north = errors.mean_m
     return {"mean_east_m": east, "mean_north_m": north, "error_m": spec.error_m, "corner_m": spec.corner_m}
@@ -146,7 +146,7 @@ def write_free_ortho(folder: Path, simulated: BlockSimulation, options: Simulate
 
 def write_cameras(folder: Path, simulated: BlockSimulation, options: SimulateOptions, progress: Progress) -> list[str]:
     """Write images, or RPC files in their place, and the orthophoto; return the names of the files."""
-    threads = thread_count(options.common.threads)
+    threads = thread_count()
     count = len(simulated.views) + options.ortho
     names: list[str] = []
     for index, image in enumerate(simulated.block.images):
