@@ -11,7 +11,6 @@ into docs/protocols/interest_points_accuracy.md; NAME chooses blocks whose name 
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Mapping
 from itertools import combinations
@@ -22,7 +21,7 @@ import cv2
 import numpy as np
 from real_blocks import DATA, sift_tracks
 
-from hrsi.benchmarks.pages import DOCS, put_between
+from hrsi.benchmarks.pages import DOCS, make_parser, put_between
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image, ImagePoints
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
@@ -49,8 +48,7 @@ WRONG_PX = 6.0  # tracks of SIFT that no RPC fits
 
 def main() -> None:
     """Print both tables; write them into the page where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--docs", action="store_true", help=f"write the tables into {PAGE.name}")
+    parser = make_parser(__doc__.splitlines()[0], PAGE)
     parser.add_argument("names", nargs="*", default=[""], help="only blocks whose name begins so")
     given = parser.parse_args()
     if given.docs and given.names != [""]:

@@ -9,7 +9,6 @@ the speed. ``--docs`` writes the tables into `docs/geodesy.md`, where parts that
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -29,7 +28,7 @@ import pyproj
 from osgeo import gdal
 from pyproj.transformer import TransformerGroup
 
-from hrsi.benchmarks.pages import DOCS, render
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.adjustment.result import Adjustment
@@ -45,7 +44,6 @@ from hrsi.tests.laser_scenes import laser_scene
 from hrsi.tests.simulated_blocks import block as simulated_block
 
 PAGE = DOCS / "geodesy.md"
-BEGIN, END = "<!-- benchmarks/geodesy.py writes from here -->", "<!-- to here -->"
 
 #: EPSG codes of CRS, and three places in the area of use of each: longitude and latitude.
 PLACES: dict[int, tuple[tuple[float, float], ...]] = {
@@ -376,140 +374,111 @@ CONTROL: dict[str, tuple[str, tuple[float, float]]] = {
 }
 
 
-def describe_crs(folder: Path) -> tuple[str, str]:
-    """Return title and text of the CRS beside cs2cs."""
+def describe_crs(folder: Path) -> str:
+    """Return the table of the CRS beside cs2cs, and its sums."""
     rows = compare_with_cs2cs()
     head = ("code", "CRS", "operation", "accuracy m", "as cs2cs", "largest difference mm", "where cs2cs differs")
     table = [
-        (
-            f"EPSG:{row.code}",
-            row.name,
-            row.operations,
-            row.accuracy,
-            f"{row.same} of 3",
-            f"{row.largest_mm:.4f}",
-            row.other,
-        )
+        (f"EPSG:{row.code}", row.name, row.operations, row.accuracy, f"{row.same} of 3", f"{row.largest_mm:.4f}",
+         row.other)
         for row in rows
-    ]
+    ]  # fmt: skip
     largest = max(row.largest_mm for row in rows)
     return (
-        f"{len(rows)} CRS against cs2cs",
         f"{render(head, table)}\n\n{sum(row.same for row in rows)} of {3 * len(rows)} places agree within 1 mm "
-        f"(largest {largest:.4f} mm). PROJ {pyproj.proj_version_str}.",
+        f"(largest {largest:.4f} mm). PROJ {pyproj.proj_version_str}."
     )
 
 
-def describe_areas(folder: Path) -> tuple[str, str]:
-    """Return title and text of the file with points of two areas."""
+def describe_areas(folder: Path) -> str:
+    """Return the table of the file with points of two areas."""
     areas = compare_two_areas(folder)
-    return "A file with points of two areas", "The points are in ED50, in Spain and in Turkey.\n\n" + render(
+    return render(
         ("operation", "points", "from cs2cs mm"), [(one, count, f"{apart:.3f}") for one, count, apart in areas]
     )
 
 
-def describe_dem(folder: Path) -> tuple[str, str]:
-    """Return title and text of a DEM beside points."""
+def describe_dem(folder: Path) -> str:
+    """Return what a DEM beside points comes to."""
     return (
-        "DEM and GCPs",
         "A DEM cell and a point with the same map coordinates differ by at most "
-        f"{compare_dem_with_points(folder):.4f} mm, at three places in each of the {len(PLACES)} CRS.",
+        f"{compare_dem_with_points(folder):.4f} mm, at three places in each of the {len(PLACES)} CRS."
     )
 
 
-def describe_losses(folder: Path) -> tuple[str, str]:
-    """Return title and text of what is told where no grid is installed."""
+def describe_losses(folder: Path) -> str:
+    """Return the largest losses where no grid is installed, and how many are told."""
     losses = run_without_grids(folder)
     told = sum(1 for *_, is_told in losses if is_told)
     worst = sorted(losses, key=lambda row: -(row[2] or 0.0))[:12]
     table = [(f"EPSG:{code}", one, "not known" if loss is None else f"{loss:.2f}") for code, one, loss, _ in worst]
     return (
-        "Without any grid",
-        f"`PROJ_DATA` has PROJ's database alone. At {len(losses)} of {3 * len(PLACES)} places, the grid of an "
-        "operation that is more accurate by more than 0.1 m is missing. "
-        f"HRSI reports {told} of {len(losses)}. The largest losses:\n\n"
-        + render(("CRS", "missing operation", "loss m"), table),
+        f"{render(('CRS', 'missing operation', 'loss m'), table)}\n\nA grid is missing at {len(losses)} of "
+        f"{3 * len(PLACES)} places. HRSI reports {told} of {len(losses)}."
     )
 
 
-def describe_jobs(folder: Path) -> tuple[str, str]:
-    """Return title and text of the jobs through the command line."""
+def describe_jobs(folder: Path) -> str:
+    """Return the table of the jobs through the command line."""
     heads = ("job", "operation", "RPCs apart px", "verdict", "reasons", "CE90 on WGS84 m", "CE90 predicted m",
              "CE90 of check points m", "CE90 they cannot test m", "ERR_BIAS m")  # fmt: skip
-    return "Two jobs through the command line", render(heads, list(run_jobs(folder)))
+    return render(heads, list(run_jobs(folder)))
 
 
-def describe_coverage(folder: Path) -> tuple[str, str]:
-    """Return title and text of the coverage of CE90 and LE90."""
+def describe_coverage(folder: Path) -> str:
+    """Return the table of the coverage of CE90 and LE90."""
     cases = {name: take_operation(*of) for name, of in CONTROL.items()}
     covered = [
         (name, *(f"{sigma:.2f}" for sigma in use.operation.sigma_m), *(f"{share:.1f}" for share in cover(use)))
         for name, use in cases.items()
     ]
-    return (
-        f"Coverage over {SEEDS} blocks",
-        "The table has the shares of tie point errors within their predicted CE90 and LE90. The simulated blocks have "
-        "3 images, 12 GCPs of 5 cm and an error of the operation that is drawn from its stated accuracy.\n\n"
-        + render(("GCPs", "sigma plan m", "sigma height m", "CE90 covers %", "LE90 covers %"), covered),
-    )
+    return render(("GCPs", "sigma plan m", "sigma height m", "CE90 covers %", "LE90 covers %"), covered)
 
 
-def describe_laser(folder: Path) -> tuple[str, str]:
-    """Return title and text of the coverage of blocks that laser heights hold."""
+def describe_laser(folder: Path) -> str:
+    """Return the coverage of blocks that laser heights hold."""
     held, silent = cover_with_laser(take_operation(*CONTROL["ETRS89 / UTM 32N + DHHN92"]))
     return (
-        f"Coverage over {LASER_SEEDS} blocks with laser heights",
         "The blocks have two images, no GCPs and three passes of a laser. The laser heights are in DHHN92, with EGM96 "
         f"in place of its geoid. LE90 covers {held:.1f} % of the check point errors, and {silent:.1f} % if the error "
-        "of the geoid is not included.",
+        "of the geoid is not included."
     )
 
 
-def describe_speed(folder: Path) -> tuple[str, str]:
-    """Return title and text of the speed."""
+def describe_speed(folder: Path) -> str:
+    """Return the table of the speed."""
     speeds = [(code, *measure_speed(code, place)) for code, place in ((25832, (9.0, 50.0)), (23030, (-3.7, 40.4)))]
     times = [
         (f"EPSG:{code}", f"{before:.2f}", f"{after:.2f}", f"{after / before:.2f}") for code, before, after in speeds
     ]
-    return (
-        "Speed",
-        f"The times are CPU seconds for {POINTS} points, the best of five runs. Before, PROJ's operations were listed "
-        "at each call.\n\n" + render(("CRS", "before CPU s", "service CPU s", "ratio"), times),
-    )
+    return render(("CRS", "before CPU s", "service CPU s", "ratio"), times)
 
 
-PARTS: dict[str, Callable[[Path], tuple[str, str]]] = {
-    "crs": describe_crs,
-    "areas": describe_areas,
-    "dem": describe_dem,
-    "losses": describe_losses,
-    "jobs": describe_jobs,
-    "coverage": describe_coverage,
-    "laser": describe_laser,
-    "speed": describe_speed,
+#: Parts: the heading of each on the page, and what makes it.
+PARTS: dict[str, tuple[str, Callable[[Path], str]]] = {
+    "crs": (f"{len(PLACES)} CRS against cs2cs", describe_crs),
+    "areas": ("A file with points of two areas", describe_areas),
+    "dem": ("DEM and GCPs", describe_dem),
+    "losses": ("Without any grid", describe_losses),
+    "jobs": ("Two jobs through the command line", describe_jobs),
+    "coverage": (f"Coverage over {SEEDS} blocks", describe_coverage),
+    "laser": (f"Coverage over {LASER_SEEDS} blocks with laser heights", describe_laser),
+    "speed": ("Speed", describe_speed),
 }
 
 
 def main() -> None:
-    """Print the tables; ``--docs`` writes them into the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; default: all")
-    parser.add_argument("--docs", action="store_true")
+    """Print the parts; ``--docs`` writes them into the page."""
+    parser = make_parser(__doc__, PAGE)
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], metavar="PART", help=f"of {', '.join(PARTS)}")
     words: Any = parser.parse_args()
-    if unknown := set(words.parts) - set(PARTS):
-        parser.error(f"no such part: {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    made = {}
-    for name in words.parts or PARTS:
+    sections = {}
+    for title, describe in (PARTS[name] for name in words.parts or PARTS):
         with tempfile.TemporaryDirectory() as folder:
-            made[name] = "{}\n\n{}".format(*PARTS[name](Path(folder)))
-        print(f"## {made[name]}", flush=True)
+            sections[title] = describe(Path(folder))
+        print(f"## {title}\n\n{sections[title]}\n", flush=True)
     if words.docs:
-        page = PAGE.read_text()
-        before, after = page.split(BEGIN)[0], page.split(END)[1]
-        shown = page.removeprefix(before + BEGIN).removesuffix(END + after).split("\n## ")[1:]
-        every = dict(zip(PARTS, (part.strip() for part in shown), strict=True)) | made
-        text = "\n\n".join(f"## {every[name]}" for name in PARTS)
-        PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+        write_sections(PAGE, sections)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ import numpy as np
 from osgeo import gdal
 from scipy.optimize import least_squares
 
-from hrsi.benchmarks.pages import DOCS, ROOT, put_between, render
+from hrsi.benchmarks.pages import DOCS, ROOT, make_parser, put_between, render
 from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
@@ -243,12 +243,11 @@ def figures(path: Path) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("programs", nargs="*", default=["cars", "s2p", "heights"])
     parser.add_argument("--all-pairs", action="store_true", help="CARS: all pairs, not only the best one")
     parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
     parser.add_argument("--work", type=Path, help="folder of projects and results that are kept")
-    parser.add_argument("--docs", action="store_true", help="put the table into docs/how-to/hand-over.md")
     options = parser.parse_args()
     with open_work_folder(options.work) as work:
         compare(work, options)

@@ -15,7 +15,6 @@ writes the tables into docs/protocols/interest_points_accuracy.md.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +24,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from hrsi.benchmarks.matching import PAIRS, RealPair, timed
-from hrsi.benchmarks.pages import DOCS, put_between
+from hrsi.benchmarks.pages import DOCS, make_parser, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.interest_points import DetectionOptions, InterestPoints, detect_interest_points
@@ -94,10 +93,9 @@ class Truth:
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = make_parser(__doc__.splitlines()[0], PAGE)
     parser.add_argument("--pairs", default="", help="only pairs whose name begins so")
     parser.add_argument("--data", type=Path, default=TEST_DATA / "real")
-    parser.add_argument("--docs", action="store_true", help=f"write the tables into {PAGE.name}")
     given = parser.parse_args()
     if given.docs and given.pairs:
         parser.error("--docs writes all tables: leave --pairs out")

@@ -8,7 +8,6 @@ CPU times are the operating system's, each the least of the runs. With --docs th
 
 from __future__ import annotations
 
-import argparse
 import resource
 import subprocess
 import sys
@@ -18,8 +17,7 @@ from itertools import product
 from pathlib import Path
 
 from hrsi.benchmarks.jitter_found import PAGE
-from hrsi.benchmarks.pages import put_between
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import make_parser, put_between, render
 from hrsi.processing_algorithms import run
 
 SEED = 5
@@ -56,10 +54,9 @@ def compare(work: Path, lines: int, images: int, jitter_px: int, runs: int) -> t
 
 def main(words: Sequence[str] | None = None) -> None:
     """Print the table; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--lines", nargs="+", type=int, default=[20_000, 40_000])
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--docs", action="store_true", help=f"write into {PAGE.name}")
     options = parser.parse_args(words)
     rows = []
     with tempfile.TemporaryDirectory() as work:

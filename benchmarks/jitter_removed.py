@@ -17,7 +17,6 @@ Thresholds were tuned on seeds below 8000; judge on others.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -26,8 +25,7 @@ from itertools import combinations, product
 import numpy as np
 
 from hrsi.benchmarks.jitter_found import CURVES, PAGE, SIZE, UYUNI_CURVES, simulate_shaken
-from hrsi.benchmarks.pages import put_between
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import make_parser, put_between, render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.block import Role
@@ -138,10 +136,9 @@ def run(curve: str, images: int, surface: bool, seeds: Sequence[int]) -> tuple[l
 
 def main(words: Sequence[str] | None = None) -> None:
     """Print the table; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--seeds", nargs=2, type=int, default=(8001, 1), metavar=("FIRST", "COUNT"), help="of a row")
     parser.add_argument("--curves", nargs="*", default=[*CURVES, *UYUNI_CURVES], help="default: all")
-    parser.add_argument("--docs", action="store_true", help=f"write into {PAGE.name}")
     given = parser.parse_args(words)
     is_part = not {*CURVES, *UYUNI_CURVES} <= set(given.curves)
     if given.docs and is_part:

@@ -24,7 +24,7 @@ from osgeo import gdal
 from hrsi.benchmarks.hand_over import WILD_M, heights_of, installed, nmad, open_work_folder, read_end, typed
 from hrsi.benchmarks.jitter_found import PAGE, SIZE
 from hrsi.benchmarks.jitter_removed import fit_wave
-from hrsi.benchmarks.pages import put_between, render
+from hrsi.benchmarks.pages import make_parser, put_between, render
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 
@@ -73,11 +73,10 @@ def measure(surface: Path, block: Path) -> tuple[float, float, float]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Print the table; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("programs", nargs="*", default=["cars", "s2p"])
     parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
     parser.add_argument("--work", type=Path, help="folder of projects and results that are kept")
-    parser.add_argument("--docs", action="store_true", help=f"write into {PAGE.name}")
     options = parser.parse_args(words)
     with open_work_folder(options.work) as work:
         compare(work, options)

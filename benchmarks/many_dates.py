@@ -34,7 +34,7 @@ from osgeo import gdal
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from hrsi.benchmarks.pages import DOCS, put_between
+from hrsi.benchmarks.pages import DOCS, make_parser, put_between
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
 from hrsi.hrsi_engine.block.assembly import assemble
@@ -317,7 +317,7 @@ METHODS = {"HRSI": hrsi, "SIFT, all pairs": rival}
 
 def main() -> None:
     """Print the table of each year."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--dates", type=int, default=40)
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--seed", default="41,42,43", help="of each year, by commas")
@@ -325,7 +325,6 @@ def main() -> None:
     parser.add_argument("--hopeless", type=float, default=0.0)
     parser.add_argument("--folder")
     parser.add_argument("--no-sift", action="store_true")
-    parser.add_argument("--docs", action="store_true")
     words = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         for seed in map(int, words.seed.split(",")):

@@ -13,7 +13,6 @@ of the same pair and scale.
 
 from __future__ import annotations
 
-import argparse
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +21,7 @@ import cv2
 import numpy as np
 
 from hrsi.benchmarks.matching import PAIRS, RealPair, timed
-from hrsi.benchmarks.pages import DOCS, put_between
+from hrsi.benchmarks.pages import DOCS, make_parser, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.control_network import match_windows
@@ -49,12 +48,11 @@ class Seen(NamedTuple):
 
 def main() -> None:
     """Print one row a pair and scale."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = make_parser(__doc__.splitlines()[0], PAGE)
     parser.add_argument("--pairs", default="", help="only pairs whose name begins so")
     parser.add_argument("--seed", type=int, default=41, help="of the rotations")
     parser.add_argument("--scales", default="0.6,0.8,1,1.25,1.7")
     parser.add_argument("--data", type=Path, default=TEST_DATA / "real")
-    parser.add_argument("--docs", action="store_true", help="write the table into docs/matching.md")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     rng = np.random.default_rng(given.seed)

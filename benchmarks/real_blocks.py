@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.hold_out import hold_out_ties
 from hrsi.hrsi_engine.block.assembly import assemble
-from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
@@ -85,17 +85,11 @@ def triplet() -> Block:
 
 def sift_tracks(images: Sequence) -> list[ImagePoints]:
     """Return tracks: 8000 keypoints an image, ratio 0.75, mutual, MAGSAC for each pair; no RPC is used."""
-    import cv2
-
-    features = []
-    for image in images:
-        grey = image.raster.read(0, 0, *image.size)[0].astype(np.float64)
-        low, high = np.percentile(grey, (1, 99))
-        eight_bit = np.clip((grey - low) / (high - low) * 255.0, 0, 255).astype(np.uint8)
-        keypoints, descriptors = cv2.SIFT_create(8000, contrastThreshold=0.01).detectAndCompute(eight_bit, None)
-        features.append((np.array([k.pt for k in keypoints[:8000]]), descriptors[:8000]))
+    features = [describe_sift(image, 8000) for image in images]
     edges = [
-        ((i, a), (j, b)) for i, j in itertools.combinations(range(len(images)), 2) for a, b in _matches(features, i, j)
+        ((i, a), (j, b))
+        for i, j in itertools.combinations(range(len(images)), 2)
+        for a, b in match_sift(features[i], features[j]).tolist()
     ]
     tracks = _tracks(edges)
     ids = [f"T{number:06d}" for number, track in enumerate(tracks) for _ in track]
@@ -104,23 +98,31 @@ def sift_tracks(images: Sequence) -> list[ImagePoints]:
     return [ImagePoints(ids, [images[i].id for i, _ in flat], xy)]
 
 
-def _matches(features: Sequence, i: int, j: int) -> Iterator[tuple[int, int]]:
+def describe_sift(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and descriptors of OpenCV's SIFT on an image stretched between its percentiles 1 and 99."""
+    import cv2
+
+    grey = image.raster.read(0, 0, *image.size)[0].astype(np.float64)
+    low, high = np.percentile(grey, (1, 99))
+    eight_bit = np.clip((grey - low) / (high - low) * 255.0, 0, 255).astype(np.uint8)
+    keypoints, descriptors = cv2.SIFT_create(count, contrastThreshold=0.01).detectAndCompute(eight_bit, None)
+    return np.array([k.pt for k in keypoints[:count]]), descriptors[:count]
+
+
+def match_sift(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Return index pairs (n, 2) of what `describe_sift` found: ratio 0.75 and mutual, MAGSAC with 1 px."""
     import cv2
 
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     best = [
-        {
-            m.queryIdx: m.trainIdx
-            for m, n in matcher.knnMatch(features[a][1], features[b][1], k=2)
-            if m.distance < 0.75 * n.distance
-        }
-        for a, b in ((i, j), (j, i))
+        {m.queryIdx: m.trainIdx for m, n in matcher.knnMatch(one[1], other[1], k=2) if m.distance < 0.75 * n.distance}
+        for one, other in ((first, second), (second, first))
     ]
     pairs = np.array([(a, b) for a, b in best[0].items() if best[1].get(b) == a])
     _, inlier = cv2.findFundamentalMat(
-        features[i][0][pairs[:, 0]], features[j][0][pairs[:, 1]], cv2.USAC_MAGSAC, 1.0, 0.9999, 10000
+        first[0][pairs[:, 0]], second[0][pairs[:, 1]], cv2.USAC_MAGSAC, 1.0, 0.9999, 10000
     )
-    return ((int(a), int(b)) for a, b in pairs[inlier.ravel() > 0])
+    return pairs[inlier.ravel() > 0]
 
 
 def _tracks(edges: Sequence) -> list[list[tuple[int, int]]]:

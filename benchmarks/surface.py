@@ -14,7 +14,6 @@ Seeds below 100 served to develop; the documented tables are of those from 7000 
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import csv
 import io
@@ -31,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from osgeo import gdal
 
-from hrsi.benchmarks.pages import DOCS, put_between, render
+from hrsi.benchmarks.pages import DOCS, make_parser, put_between, render
 from hrsi.benchmarks.true_errors import intersect_pixels, read_rpc_text
 from hrsi.benchmarks.wrong_inputs import PLACES, TruePoints
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -426,12 +425,11 @@ def _print_ratios(rows: Sequence[Row]) -> None:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Print the tables; ``--docs`` writes them into the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("parts", nargs="*", default=PARTS, metavar="PART")
     parser.add_argument("--seeds", default="7000:7002", metavar="A:B")
     parser.add_argument("--sensors", nargs="+", default=list(SENSORS), metavar="NAME")
     parser.add_argument("--landforms", nargs="+", default=[*LANDFORMS, REFERENCE_GROUND], metavar="NAME")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args(words)
     first, last = (int(text) for text in options.seeds.split(":"))
     for part in options.parts:

@@ -8,7 +8,6 @@ the adjusted tie points over the reference DSM of 0.5 m until the NMAD of their 
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from dataclasses import replace
@@ -19,7 +18,7 @@ from osgeo import gdal
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
-from hrsi.benchmarks.pages import DOCS, render
+from hrsi.benchmarks.pages import DOCS, make_parser, render
 from hrsi.benchmarks.real_blocks import DATA
 from hrsi.hrsi_engine import AdjustOptions, adjust, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
@@ -130,9 +129,8 @@ def measure(count: int) -> tuple[list[list[str]], list[list[str]]]:
 
 def main() -> None:
     """Print the tables; ``--docs`` writes them into the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = make_parser(__doc__.splitlines()[0], PAGE)
     parser.add_argument("vectors", nargs="?", type=int, default=12)
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args()
     rows, sums = measure(options.vectors)
     print(render(("cells", "displaced m", "up m", "left m", "up m", "CE90 m", "LE90 m", "CPU s", "reasons"), rows))

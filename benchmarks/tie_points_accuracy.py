@@ -14,9 +14,8 @@ from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
-import cv2
 import numpy as np
-from real_blocks import DATA, sift_tracks, tie_rmse
+from real_blocks import DATA, describe_sift, match_sift, sift_tracks, tie_rmse
 
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.block.assembly import assemble
@@ -72,24 +71,10 @@ def whole(image: Image) -> ImageTile:
 
 
 def sift_matches(images: Sequence[Image]) -> tuple[np.ndarray, np.ndarray]:
-    """Return matches of OpenCV's SIFT: 20 000 keypoints, mutual, ratio 0.75, MAGSAC 1 px; no RPC is used."""
-    features = []
-    for image in images:
-        grey = whole(image).pixels
-        low, high = np.percentile(grey, (1, 99))
-        eight_bit = np.clip((grey - low) / (high - low) * 255.0, 0, 255).astype(np.uint8)
-        keypoints, descriptors = cv2.SIFT_create(20000, contrastThreshold=0.01).detectAndCompute(eight_bit, None)
-        features.append((np.array([k.pt for k in keypoints]), descriptors))
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    best = [
-        {m.queryIdx: m.trainIdx for m, n in matcher.knnMatch(features[a][1], features[b][1], k=2)
-         if m.distance < 0.75 * n.distance}
-        for a, b in ((0, 1), (1, 0))
-    ]  # fmt: skip
-    pairs = np.array([(a, b) for a, b in best[0].items() if best[1].get(b) == a])
-    xy1, xy2 = features[0][0][pairs[:, 0]], features[1][0][pairs[:, 1]]
-    _, inlier = cv2.findFundamentalMat(xy1, xy2, cv2.USAC_MAGSAC, 1.0, 0.9999, 10000)
-    return xy1[inlier.ravel() > 0], xy2[inlier.ravel() > 0]
+    """Return matches of OpenCV's SIFT with 20 000 keypoints an image; no RPC is used."""
+    first, second = (describe_sift(image, 20_000) for image in images)
+    i, j = match_sift(first, second).T
+    return first[0][i], second[0][j]
 
 
 def across(images: Sequence[Image], xy1: np.ndarray, xy2: np.ndarray, height_m: float) -> tuple[float, float]:
