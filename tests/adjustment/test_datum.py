@@ -9,6 +9,7 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.statistics.precision import compute_semi_axes, predict_accuracy
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import InputError
@@ -196,25 +197,6 @@ def test_warm_start_needs_fewer_passes():
     assert np.abs((warm.values - cold.values) / cold.values_sigma).max() < 1e-5
 
 
-def test_predicted_accuracy_and_ellipses():
-    from hrsi.hrsi_engine.adjustment.statistics.precision import compute_semi_axes, predict_accuracy
-
-    rotation = np.radians(30.0)
-    axes = np.array([[np.sin(rotation), np.cos(rotation)], [np.cos(rotation), -np.sin(rotation)]])
-    covariance = np.zeros((1, 3, 3))
-    covariance[0, :2, :2] = axes.T @ np.diag([9.0, 1.0]) @ axes
-    major, minor = compute_semi_axes(covariance)
-    assert (major[0], minor[0]) == pytest.approx((3.0, 1.0))
-    rng = np.random.default_rng(1)
-    sample = rng.normal(size=(400_000, 2))
-    predicted = predict_accuracy(np.eye(3)[None], np.zeros((1, 3, 3)))
-    assert predicted["ce90_m"] == pytest.approx(np.quantile(np.linalg.norm(sample, axis=1), 0.9), rel=0.01)
-    assert predicted["le90_m"] == pytest.approx(np.quantile(np.abs(sample[:, 0]), 0.9), rel=0.01)
-    # a survey adds its own variance; a coordinate without survey is not compared
-    partly = predict_accuracy(np.eye(3)[None], np.diag([3.0, 0.0, np.inf])[None])
-    assert (partly["rmse_east_m"], partly["rmse_north_m"], partly["rmse_height_m"]) == (2.0, 1.0, None)
-
-
 def test_gcps_without_ties_predict_by_everything_but_their_own_survey():
     """The cofactors without its own survey are those of an adjustment in which its survey has no weight."""
     block, _, _ = blocks.block(gcps=6, checks=0, ties=0, noise_m=0.02)
@@ -276,8 +258,6 @@ def test_a_gcp_left_out_has_no_sigma():
 
 def test_predicted_ce90_is_the_quantile_of_all_points():
     """Points with different ellipses, by a Monte Carlo of their errors; one that is not determined moves nothing."""
-    from hrsi.hrsi_engine.adjustment.statistics.precision import predict_accuracy
-
     rng = np.random.default_rng(2)
     factor = rng.normal(size=(200, 3, 3)) * rng.uniform(0.1, 2.0, (200, 1, 1))
     covariance = factor @ factor.swapaxes(1, 2)
@@ -287,6 +267,12 @@ def test_predicted_ce90_is_the_quantile_of_all_points():
     assert predicted["le90_m"] == pytest.approx(np.quantile(np.abs(error[..., 2]), 0.9), rel=0.01)
     more = np.concatenate([covariance, 1e9 * np.eye(3)[None]])
     assert predict_accuracy(more, np.zeros_like(more))["ce90_m"] == pytest.approx(predicted["ce90_m"], rel=0.05)
+    # a survey adds its own variance; a coordinate without survey is not compared
+    partly = predict_accuracy(np.eye(3)[None], np.diag([3.0, 0.0, np.inf])[None])
+    assert (partly["rmse_east_m"], partly["rmse_north_m"], partly["rmse_height_m"]) == (2.0, 1.0, None)
+    major, minor = compute_semi_axes(covariance)
+    axes = np.sqrt(np.linalg.eigvalsh(covariance[:, :2, :2]))
+    np.testing.assert_allclose(np.column_stack([minor, major]), axes, rtol=1e-9)
 
 
 def test_redundancy_numbers_sum_to_the_redundancy():

@@ -122,8 +122,6 @@ def test_arrows_as_a_layer(both: tuple[dict[str, Any], Path]) -> None:
     assert layer.GetSpatialRef().GetAuthorityCode(None) == "32755"
     rows = [feature for feature in layer if feature["outcome"] == "matched" and feature["state"] == "before"]
     assert len(rows) >= report["pairs"][0]["before"]["windows"]
-    assert np.median([row["east_m"] for row in rows]) == pytest.approx(0.65, abs=0.02)
-    assert np.median([row["north_m"] for row in rows]) == pytest.approx(0.3, abs=0.02)  # above is north
     x = rows[0].GetGeometryRef().GetX()
     assert 500_000.0 < x < 500_200.0
     with sqlite3.connect(folder / "misregistration.gpkg") as database:

@@ -172,20 +172,6 @@ def test_points_of_another_image_are_refused(scene: tuple[str, RPC], tmp_path: P
 # ---- rpc-info --------------------------------------------------------------------------------------------------
 
 
-def test_rpc_info_writes_footprints(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    images = [str(real_data / "s2p_triplet_phr" / f"img_0{number}.tif") for number in (1, 2, 3)]
-    assert main(["rpc-info", *images, "--height", "206", "--output-dir", str(tmp_path / "out"), "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert report == json.loads((tmp_path / "out" / "report.json").read_text())
-    assert [pair["convergence_deg"] for pair in report["pairs"]] == pytest.approx([6.5, 12.8, 6.4], abs=0.06)
-    dataset = ogr.Open(str(tmp_path / "out" / "rpc_info.gpkg"))
-    footprints = {feature["id"]: feature.geometry().Clone() for feature in dataset.GetLayerByName("images")}
-    assert footprints.keys() == report["images"].keys()
-    shared = footprints["img_01"].Intersection(footprints["img_02"]).Area() / footprints["img_01"].Area()
-    assert shared == pytest.approx(report["pairs"][0]["overlap_first"], rel=1e-6)
-    assert dataset.GetLayerByName("pairs").GetFeatureCount() == 3
-
-
 def test_rpc_info_says_that_overlap_depends_on_height(real_data: Path) -> None:
     images = [str(real_data / "ventoux_phr_pair" / name) for name in ("left_image.tif", "right_image.tif")]
     report = run("rpc-info", images=images)
