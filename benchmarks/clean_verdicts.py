@@ -7,15 +7,13 @@ judged before and after the adjustment. Thresholds were tuned on seeds below 100
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from hrsi.benchmarks import real_blocks
-from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.assembly import assemble
@@ -119,12 +117,11 @@ def real_table(models: Sequence[str]) -> str:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Print the tables; ``--docs`` writes the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = make_parser(__doc__, PAGE)
     parser.add_argument("--seeds", nargs=2, type=int, default=(5000, 36), metavar=("FIRST", "COUNT"))
     parser.add_argument("--real", action="store_true", help="print the real blocks alone")
     parser.add_argument("--sensors", nargs="+", choices=[*SENSORS], help="print simulated blocks of these alone")
     parser.add_argument("--models", nargs="+", default=MODELS_JUDGED, metavar="NAME")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args(words)
     first, count = options.seeds
     if options.real:
@@ -133,29 +130,13 @@ def main(words: Sequence[str] | None = None) -> None:
     if options.sensors:
         print(simulated_table(first, count, options.models, options.sensors))
         return
-    real, made = real_table(options.models), simulated_table(first, count, options.models)
-    text = f"""# Verdicts of simulated and real blocks without input errors
-
-Made by `python -m hrsi.benchmarks.clean_verdicts --docs`. The page [verdict](../verdict.md) explains the verdict.
-
-## Real blocks
-
-{HOBART_NOTE}
-{real}
-
-## Simulated blocks
-
-Seeds {first} to {first + count - 1} were not used for tuning; the thresholds were tuned with seeds below 1000. The
-blocks have two to four images of 4000 to 12 000 px, 0 to 12 GCPs and 40 to 800 tie points. 0 to 5 % of the tie points
-are wrong, and the noise is 0.1 to 0.5 px. The errors of position and attitude are those of each sensor. With few GCPs,
-the corners of an image are not determined by the observations with the model `affine`: these are the doubtful blocks of
-this model.
-
-{made}
-"""
-    print(text)
+    sections = {
+        "Real blocks": real_table(options.models),
+        "Simulated blocks": simulated_table(first, count, options.models),
+    }
+    print(*sections.values(), sep="\n\n")
     if options.docs:
-        PAGE.write_text(text, encoding="utf-8")
+        write_sections(PAGE, sections)
 
 
 if __name__ == "__main__":

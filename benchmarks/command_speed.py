@@ -34,8 +34,7 @@ from typing import Any
 import numpy as np
 
 from hrsi.benchmarks.adjust_speed import simulated, with_blunders
-from hrsi.benchmarks.pages import DOCS
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, render
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text

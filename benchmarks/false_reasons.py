@@ -24,8 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DOCS, put_between
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, put_between, render
 from hrsi.benchmarks.wrong_inputs import PLACES
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, judge
 from hrsi.hrsi_engine.adjustment.result import Adjustment

@@ -22,8 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from hrsi.benchmarks import clean_verdicts, real_blocks
-from hrsi.benchmarks.pages import DOCS, put_between
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, put_between, render
 from hrsi.hrsi_engine import AdjustOptions, adjust, judge
 from hrsi.hrsi_engine.adjustment.jitter.spectrum import (
     WAVE_AXES,

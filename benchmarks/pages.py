@@ -17,12 +17,6 @@ DOCS = Path(os.environ.get("HRSI_DOCS") or ROOT / "docs")
 #: The real data and those of the thesis; see CONTRIBUTING.md.
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data")
 
-#: What every page with figures of Hobart says of them.
-HOBART_NOTE = """\
-The RPCs of Hobart were fitted to its image points, because the thesis does not print those of the vendor. So its check
-points are not independent of the RPCs; the check points of the other real blocks are.
-"""
-
 
 def make_parser(description: str | None, page: Path) -> argparse.ArgumentParser:
     """Return the parser of a benchmark's command line, with the option that has its page written."""

@@ -1,7 +1,7 @@
 """Do predicted accuracies hold? Shares of errors inside the predicted CE90 and LE90, over many simulated blocks.
 
 `sigma_coverage.py [--seeds N] [--first SEED] [--ways WAY …] [--docs] [NAME …]` adjusts every block in each of `WAYS`.
-Seeds below `JUDGED` were looked at while the code was written; the documented tables are of others.
+Seeds below 1000 were looked at while the code was written; the documented tables are of others.
 
 The check points of a block err together: without GCPs all of them by nearly the same, so that the share of one block is
 near 0 or 1, and the mean of N blocks is known to no better than 0.3 / sqrt(N). The standard error over the blocks is
@@ -331,22 +331,10 @@ def row(name: str, found: np.ndarray) -> str:
     )
 
 
-INTRODUCTION = """# Do predicted accuracies hold?
-
-Printed by `benchmarks/sigma_coverage.py`. Shares of errors inside the accuracy that the adjustment predicts, in
-simulated blocks (seeds from {first} on; those below {judged} were looked at while the code was written) with 60 check
-points and 200 tie points, noise 0.3 px, surveys of 0.1 and 0.15 m where nothing else is said. In order: check points
-inside the CE90 and LE90 of all check points; inside their own ellipses and height sigmas; true errors of tie points
-inside the CE90 and LE90 of the area. With ± the standard error over the blocks: the points of one block err together,
-most of all without GCPs. RMSE of check points found and predicted in plan (one coordinate) and height, root mean
-squares over the blocks, surveys' errors included; the median of sigma0.
-"""
-
-
-def write_docs(tables: dict[str, list[str]], first: int) -> None:
+def write_docs(tables: dict[str, list[str]]) -> None:
     """Write the tables; those of other ways, and rows of other kinds, stay."""
-    old = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
-    parts = [INTRODUCTION.format(first=first, judged=JUDGED).rstrip()]
+    old = PAGE.read_text(encoding="utf-8")
+    parts = [old.partition("\n## ")[0].rstrip()]
     for way, (title, _) in WAYS.items():
         before = [f"## {part.rstrip()}" for part in old.split("\n## ")[1:] if part.startswith(f"{title}\n")]
         lines = [line for part in before for line in part.splitlines()] + tables.get(way, [])
@@ -377,7 +365,7 @@ def main() -> None:
             tables[way].append(row(name, found))
             print(f"{way:10s} {tables[way][-1]}", flush=True)
         if words.docs:
-            write_docs(tables, words.first)
+            write_docs(tables)
 
 
 if __name__ == "__main__":

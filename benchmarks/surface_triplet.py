@@ -1,4 +1,4 @@
-"""A displaced Pleiades triplet on a DSM without GCPs: `surface_triplet.py [VECTORS] [--docs]`.
+"""A displaced Pleiades triplet on a DSM without GCPs: `surface_triplet.py [VECTORS]`.
 
 The RPCs of s2p's triplet (HRSI_TEST_DATA, see CONTRIBUTING.md) are displaced by random vectors of 5 to 40 m in three
 dimensions, and adjusted with s2p's reference DSM (0.5 m cells, standard deviation taken for 1 m), and with the mean of
@@ -8,6 +8,7 @@ the adjusted tie points over the reference DSM of 0.5 m until the NMAD of their 
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import time
 from dataclasses import replace
@@ -18,7 +19,7 @@ from osgeo import gdal
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
-from hrsi.benchmarks.pages import DOCS, make_parser, render
+from hrsi.benchmarks.pages import render
 from hrsi.benchmarks.real_blocks import DATA
 from hrsi.hrsi_engine import AdjustOptions, adjust, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
@@ -29,7 +30,6 @@ from hrsi.hrsi_engine.io.rasters.dems import open_dem
 FOLDER = DATA / "real" / "s2p_triplet_phr"
 DSM = FOLDER / "s2p_reference_dsm.tif"
 CELL_M = 30.0
-PAGE = DOCS / "protocols/surface.md"
 
 
 def displace_rpc(image: Image, offset_m: np.ndarray) -> Image:
@@ -128,8 +128,8 @@ def measure(count: int) -> tuple[list[list[str]], list[list[str]]]:
 
 
 def main() -> None:
-    """Print the tables; ``--docs`` writes them into the page."""
-    parser = make_parser(__doc__.splitlines()[0], PAGE)
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("vectors", nargs="?", type=int, default=12)
     options = parser.parse_args()
     rows, sums = measure(options.vectors)

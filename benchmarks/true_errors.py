@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from osgeo import gdal
 
-from hrsi.benchmarks.pages import DOCS
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, render
 from hrsi.benchmarks.wrong_inputs import Inputs, TruePoints, clean, make_generator, written
 from hrsi.benchmarks.wrong_kinds import TRUE_KINDS, TrueKind
 from hrsi.hrsi_engine.foundation.errors import HrsiError

@@ -22,8 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from osgeo import gdal
 
-from hrsi.benchmarks.pages import DOCS
-from hrsi.benchmarks.thesis_tables import render
+from hrsi.benchmarks.pages import DOCS, render
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
