@@ -98,7 +98,7 @@ TARGETS_FILE, TARGETS_LAYER = "targets.gpkg", "targets"
 class MeasureTargetsOptions:
     """Options of `measure-targets`."""
 
-    images: tuple[str, ...] = option((), "Images; not needed with `edges`", kind=Kind.IMAGES, metavar="IMAGE")
+    images: tuple[str, ...] = option((), "Images; not needed with `edges`", kind=Kind.IMAGES)
     points: str | None = option(
         None, "Approximate positions, on images or on the ground", kind=Kind.POINTS, metavar=groups.POINTS
     )

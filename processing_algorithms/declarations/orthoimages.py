@@ -60,7 +60,7 @@ class OrthorectifyOptions:
     crs: str | None = option(
         None,
         "CRS of the orthoimages; by default the UTM zone at the centre of the block, or UPS beyond 84 degrees north "
-        "and 80 south", kind=Kind.CRS, metavar="CRS",
+        "and 80 south", kind=Kind.CRS,
     )  # fmt: skip
     resolution: float | None = option(
         None,
@@ -128,7 +128,7 @@ class OrthoCheckOptions:
 
     images: tuple[str, ...] = option(help="Orthoimages", kind=Kind.IMAGES, metavar="ORTHO")
     reference: str | None = option(
-        None, "Compare all with this orthoimage instead of with each other", kind=Kind.RASTER, metavar="FILE"
+        None, "Compare all with this orthoimage instead of with each other", kind=Kind.RASTER
     )
     before: str | None = option(
         None, "Folder with orthoimages of the same names, from the original RPCs", metavar="DIR"
@@ -168,9 +168,8 @@ class SurfaceModelOptions:
         minimum=1e-9, metavar="R",
     )  # fmt: skip
     crs: str | None = option(
-        None, "CRS of the map, projected; by default the UTM zone (or UPS) at the centre of the block", kind=Kind.CRS,
-        metavar="CRS",
-    )  # fmt: skip
+        None, "CRS of the map, projected; by default the UTM zone (or UPS) at the centre of the block", kind=Kind.CRS
+    )
     vertical: str = option(
         "ellipsoidal",
         "Reference of the heights: ellipsoidal, egm96, egm2008, or a vertical CRS",
@@ -183,7 +182,7 @@ class SurfaceModelOptions:
     )  # fmt: skip
     reference: str | None = option(
         None, "DEM with which the surface is compared: bias, NMAD, LE90, and a raster of the differences",
-        kind=Kind.RASTER, metavar="FILE",
+        kind=Kind.RASTER,
     )  # fmt: skip
     reference_datum: str = option("layer", "Height datum of the reference", advanced=True, metavar=groups.DATUMS)
     dense: SurfaceOptions = nest_options(SurfaceOptions)

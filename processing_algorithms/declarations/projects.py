@@ -50,9 +50,8 @@ class RunOptions:
         None, "Only these steps, of triangulate, surface-model, orthorectify, ortho-check, evaluate", metavar="A,B,…"
     )
     output_dir: str | None = option(
-        None, "Directory for the results, instead of the one that the project names", kind=Kind.OUTPUT_DIR,
-        metavar="DIR",
-    )  # fmt: skip
+        None, "Directory for the results, instead of the one that the project names", kind=Kind.OUTPUT_DIR
+    )
     overwrite: bool = option(False, "Do all steps again, and replace what else is in the output directory")
     report: bool = report_option("Write report.html, with a chapter for each step")
 

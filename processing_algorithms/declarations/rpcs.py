@@ -102,7 +102,7 @@ class WriteRpcOptions:
     write: str = option("copy", "Target of the RPC", choices=tuple(OUTPUT_ENDINGS))
     restore: bool = option(False, "Restore the original RPC that was replaced in place")
     output_dir: str | None = option(
-        None, "Directory for copies, VRTs and sidecars; created if missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
+        None, "Directory for copies, VRTs and sidecars; created if missing", kind=Kind.OUTPUT_DIR
     )
     overwrite: bool = option(False, "Replace files of an earlier run")
 
@@ -233,7 +233,7 @@ class RpcInfoOptions:
     crs: str | None = option(
         None,
         "List the coordinate operations between this CRS and WGS84 in the area of the images: the one that is used, "
-        "and those whose grid is missing (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS",
+        "and those whose grid is missing (EPSG:code or WKT)", kind=Kind.CRS,
     )  # fmt: skip
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
 

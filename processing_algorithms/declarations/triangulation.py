@@ -112,7 +112,7 @@ class RefineAlgorithmOptions:
     coefficient_covariance: str | None = option(
         None, "Covariance matrix of the normalised coefficients of the RPC, for the direct methods: a text file of 78 "
         "lines with 78 numbers, sample numerator, sample denominator, line numerator, line denominator",
-        kind=Kind.FILE, advanced=True, metavar="FILE",
+        kind=Kind.FILE, advanced=True,
     )  # fmt: skip
     output: groups.BlockOutput = nest_options(groups.BlockOutput)
 

@@ -231,7 +231,7 @@ class Common:
     threads: int = threads_option()
 
 
-COMMON_PARAMS = params_of(Common)
+COMMON_PARAMS = tuple(replace(one, group="Options of every algorithm") for one in params_of(Common))
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def images_option(
     help: str = "Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json)",
 ) -> Any:
     """Return the option of the images, the positional arguments."""
-    return option(help=help, kind=Kind.IMAGES, metavar="IMAGE")
+    return option(help=help, kind=Kind.IMAGES)
 
 
 def report_option(help: str = "Write report.html") -> Any:
@@ -68,9 +68,8 @@ class LineOptions:
 
     dry_run: bool = option(False, "Read and check all inputs, write nothing, and print what a run would do")
     log: str | None = option(
-        None, "Text file to which progress, warnings and errors are appended, with their times", kind=Kind.FILE,
-        metavar="FILE",
-    )  # fmt: skip
+        None, "Text file to which progress, warnings and errors are appended, with their times", kind=Kind.FILE
+    )
     quiet: bool = option(False, "No progress and no messages, only errors")
     json: bool = option(False, "Print the report as one JSON document")
 
@@ -79,9 +78,7 @@ class LineOptions:
 class ResultFolder:
     """Output directory."""
 
-    output_dir: str = option(
-        help="Directory for the results; created where missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
-    )
+    output_dir: str = option(help="Directory for the results; created where missing", kind=Kind.OUTPUT_DIR)
     overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
 
 
@@ -94,9 +91,8 @@ class OptionalFolder:
     """Output directory, optional."""
 
     output_dir: str | None = option(
-        None, "Directory for report and layers; by default the result is only printed", kind=Kind.OUTPUT_DIR,
-        metavar="DIR",
-    )  # fmt: skip
+        None, "Directory for report and layers; by default the result is only printed", kind=Kind.OUTPUT_DIR
+    )
     overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
 
 
@@ -135,9 +131,7 @@ class BlockOutput:
 
 def ground_crs_option() -> Any:
     """Return the option of the CRS of ground points."""
-    return option(
-        None, "CRS of ground points whose file does not name one (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS"
-    )
+    return option(None, "CRS of ground points whose file does not name one (EPSG:code or WKT)", kind=Kind.CRS)
 
 
 def height_datum_option() -> Any:
@@ -164,7 +158,7 @@ def strict_datum_option() -> Any:
 class DemOptions:
     """A DEM of the ground."""
 
-    dem: str | None = option(None, "DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
+    dem: str | None = option(None, "DEM of the ground, in any CRS", kind=Kind.RASTER)
     dem_datum: str | None = option(
         None, "Height datum of the DEM, if it differs from `height_datum`", advanced=True, metavar=DATUMS
     )
@@ -212,7 +206,7 @@ class SurfaceFile:
 class MandatoryDem(DemOptions):
     """A required DEM."""
 
-    dem: str = option(help="DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
+    dem: str = option(help="DEM of the ground, in any CRS", kind=Kind.RASTER)
 
 
 @options
@@ -292,16 +286,13 @@ class WorkerOptions:
         None,
         "Certificates (PEM) of the authority of a scheduler at tls://HOST:PORT; this and the next two default to the "
         "Dask configuration (distributed.comm.tls)", kind=Kind.FILE, advanced=True,
-        metavar="FILE",
     )  # fmt: skip
     scheduler_certificate: str | None = option(
-        None, "Client certificate (PEM) for a scheduler at tls://HOST:PORT", kind=Kind.FILE, advanced=True,
-        metavar="FILE",
-    )  # fmt: skip
+        None, "Client certificate (PEM) for a scheduler at tls://HOST:PORT", kind=Kind.FILE, advanced=True
+    )
     scheduler_key: str | None = option(
         None, "Private key (PEM) of the client certificate, if it is not in the same file",
         kind=Kind.FILE, advanced=True,
-        metavar="FILE",
     )  # fmt: skip
 
     @property
@@ -334,9 +325,7 @@ class SearchOptions:
 class ReferenceImage:
     """A reference orthoimage: reading, weights and matching."""
 
-    reference: str | None = option(
-        None, "Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
-    )
+    reference: str | None = option(None, "Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER)
     reference_sigma: float | None = option(
         None, "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size, at "
         "most 5 m or half a pixel", minimum=1e-6, unit="m", metavar="M",
@@ -351,6 +340,4 @@ class ReferenceImage:
 class MandatoryReference(ReferenceImage):
     """A required reference orthoimage."""
 
-    reference: str = option(
-        help="Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
-    )
+    reference: str = option(help="Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER)

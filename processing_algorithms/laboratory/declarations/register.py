@@ -14,9 +14,7 @@ LAYERS_FILE, LAYER = "registration.gpkg", "residuals"
 class RegisterOptions:
     """What `register` takes."""
 
-    images: tuple[str, ...] = option(
-        (), "The two images; needed for the models with RPC only", kind=Kind.IMAGES, metavar="IMAGE"
-    )
+    images: tuple[str, ...] = option((), "The two images; needed for the models with RPC only", kind=Kind.IMAGES)
     image_points: str = option(help="Points measured in both images", kind=Kind.POINTS, metavar="FILE")
     first: str | None = option(None, "Id of the first image; by default the first one", metavar="ID")
     second: str | None = option(None, "Id of the second image; by default the next one", metavar="ID")
