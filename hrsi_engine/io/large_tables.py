@@ -9,7 +9,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from ..foundation.errors import OutputError
 from .safety.replacing import replacing
 
 #: Decimals of columns in degrees, 0.01 mm on the ground; all other numbers have `DECIMALS`.
@@ -23,14 +22,11 @@ def write_large_table(path: str, chunks: Iterable[Mapping[str, np.ndarray]]) -> 
 
     path : the file; chunks : parts of the table, columns by name, the same in each; NaN and infinity become empty
     """
-    try:
-        with replacing(path) as temporary, open(temporary, "wb") as file:
-            for number, chunk in enumerate(chunks):
-                if number == 0:
-                    file.write((",".join(chunk) + "\n").encode())
-                file.write(format_rows(chunk))
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}): check free space and permissions") from None
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        for number, chunk in enumerate(chunks):
+            if number == 0:
+                file.write((",".join(chunk) + "\n").encode())
+            file.write(format_rows(chunk))
 
 
 def read_large_table(path: str) -> dict[str, np.ndarray]:

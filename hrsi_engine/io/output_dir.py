@@ -14,14 +14,14 @@ from typing import Any
 
 from osgeo import gdal
 
-from ..foundation.errors import InputError, OutputError
+from ..foundation.errors import InputError
 from ..foundation.interruption import holding_signals
 from .opening.datasets import VIRTUAL, quiet, remove_virtual, virtual_status, write_virtual
 from .opening.files import read_json
 from .rpc_files.sidecars import is_rpc_file, keep_original
 from .safety.content_marks import CONTENT_SAMPLING
 from .safety.replacing import WRITE_AHEAD_LOG, require_not_read_only, temporary_folder
-from .safety.transactions import Transaction
+from .safety.transactions import Transaction, make_folder
 
 RESULT_FILES = ("report.json", "block.gpkg")  # a folder with one of these contains a result
 
@@ -111,11 +111,7 @@ def stage_folder(
     changes = transaction or Transaction(str(folder))
     try:
         with holding_signals():  # a signal between creating and storing the folder would leave it behind
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                message = f"{folder} cannot be written ({error.strerror}): choose another `output_dir`"
-                raise OutputError(message) from None
+            make_folder(str(folder))
             temporary = Path(temporary_folder(path))
         for needless in discarded:
             changes.discard(needless)

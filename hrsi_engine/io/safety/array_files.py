@@ -13,10 +13,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from ...foundation.errors import InputError
 from ..opening.datasets import VIRTUAL, list_virtual, read_virtual, write_virtual
 from ..opening.files import require_size
 from .replacing import replacing, sweep
+from .transactions import make_folder
 
 #: Errors that reading a damaged file raises.
 DAMAGED = (KeyError, ValueError, OSError, MemoryError, EOFError, zipfile.BadZipFile, NotImplementedError)
@@ -84,10 +84,7 @@ class PartStore:
             _pack(content, result)
             write_virtual(str(self._path(key)), [content.getvalue()])
             return
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{self.folder}: cannot be made ({error.strerror}): choose another directory") from error
+        make_folder(str(self.folder))
         write_arrays(str(self._path(key)), result)
 
     def _path(self, key: str) -> Path:

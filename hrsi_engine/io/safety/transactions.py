@@ -330,11 +330,11 @@ def _make_folders(folder: str) -> list[str]:
     while not os.path.lexists(path):
         missing.append(path)
         path = os.path.dirname(path)
-    _make_all(folder)
+    make_folder(folder)
     return missing[::-1]
 
 
-def _make_all(folder: str) -> None:
+def make_folder(folder: str) -> None:
     """Create a folder and its parents, even if other processes create and remove them at the same time."""
     while True:
         try:
@@ -355,7 +355,7 @@ def _take_lock(path: str, patience_s: float) -> int | None:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         except FileNotFoundError:  # another run created and removed the folder
-            _make_all(os.path.dirname(path))
+            make_folder(os.path.dirname(path))
             continue
         except OSError as error:
             folder = os.path.dirname(path)
