@@ -170,7 +170,7 @@ def _iterate_hypotheses(control: ControlMeasurements, control_fit: ControlFit) -
         pairs = sorted({(a, b) for a, b in zip(control.image.tolist(), owner, strict=True) if a != b})
         text = ", ".join(f"{names[a].id} are of {names[b].id}" for a, b in pairs[:4])
         message = f"image ids of measurements are exchanged: those on {text}"
-        mistake = Mistake("ids-permuted", message, "correct the field 'image'", 4.0)
+        mistake = Mistake("ids-permuted", message, "correct the field 'image', or exchange the RPCs", 4.0)
         yield MistakeHypothesis(
             mistake, fit_control(replace(control, image=permuted[0], sights=permuted[1])), images=changed
         )

@@ -360,7 +360,7 @@ def _iterate_hypotheses(
                 text = ", ".join(f"{a} are of {b}" for a, b in zip(names, owner_ids, strict=True))
                 mistake = Mistake(
                     "ids-permuted", f"image ids of measurements are exchanged: those on {text}",
-                    "correct the field 'image'",
+                    "correct the field 'image', or exchange the RPCs",
                 )  # fmt: skip
                 touched = np.isin(pairs.ends, group).any(axis=1)
                 sample = pairs.select(touched)

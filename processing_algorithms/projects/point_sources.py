@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
+from typing import Any
 
 import numpy as np
 import pyproj
@@ -39,6 +40,9 @@ DATUM_WORDS = (
 HEIGHT_UNKNOWN, HEIGHT_MISSING = "the height datum is not known", "have no height"  #: words of warnings of the reader
 
 
+POINT_FIELDS = ({"lon", "lat"}, {"x", "y", "height"}, {"image", "sample", "line"})
+
+
 @dataclass
 class PointSource:
     """A point file or layer: how it is read, and its points.
@@ -46,6 +50,7 @@ class PointSource:
     specs : texts for the options, several if each image has columns or a file of its own
     crs : CRS for a file that states none; datum : height datum, '' if its CRS states it, None if nothing states it
     ground, measured : points; notes : how the file was read, for the user
+    fault : why a file with the fields of points cannot be read
     """
 
     path: str
@@ -56,6 +61,7 @@ class PointSource:
     measured: list[ImagePoints] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     has_heights: bool = True
+    fault: str = ""
 
     @property
     def name(self) -> str:
@@ -95,7 +101,30 @@ def read_sources(
     known = {str(one): xyz for points in ground for one, xyz in zip(points.ids, points.ground, strict=True)}
     read = {one.path for one in found}
     rest = [path for path in paths if path not in read]
-    return [*found, *(one for path in rest if (one := _read_image_columns(path, images, known)) is not None)]
+    found += [one for path in rest if (one := _read_image_columns(path, images, known)) is not None]
+    rest = [path for path in rest if path not in {one.path for one in found}]
+    return [*found, *(PointSource(path, [path], fault=text) for path in rest if (text := _find_fault(path, region, crs_names)))]
+
+
+def _find_fault(path: str, region: np.ndarray, crs_names: Sequence[str]) -> str:
+    """Return why a text with the fields of points cannot be read; empty for other files, and for other places."""
+    table = column_roles.read_text_table(path) if _is_text(path) else None
+    fields = match_fields(table.names) if table is not None else dict[str, int]()
+    if table is None or "id" not in fields or not any(names <= fields.keys() for names in POINT_FIELDS):
+        return ""
+    if has_degrees := {"lon", "lat"} <= fields.keys():
+        lonlat = table.numbers[:, [fields["lon"], fields["lat"]]]
+        if share_near(lonlat[np.isfinite(lonlat).all(axis=1)], region) < EQUALITY.majority:
+            return ""
+    faults = []
+    for crs in ("",) if has_degrees else crs_names:
+        try:
+            read_points(path, ground_crs=crs or None)
+        except HrsiError as error:
+            faults.append(str(error))
+        else:
+            return ""
+    return faults[0]
 
 
 def _read_layers(
@@ -279,7 +308,7 @@ def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[s
 class PointRoles:
     """What the point files of a folder are: options by key, and the role of each file with the reason."""
 
-    options: dict[str, object] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
     roles: dict[str, tuple[str, str]] = field(default_factory=dict)
     control: list[PointSource] = field(default_factory=list)
     measured: list[PointSource] = field(default_factory=list)
@@ -340,7 +369,10 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
     for one in ground:  # how the file was read
         what, reason = found.roles[one.path]
         found.roles[one.path] = (what, "; ".join([reason, *one.notes]))
-    for one in (one for one in sources if one.ground is None):
+    for one in (one for one in sources if one.fault):  # a run reports it
+        found.roles[one.path] = ("points with an error", one.fault.removeprefix(f"{one.path}").lstrip(":, "))
+        found.options.setdefault("gcps", []).append(one.specs[0])
+    for one in (one for one in sources if one.ground is None and not one.fault):
         shared = len(one.measured_ids & ids)
         (found.measured if shared else found.ties).append(one)
         told = f"{sum(map(len, one.measured))} image points of {len(one.measured_ids)} points"
@@ -349,7 +381,7 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
         found.roles[one.path] = (what, "; ".join([told, *one.notes]))
     for key, chosen in (("gcps", found.control), ("image_points", found.measured), ("tie_points", found.ties)):
         if chosen:
-            found.options[key] = [spec for one in chosen for spec in one.specs]
+            found.options[key] = [spec for one in chosen for spec in one.specs] + found.options.get(key, [])
     crs = {one.crs for one in found.control if one.crs}
     found.options |= {"ground_crs": crs.pop()} if len(crs) == 1 else {}
     if gcp_ids and not check_ids:

@@ -190,7 +190,9 @@ def _check_step(step: str, project: Project, images: tuple[str, ...], folder: st
 def judge_plan(entries: Mapping[str, Report]) -> Report:
     """Return the worst verdict of some steps with all their reasons; a failed step is a failure."""
     judged = [entry["verdict"] for entry in entries.values() if entry.get("verdict")]
-    failed = [f"{name} failed: {entry['told']}" for name, entry in entries.items() if entry["status"] == FAILED]
+    faults = {name: entry["told"] for name, entry in entries.items() if entry["status"] == FAILED}
+    failed = [f"{', '.join(name for name in faults if faults[name] == fault)} failed: {fault}"
+              for fault in dict.fromkeys(faults.values())]  # fmt: skip
     levels = [*(verdict["level"] for verdict in judged), *([Level.UNUSABLE.label] if failed else [])]
     level = max(levels, key=LEVELS.index, default=Level.DOUBTFUL.label)
     reasons = [reason for verdict in judged for reason in verdict["reasons"]]

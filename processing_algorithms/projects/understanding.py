@@ -78,7 +78,8 @@ def understand(content: FolderContent, height_datum: str | None = None) -> Under
             f"{_names(points.control)}: not measured in an image: measure them in the panel HRSI Points, and name "
             "image_points"
         )
-    if has_control or (points.ties and all(one.has_heights for one in points.control)):  # a run reports other ids
+    has_faults = any(one.fault for one in content.sources)  # which a run reports, as it does other ids
+    if has_control or has_faults or (points.ties and all(one.has_heights for one in points.control)):
         made.shared |= {key: value for key, value in points.options.items() if key != "tie_points"}
     if has_control:
         made.decisions.append(f"{len(surveyed & measured)} of {len(surveyed)} ground points are measured in images")

@@ -433,11 +433,43 @@ def heights_in_feet(source: Source, folder: Path) -> None:
     write_csv(folder / "gcps.csv", rows, ["id", "lon", "lat", "height"])
 
 
+def images_by_number(source: Source, folder: Path) -> None:
+    """Measurements whose images are 1, 2, 3."""
+    copy(source, folder)
+    rows = [{**row, "image": row["image"][-1]} for row in source.measured]
+    write_csv(folder / "measured.csv", rows, MEASURED_FIELDS, header=["id", "img", "col", "row"])
+
+
+def png_with_rpc_file(source: Source, folder: Path) -> None:
+    """Images of 8 bit as PNG, with an RPC of the same stem that GDAL does not read beside PNG."""
+    copy(source, folder, ())
+    write_measured(source, folder)
+    for image in source.images:
+        gdal.Translate(str(folder / f"{image.stem}.png"), str(image), outputType=gdal.GDT_Byte, scaleParams=[[]])
+        write_rpc_text(str(folder / f"{image.stem}.rpc"), read_rpc(str(image)).rpc)
+        for one in folder.glob("*.aux.xml"):
+            one.unlink()
+
+
+def repeated_id(source: Source, folder: Path) -> None:
+    copy(source, folder)
+    moved = {**source.ground[0], "lon": str(float(source.ground[0]["lon"]) + 1e-3)}
+    write_csv(folder / "gcps.csv", [*source.ground, moved], ["id", "lon", "lat", "height"])
+
+
+def damaged_number(source: Source, folder: Path) -> None:
+    copy(source, folder)
+    text = (folder / "measured.csv").read_text()
+    (folder / "measured.csv").write_text(text.replace(source.measured[0]["line"], "12O.5"))
+
+
 #: Folders with a mistake, and what is said of it.
 MISTAKES: dict[Callable[[Source, Path], None], tuple[str, str]] = {
     lines_upwards: ("lines are negative, counted upwards", "change the sign of the lines"),
     ids_with_zeros: ("'1' is measured as '001'", "use the same ids in both files"),
     measured_at_half_size: ("pixels twice as large on image image_3", "measure on the image itself"),
+    repeated_id: ("gcps.csv, line 20 (id 'C000001'): occurs in line 2 already", "keep one, or rename it"),
+    damaged_number: ("field 'line', line 2: '12O.5' is not a number", "correct it"),
     heights_in_feet: ("are in feet", "give heights in metres"),
 }
 
@@ -448,4 +480,5 @@ CLIENT_FOLDERS: tuple[Callable[[Source, Path], None], ...] = (
     one_file_of_everything, spreadsheet, foreign_fields, kml_placemarks, georeferencer_with_crs, nitf, mixed_sensors,
     orthoimage_with_rpc_left, ascii_dem_without_crs, points_not_measured, two_surveys, holes_and_zeros,
     csv_per_image_with_pixels, text_per_image_with_pixels, geojson_per_image_with_pixels, heights_of_zero,
+    images_by_number, png_with_rpc_file,
 )  # fmt: skip

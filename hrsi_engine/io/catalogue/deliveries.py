@@ -9,11 +9,13 @@ from osgeo import gdal
 from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, list_archive, require_delivery
 from ..opening.datasets import open_dataset
-from ..opening.files import require_size
-from ..rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
+from ..opening.files import open_raster, require_size
+from ..rpc_files.find import product_reader_of, read_rpc, read_rpc_or_none, rpc_reader_of
+from ..rpc_files.placement import find_placement_doubt
 from .stac_items import images_of_items
 
 LIST = "@"  #: prefix of a text file with one image in each line
+PICTURE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp")  #: of images where no other has pixels; else of quick-looks
 IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
 
 
@@ -90,6 +92,9 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
         tiled.update(os.path.abspath(part) for part in (dataset.GetFileList() or [] if dataset is not None else []))
     rasters = [file for file in files if file.lower().endswith(IMAGE_ENDINGS) and os.path.abspath(file) not in tiled]
     images = [*_with_rpc(name, [file for file in products if rpc_reader_of(file) is None] + rasters, faults)]
+    if not images:
+        pictures = [*_with_rpc(name, [file for file in files if file.lower().endswith(PICTURE_ENDINGS)], faults)]
+        images = [one for one in pictures if find_placement_doubt(one, open_raster(one), read_rpc(one)) is None]
     if not images:
         names = [os.path.basename(file).lower() for file in products]
         names_of = {name.replace("dim_", "rpc_", 1) for name in names if name.startswith("dim_")}

@@ -149,8 +149,16 @@ def matching_names(written_names: NameColumn, image_ids: Sequence[str], prefixed
     ids = np.array(
         [_matching_id(name, block_ids, similar, prefixed) for name in written_names.names.tolist()], dtype=str
     )
+    ids = _match_numbers(ids, image_ids)
     names, place = np.unique(ids, return_inverse=True)  # two names may be one image
     return NameColumn(names, place.astype(np.int32)[written_names.number])
+
+
+def _match_numbers(names: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
+    """Return the ids of images that are named by numbers, if each is a word of one id only; else the names."""
+    words = [set(re.findall(r"\d+", one)) for one in image_ids]
+    owners = [[one for one, numbers in zip(image_ids, words, strict=True) if name in numbers] for name in names.tolist()]
+    return np.array([one[0] for one in owners], dtype=str) if all(len(one) == 1 for one in owners) else names
 
 
 def _matching_id(name: str, image_ids: set[str], similar: Mapping[str, str], prefixed: bool) -> str:
