@@ -102,8 +102,9 @@ def read_sources(
     read = {one.path for one in found}
     rest = [path for path in paths if path not in read]
     found += [one for path in rest if (one := _read_image_columns(path, images, known)) is not None]
-    rest = [path for path in rest if path not in {one.path for one in found}]
-    return [*found, *(PointSource(path, [path], fault=text) for path in rest if (text := _find_fault(path, region, crs_names)))]
+    rest = sorted({*rest} - {one.path for one in found})
+    faults = {path: _find_fault(path, region, crs_names) for path in rest}
+    return [*found, *(PointSource(path, [path], fault=text) for path, text in faults.items() if text)]
 
 
 def _find_fault(path: str, region: np.ndarray, crs_names: Sequence[str]) -> str:

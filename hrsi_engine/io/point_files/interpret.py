@@ -156,8 +156,9 @@ def matching_names(written_names: NameColumn, image_ids: Sequence[str], prefixed
 
 def _match_numbers(names: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
     """Return the ids of images that are named by numbers, if each is a word of one id only; else the names."""
-    words = [set(re.findall(r"\d+", one)) for one in image_ids]
-    owners = [[one for one, numbers in zip(image_ids, words, strict=True) if name in numbers] for name in names.tolist()]
+    if not np.char.isdigit(names).all():
+        return names
+    owners = [[one for one in image_ids if name in re.findall(r"\d+", one)] for name in names.tolist()]
     return np.array([one[0] for one in owners], dtype=str) if all(len(one) == 1 for one in owners) else names
 
 
