@@ -6,7 +6,7 @@ file it reads all texts of the repository: the pages in Markdown, the templates 
 
 The vocabulary is the table *Words not to use* of docs/glossary.md. A sentence has 30 words at most and, in a paragraph
 of a page, a verb. Messages of the code have the form "what happened: what to do"; there a colon or semicolon ends a
-sentence. Files that scripts/words_to_rewrite.txt lists are not checked yet. The list may only become shorter.
+sentence.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ GLOSSARY = "docs/glossary.md"
 VOCABULARY_TITLE = "## Words not to use"
 #: Generated pages are checked in the code.
 NOT_READ = {"docs/developing/thresholds.md", "docs/developing/structure.md", "docs/layers.md"}
-TO_REWRITE = ROOT / "scripts" / "words_to_rewrite.txt"
 MOST_WORDS = 30
 #: Sentences of fewer words are labels.
 LEAST_WORDS_WITH_VERB = 5
@@ -255,18 +254,14 @@ def check_file(name: str, words: dict[str, str], pattern: re.Pattern[str]) -> li
 
 
 def main(arguments: list[str]) -> int:
-    """Print the faults; the exit code says whether there are any in files that are not listed."""
+    """Print the faults; the exit code says whether there are any."""
     words = read_vocabulary((ROOT / GLOSSARY).read_text(encoding="utf-8")) | SPELLINGS
     pattern = make_pattern(words)
-    listed = set(TO_REWRITE.read_text(encoding="utf-8").split())
-    if arguments == ["--list"]:  # the listed files that still have faults, for the list
-        print("\n".join(name for name in list_files() if name in listed and check_file(name, words, pattern)))
-        return 0
-    names = arguments or [name for name in list_files() if name not in listed]
+    names = arguments or list_files()
     faults = [fault for name in names for fault in check_file(name, words, pattern)]
     for fault in faults:
         print(fault)
-    print(f"words: {len(faults)} faults in {len(names)} files; {len(listed)} files are not rewritten yet")
+    print(f"words: {len(faults)} faults in {len(names)} files")
     return int(bool(faults))
 
 

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import processing
 import pytest
 from long_tests import mark_beyond
 from osgeo import gdal
@@ -211,15 +210,6 @@ def test_in_a_model(hrsi_provider, qgis_new_project, tmp_path: Path) -> None:
     assert successful, feedback.textLog()
     layer = QgsVectorLayer(f"{tmp_path}/projected/points.gpkg|layername=image_points", "", "ogr")
     assert layer.featureCount() > 50
-
-
-def test_in_a_batch(hrsi_provider, tmp_path: Path) -> None:
-    """Two rows of a batch table are two runs."""
-    for number, image in enumerate(RPCS[:2]):
-        algorithm = QgsApplication.processingRegistry().createAlgorithmById(identifier("rpc-info"))
-        folder = tmp_path / str(number)
-        result = processing.run(algorithm, {"IMAGES": image, "OUTPUT_DIR": str(folder)})
-        assert list(json.loads(Path(result["REPORT"]).read_text(encoding="utf-8"))["images"]) == [Path(image).stem[:-4]]
 
 
 CANCELLED: dict[str, Callable[[Path], dict[str, Any]]] = {
