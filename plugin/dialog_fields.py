@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-from processing.gui.AlgorithmDialog import AlgorithmDialog
 from qgis.core import (
     Qgis,
     QgsMapLayer,
@@ -16,29 +15,17 @@ from qgis.core import (
 )
 from qgis.gui import (
     QgsAbstractProcessingParameterWidgetWrapper,
-    QgsCollapsibleGroupBoxBasic,
     QgsExtentWidget,
     QgsGui,
     QgsProcessingGui,
     QgsProcessingMultipleInputDialog,
     QgsProcessingParameterWidgetContext,
 )
-from qgis.PyQt.QtWidgets import (
-    QCheckBox,
-    QComboBox,
-    QFileDialog,
-    QGroupBox,
-    QHBoxLayout,
-    QLineEdit,
-    QToolButton,
-    QVBoxLayout,
-    QWidget,
-)
+from qgis.PyQt.QtWidgets import QCheckBox, QComboBox, QFileDialog, QHBoxLayout, QLineEdit, QToolButton, QWidget
 
 from .background_task import in_main_thread
 from .help import as_rich_text
 from .layer_sources import list_sources, read_box
-from .parameters import ADVANCED, qgis_name
 from .translation import tr
 
 DIALOGS = getattr(Qgis, "ProcessingMode", QgsProcessingGui)  # the enumeration moved in QGIS 4
@@ -303,25 +290,3 @@ class ExtentWidget(DialogField):
     """The field of an extent."""
 
     wrapper = ExtentWrapper
-
-
-class GroupedDialog(AlgorithmDialog):
-    """Shows the parameters under *Advanced* in the groups of the full help, each in a collapsed box."""
-
-    def getParametersPanel(self, alg: Any, parent: Any) -> Any:
-        panel = super().getParametersPanel(alg, parent)
-        advanced, boxes = panel.findChild(QGroupBox, "grpAdvanced"), dict[str, QgsCollapsibleGroupBoxBasic]()
-        groups = {qgis_name(param): tr(param.group) for param in alg.declaration.params}
-        for parameter in alg.parameterDefinitions() if advanced is not None else ():
-            group = groups.get(parameter.name(), tr("Fields of the GCPs"))
-            if not group or not parameter.flags() & ADVANCED:
-                continue
-            if group not in boxes:
-                box = boxes[group] = QgsCollapsibleGroupBoxBasic(group, advanced)
-                box.setLayout(QVBoxLayout())
-                box.setCollapsed(True)
-                advanced.layout().addWidget(box)
-            wrapper = panel.wrappers[parameter.name()]
-            for widget in filter(None, (wrapper.wrappedLabel(), wrapper.wrappedWidget())):
-                boxes[group].layout().addWidget(widget)  # which removes them from the list
-        return panel

@@ -108,7 +108,7 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
 
     def createCustomParametersWidget(self, parent: Any = None) -> Any:
         """Return the dialog of an algorithm with many parameters; None: that of QGIS."""
-        from .dialog_fields import GroupedDialog  # there is no GUI in qgis_process
+        from .dialog import GroupedDialog  # there is no GUI in qgis_process
 
         return GroupedDialog(self, parent=parent) if len(self.declaration.params) > SHORT_DIALOG else None
 

@@ -124,7 +124,7 @@ def test_dialog_lists_the_fields_of_the_layer(tiny_provider, memory, monkeypatch
     """The choosers follow the layer, stand in one group, and hand on what is chosen."""
     from processing.gui import ParametersPanel
 
-    from hrsi.plugin.dialog_fields import GroupedDialog
+    from hrsi.plugin.dialog import GroupedDialog
 
     monkeypatch.setattr(ParametersPanel, "iface", None)  # the mock has no browser model
     dialog = GroupedDialog(tiny_provider.algorithms()[0].create())
