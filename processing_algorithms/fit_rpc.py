@@ -41,7 +41,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         options.points, ground_crs=options.ground_crs, height_datum=options.height_datum
     )  # fmt: skip
     require_strict_datums(table.operations, options.strict_datum)
-    require_plain_name(options.id or "rpc", "the id")
+    require_plain_name(options.id or "rpc")
     stem = "rpc" if isinstance(options.points, InMemory) else Path(options.points.partition("|")[0]).stem
     name = f"{options.id or stem}_RPC.TXT"
     if context.dry_run:

@@ -30,7 +30,7 @@ def run(options: StripOptions, context: Context) -> Report:
     if len(parts) < 2:
         raise InputError("a strip is made of two parts and more: name all of them")
     name = options.id or f"{parts[0].id}_strip"
-    require_plain_name(name, "the id")
+    require_plain_name(name)
     places = place_parts(parts)
     strip = fit_strip(parts, places.first)
     with_pixels = all(part.has_file for part in parts)

@@ -12,17 +12,10 @@ import numpy as np
 
 from ..foundation.errors import InputError
 from ..foundation.json_values import json_text
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY
 from ..ground.geodesy import distances_m
 from ..ground.operation_uses import OperationUse, read_entry
 from .columns import Columns
-
-
-@thresholds
-class SAME_POINT:
-    """Limit for positions of one point."""
-
-    same_position_m: float = threshold(0.1, "m", "largest distance between two positions of one id")
 
 
 class Role(IntEnum):
@@ -278,7 +271,7 @@ class Measurements(Columns):
 
 
 def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return which positions of equal ids differ by more than `SAME_POINT.same_position_m`, ``(n,)``.
+    """Return which positions of equal ids differ by more than `EQUALITY.position_m`, ``(n,)``.
 
     ground, reference : (n, 3) lon, lat in degrees, also beyond ±180, height in metres; unknown heights are equal
     """
@@ -286,4 +279,4 @@ def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     first, second = (
         np.column_stack([xyz[:, :2], np.where(has_heights, xyz[:, 2], 0.0)]) for xyz in (ground, reference)
     )
-    return distances_m(first, second) > SAME_POINT.same_position_m
+    return distances_m(first, second) > EQUALITY.position_m

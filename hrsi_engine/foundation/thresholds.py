@@ -119,6 +119,8 @@ class EQUALITY:
     negligible: float = threshold(0.05, "", "share of a variance or number without effect", "2.5 % of a sigma")
     majority: float = threshold(0.5, "", "smallest share of a majority")
     rpc_px: float = threshold(0.1, "px", "difference of two RPCs that needs no new fit")
+    position_m: float = threshold(0.1, "m", "distance of two positions, or loss of accuracy, without effect")
+    direction_deg: float = threshold(20.0, "°", "angle up to which two directions count as equal")
     file_px: float = threshold(0.01, "px", "difference of a position by one RPC in two files", "digits of the formats")
     written_px: float = threshold(1e-4, "px", "difference by rounding in a file", "15 digits of GDAL")
 

@@ -6,16 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..foundation.errors import InputError
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY
 from .geoids import GEOID, Geoid, how_to_get_grids
-
-
-@thresholds
-class OPERATIONS:
-    """Limit for warnings about accuracy lost because of a missing grid."""
-
-    least_loss_m: float = threshold(0.1, "m", "accuracy lost because of a missing grid from which a warning is given")
-
 
 WORLD = (-180.0, -90.0, 180.0, 90.0)  # west, south, east, north
 COORDINATES_OF_ACCURACY = 3  # number of coordinates whose root sum of squares is the stated accuracy
@@ -167,7 +159,7 @@ def largest_sigma_m(uses: Iterable[OperationUse]) -> tuple[float, float]:
 def describe_missing_grid(use: OperationUse) -> str:
     """Return one sentence with the missing grid of a better operation and the loss in metres; empty without a loss."""
     better = use.better
-    if better is None or use.loss_m < OPERATIONS.least_loss_m:
+    if better is None or use.loss_m < EQUALITY.position_m:
         return ""
     stated = "not known" if use.operation.accuracy_m is None else f"{use.operation.accuracy_m:g} m"
     best = "not known" if better.accuracy_m is None else f"{better.accuracy_m:g} m"

@@ -187,10 +187,10 @@ def _identity(path: str) -> object:
     return status.st_dev, status.st_ino
 
 
-def require_plain_name(name: str, noun: str) -> None:
-    """Raise `InputError` if a word that becomes part of a file's name would lead out of its folder."""
+def require_plain_name(name: str) -> None:
+    """Raise `InputError` if an id that becomes part of a file's name would lead out of its folder."""
     if not name or name in (".", "..") or set(name) & {"/", "\\", "\0"} or os.path.basename(name) != name:
-        raise InputError(f"{noun} {name!r} is no name of a file: leave out what leads to other folders")
+        raise InputError(f"the id {name!r} is no name of a file: leave out what leads to other folders")
 
 
 def names_of_last_run(folder: str) -> set[str]:

@@ -14,18 +14,11 @@ import numpy as np
 
 from ..block.block import Image
 from ..foundation.pixel_filters import load_opencv
-from ..foundation.thresholds import MEMORY, SAMPLES, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, MEMORY, SAMPLES
 from .block_matching.overlaps import CHOICE
 from .block_matching.windows import read_overview
 from .tie_points import PairSummary
 from .tile_matching.epipolar import EPIPOLAR
-
-
-@thresholds
-class LIKELY_CAUSES:
-    """Reduced images, and limits for the causes of a search without result."""
-
-    turned_deg: float = threshold(20.0, "deg", "smallest rotation against the RPCs that is a cause")
 
 
 class _Overview(NamedTuple):
@@ -81,7 +74,7 @@ def _find_cause(first: Image, second: Image) -> str:
             "another image, or clouds, water or another season hide the ground; compare the images in a viewer"
         )
     turn_deg, offset_px = _compare_with_rpcs(first, second, one.step, second_overview.step, as_given.matrix)
-    if abs(turn_deg) > LIKELY_CAUSES.turned_deg:
+    if abs(turn_deg) > EQUALITY.direction_deg:
         return (
             f"{names} agree if one of them is turned by {abs(turn_deg):.0f} degrees ({as_given.inliers} matches): turn "
             "the pixels of the wrong one back, or write the RPC of its pixels into it"

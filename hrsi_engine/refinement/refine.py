@@ -11,7 +11,7 @@ import numpy as np
 from ..block.assembly import assemble
 from ..block.block import Image
 from ..block.default_sigmas import DefaultSigmas
-from ..block.points import SAME_POINT, GroundPoints, ImagePoints, Role
+from ..block.points import GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError, list_ids
 from ..foundation.large_arrays import finite_rows
@@ -222,7 +222,7 @@ def check_control(image: Image, control: Control) -> list[str]:
             "image: check its coordinates and the CRS"
         )
     first, second = np.triu_indices(len(control), 1)
-    is_near = distances_m(control.ground[first], control.ground[second]) < SAME_POINT.same_position_m
+    is_near = distances_m(control.ground[first], control.ground[second]) < EQUALITY.position_m
     warnings = [
         f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they are used as one"
         for first, second in islice(zip(first[is_near], second[is_near], strict=True), 8)

@@ -16,19 +16,10 @@ import numpy as np
 from ...foundation.errors import SolveError
 from ...foundation.pixel_filters import BLUR, erode, slopes
 from ...foundation.robust_scale import ROBUST
-from ...foundation.thresholds import SAMPLES, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, SAMPLES
 from ..interest_points.corners import make_gaussian_kernels
 from ..interest_points.outlines import compute_slope_noise, interpolate_bilinear
 from ..interest_points.shapes import SHAPE
-
-
-@thresholds
-class LINES:
-    """Conditions for edge points, straight edges and corners of two edges."""
-
-    direction_deg: float = threshold(
-        20.0, "°", "largest angle of its gradient to the normal, and turn of it along the line"
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +108,7 @@ def intersect_lines(first: Line, second: Line) -> LineCorner:
     The variance of an edge point is estimated from the residuals of both lines together.
     """
     angle = float(np.degrees(np.arccos(np.clip(abs(first.direction @ second.direction), 0.0, 1.0))))
-    if angle < LINES.direction_deg:
+    if angle < EQUALITY.direction_deg:
         raise SolveError(f"the two edges meet at {angle:.0f} degrees only: no corner can be measured there")
     normals = np.array([first.normal, second.normal])
     position = np.linalg.solve(normals, [line.normal @ line.centroid for line in (first, second)])
@@ -235,7 +226,7 @@ def _grow_segment(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray
     for _ in range(3):
         offset = points.xy - centre
         is_near = free & (np.abs(offset @ normal) < SHAPE.on_shape_px)
-        is_near &= points.direction @ normal > np.cos(np.radians(LINES.direction_deg))
+        is_near &= points.direction @ normal > np.cos(np.radians(EQUALITY.direction_deg))
         candidates = np.flatnonzero(is_near)
         if len(candidates) < 3:
             return candidates

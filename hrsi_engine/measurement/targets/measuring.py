@@ -12,14 +12,13 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
 from ...foundation.pixel_filters import BLUR
-from ...foundation.thresholds import MEMORY, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, MEMORY, threshold, thresholds
 from ..interest_points.gravity_centres import CENTRE, find_gravity_centres
 from ..interest_points.options import CentreOptions
 from ..interest_points.shapes import SHAPE
 from ..interest_points.windows import Area, DetectionWindow, ImageStatistics, estimate_image_statistics, read_window
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
 from .line_corner import (
-    LINES,
     EdgePoints,
     LineCorner,
     find_edge_points,
@@ -238,7 +237,7 @@ def _find_crossings(
     offset = np.array([line.normal @ (line.centroid - approximate) for line in lines])
     i, j = np.triu_indices(len(lines), 1)
     sine = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
-    steep = np.abs(sine) > np.sin(np.radians(LINES.direction_deg - LINES.direction_deg / 2.0))
+    steep = np.abs(sine) > np.sin(np.radians(EQUALITY.direction_deg / 2.0))
     i, j, sine = i[steep], j[steep], sine[steep, None]
     across = np.column_stack([normal[:, 1], -normal[:, 0]])
     crossing = (offset[i, None] * across[j] - offset[j, None] * across[i]) / sine
@@ -262,8 +261,8 @@ def _rate_corner(
     except SolveError:
         return None
     distance = float(np.hypot(*(corner.position - approximate)))
-    is_acceptable = corner.angle_deg >= LINES.direction_deg and corner.rmse_px <= TARGETS.largest_sigma_px
-    is_acceptable &= all(_measure_turn_deg(points, segment, rough) < LINES.direction_deg for segment in (first, second))
+    is_acceptable = corner.angle_deg >= EQUALITY.direction_deg and corner.rmse_px <= TARGETS.largest_sigma_px
+    is_acceptable &= all(_measure_turn_deg(points, line, rough) < EQUALITY.direction_deg for line in (first, second))
     if distance > search_px or not is_acceptable or corner.sigma_px > TARGETS.largest_sigma_px:
         return None
     lengths = [min(np.ptp(line.reach_px), TARGETS.far_px) for line in corner.lines]
