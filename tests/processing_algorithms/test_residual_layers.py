@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 from pathlib import Path
 
@@ -56,17 +55,3 @@ def test_ogrinfo_lists_them(result: Path) -> None:
     listed = [line.split(": ")[1].partition(" (")[0] for line in finished.stdout.splitlines()]
     assert set(FIELDS) <= set(listed)
     assert finished.stderr == ""
-
-
-def test_levels_and_figures_are_those_of_the_report(result: Path) -> None:
-    """One row a known point, one a measurement; their root mean squares are the report's."""
-    report = json.loads((result / "report.json").read_text(encoding="utf-8"))
-    dataset = ogr.Open(str(result / "block.gpkg"))
-    rows = [feature.items() for feature in dataset.GetLayerByName("residuals_utm")]
-    checks = [row for row in rows if row["role"] == "check"]
-    for level, field in (("ground", "residual_east_m"), ("ground", "residual_height_m"), ("image", "residual_line_px")):
-        values = [row[field] for row in checks if row["level"] == level and row[field] is not None]
-        figure = report["check"][field.replace("residual", "rmse")]
-        assert (sum(value**2 for value in values) / len(values)) ** 0.5 == pytest.approx(figure, rel=1e-9)
-    assert {row["level"] for row in rows} == {"ground", "image"}
-    assert sum(row["level"] == "ground" for row in checks) == report["check"]["points"]
