@@ -76,7 +76,7 @@ def test_vendors_rpc_files_are_kept_once(folder: Path) -> None:
 
 
 def test_an_input_is_never_an_output(folder: Path, tmp_path: Path) -> None:
-    """GCPs from an earlier result, written over that result."""
+    """GCPs from an earlier result, written over that result; RPC files, over themselves."""
     result = tmp_path / "o1"
     adjust(folder, result, write="none")
     before = digests(result)
@@ -84,6 +84,10 @@ def test_an_input_is_never_an_output(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is an input"):
         adjust(folder, result, write="none", gcps=gcps, overwrite=True)
     assert digests(result) == before
+    files, before = sorted(map(str, folder.glob("*_RPC.TXT"))), digests(folder)
+    with pytest.raises(InputError, match="is an input"):  # sidecars beside the RPC files that were adjusted
+        adjust(folder, folder, images=files, write="sidecar", overwrite=True)
+    assert digests(folder) == before
 
 
 @pytest.mark.parametrize(
