@@ -2,7 +2,10 @@
 
     hrsi simulate --size 12000 --images 3 --strips 2 --places 2 --seed 7 --output-dir BLOCK   # 3.5 GB, once
     python benchmarks/tie_points_speed.py --block BLOCK [--counts 3 6 12] [--threads 1]
-    python benchmarks/tie_points_speed.py --large FOLDER [--size 40000]   # writes and reads a pair of 2 x 3.2 GB
+    python benchmarks/tie_points_speed.py --large FOLDER [--sizes 5000 10000 20000 40000]   # pairs of growing size
+    python benchmarks/tie_points_speed.py --twenty FOLDER   # 20 images of 12 000 x 12 000 px: five views of four places
+
+The last two write virtual images, of which each is one tile of ground that repeats.
 
 Every measurement runs in a process of its own. Peak memory is its maximum resident set: Python, NumPy, OpenCV and
 GDAL's block cache (whose limit is printed) included. SIFT runs on tiles of 2048 x 2048 px with a border of 32 px, the
@@ -15,6 +18,7 @@ over are the errors of the positions (with two images, those across the epipolar
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import resource
@@ -22,7 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -86,8 +90,8 @@ def read_points(folder: str) -> ImagePoints:
     )  # fmt: skip
 
 
-def true_residuals(points: ImagePoints, cameras: dict[str, RPC]) -> tuple[np.ndarray, np.ndarray]:
-    """Return residuals ``(n, 2)`` px after intersecting each track with the true cameras, and each row's views."""
+def true_residuals(points: ImagePoints, cameras: dict[str, RPC]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return each row's residuals ``(n, 2)`` px after intersecting its track with the true cameras, views and ground."""
     _, track = np.unique(points.ids, return_inverse=True)
     views = np.bincount(track)
     ground = np.zeros((len(views), 3))
@@ -104,7 +108,7 @@ def true_residuals(points: ImagePoints, cameras: dict[str, RPC]) -> tuple[np.nda
             np.add.at(right, track[here], np.einsum("nij,ni->nj", by_ground, residual[here]))
         step = np.linalg.solve(normal + 1e-9 * np.eye(3), right[..., None])[..., 0]
         ground += step / metres_per_degree(ground)
-    return residual, views[track]
+    return residual, views[track], ground[track]
 
 
 # ---- SIFT ----------------------------------------------------------------------------------------------------------
@@ -168,9 +172,9 @@ def print_block(folder: str, counts: list[int], threads: int, sift_tiles: int) -
             print_errors(read_points(output), cameras)
 
 
-def print_errors(points: ImagePoints, cameras: dict[str, RPC]) -> None:
-    """Print the errors of positions by the number of views."""
-    residual, views = true_residuals(points, cameras)
+def print_errors(points: ImagePoints, cameras: dict[str, RPC], heights: np.ndarray | None = None) -> None:
+    """Print the errors of positions by the number of views, and along the epipolar lines by ``heights`` of a period."""
+    residual, views, ground = true_residuals(points, cameras)
     size = np.hypot(*residual.T)
     for count in np.unique(views):
         here = views == count
@@ -178,20 +182,30 @@ def print_errors(points: ImagePoints, cameras: dict[str, RPC]) -> None:
             f"       on {count} images: {here.sum() // count} points, RMSE {np.sqrt(np.mean(size[here] ** 2)):.3f} px, "
             f"worst {size[here].max():.2f} px, {np.mean(size[here] > 1.0):.2%} beyond 1 px"
         )
+    if heights is not None:
+        straight = parallel_rpc(round(2 * next(iter(cameras.values())).samp_off), 0.0)
+        column, line = np.round(straight.project(ground)).astype(int).T % PERIOD
+        along = TILT / GSD_M * (ground[:, 2] - 250.0 - heights[line, column])
+        along -= np.median(along)
+        print(f"       heights by the truth, as parallax: RMSE {np.sqrt(np.mean(along**2)):.3f} px")
 
 
-# ---- a pair of 40 000 x 40 000 -------------------------------------------------------------------------------------
+# ---- large images whose content repeats ----------------------------------------------------------------------------
 
 
-def parallel_rpc(size: int, tilt: float) -> RPC:
-    """Return a camera of parallel rays over flat axes: a point h metres up moves by ``tilt * h`` metres to the east."""
+def parallel_rpc(size: int, tilt: float, place: tuple[int, int] = (0, 0)) -> RPC:
+    """Return a camera of parallel rays over flat axes: a point h metres up moves by ``tilt * h`` metres to the east.
+
+    place : pixels of the image's corner from that of the first place
+    """
     half = size / 2.0
     sample, line, one = np.zeros(20), np.zeros(20), np.zeros(20)
     sample[1], sample[3] = 1.0, tilt * 500.0 / (half * GSD_M)
     line[2], one[0] = -1.0, 1.0
-    lat = 45.0
-    metres_lon, metres_lat, _ = metres_per_degree(np.array([[5.0, lat, 250.0]]))[0]
-    return RPC(half, half, lat, 5.0, 250.0, half, half, half * GSD_M / metres_lat, half * GSD_M / metres_lon, 500.0,
+    lat, lon = 45.0, 5.0
+    metres_lon, metres_lat, _ = metres_per_degree(np.array([[lon, lat, 250.0]]))[0]
+    lat, lon = lat - place[1] * GSD_M / metres_lat, lon + place[0] * GSD_M / metres_lon
+    return RPC(half, half, lat, lon, 250.0, half, half, half * GSD_M / metres_lat, half * GSD_M / metres_lon, 500.0,
                line, one, sample, one)  # fmt: skip
 
 
@@ -205,63 +219,77 @@ def periodic_noise(side: int, slope: float, seed: int, smallest: float) -> np.nd
     return noise / noise.std()
 
 
-def large_pair(folder: str, size: int) -> tuple[list[str], np.ndarray]:
-    """Write a pair of large images whose content repeats, if it is not there; return paths and the ground's heights."""
+def make_heights() -> np.ndarray:
+    """Return the heights of one period of the ground in m."""
+    return 20.0 * periodic_noise(PERIOD, 2.0, 1, 60.0)
+
+
+def write_tile(folder: str, tilt: float) -> str:
+    """Write one period of the ground as a camera of parallel rays sees it, if it is not there; return its path."""
     import cv2
 
-    heights = 20.0 * periodic_noise(PERIOD, 2.0, 1, 60.0)
+    path = f"{folder}/tile_{tilt:+.2f}.tif"
+    os.makedirs(folder, exist_ok=True)
+    if os.path.exists(path):
+        return path
+    height = np.pad(make_heights(), 64, mode="wrap").astype(np.float32)
     texture = 800.0 + 150.0 * periodic_noise(PERIOD, 1.2, 2, 1.2)
     texture = (texture + np.random.default_rng(3).normal(0, 2, texture.shape)).astype(np.float32)
     rows, columns = np.mgrid[0:PERIOD, 0:PERIOD].astype(np.float32)
     at = columns.copy()
-    height = np.pad(heights, 64, mode="wrap").astype(np.float32)
-    for _ in range(30):
-        shift = TILT / GSD_M * cv2.remap(height, at + 64, rows + 64, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    for _ in range(30 if tilt else 0):
+        shift = tilt / GSD_M * cv2.remap(height, at + 64, rows + 64, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
         at = columns - shift
-    second = cv2.remap(
+    pixels = cv2.remap(
         np.pad(texture, 64, mode="wrap"), at + 64, rows + 64, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP
     )
-    paths = []
-    os.makedirs(folder, exist_ok=True)
-    for name, pixels, tilt in (("first", texture, 0.0), ("second", second, TILT)):
-        paths.append(f"{folder}/{name}_{size}.tif")
-        if not os.path.exists(paths[-1]):
-            write_repeated(paths[-1], np.clip(pixels, 1, 4095).astype(np.uint16), size, parallel_rpc(size, tilt))
-    return paths, heights
+    dataset = gdal.GetDriverByName("GTiff").Create(path, PERIOD, PERIOD, 1, gdal.GDT_UInt16, ["TILED=YES"])
+    dataset.GetRasterBand(1).WriteArray(np.clip(pixels, 1, 4095).astype(np.uint16))
+    return path
 
 
-def write_repeated(path: str, pixels: np.ndarray, size: int, rpc: RPC) -> None:
-    """Write an image that repeats an array, with its RPC."""
-    dataset = gdal.GetDriverByName("GTiff").Create(path, size, size, 1, gdal.GDT_UInt16, ["TILED=YES", "BIGTIFF=YES"])
+def write_repeated(path: str, tile: str, size: int, rpc: RPC) -> None:
+    """Write a virtual image that repeats a tile, with its RPC."""
+    dataset = gdal.GetDriverByName("VRT").Create(path, size, size, 1, gdal.GDT_UInt16)
     dataset.SetMetadata(gdal_metadata(rpc), "RPC")
-    wide = np.tile(pixels, (1, -(-size // PERIOD)))[:, :size]
-    for line in range(0, size, PERIOD):
-        part = wide[: min(PERIOD, size - line)]
-        for start in range(0, len(part), 256):
-            dataset.GetRasterBand(1).WriteArray(part[start : start + 256], 0, line + start)
-            dataset.FlushCache()
+    for number, (x, y) in enumerate(itertools.product(range(0, size, PERIOD), repeat=2)):
+        width, height = min(PERIOD, size - x), min(PERIOD, size - y)
+        source = (
+            f'<SimpleSource><SourceFilename relativeToVRT="0">{os.path.abspath(tile)}</SourceFilename>'
+            f'<SourceBand>1</SourceBand><SrcRect xOff="0" yOff="0" xSize="{width}" ySize="{height}"/>'
+            f'<DstRect xOff="{x}" yOff="{y}" xSize="{width}" ySize="{height}"/></SimpleSource>'
+        )
+        dataset.GetRasterBand(1).SetMetadataItem(f"source_{number}", source, "new_vrt_sources")
 
 
-def print_large(folder: str, size: int, threads: int) -> None:
-    """Print time, memory and errors of a pair of large images."""
-    paths, heights = large_pair(folder, size)
+def write_views(folder: str, size: int, tilts: Sequence[float], places: int) -> dict[str, RPC]:
+    """Write images of ``size`` px with each tilt at each place of a square; return their cameras by path.
+
+    Neighbouring places overlap by a period or more.
+    """
+    step, cameras = (size // PERIOD - 1) * PERIOD, {}
+    for tilt, x, y in itertools.product(tilts, range(places), range(places)):
+        path = f"{folder}/view_{size}_{tilt:+.2f}_{x}{y}.vrt"
+        cameras[path] = parallel_rpc(size, tilt, (x * step, y * step))
+        write_repeated(path, write_tile(folder, tilt), size, cameras[path])
+    return cameras
+
+
+def print_large(folder: str, size: int, threads: int, tilts: Sequence[float] = (0.0, TILT), places: int = 1) -> None:
+    """Print time, memory and errors of large images."""
+    cameras = write_views(folder, size, tilts, places)
     with tempfile.TemporaryDirectory() as output:
-        ours = in_own_process("large", *paths, str(threads), output)
+        ours = in_own_process("large", ",".join(cameras), str(threads), output)
         points = read_points(output)
-    first, second = (points.xy[points.image_ids == Path(path).stem] for path in paths)
-    # the RPCs are taken at the ellipsoid's curvature where they are: the pair's own parallax is that of the heights
-    at = np.round(first).astype(int) % PERIOD
-    height = heights[at[:, 1], at[:, 0]]
-    error = second - first - np.column_stack([TILT / GSD_M * height, np.zeros(len(height))])
-    error -= np.median(error, axis=0)
-    size_px = np.hypot(*error.T)
+    megapixels = len(cameras) * size**2 * 1e-6
     print(
-        f"pair of {size} x {size} px ({2e-6 * size**2:.0f} Mpx), {threads} threads: {ours['wall_s']:.0f} s wall, "
-        f"{ours['cpu_s']:.0f} s CPU ({ours['cpu_s'] / (2e-6 * size**2):.4f} s/Mpx), peak {ours['peak_mib']:.0f} MiB "
-        f"({'within' if ours['peak_mib'] <= 2048 else 'ABOVE'} 2 GiB; GDAL's cache {gdal.GetCacheMax() / 2**20:.0f}), "
-        f"{ours['points']} points in {ours['cells']} of 64 parts, RMSE {np.sqrt(np.mean(size_px**2)):.3f} px, "
-        f"worst {size_px.max():.2f} px"
+        f"{len(cameras)} images of {size} x {size} px ({megapixels:.0f} Mpx), {threads} threads: {ours['pairs']} pairs, "
+        f"{ours['wall_s']:.0f} s wall, {ours['cpu_s']:.1f} s CPU ({ours['cpu_s'] / megapixels:.4f} s/Mpx), peak "
+        f"{ours['peak_mib']:.0f} MiB (GDAL's cache {gdal.GetCacheMax() / 2**20:.0f}), {ours['points']} points, least "
+        f"{min(ours['cells'])} of 64 parts",
+        flush=True,
     )
+    print_errors(points, {Path(path).stem: rpc for path, rpc in cameras.items()}, make_heights())
 
 
 def one(arguments: list[str]) -> dict[str, Any]:
@@ -271,7 +299,7 @@ def one(arguments: list[str]) -> dict[str, Any]:
         return measured(lambda: sift(images_of(rest[0], int(rest[1])), int(rest[2])))
     if what == "ties":
         return measured(lambda: tie_points(images_of(rest[0], int(rest[1])), int(rest[2]), rest[3]))
-    return measured(lambda: tie_points(rest[:2], int(rest[2]), rest[3]))
+    return measured(lambda: tie_points(rest[0].split(","), int(rest[1]), rest[2]))
 
 
 def main() -> None:
@@ -282,15 +310,18 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--sift-tiles", type=int, default=6, help="sampled tiles of each image")
     parser.add_argument("--large", metavar="FOLDER")
-    parser.add_argument("--size", type=int, default=40000)
+    parser.add_argument("--sizes", nargs="+", type=int, default=[5000, 10000, 20000, 40000])
+    parser.add_argument("--twenty", metavar="FOLDER", help="twenty images of 12 000 x 12 000 px")
     parser.add_argument("--one", nargs="+", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         print(json.dumps(one(given.one)))
     if given.block:
         print_block(given.block, given.counts, given.threads, given.sift_tiles)
-    if given.large:
-        print_large(given.large, given.size, given.threads)
+    for size in given.sizes if given.large else ():
+        print_large(given.large, size, given.threads)
+    if given.twenty:
+        print_large(given.twenty, 12000, given.threads, (-2 * TILT, -TILT, 0.0, TILT, 2 * TILT), places=2)
 
 
 if __name__ == "__main__":
