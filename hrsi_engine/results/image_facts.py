@@ -122,16 +122,16 @@ def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[d
     rows, used_rows = result.block.measurements, np.flatnonzero(_tie_rows(result))
     indices, shape = (rows.point[used_rows], rows.image[used_rows]), (len(result.block.points), len(views))
     incidence = sparse.csr_matrix((np.ones(len(used_rows)), indices), shape)
-    square = sparse.csr_matrix((square_lengths(result.residual_px[used_rows]), indices), shape)
-    joint_part = sparse.triu(incidence.T @ incidence, 1).tocoo()
-    squares = square.T @ incidence
-    squares = sparse.triu(squares + squares.T, 1).tocoo()
+    # One product has the numbers of common tie points as its real part, and their squares on one image as the imaginary
+    square = sparse.csr_matrix((1.0 + 1j * square_lengths(result.residual_px[used_rows]), indices), shape)
+    one_sided = square.T @ incidence
+    joint = sparse.triu(one_sided + one_sided.T, 1).tocoo()
+    pairs_sharing = list(zip(joint.row.tolist(), joint.col.tolist(), strict=True))
+    common, square_px = (
+        dict(zip(pairs_sharing, values.tolist(), strict=True)) for values in (0.5 * joint.data.real, joint.data.imag)
+    )
     sound = [view.is_sound for view in views]
     touching = find_touching_pairs([view.footprint if ok else Polygon() for view, ok in zip(views, sound, strict=True)])
-    common, square_px = (
-        dict(zip(zip(one.row.tolist(), one.col.tolist(), strict=True), one.data.tolist(), strict=True))
-        for one in (joint_part, squares)
-    )
     order = sorted({*common, *touching}, key=lambda pair: (-common.get(pair, 0), pair))
     listed_pairs = sorted(order[: IMAGE_FACTS.most_pairs])
     sound_pairs = [pair for pair in listed_pairs if all(sound[index] for index in pair)]

@@ -58,18 +58,18 @@ def judge_block(
     lap : called with the name of each finished part
     """
     images = adjustment.block.images
-    with one_thread_calls():  # cameras are refitted with small matrices, for which BLAS threads only cost time
-        with ThreadPoolExecutor(1) as pool:  # Python fits RPCs while compiled loops intersect the points
-            cameras = list(zip(images, adjustment.values, strict=True))
-            rpcs = [
-                pool.submit(copy_context().run, adjustment.model.compute_refined_rpc, *camera) for camera in cameras
-            ]
-            residuals = compute_residuals(adjustment)
+    # Cameras are refitted with small matrices, for which BLAS threads only cost time
+    with one_thread_calls(), ThreadPoolExecutor(1) as pool:
+        # Python fits RPCs while compiled loops intersect the points
+        cameras = list(zip(images, adjustment.values, strict=True))
+        rpcs = [pool.submit(copy_context().run, adjustment.model.compute_refined_rpc, *camera) for camera in cameras]
+        residuals = compute_residuals(adjustment)
         refined = state_accuracy(adjustment, [rpc.result() for rpc in rpcs])
         lap("residuals")
         evidence = Evidence(adjustment, residuals, refined)
-        figures = block_report(adjustment, residuals, refined)
-        verdict = Verdict.create(summarise_accuracy(figures), find_reasons(evidence, reasons))
+        summary = pool.submit(copy_context().run, block_report, adjustment, residuals, refined)
+        found, figures = find_reasons(evidence, reasons), summary.result()
+        verdict = Verdict.create(summarise_accuracy(figures), found)
         different_rpcs = [
             f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
             for image, new in zip(images, refined, strict=True)
