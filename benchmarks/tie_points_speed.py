@@ -1,18 +1,15 @@
-"""Tie points of large images: time, memory and growth beside OpenCV's SIFT on the same images, and errors by truth.
+"""Tie points of large images: time, memory and growth beside OpenCV's SIFT on the same pixels, and errors by truth.
 
-    hrsi simulate --size 12000 --images 3 --strips 2 --places 2 --seed 7 --output-dir BLOCK   # 3.5 GB, once
-    python benchmarks/tie_points_speed.py --block BLOCK [--counts 3 6 12] [--threads 1]
-    python benchmarks/tie_points_speed.py --large FOLDER [--sizes 5000 10000 20000 40000]   # pairs of growing size
-    python benchmarks/tie_points_speed.py --twenty FOLDER   # 20 images of 12 000 x 12 000 px: five views of four places
+    python benchmarks/tie_points_speed.py [FOLDER]                              # all of it: some minutes
+    python benchmarks/tie_points_speed.py --sizes 5000 40000 --layouts          # pairs of growing size
+    python benchmarks/tie_points_speed.py --sizes --layouts 5x2                 # five views of each of 2 x 2 places
 
-The last two write virtual images, of which each is one tile of ground that repeats.
-
-Every measurement runs in a process of its own. Peak memory is its maximum resident set: Python, NumPy, OpenCV and
-GDAL's block cache (whose limit is printed) included. SIFT runs on tiles of 2048 x 2048 px with a border of 32 px, the
-8000 strongest features of each, descriptors included, on a sample of the tiles of every image; its exact matching
-(nearest two) on a share of the features of two tiles. Its time for the block is extrapolated by pixels, and is that of
-the features alone. Truth is in the simulated block: tie points are intersected with the true RPCs, and what is left
-over are the errors of the positions (with two images, those across the epipolar lines).
+The images are virtual: each repeats one tile of ground (4000 px) as a camera of parallel rays sees it, so that they
+take little room; the images of a layout have 12 000 x 12 000 px. Every measurement runs in a process of its own. Peak
+memory is its maximum resident set: Python, NumPy, OpenCV and GDAL's block cache (whose limit is printed) included. SIFT
+finds the 8000 strongest features of a tile of 2048 x 2048 px, with descriptors. Tie points are intersected with the
+true RPCs: what is left over are the errors of the positions (with two images, those across the epipolar lines), and the
+heights are compared with the true ones.
 """
 
 from __future__ import annotations
@@ -40,10 +37,9 @@ from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.processing_algorithms import run
 
-SIFT_TILE, SIFT_BORDER = 2048, 32
+SIFT_TILE = 2048
 SIFT_FEATURES = 8000  # of a tile: without a limit simulated texture gives 100 000, and SIFT takes many times as long
-MATCH_EVERY = 32  # exact matching of a tile is timed on this share of its features: all of them take a minute
-PERIOD = 4000  # of the large pair's ground: it repeats
+PERIOD = 4000  # of the ground: it repeats
 GSD_M, TILT = 0.5, 0.35
 
 
@@ -61,11 +57,6 @@ def in_own_process(*arguments: str) -> dict[str, Any]:
     command = [sys.executable, __file__, "--one", *arguments]
     text = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
     return json.loads(text.splitlines()[-1])
-
-
-def images_of(folder: str, count: int) -> list[str]:
-    """Return the first images of a simulated block."""
-    return sorted(str(path) for path in Path(folder).glob("strip*.tif"))[:count]
 
 
 # ---- ours ----------------------------------------------------------------------------------------------------------
@@ -91,7 +82,7 @@ def read_points(folder: str) -> ImagePoints:
 
 
 def true_residuals(points: ImagePoints, cameras: dict[str, RPC]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return each row's residuals ``(n, 2)`` px after intersecting its track with the true cameras, views and ground."""
+    """Return each row's residual ``(n, 2)`` px after intersecting its track with the true cameras, views and ground."""
     _, track = np.unique(points.ids, return_inverse=True)
     views = np.bincount(track)
     ground = np.zeros((len(views), 3))
@@ -114,62 +105,18 @@ def true_residuals(points: ImagePoints, cameras: dict[str, RPC]) -> tuple[np.nda
 # ---- SIFT ----------------------------------------------------------------------------------------------------------
 
 
-def sift(paths: list[str], tiles: int) -> dict[str, Any]:
-    """Find SIFT features on a sample of the tiles of every image; return seconds a tile and a pair of tiles."""
+def find_sift_features(paths: list[str]) -> dict[str, Any]:
+    """Find SIFT features in the upper left tile of every image; return the seconds of the processor for a megapixel."""
     import cv2
 
     cv2.setNumThreads(1)
     finder = cv2.SIFT_create(SIFT_FEATURES, contrastThreshold=0.01)
-    seconds, megapixels, matching, last = 0.0, 0.0, [], None
-    for path in paths:
-        image = open_image(path)
-        columns, rows = (length // SIFT_TILE for length in image.size)
-        chosen = np.linspace(0, columns * rows - 1, tiles).round().astype(int)
-        for number in chosen:
-            left, top = SIFT_TILE * (number % columns), SIFT_TILE * (number // columns)
-            began = time.process_time()
-            side = SIFT_TILE + 2 * SIFT_BORDER
-            grey, _ = image.raster.read(int(left) - SIFT_BORDER, int(top) - SIFT_BORDER, side, side)
-            low, high = np.percentile(grey[::4, ::4], (1.0, 99.0))
-            byte = np.clip((grey.astype(np.float32) - low) * (255.0 / (high - low)), 0, 255).astype(np.uint8)
-            _, descriptors = finder.detectAndCompute(byte, None)
-            seconds += time.process_time() - began
-            megapixels += SIFT_TILE**2 * 1e-6
-            if last is not None and not matching:
-                began = time.process_time()
-                nearest = cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors[::MATCH_EVERY], last, k=2)
-                matching.append(MATCH_EVERY * (time.process_time() - began))
-                assert nearest
-            last = descriptors
-    return {"cpu_per_mpx": seconds / megapixels, "match_s": matching[0], "features": len(last), "tile_mpx": megapixels}
-
-
-def print_block(folder: str, counts: list[int], threads: int, sift_tiles: int) -> None:
-    """Print time and memory of growing blocks beside SIFT, and the errors of the largest."""
-    truth = json.loads(Path(folder, "truth.json").read_text())
-    cameras = {name: RPC(**entry["true_rpc"]["rpc"]) for name, entry in truth["images"].items()}
-    cache = gdal.GetCacheMax() / 2**20
-    theirs = in_own_process("sift", folder, str(min(counts)), str(sift_tiles))
-    print(
-        f"OpenCV SIFT on tiles of {SIFT_TILE} px ({theirs['tile_mpx']:.0f} Mpx sampled): "
-        f"{theirs['cpu_per_mpx']:.3f} s of a processor per Mpx, {theirs['features']} features a tile, "
-        f"{theirs['match_s']:.2f} s to match two tiles exactly, peak {theirs['peak_mib']:.0f} MiB in one process"
-    )
-    print(f"tie-points with {threads} threads; GDAL's cache may take {cache:.0f} MiB of the peak")
-    print("images   Mpx  pairs  wall s   CPU s  CPU s/Mpx  of SIFT  peak MiB  points  measurements  on 3+  least cells")
-    for count in counts:
-        with tempfile.TemporaryDirectory() as output:
-            ours = in_own_process("ties", folder, str(count), str(threads), output)
-            sizes = [open_image(path).size for path in images_of(folder, count)]
-            megapixels = sum(a * b for a, b in sizes) * 1e-6
-            per = ours["cpu_s"] / megapixels
-            several = sum(number for views, number in ours["views"].items() if int(views) > 2)
-            print(
-                f"{count:6d} {megapixels:5.0f} {ours['pairs']:6d} {ours['wall_s']:7.1f} {ours['cpu_s']:7.1f} "
-                f"{per:10.4f} {per / theirs['cpu_per_mpx']:8.2f} {ours['peak_mib']:9.0f} {ours['points']:7d} "
-                f"{ours['observations']:13d} {several:6d} {min(ours['cells']):6d}/64"
-            )
-            print_errors(read_points(output), cameras)
+    tiles = [open_image(path).raster.read(0, 0, SIFT_TILE, SIFT_TILE)[0] for path in paths]
+    began = time.process_time()
+    for grey in tiles:
+        low, high = np.percentile(grey[::4, ::4], (1.0, 99.0))
+        finder.detectAndCompute(np.clip((grey - low) * (255.0 / (high - low)), 0, 255).astype(np.uint8), None)
+    return {"cpu_per_mpx": (time.process_time() - began) / (len(tiles) * SIFT_TILE**2 * 1e-6)}
 
 
 def print_errors(points: ImagePoints, cameras: dict[str, RPC], heights: np.ndarray | None = None) -> None:
@@ -279,14 +226,15 @@ def print_large(folder: str, size: int, threads: int, tilts: Sequence[float] = (
     """Print time, memory and errors of large images."""
     cameras = write_views(folder, size, tilts, places)
     with tempfile.TemporaryDirectory() as output:
-        ours = in_own_process("large", ",".join(cameras), str(threads), output)
+        ours = in_own_process("ties", ",".join(cameras), str(threads), output)
         points = read_points(output)
     megapixels = len(cameras) * size**2 * 1e-6
     print(
-        f"{len(cameras)} images of {size} x {size} px ({megapixels:.0f} Mpx), {threads} threads: {ours['pairs']} pairs, "
-        f"{ours['wall_s']:.0f} s wall, {ours['cpu_s']:.1f} s CPU ({ours['cpu_s'] / megapixels:.4f} s/Mpx), peak "
-        f"{ours['peak_mib']:.0f} MiB (GDAL's cache {gdal.GetCacheMax() / 2**20:.0f}), {ours['points']} points, least "
-        f"{min(ours['cells'])} of 64 parts",
+        f"{len(cameras)} images of {size} x {size} px ({megapixels:.0f} Mpx), {threads} threads: "
+        f"{ours['pairs']} pairs, {ours['wall_s']:.0f} s wall, {ours['cpu_s']:.1f} s CPU "
+        f"({ours['cpu_s'] / megapixels:.4f} s/Mpx), peak {ours['peak_mib']:.0f} MiB "
+        f"(GDAL's cache {gdal.GetCacheMax() / 2**20:.0f}), {ours['points']} points, "
+        f"least {min(ours['cells'])} of 64 parts",
         flush=True,
     )
     print_errors(points, {Path(path).stem: rpc for path, rpc in cameras.items()}, make_heights())
@@ -294,34 +242,32 @@ def print_large(folder: str, size: int, threads: int, tilts: Sequence[float] = (
 
 def one(arguments: list[str]) -> dict[str, Any]:
     """Do one measurement in this process."""
-    what, *rest = arguments
+    what, paths, *rest = arguments
     if what == "sift":
-        return measured(lambda: sift(images_of(rest[0], int(rest[1])), int(rest[2])))
-    if what == "ties":
-        return measured(lambda: tie_points(images_of(rest[0], int(rest[1])), int(rest[2]), rest[3]))
-    return measured(lambda: tie_points(rest[0].split(","), int(rest[1]), rest[2]))
+        return measured(lambda: find_sift_features(paths.split(",")))
+    return measured(lambda: tie_points(paths.split(","), int(rest[0]), rest[1]))
 
 
 def main() -> None:
     """Read the arguments and print what they ask for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--block", metavar="FOLDER")
-    parser.add_argument("--counts", nargs="+", type=int, default=[3, 6, 12])
+    parser.add_argument("folder", nargs="?", default="build/large_images", help="of the images")
+    parser.add_argument("--sizes", nargs="*", type=int, default=[5000, 10000, 20000, 40000], help="of pairs, px")
+    parser.add_argument("--layouts", nargs="*", default=["3x1", "5x1", "3x2", "5x2"], help="views of each place x side")
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--sift-tiles", type=int, default=6, help="sampled tiles of each image")
-    parser.add_argument("--large", metavar="FOLDER")
-    parser.add_argument("--sizes", nargs="+", type=int, default=[5000, 10000, 20000, 40000])
-    parser.add_argument("--twenty", metavar="FOLDER", help="twenty images of 12 000 x 12 000 px")
     parser.add_argument("--one", nargs="+", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         print(json.dumps(one(given.one)))
-    if given.block:
-        print_block(given.block, given.counts, given.threads, given.sift_tiles)
-    for size in given.sizes if given.large else ():
-        print_large(given.large, size, given.threads)
-    if given.twenty:
-        print_large(given.twenty, 12000, given.threads, (-2 * TILT, -TILT, 0.0, TILT, 2 * TILT), places=2)
+        return
+    sift = in_own_process("sift", ",".join(write_views(given.folder, PERIOD, (0.0, TILT), 1)))
+    print(f"OpenCV's SIFT on a tile of {SIFT_TILE} px of two images: {sift['cpu_per_mpx']:.2f} s CPU per Mpx, "
+          f"peak {sift['peak_mib']:.0f} MiB")  # fmt: skip
+    for size in given.sizes:
+        print_large(given.folder, size, given.threads)
+    for layout in given.layouts:
+        views, side = map(int, layout.split("x"))
+        print_large(given.folder, 12000, given.threads, [TILT * (view - views // 2) for view in range(views)], side)
 
 
 if __name__ == "__main__":
