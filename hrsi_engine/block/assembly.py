@@ -134,8 +134,9 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
         return GroundPoints([], np.empty((0, 3)))
     merged = stack_ground_points(tables)
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
-    contradicts = are_apart(merged.ground, merged.ground[first[inverse]])
-    if contradicts.any():
+    repeated = np.flatnonzero(first[inverse] != np.arange(len(inverse)))
+    contradicts = repeated[are_apart(merged.ground[repeated], merged.ground[first[inverse[repeated]]])]
+    if len(contradicts):
         raise InputError(
             f"ground point {list_ids(np.unique(merged.ids[contradicts]))} has different positions in {merged.source}: "
             "keep one"
