@@ -128,9 +128,7 @@ class Adjuster(Snooping):
             if self.loop.solves > solves:
                 precise = compute_precision(self.loop, self.solution)
         if self.sigmas.tried and self.ties.any():  # weights have changed since the last test
-            self.estimate_tie_variance_by_rays(
-                self.solution, self.weigh_rays_alone(self.solution, self.solution.weighting)
-            )
+            self.estimate_tie_variance_by_rays(self.solution, self.weigh_rays_alone(self.solution))
         if self.problem.choice is not None:
             precise = self.choose_delivered_model(precise)
         self.found.findings += self._undecided  # undecided contradictions of GCPs

@@ -85,7 +85,7 @@ class Snooping:
         solution = self.loop.iterate(problem.start, start, robust, ITERATIONS.coarse, progress)
         for _ in range(ITERATIONS.most):
             solution = self._intersect_unused_points(solution)
-            if not self._judge_measurements(solution, solution.weighting, everything):
+            if not self._judge_measurements(solution, everything):
                 break
             present = self.build_weighting(solution, lenient)
             solution = self.loop.iterate(solution.state, present, problem.options.robust, ITERATIONS.coarse, progress)
@@ -114,14 +114,14 @@ class Snooping:
 
     def judge_ties_again(self, solution: Solution, progress: Progress) -> Solution:
         """Test the tie points with a solution that has all surveys, and solve again if decisions change."""
-        if self.ties.any() and self._judge_measurements(solution, solution.weighting, self.ties):
+        if self.ties.any() and self._judge_measurements(solution, self.ties):
             return self.solve(solution, progress)
         return solution
 
-    def _judge_measurements(self, solution: Solution, present: Weighting, points: np.ndarray) -> bool:
+    def _judge_measurements(self, solution: Solution, points: np.ndarray) -> bool:
         """Decide on the measurements of the ``points (m,)``; return True if more than rare decisions changed."""
         problem, observations = self.problem, self.problem.observations
-        present = self.weigh_rays_alone(solution, present)
+        present = self.weigh_rays_alone(solution)
         squares, freedom = self.estimate_tie_variance_by_rays(solution, present)
         everything = replace(present, image=self.image_weight)
         if (present.image != self.image_weight).any():
@@ -145,14 +145,12 @@ class Snooping:
         self.found.tie_variance, freedom = estimate_tie_variance(observations, squares, rays, self.ties)
         return squares, freedom
 
-    def weigh_rays_alone(self, solution: Solution, present: Weighting) -> Weighting:
+    def weigh_rays_alone(self, solution: Solution) -> Weighting:
         """Return weights by which rays are tested by rays only, not by external heights, which may be wrong there."""
         if not self.problem.position_observations:
-            return present
-        return replace(
-            present,
-            points=PointPriors.from_surveys(self.problem.observations, solution.state.ground, self.survey_weight),
-        )
+            return solution.weighting
+        priors = PointPriors.from_surveys(self.problem.observations, solution.state.ground, self.survey_weight)
+        return replace(solution.weighting, points=priors)
 
     # ---- control ---------------------------------------------------------------------------------------------------
 
