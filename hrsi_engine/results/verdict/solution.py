@@ -84,7 +84,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
             if evidence.jitter_px > 0.0
             else "check the largest residuals first: if these points are correct, choose a model with more parameters, "
             "or give realistic standard deviations (`sigma_image`, `sigma_gcp_xy`, `sigma_gcp_h`, or the columns of "
-            "the files)",
+            "the files); a vibration that all images have in common is seen at GCPs alone",
         )  # fmt: skip
 
 
