@@ -11,7 +11,7 @@ import numpy as np
 import pyproj
 
 from ...hrsi_engine.block.block import Image
-from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
+from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role, are_apart
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.foundation.thresholds import EQUALITY
 from ...hrsi_engine.ground.geodesy import ground_difference_m
@@ -317,8 +317,8 @@ class PointRoles:
     notes: list[str] = field(default_factory=list)
 
 
-def _find_contradiction(source: PointSource, others: Sequence[PointSource]) -> str:
-    """Return how far points are from those with the same ids in other files; empty if they agree."""
+def _find_contradiction(source: PointSource, others: Sequence[PointSource], exactly: bool = False) -> str:
+    """Return how far points are from those with the same ids in other files; empty if they agree (``exactly``)."""
     known = {str(name): xyz for one in others if one.ground is not None
              for name, xyz in zip(one.ground.ids, one.ground.ground, strict=True)}  # fmt: skip
     ground = source.ground
@@ -328,7 +328,7 @@ def _find_contradiction(source: PointSource, others: Sequence[PointSource]) -> s
         return ""
     first, second = np.array(pairs).swapaxes(0, 1)
     distance = float(np.nanmedian(np.linalg.norm(ground_difference_m(first, second)[:, :2], axis=1)))
-    if distance < COLUMN_ROLES.equal_m:
+    if not (are_apart(first, second).any() if exactly else distance >= COLUMN_ROLES.equal_m):
         return ""
     return f"{len(pairs)} of its points have other places (median {distance:.0f} m) in {others[0].name}"
 
@@ -350,7 +350,7 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
             found.roles[one.path] = ("ground points, not used", apart)
             found.notes.append(f"{one.name}: {apart}: not used; exchange gcps if it is the right one")
             continue
-        elif own & ids and not one.measured:
+        elif own & ids and (not one.measured or _find_contradiction(one, found.control, exactly=True)):
             others = f"in {found.control[0].name} too"
             if not own <= ids:
                 found.roles[one.path] = ("ground points, not used", f"some of its ids are {others}")
