@@ -38,14 +38,15 @@ def run(options: InitOptions, context: Context) -> Report:
     for answer in ANSWERS if made.question else ("",):
         entries = check_plan(read_project(path, answer), context.stage(0.6, 1.0))
         verdict = judge_plan(entries)
-        if made.question and verdict["level"] != Level.UNUSABLE.label:
-            return report  # the question remains
-    else:  # also if no answer makes the inputs usable
-        report |= {"steps": {**entries, **report["steps"]}, "verdict": verdict, "question": ""}
-        if verdict["level"] == Level.UNUSABLE.label:
-            advice = [one["advice"] for one in verdict["reasons"] if one["level"] == Level.UNUSABLE.label]
-            report["unsolved"] = ": ".join([verdict["sentence"], *advice[:1]])
-            report["exit_code"] = InputError.exit_code
+        if usable := verdict["level"] != Level.UNUSABLE.label:
+            break
+    if made.question and usable:
+        return report
+    report |= {"steps": {**entries, **report["steps"]}, "verdict": verdict, "question": ""}  # no answer would help
+    if not usable:
+        advice = [one["advice"] for one in verdict["reasons"] if one["level"] == Level.UNUSABLE.label]
+        report["unsolved"] = ": ".join([verdict["sentence"], *advice[:1]])
+        report["exit_code"] = InputError.exit_code
     return report
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from ...hrsi_engine.io.jitter_files import JITTER_FILE
 from ...hrsi_engine.refinement.selection import ModelChoice
 from ..files.result_folder import LENGTH
-from ..interface.declare import Report
+from ..interface.declare import Report, reason_lines
 
 COLUMN_WIDTHS = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "line_px": 9}  #: by key of the report
 
@@ -75,10 +75,7 @@ def summarise(report: Report) -> str:
 
 def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
     """Return the reasons with their advice, the worst last, and after them the verdict in one sentence."""
-    lines = []
-    for reason in reversed(verdict["reasons"]):
-        lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
-    return [*lines, f"{verdict['sentence']}. Verdict: {verdict['level']}"]
+    return [*reason_lines(verdict), f"{verdict['sentence']}. Verdict: {verdict['level']}"]
 
 
 def _format_accuracy(figures: Mapping[str, Any]) -> str:

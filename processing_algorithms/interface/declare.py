@@ -334,8 +334,7 @@ class Algorithm:
             lines += ["would be written:", *(f"  {file}" for file in files)] if files else ["nothing would be written"]
             lines += [f"warning: {text}" for text in report["warnings"]]
             verdict = report["verdict"]
-            for reason in reversed(verdict["reasons"]):
-                lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
+            lines += reason_lines(verdict)
             return "\n".join([*lines, f"dry run: {verdict['sentence']}. Verdict of the checks: {verdict['level']}"])
         text: str = import_module(self.work_module).summarise(report)
         return text
@@ -405,6 +404,14 @@ def unusable_text(report: Report) -> str:
 
 
 _ARGUMENT = re.compile(r"`([a-z][a-z0-9_]*)`")
+
+
+def reason_lines(verdict: Mapping[str, Any]) -> list[str]:
+    """Return the reasons of a verdict with their advice, the worst last."""
+    lines = []
+    for reason in reversed(verdict["reasons"]):
+        lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
+    return lines
 
 
 def option_label(param: Param) -> str:

@@ -9,7 +9,7 @@ have the order in which the rays of the images differ less.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise, permutations, product
 
 import numpy as np
 
@@ -237,10 +237,10 @@ def _fit_columns(
         projected = image.rpc.project(ground)
         size = 2.0 * float(image.half_size_px.max())
         for first, second in pairs:
-            for sample, line, upwards in product((first, second), (first, second), (False, True)):
+            for (sample, line), upwards in product(permutations((first, second)), (False, True)):
                 difference = numbers[:, [sample, line]] * (1.0, -1.0 if upwards else 1.0) - projected
                 difference = difference[np.isfinite(difference).all(axis=1)]
-                if sample == line or len(difference) < SAMPLES.plane:
+                if len(difference) < SAMPLES.plane:
                     continue
                 middle = np.median(difference, axis=0)
                 scatter = float(np.hypot(*(robust_sigma(part) for part in (difference - middle).T)))

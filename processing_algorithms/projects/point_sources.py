@@ -226,11 +226,13 @@ def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSo
 
 def _complete(spec: str, tables: PointTables, images: Mapping[str, Image], crs: str) -> tuple[str, PointTables]:
     """Return the text and the points of a file with what its other fields state: roles, heights, image positions."""
+    if tables.ground is None or len(tables.ground) > COLUMN_ROLES.most_rows:
+        return spec, tables
     try:
         table = read_table(spec)
     except HrsiError:
         return spec, tables
-    if tables.ground is None or len(table) > COLUMN_ROLES.most_rows:
+    if len(table) > COLUMN_ROLES.most_rows:
         return spec, tables
     listed = spec.partition("|columns=")[2]  # meanings of all columns, or fields chosen by name
     known = match_fields(table.field_names).values()
@@ -317,20 +319,25 @@ class PointRoles:
     notes: list[str] = field(default_factory=list)
 
 
-def _find_contradiction(source: PointSource, others: Sequence[PointSource], exactly: bool = False) -> str:
-    """Return how far points are from those with the same ids in other files; empty if they agree (``exactly``)."""
+def _pair_positions(source: PointSource, others: Sequence[PointSource]) -> np.ndarray:
+    """Return the positions ``(2, n, 3)`` of points with one id in a file and in other files."""
     known = {str(name): xyz for one in others if one.ground is not None
              for name, xyz in zip(one.ground.ids, one.ground.ground, strict=True)}  # fmt: skip
     ground = source.ground
     pairs = [(xyz, known[str(name)]) for name, xyz in zip(ground.ids, ground.ground, strict=True)
              if str(name) in known] if ground is not None else []  # fmt: skip
-    if not pairs:
+    return np.array(pairs).reshape(-1, 2, 3).swapaxes(0, 1)
+
+
+def _find_contradiction(source: PointSource, others: Sequence[PointSource]) -> str:
+    """Return how far points are from those with the same ids in other files; empty if they agree."""
+    first, second = _pair_positions(source, others)
+    if not len(first):
         return ""
-    first, second = np.array(pairs).swapaxes(0, 1)
     distance = float(np.nanmedian(np.linalg.norm(ground_difference_m(first, second)[:, :2], axis=1)))
-    if not (are_apart(first, second).any() if exactly else distance >= COLUMN_ROLES.equal_m):
+    if distance < COLUMN_ROLES.equal_m:
         return ""
-    return f"{len(pairs)} of its points have other places (median {distance:.0f} m) in {others[0].name}"
+    return f"{len(first)} of its points have other places (median {distance:.0f} m) in {others[0].name}"
 
 
 def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
@@ -350,7 +357,7 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
             found.roles[one.path] = ("ground points, not used", apart)
             found.notes.append(f"{one.name}: {apart}: not used; exchange gcps if it is the right one")
             continue
-        elif own & ids and (not one.measured or _find_contradiction(one, found.control, exactly=True)):
+        elif own & ids and (not one.measured or are_apart(*_pair_positions(one, found.control)).any()):
             others = f"in {found.control[0].name} too"
             if not own <= ids:
                 found.roles[one.path] = ("ground points, not used", f"some of its ids are {others}")

@@ -52,15 +52,21 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
         )
 
 
+def _count_observations(evidence: Evidence, role: Role | None = None) -> np.ndarray:
+    """Return the number of adjusted measurements of each image, all or those of a role.
+
+    Images of one exposure are counted together: a constraint of one of them is one of all.
+    """
+    block = evidence.result.block
+    rows = evidence.adjusting if role is None else evidence.adjusting & (evidence.row_role == role)
+    exposure = block.exposure_of_image
+    return np.bincount(exposure[block.measurements.image[rows]], minlength=len(block.images))[exposure]
+
+
 def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for images without any used point, and for images with few tie points and no GCP."""
     result, block = evidence.result, evidence.result.block
-    is_adjusting = evidence.adjusting
-    exposure = block.exposure_of_image  # a constraint of one image of an exposure is one of all
-    count, control = (
-        np.bincount(exposure[block.measurements.image[rows]], minlength=len(block.images))[exposure]
-        for rows in (is_adjusting, is_adjusting & (evidence.row_role == Role.GCP))
-    )
+    count, control = _count_observations(evidence), _count_observations(evidence, Role.GCP)
     free = result.model.parameters and len(block.images) > 1
     unconnected = [block.images[index].id for index in np.flatnonzero(count == 0).tolist()]
     if unconnected:
@@ -84,12 +90,10 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
 
 def find_untied_images(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for images that GCPs orient and in which tie points of the others lie, but none is measured."""
-    block, used = evidence.result.block, evidence.adjusting
-    ties, exposure = used & (evidence.row_role == Role.TIE), block.exposure_of_image
-    count, tied = (np.bincount(exposure[block.measurements.image[rows]], minlength=len(block.images))[exposure]
-                   for rows in (used, ties))  # fmt: skip
-    ground = evidence.result.ground[np.unique(block.measurements.point[ties])]
-    for index in np.flatnonzero((count > 0) & (tied == 0)).tolist():
+    block, ties = evidence.result.block, evidence.adjusting & (evidence.row_role == Role.TIE)
+    untied = (_count_observations(evidence) > 0) & (_count_observations(evidence, Role.TIE) == 0)
+    ground = evidence.result.ground[np.unique(block.measurements.point[ties])] if untied.any() else np.empty((0, 3))
+    for index in np.flatnonzero(untied).tolist():
         image, xy = block.images[index], evidence.refined[index].rpc.project(ground)
         inside = int(((xy >= image.domain_px[::2]) & (xy <= image.domain_px[1::2])).all(axis=1).sum())
         if image.size is not None and inside >= SAMPLES.tested:
