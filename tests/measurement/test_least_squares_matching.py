@@ -71,6 +71,17 @@ def test_no_pixel_locking_and_honest_sigma(band: str, shift):
     np.testing.assert_allclose(np.median(found.gain[good]), 0.8, rtol=0.25)  # less where noise is much of the texture
 
 
+def test_equal_windows_have_a_sigma():
+    """Without noise no residual remains, and matches are weighed and scaled by the inverse of their sigmas."""
+    grey = noisy(texture(), 0.0, 1)
+    found = matched(grey, grey)
+    good = found.status == DONE
+    assert good.mean() > 0.97
+    assert np.abs(found.xy[good] - centres()[good]).max() < 1e-3
+    assert (found.sigma_px[good] > 0.0).all()
+    assert found.sigma_px[good].max() < 1e-3
+
+
 def test_result_solves_the_normal_equations():
     """At the warp found, NumPy's least squares of SciPy's spline give no further shift, and the figures stated."""
     first, second = (

@@ -293,6 +293,15 @@ def test_residuals_beyond_all_sigmas():
     assert float(needed[1]) == pytest.approx(8.0, rel=0.15)  # GCPs have their survey's sigma too
 
 
+@pytest.mark.parametrize(("noise_px", "reported"), [(0.06, False), (0.2, True)])
+def test_residuals_as_small_as_the_errors_of_cameras_are_no_reason(noise_px: float, reported: bool):
+    """Pixels without noise have sigmas near 0: residuals of a tenth of a pixel are many of these, and right."""
+    block = sound(noise_px=noise_px)
+    measurements = replace(block.measurements, sigma_px=np.full_like(block.measurements.sigma_px, 0.01))
+    options = AdjustOptions(model="shift", variance_components=False, test_sigmas=False)
+    assert ("sigmas-implausible" in reasons_of(replace(block, measurements=measurements), options)) == reported
+
+
 def test_sigmas_stated_four_times_too_small_are_doubtful_with_their_figures():
     """Noise of 0.3 px and 0.4 m is told by its group: what is stated right is not named."""
     right = sound(gcps=20, ties=120, noise_m=0.4)

@@ -69,8 +69,11 @@ class PatchMatches(NamedTuple):
 
     @property
     def sigma_px(self) -> np.ndarray:
-        """Standard deviation of a coordinate, quadratic mean of both axes, ``(n,)``."""
-        return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2) / 2.0)
+        """Standard deviation of a coordinate, quadratic mean of both axes, ``(n,)``.
+
+        Equal windows have no residuals; positions are rounded to a millionth of a pixel.
+        """
+        return np.maximum(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2) / 2.0), 1e-6)
 
 
 class ResultCache:

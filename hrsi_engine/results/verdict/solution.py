@@ -56,21 +56,20 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
 
     Residuals are unusable if they are much larger than the noise, the unmodelled errors of cameras, and jitter.
     """
-    result = evidence.result
+    result, reported_px = evidence.result, SOLUTION.implausible_factor * SOLUTION.smallest_sigma_px
     texts = [
         f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
         for part in result.variance_components
         if part.estimated and part.unit in ("px", "m") and part.factor >= SOLUTION.implausible_factor
-        and (part.unit == "m" or part.sigma >= SOLUTION.implausible_factor * SOLUTION.smallest_sigma_px)
+        and (part.unit == "m" or part.sigma >= reported_px)
         and is_significant(part.factor**2 * part.redundancy, part.redundancy)
     ]  # fmt: skip
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
     required = result.sigma0 * adjusted
     allowed = float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2))
     unusable = required >= EFFECT.unusable_factor * allowed
-    if (unusable or result.sigma0 >= SOLUTION.implausible_factor) and is_significant(
-        (required / stated) ** 2 * result.redundancy, result.redundancy
-    ):
+    reported = result.sigma0 >= SOLUTION.implausible_factor and required >= reported_px
+    if (unusable or reported) and is_significant((required / stated) ** 2 * result.redundancy, result.redundancy):
         texts.append(
             f"all observations {result.sigma0:.1f} times (sigma0; image points of {required:.2g} px instead of "
             f"{stated:.2g} px)"
