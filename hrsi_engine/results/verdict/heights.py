@@ -9,6 +9,7 @@ from ...adjustment.result import HeightAgreement, SourceGroup
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import EQUALITY, threshold, thresholds
+from ...plausibility.laser_quality import LASER_QUALITY
 from .evidence import Evidence
 from .significance import EFFECT, SOUND_BLOCKS
 
@@ -22,25 +23,22 @@ class HEIGHT_CONFLICTS:
     )
     few_laser_share: float = threshold(0.1, "", "… if also less than this share of their file", SOUND_BLOCKS)
     doubtful_parts: float = threshold(0.1, "", "smallest reported share of a source in contradicting parts")
-    canopy_m: float = threshold(3.0, "m", "height difference of laser points on the ground from canopy", SOUND_BLOCKS)
+    canopy_m: float = threshold(30.0, "m", "height above the ground up to which parts of a DEM are woods or buildings")
 
 
 def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for laser points or a DEM that contradict one another, or the GCPs, in the block's height.
 
-    GCPs that agree decide, and so do most parts of a DEM; otherwise it is ambiguous which height is correct. A
-    contradiction exceeds the full standard deviation of the heights: that of the group, with the rays, and the stated
-    one of the source, which is common to its cells. Parts of a surface model above the ground by less than trees and
-    buildings are no contradiction.
+    GCPs that agree decide, and so do most parts of a DEM; otherwise it is ambiguous which height is correct.
     """
     le90_m = max((part.le90_m for part in evidence.result.parts if part.le90_m is not None), default=np.inf)
     for one in evidence.result.heights:
         off, compared = one.gcps
-        told = [group for group in one.groups if group.wrong and _is_contradiction(one, group)]
-        undecided = any(not group.left_out for group in told)
-        told = [group for group in told if not (undecided and group.left_out)]
-        middle = float(np.median([group.offset_m for group in told])) if told else 0.0
-        share = sum(group.observations for group in told) / max(one.observations, 1)
+        contradicting = _select_contradicting_groups(one)
+        undecided = any(not group.left_out for group in contradicting)
+        contradicting = [group for group in contradicting if not (undecided and group.left_out)]
+        middle = float(np.median([group.offset_m for group in contradicting])) if contradicting else 0.0
+        share = sum(group.observations for group in contradicting) / max(one.observations, 1)
         outvoted = off > EQUALITY.majority * compared and one.left_out < one.observations
         if not (undecided or outvoted or share > HEIGHT_CONFLICTS.doubtful_parts):
             continue
@@ -50,12 +48,12 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
         else:
             who = (
                 "all of its heights"
-                if len(told) == len(one.groups)
-                else f"the heights of {list_ids(g.name for g in told)}"
+                if len(contradicting) == len(one.groups)
+                else f"the heights of {list_ids(group.name for group in contradicting)}"
             )
             done = "were used, because the wrong ones cannot be identified" if undecided else "were not used"
             what = f"{who} differ by {middle:+.1f} m (median) from the other height observations of the block"
-            what += f" (sigma {_compute_full_sigma_m(one, told[0]):.1f} m); they {done}"
+            what += f" (sigma {_compute_full_sigma_m(one, contradicting[0]):.1f} m); they {done}"
         unusable = outvoted or (open_between and abs(middle) > 2.0 * le90_m)
         yield Reason(
             "sources-disagree", Level.UNUSABLE if unusable else Level.DOUBTFUL, f"{one.source}: {what}",
@@ -69,11 +67,22 @@ def _compute_full_sigma_m(source: HeightAgreement, group: SourceGroup) -> float:
     return float(np.hypot(group.sigma_m, source.sigma_m / source.sigma_factor))
 
 
-def _is_contradiction(source: HeightAgreement, group: SourceGroup) -> bool:
-    """Return True if the offset of a group exceeds its full standard deviation, trees and buildings included."""
-    limit_m = EFFECT.doubtful_factor * _compute_full_sigma_m(source, group)
-    above_m = HEIGHT_CONFLICTS.canopy_m if source.source == "DEM" else 0.0
-    return not -limit_m <= group.offset_m <= limit_m + above_m
+def _select_contradicting_groups(source: HeightAgreement) -> list[SourceGroup]:
+    """Return the groups whose offset exceeds its full standard deviation: with the error common to the whole source.
+
+    Trees and buildings are a known error of surface models: parts that were left out because they are higher are no
+    contradiction, unless they are most of the DEM.
+    """
+    beyond = [
+        group
+        for group in source.groups
+        if group.wrong and abs(group.offset_m) > EFFECT.doubtful_factor * _compute_full_sigma_m(source, group)
+    ]
+    if source.source != "DEM":
+        return beyond
+    lower = [group for group in beyond if not (group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.canopy_m)]
+    covered = sum(group.observations for group in beyond) - sum(group.observations for group in lower)
+    return lower if covered <= EQUALITY.majority * source.observations else beyond
 
 
 def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
@@ -112,7 +121,7 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     if laser is None:
         return
     fits = laser.reason == ""
-    low = (laser.reason == MISFIT) & (laser.residual_m < -HEIGHT_CONFLICTS.canopy_m)
+    low = (laser.reason == MISFIT) & (laser.residual_m < -LASER_QUALITY.canopy_m)
     if low.sum() < max(
         HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_laser_share * (fits.sum() + (laser.reason == MISFIT).sum())
     ):
