@@ -86,8 +86,8 @@ def test_the_change_along_a_strip_is_the_published_one():
 def test_the_change_of_a_stated_pointing_grows_as_a_random_walk(length_m: float, share: float | None):
     """From one second of flight, 7 km, on: 0.65 of the pointing over 100 km, half of it over a quarter; before, evenly.
 
-    ERR_BIAS is so large that no change lies below what is always allowed for. A ten times larger one, for which no drift
-    is published, changes by no more than 3e-4 of the length.
+    ERR_BIAS is so large that no change lies below what is always allowed for. A ten times larger one, for which no
+    drift is published, changes by no more than 3e-4 of the length.
     """
     lines = round(length_m / compute_gsd_m(image()))
     found = estimate_pointing(image((100, lines), err_bias=10.0))

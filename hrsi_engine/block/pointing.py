@@ -13,8 +13,8 @@ QuickBird is 14 to 21 m (CE90), and its largest change along a strip 12 to 24 m;
 the changes are 6.4 m relative to 8.2 m, and 1.2 m relative to 2.2 m: over a strip the error changes by about
 `POINTING.strip_share` of its size. The length of the strips is not published either; 100 km is a usual one. Between an
 image and a strip the error of gyroscopes grows with the square root of the time; within a second of flight,
-`POINTING.smooth_m`, it is smooth and grows linearly. Pointing errors beyond those of the two sensors are mostly constant
-(the alignment of star trackers), and no drift is published for them: it is `POINTING.usual_drift` at most.
+`POINTING.smooth_m`, it is smooth and grows linearly. Larger pointing errors are mostly constant (the
+alignment of star trackers), and no drift is published for them: it is `POINTING.usual_drift` at most.
 """
 
 import os
@@ -44,7 +44,7 @@ class POINTING:
     strip_m: float = threshold(100e3, "m", "length of this strip: usual for these satellites")
     smooth_m: float = threshold(7e3, "m", "length up to which the change is linear in time: a second of flight")
     usual_drift: float = threshold(
-        3e-4, "px/px", "largest a priori drift that follows from a pointing error, and usual drift in the test of input",
+        3e-4, "px/px", "largest a priori drift that follows from a pointing error; usual drift in the tests of input",
         "simulated blocks of six sensors with one GCP, seeds below 86 000 (docs/protocols/right_blocks.md)"
     )  # fmt: skip
     least_drift: float = threshold(
