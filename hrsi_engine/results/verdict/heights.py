@@ -9,7 +9,6 @@ from ...adjustment.result import HeightAgreement, SourceGroup
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import EQUALITY, threshold, thresholds
-from ...plausibility.laser_quality import LASER_QUALITY
 from .evidence import Evidence
 from .significance import EFFECT, SOUND_BLOCKS
 
@@ -21,9 +20,12 @@ class HEIGHT_CONFLICTS:
     few_laser: int = threshold(
         10, "points", "number below which laser points that alone determine the height are reported", SOUND_BLOCKS
     )
-    few_laser_share: float = threshold(0.1, "", "… if also less than this share of their file", SOUND_BLOCKS)
-    doubtful_parts: float = threshold(0.1, "", "smallest reported share of a source in contradicting parts")
-    canopy_m: float = threshold(30.0, "m", "height above the ground up to which parts of a DEM are woods or buildings")
+    few_share: float = threshold(
+        0.1, "", "… if also less than this share of their file; share in contradicting parts that is not reported",
+        SOUND_BLOCKS,
+    )  # fmt: skip
+    canopy_m: float = threshold(3.0, "m", "height difference of laser points on the ground from canopy", SOUND_BLOCKS)
+    woods_m: float = threshold(30.0, "m", "height above the ground up to which parts of a DEM are woods or buildings")
 
 
 def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
@@ -40,7 +42,7 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
         middle = float(np.median([group.offset_m for group in contradicting])) if contradicting else 0.0
         share = sum(group.observations for group in contradicting) / max(one.observations, 1)
         outvoted = off > EQUALITY.majority * compared and one.left_out < one.observations
-        if not (undecided or outvoted or share > HEIGHT_CONFLICTS.doubtful_parts):
+        if not (undecided or outvoted or share > HEIGHT_CONFLICTS.few_share):
             continue
         open_between = undecided or (not compared and share > EQUALITY.majority)
         if outvoted:
@@ -80,7 +82,7 @@ def _select_contradicting_groups(source: HeightAgreement) -> list[SourceGroup]:
     ]
     if source.source != "DEM":
         return beyond
-    lower = [group for group in beyond if not (group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.canopy_m)]
+    lower = [group for group in beyond if not (group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.woods_m)]
     covered = sum(group.observations for group in beyond) - sum(group.observations for group in lower)
     return lower if covered <= EQUALITY.majority * source.observations else beyond
 
@@ -121,9 +123,9 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     if laser is None:
         return
     fits = laser.reason == ""
-    low = (laser.reason == MISFIT) & (laser.residual_m < -LASER_QUALITY.canopy_m)
+    low = (laser.reason == MISFIT) & (laser.residual_m < -HEIGHT_CONFLICTS.canopy_m)
     if low.sum() < max(
-        HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_laser_share * (fits.sum() + (laser.reason == MISFIT).sum())
+        HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_share * (fits.sum() + (laser.reason == MISFIT).sum())
     ):
         return
     yield Reason(
@@ -141,7 +143,7 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     if found is None:
         return
     used, number = int((found.reason == "").sum()), len(found.reason)
-    enough = min(HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_laser_share * number)
+    enough = min(HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_share * number)
     if used and (used >= enough or any(part.gcps for part in evidence.result.parts)):
         return
     reasons, count = np.unique(found.reason[found.reason != ""], return_counts=True)
