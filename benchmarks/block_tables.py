@@ -214,7 +214,7 @@ def formal_sigmas() -> Section:
 def _formal(result: Adjustment) -> list[str]:
     block = result.block
     check = np.flatnonzero(block.points.role == Role.CHECK)
-    predicted = predict_accuracy(result.ground_covariance_m2[check], block.points.survey_covariance_m2(check))
+    predicted = predict_accuracy(result.ground_covariance_m2[check] + block.points.survey_covariance_m2(check))
     expected = [predicted[f"rmse_{axis}_m"] for axis in ("east", "north", "height")]
     sigma = np.nanmean(result.ground_sigma_m[check], axis=0)
     return [metres(check_rmse(result)), metres(sigma), metres(expected), f"{result.sigma0:.3f}"]

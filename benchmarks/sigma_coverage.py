@@ -284,7 +284,7 @@ def shares(result: Adjustment, truth: np.ndarray) -> Shares:
     check = np.flatnonzero(points.role == Role.CHECK)
     miss = ground_difference_m(points.ground[check], result.ground[check])
     covariance, survey = result.covariance_to_surveys_m2(check), result.survey_covariance_m2(check)
-    predicted = predict_accuracy(covariance, survey)
+    predicted = predict_accuracy(covariance + survey)
     plan = (covariance + survey)[:, :2, :2]
     squares = np.einsum("ki,kij,kj->k", miss[:, :2], np.linalg.inv(plan), miss[:, :2])
     height = np.sqrt((covariance + survey)[:, 2, 2])

@@ -177,11 +177,6 @@ class HeightAgreement:
         """True if all of its groups contradict the other constraints of the block, probably with one cause."""
         return bool(self.groups) and all(group.wrong for group in self.groups)
 
-    @property
-    def undecided(self) -> tuple[str, ...]:
-        """Names of contradicting groups that are used because the wrong ones are not identified."""
-        return tuple(group.name for group in self.groups if group.wrong and not group.left_out)
-
 
 @dataclass(frozen=True)
 class PlanGroup:

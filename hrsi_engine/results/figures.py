@@ -126,11 +126,9 @@ def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
     Result: ``control`` and ``check``, in metres and pixels as stated by their keys.
     """
     check = _survey_entry(result, left, Role.CHECK)
-    points = result.block.points.role == Role.CHECK
+    points = np.flatnonzero(result.block.points.role == Role.CHECK)
     check |= errors_90(check["rmse_east_m"], check["rmse_north_m"], check["rmse_height_m"])
-    check["predicted"] = predict_accuracy(
-        result.covariance_to_surveys_m2(np.flatnonzero(points)), result.survey_covariance_m2(np.flatnonzero(points))
-    )
+    check["predicted"] = predict_accuracy(result.covariance_to_surveys_m2(points) + result.survey_covariance_m2(points))
     control = _survey_entry(result, left, Role.GCP) | {"weak": find_weak_control(result.block)}
     return {"control": control, "check": check}
 

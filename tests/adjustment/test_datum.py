@@ -262,13 +262,13 @@ def test_predicted_ce90_is_the_quantile_of_all_points():
     factor = rng.normal(size=(200, 3, 3)) * rng.uniform(0.1, 2.0, (200, 1, 1))
     covariance = factor @ factor.swapaxes(1, 2)
     error = (factor[:, None] @ rng.normal(size=(200, 2000, 3, 1)))[..., 0]
-    predicted = predict_accuracy(covariance, np.zeros_like(covariance))
+    predicted = predict_accuracy(covariance)
     assert predicted["ce90_m"] == pytest.approx(np.quantile(np.hypot(error[..., 0], error[..., 1]), 0.9), rel=0.01)
     assert predicted["le90_m"] == pytest.approx(np.quantile(np.abs(error[..., 2]), 0.9), rel=0.01)
     more = np.concatenate([covariance, 1e9 * np.eye(3)[None]])
-    assert predict_accuracy(more, np.zeros_like(more))["ce90_m"] == pytest.approx(predicted["ce90_m"], rel=0.05)
-    # a survey adds its own variance; a coordinate without survey is not compared
-    partly = predict_accuracy(np.eye(3)[None], np.diag([3.0, 0.0, np.inf])[None])
+    assert predict_accuracy(more)["ce90_m"] == pytest.approx(predicted["ce90_m"], rel=0.05)
+    # a coordinate without survey is not compared
+    partly = predict_accuracy(np.diag([4.0, 1.0, np.inf])[None])
     assert (partly["rmse_east_m"], partly["rmse_north_m"], partly["rmse_height_m"]) == (2.0, 1.0, None)
     major, minor = compute_semi_axes(covariance)
     axes = np.sqrt(np.linalg.eigvalsh(covariance[:, :2, :2]))

@@ -78,10 +78,10 @@ def describe_parts(
         cell = np.minimum((plan - low) / np.maximum(high - low, 1e-12) * AREA_CELLS, AREA_CELLS - 1).astype(np.int64)
         cell = cell @ [1, AREA_CELLS]
         weight = 1.0 / np.bincount(cell)[cell]
-        area = predict_accuracy(widened**2 * covariance[sampled], np.zeros((len(sampled), 3, 3)), weight)
+        area = predict_accuracy(widened**2 * covariance[sampled], weight)
         if contradiction is not None and area["ce90_m"]:  # if one is wrong, the error beyond both is twice as large
             widened *= max(min(contradiction.factor / widened, 1.0 + 2.0 * contradiction.metres / area["ce90_m"]), 1.0)
-            area = predict_accuracy(widened**2 * covariance[sampled], np.zeros((len(sampled), 3, 3)), weight)
+            area = predict_accuracy(widened**2 * covariance[sampled], weight)
         sigma = [area[name] for name in ("rmse_east_m", "rmse_north_m", "rmse_height_m")]
         east, north, height = (np.nan if value is None else value for value in sigma)
         images = [observations.images[k] for k in part.images]

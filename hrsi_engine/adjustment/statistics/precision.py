@@ -92,15 +92,12 @@ def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: 
     return total
 
 
-def predict_accuracy(
-    covariance_m2: np.ndarray, survey_m2: np.ndarray, weight: np.ndarray | None = None
-) -> dict[str, float | None]:
-    """Return the expected RMSE, CE90 and LE90 of points with covariances ``(k, 3, 3)`` of position and survey.
+def predict_accuracy(covariance: np.ndarray, weight: np.ndarray | None = None) -> dict[str, float | None]:
+    """Return the expected RMSE, CE90 and LE90 of points with covariances ``(k, 3, 3)`` m², or of their differences.
 
     Coordinates that were not surveyed (an infinite variance) or not determined (NaN, or beyond
     ``RELIABILITY.farthest_m``) are not compared. Points are weighted by ``weight (k,)``, equally by default.
     """
-    covariance = covariance_m2 + survey_m2
     variance = covariance.diagonal(axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
         compared = variance < RELIABILITY.farthest_m**2

@@ -69,10 +69,7 @@ class PatchMatches(NamedTuple):
 
     @property
     def sigma_px(self) -> np.ndarray:
-        """Standard deviation of a coordinate, quadratic mean of both axes, ``(n,)``.
-
-        Equal windows have no residuals; positions are rounded to a millionth of a pixel.
-        """
+        """Standard deviation of a coordinate, quadratic mean of both axes, ``(n,)``: at least that of rounding."""
         return np.maximum(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2) / 2.0), 1e-6)
 
 

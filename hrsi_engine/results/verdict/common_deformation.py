@@ -83,6 +83,3 @@ def _make_designs(images: Sequence[Image]) -> np.ndarray:
     by_ground = stack.project_with_metric_jacobian(owner, middle)[1]  # (n, 2, 3), px/m
     by_pixel = np.linalg.inv(by_ground[:, :, :2])  # along the ground at one height, m/px
     return -np.einsum("nia,nbj->nijab", by_ground, by_pixel).reshape(len(images), 4, 6)
-
-
-ON_SURVEY = (find_deformed_survey,)

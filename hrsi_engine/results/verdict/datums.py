@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from ...adjustment.outcome.area_accuracy import MOST_POINTS
 from ...adjustment.statistics.precision import predict_accuracy
 from ...foundation.reasons import Level, Reason
@@ -39,8 +37,7 @@ def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
 def _predict_without_operations(evidence: Evidence) -> dict[str, float | None]:
     """Return the CE90 and LE90 of the block's points without the errors of coordinate operations."""
     covariance = evidence.result.ground_covariance_m2
-    covariance = covariance[:: -(-len(covariance) // MOST_POINTS) or 1]
-    return predict_accuracy(covariance, np.zeros_like(covariance))
+    return predict_accuracy(covariance[:: -(-len(covariance) // MOST_POINTS) or 1])
 
 
 #: Every check of the coordinate operations.

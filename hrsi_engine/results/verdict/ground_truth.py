@@ -23,14 +23,11 @@ from .significance import EFFECT, SOUND_BLOCKS, compute_chi_square_limit, is_sig
 
 
 @thresholds
-class GroundTruthThresholds:
+class GROUND_TRUTH:
     """Limits for GCPs and check points that contradict the block."""
 
     largest_condition: float = threshold(1e12, "", "largest condition number of normals of intersecting rays")
     most_independent: int = threshold(5, "points", "largest number of independent camera errors", SOUND_BLOCKS)
-
-
-GROUND_TRUTH = GroundTruthThresholds()
 
 
 @dataclass(frozen=True, eq=False)

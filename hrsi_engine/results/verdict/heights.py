@@ -80,11 +80,10 @@ def _select_contradicting_groups(source: HeightAgreement) -> list[SourceGroup]:
         for group in source.groups
         if group.wrong and abs(group.offset_m) > EFFECT.doubtful_factor * _compute_full_sigma_m(source, group)
     ]
-    if source.source != "DEM":
-        return beyond
-    lower = [group for group in beyond if not (group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.woods_m)]
-    covered = sum(group.observations for group in beyond) - sum(group.observations for group in lower)
-    return lower if covered <= EQUALITY.majority * source.observations else beyond
+    higher = [group for group in beyond if group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.woods_m]
+    covered = sum(group.observations for group in higher)
+    is_wooded = source.source == "DEM" and covered <= EQUALITY.majority * source.observations
+    return [group for group in beyond if group not in higher] if is_wooded else beyond
 
 
 def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:

@@ -35,7 +35,3 @@ def find_surface_reasons(evidence: Evidence) -> Iterator[Reason]:
                 "check the georeference and height datum of the surface with one or two surveyed points",
                 images=one.images,
             )  # fmt: skip
-
-
-#: Every check of surfaces.
-ON_SURFACES = (find_surface_reasons,)

@@ -20,9 +20,9 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *heights.ON_HEIGHTS,
     *connections.ON_CONNECTIONS,
     *jitter.ON_JITTER,
-    *common_deformation.ON_SURVEY,
+    common_deformation.find_deformed_survey,
     *datums.ON_DATUMS,
-    *surfaces.ON_SURFACES,
+    surfaces.find_surface_reasons,
 )
 
 #: Reasons that are consequences of any wrong points.
