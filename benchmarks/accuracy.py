@@ -1,4 +1,4 @@
-"""Accuracy figures: `accuracy.py thesis [--docs]`, `blocks [NAME …] [--docs]`, `models [NAME …] [--docs]`."""
+"""Accuracy figures: `accuracy.py thesis [--docs]`, `blocks [NAME …] [--docs]`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from importlib import import_module
 SUBJECTS = {
     "thesis": "hrsi.benchmarks.thesis_tables",
     "blocks": "hrsi.benchmarks.block_tables",
-    "models": "hrsi.benchmarks.model_tables",
 }
 
 

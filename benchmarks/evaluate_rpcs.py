@@ -12,15 +12,22 @@ from pathlib import Path
 from typing import Any
 
 import real_blocks
-from tie_points_accuracy import SAMPLES, paths
 
-from hrsi.benchmarks.pages import DOCS, put_between
+from hrsi.benchmarks.pages import DATA, DOCS, put_between
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.processing_algorithms import run
 
 PAGE = DOCS / "protocols/evaluation.md"
 MODELS = ("shift", "affine")
+#: Folders of real data, and their images.
+SAMPLES = {
+    "triplet": ("s2p_triplet_phr", ("img_01", "img_02", "img_03")),
+    "Kahramanmaras": (
+        "kahramanmaras_phr4", ("pre_event_img1", "pre_event_img2", "post_event_img1", "post_event_img2"),
+    ),
+    "Ventoux": ("ventoux_phr_pair", ("left_image", "right_image")),
+}  # fmt: skip
 HEAD = (
     "| block | wrong matches | RPCs | predicted RMSE px | median px | fit px | two views px | three px | four px "
     "| medians of pairs px | scatter px |\n|---|---|---|---|---|---|---|---|---|---|---|"
@@ -29,7 +36,8 @@ HEAD = (
 
 def evaluated(name: str, folder: Path, reject: float) -> dict[str, Any]:
     """Return the report on a sample's own RPCs and those that HRSI makes of them, on tracks of SIFT."""
-    images = paths(SAMPLES[name])
+    place, files = SAMPLES[name]
+    images = [str(DATA / "real" / place / f"{file}.tif") for file in files]
     tracks = folder / "sift.csv"
     if not tracks.exists():
         write_measurements(str(tracks), real_blocks.sift_tracks([open_image(path) for path in images])[0])

@@ -16,35 +16,22 @@ from scipy import ndimage
 from hrsi.benchmarks import pages
 from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block.block import ArrayRaster, Raster, Role
-from hrsi.hrsi_engine.foundation.progress import silent
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.laboratory.simulated_files import write_laser_points
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
-    Noise,
-    PointCounts,
     SceneSpec,
-    make_along_track_views,
-    simulate_block,
 )
 from hrsi.hrsi_engine.laboratory.simulation.free_dem import simulate_free_dem
-from hrsi.hrsi_engine.laboratory.simulation.free_ortho import draw_ortho_errors, simulate_free_orthoimage
 from hrsi.hrsi_engine.laboratory.simulation.laser import simulate_laser
 from hrsi.hrsi_engine.laboratory.simulation.options import FreeDemSpec, FreeOrthoSpec, LaserSpec
-from hrsi.hrsi_engine.laboratory.simulation.render import add_pixels
-from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.laboratory.simulation.terrain import Chart, TerrainSurface
-from hrsi.hrsi_engine.measurement.reference.matching import match_reference
-from hrsi.hrsi_engine.plausibility.laser_quality import find_laser_reasons
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.block_steps.laser_points import adjust_at_laser_points
-from hrsi.processing_algorithms.interface.declare import Context
 from hrsi.tests.laser_scenes import LaserScene, PlacedScene, placed_scene
-from hrsi.tests.reference_scenes import place_on_degrees
 
 DATA = pages.DATA / "real" / "s2p_triplet_phr"
 DSM = DATA / "s2p_reference_dsm.tif"
@@ -270,91 +257,6 @@ def simulated(seeds: range, workers: int, minutes: float) -> list[list[str]]:
     return rows
 
 
-MATCHED_PX, ORTHO_SEEDS, CHANGES = 4096, 4, (0.0, 0.4, 0.8)
-BAND_SETS = {"mean of four": slice(0, 4), "blue": slice(0, 1), "near infrared": slice(3, 4)}
-
-
-def matching(first: int) -> list[list[str]]:
-    """Return how well images of 0.5 m are matched with a reference of 10 m, by season and bands."""
-    found: dict[tuple[float, str], list[tuple[np.ndarray, float]]] = {}
-    for seed in range(first, first + ORTHO_SEEDS):
-        views = make_along_track_views(SENSORS["worldview-2"], 2, (MATCHED_PX, MATCHED_PX))
-        simulated = simulate_block(SceneSpec(seed=seed), views, PointCounts(0, 5, 5), Noise())
-        scene = simulated.scene
-        images = [
-            replace(image, raster=ArrayRaster(image.pixels.read(0, 0, *image.known_size)[0]))
-            for image in add_pixels(simulated).images
-        ]
-        made = simulate_free_dem(scene.terrain, scene.half_extent_m, replace(IN_PLACE, trees=0.2), [seed, 60])
-        dem = GridSurface.from_array(made.heights_m, made.first_deg, made.cell_deg)
-        for change in CHANGES:
-            spec = replace(ORTHO, change=change)
-            errors = draw_ortho_errors(0.25 * MATCHED_PX, spec, [seed, 61])
-            bands = simulate_free_orthoimage(scene, spec, errors)
-            grey = np.array([band.read(0, 0, *band.size)[0] for band in bands], dtype=np.float32)
-            for name, chosen in BAND_SETS.items():
-                raster = ArrayRaster(grey[chosen].mean(axis=0))
-                control = match_reference(images, place_on_degrees(raster, bands[0].geotransform), dem)
-                for number, one in enumerate(control.images):
-                    stated = control.ground[one.places[one.used]]
-                    shown = locate_on_surface(simulated.truth.cameras[number], scene.terrain, one.xy[one.used])
-                    off = errors.errors_at(*scene.chart.from_ground(stated).T[:2]).T
-                    share = float(one.used.mean()) if len(one.used) else 0.0
-                    error = ground_difference_m(stated, shown)[:, :2] - off
-                    found.setdefault((change, name), []).append((error, share))
-    rows = []
-    for (change, name), parts in found.items():
-        every = np.concatenate([error for error, _ in parts])
-        means = np.array([error.mean(axis=0) for error, _ in parts if len(error)])
-        rows.append([
-            f"{100 * change:.0f} %", name, str(len(parts)), str(len(every)),
-            f"{100.0 * np.mean([share for _, share in parts]):.0f}",
-            *(f"{np.sqrt(np.mean(values**2)) / ORTHO.pixel_m:.2f}" for values in (every, means)),
-        ])  # fmt: skip
-        print(" | ".join(rows[-1]), flush=True)
-    return rows
-
-
-LARGE_PX, LARGE_PASSES = 40_000, 4
-
-
-class CountedRaster:
-    """Pixels rendered when they are read, and the CPU time that took."""
-
-    def __init__(self, raster: Raster) -> None:
-        self.raster, self.size, self.seconds, self.pixels = raster, raster.size, 0.0, 0
-
-    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        """As `Raster.read`."""
-        start = time.thread_time()
-        found = self.raster.read(sample, line, samples, lines)
-        self.seconds += time.thread_time() - start
-        self.pixels += samples * lines
-        return found
-
-
-def cost(seed: int) -> list[list[str]]:
-    """Return the CPU time of thousands of laser points on a pair of the largest images."""
-    views = make_along_track_views(SENSORS["worldview-2"], 2, (LARGE_PX, LARGE_PX))
-    simulated = simulate_block(SceneSpec(seed=seed), views, PointCounts(0, 50, 500), Noise(image_px=IMAGE_PX))
-    block = add_pixels(simulated)
-    rasters = [CountedRaster(image.pixels) for image in block.images]
-    images = tuple(replace(image, raster=raster) for image, raster in zip(block.images, rasters, strict=True))
-    half_m = 0.5 * LARGE_PX * views[0].sensor.gsd_m
-    laser = simulate_laser(simulated.scene.terrain, half_m, LaserSpec(LARGE_PASSES), [seed, 50]).points
-    laser = replace(laser, doubt=find_laser_reasons(laser))
-    start = time.process_time()
-    context = Context(silent, lambda text: None)
-    result, _ = adjust_at_laser_points(replace(block, images=images), AdjustOptions(laser=laser), 1, context)
-    rendered = sum(raster.seconds for raster in rasters)
-    used = int((result.laser.reason == "").sum())
-    ties = len(np.unique(result.block.measurements.point))
-    return [[
-        str(len(laser)), str(int((laser.doubt == "").sum())), str(used), str(ties),
-        f"{sum(raster.pixels for raster in rasters) / 1e6:.0f}", f"{time.process_time() - start - rendered:.0f}",
-    ]]  # fmt: skip
-
-
 HEAD = (
     "constrained by", "blocks", "height RMSE m", "of it the block's offset m", "plan RMSE m", "of its sigma",
     "within LE90 %",
@@ -362,15 +264,8 @@ HEAD = (
 )  # fmt: skip
 PARTS = {
     "simulated": "Simulated blocks",
-    "matching": "A reference of 10 m for images of 0.5 m",
-    "cost": "Cost",
     "triplet": "A real triplet",
 }
-MATCHING_HEAD = (
-    "changed", "bands", "images", "places", "of those searched for %", "RMSE of a coordinate px",
-    "of an image's mean px",
-)  # fmt: skip
-COST_HEAD = ("laser points", "usable", "that determine heights", "points of the adjustment", "Mpx read", "CPU s")
 TRIPLET_HEAD = (
     "constrained by", "median over the DSM, where even m", "tie points", "all m", "beyond its heights m",
     "laser points used",
@@ -390,8 +285,7 @@ def main() -> None:
     seeds = range(words.first, words.first + words.seeds)
     makers = {
         "simulated": lambda: render(HEAD, simulated(seeds, words.workers, words.minutes)),
-        "matching": lambda: render(MATCHING_HEAD, matching(words.first)),
-        "cost": lambda: render(COST_HEAD, cost(words.first)), "triplet": lambda: render(TRIPLET_HEAD, triplet(1)),
+        "triplet": lambda: render(TRIPLET_HEAD, triplet(1)),
     }  # fmt: skip
     tables = {PARTS[name]: make() for name, make in makers.items() if words.only in (None, name)}
     print(*tables.values(), sep="\n\n")

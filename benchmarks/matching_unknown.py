@@ -13,6 +13,8 @@ of the same pair and scale.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +22,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from hrsi.benchmarks.matching import PAIRS, RealPair, timed
 from hrsi.benchmarks.pages import DOCS, make_parser, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -29,6 +30,30 @@ from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar
 from hrsi.tests.conftest import TEST_DATA
 
 PAGE = DOCS / "matching.md"
+S2P, QUAKE, VENTOUX = "s2p_triplet_phr", "kahramanmaras_phr4", "ventoux_phr_pair"
+
+
+class RealPair(NamedTuple):
+    """Two files, and the height of the ground."""
+
+    name: str
+    folder: str
+    files: tuple[str, str]
+    height_m: float
+
+
+PAIRS = (
+    RealPair("s2p 01-02", S2P, ("img_01.tif", "img_02.tif"), 206.0),
+    RealPair("s2p 01-03", S2P, ("img_01.tif", "img_03.tif"), 206.0),
+    RealPair("s2p 02-03", S2P, ("img_02.tif", "img_03.tif"), 206.0),
+    RealPair("Kahramanmaras before", QUAKE, ("pre_event_img1.tif", "pre_event_img2.tif"), 704.0),
+    RealPair("Kahramanmaras after", QUAKE, ("post_event_img1.tif", "post_event_img2.tif"), 704.0),
+    RealPair("Ventoux", VENTOUX, ("left_image.tif", "right_image.tif"), 537.0),
+    RealPair("two dates, 4°", QUAKE, ("pre_event_img1.tif", "post_event_img1.tif"), 704.0),
+    RealPair("two dates, 3°", QUAKE, ("pre_event_img2.tif", "post_event_img2.tif"), 704.0),
+    RealPair("two dates, 13°", QUAKE, ("pre_event_img2.tif", "post_event_img1.tif"), 704.0),
+    RealPair("two dates, 20°", QUAKE, ("pre_event_img1.tif", "post_event_img2.tif"), 704.0),
+)
 FAR_PX, LEAST_FOUND, FOUND_SHARE = 2.0, 15, 0.9
 SIFT_RATIO, RANSAC_PX = 0.8, 2.0
 STRETCH_PERCENT = (1.0, 99.0)
@@ -44,6 +69,12 @@ class Seen(NamedTuple):
     def back(self, xy: np.ndarray) -> np.ndarray:
         """Return where points ``(n, 2)`` are in the image as it was."""
         return (xy - self.shift) @ np.linalg.inv(self.matrix).T
+
+
+def timed(work: Callable) -> tuple:
+    """Return a result and the processor's seconds."""
+    start = time.process_time()
+    return work(), time.process_time() - start
 
 
 def main() -> None:

@@ -2,7 +2,6 @@
 
 Each case is one command line, run in this process, and judged: an error is one line that names the file (or what it
 holds) with the right exit code, inputs keep every byte, and the output folder holds nothing.
-``benchmarks/bad_inputs.py`` prints the whole matrix.
 """
 
 from __future__ import annotations

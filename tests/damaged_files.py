@@ -8,6 +8,7 @@ process and tells how that ended. The process that forks must have no other thre
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import random
@@ -21,7 +22,8 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -628,3 +630,50 @@ class Laboratory:
             return examine_all(readings)
         finally:
             shutil.rmtree(work, ignore_errors=True)
+
+
+# ---- many of them --------------------------------------------------------------------------------------------------
+
+#: Readers whose readings take long: each so many turns they have one.
+LONG = {"adjust": 5, "layers": 5, "session": 3}
+BATCH = 40  # readings of a process: a new one for each takes longer than most readings
+
+
+def plan(files: Sequence[SoundFile], count: int) -> Iterator[tuple[SoundFile, str, int]]:
+    """Yield which file is damaged how: readers in turn, their files, all kinds of damage."""
+    kinds, readers = list(DAMAGES), {reader: [file for file in files if file.reader == reader] for reader in READERS}
+    jobs = (
+        (own[turn % len(own)], kinds[turn // len(own) % len(kinds)], number)
+        for number in itertools.count()
+        for reader, own in readers.items()
+        for turn, rest in [divmod(number, LONG.get(reader, 1))]
+        if own and not rest
+    )
+    return itertools.islice(jobs, count)
+
+
+def main(count: int, seed: int, data: Path | None, kept: Path) -> int:
+    """Damage files and have them read; keep and print what fails, print numbers by reader, return the failures."""
+    counts: Counter[tuple[str, str]] = Counter()
+    with tempfile.TemporaryDirectory(prefix="hrsi-damaged-") as name:
+        laboratory = Laboratory(Path(name), sound_files(Path(name), data))
+        for file in laboratory.files:
+            counts[file.reader, "sound, but not read"] += laboratory.examine(file, file.content).how != "read"
+        jobs = list(plan(laboratory.files, count))
+        for batch in (jobs[start : start + BATCH] for start in range(0, count, BATCH)):
+            contents = [laboratory.damaged(file, kind, seed * 1_000_000 + number) for file, kind, number in batch]
+            endings = laboratory.examine_all([(job[0], content) for job, content in zip(batch, contents, strict=True)])
+            for (file, kind, number), content, ending in zip(batch, contents, endings, strict=True):
+                counts[file.reader, ending.how] += 1
+                if ending.how not in ("read", "refused"):
+                    kept.mkdir(parents=True, exist_ok=True)
+                    (kept / f"{ending.how}-{file.reader}-{kind}-{number}-{file.name}").write_bytes(content)
+                    print(f"{ending.how} {file.reader} {file.name} {kind} {number}: {ending.text}", flush=True)
+    counts = +counts
+    print(*(f"{reader}: {number} {how}" for (reader, how), number in sorted(counts.items())), sep="\n")
+    return sum(number for (_, how), number in counts.items() if how not in ("read", "refused"))
+
+
+if __name__ == "__main__":  # damaged_files.py FILES SEED FOLDER_OF_REAL_DATA|- FOLDER_OF_FAILURES
+    number_of_files, first_seed, real, failures = sys.argv[1:]
+    sys.exit(min(main(int(number_of_files), int(first_seed), None if real == "-" else Path(real), Path(failures)), 1))

@@ -3,7 +3,7 @@
 ``python tests/fuzz_readers.py [--seconds N] [--readers R …] [--corpus FOLDER]`` fuzzes each reader for some seconds in
 a process of its own, with Atheris (libFuzzer with the coverage of Python code). An input that fails is kept in the
 folder of the corpus and named. The inputs begin with sound files (`damaged_files.sound_files`); readers that are GDAL's
-C++ code have no coverage to be guided by: for those and for whole commands there is `benchmarks/damaged_files.py`.
+C++ code have no coverage to be guided by: for those and for whole commands there is `damaged_files.py`.
 """
 
 from __future__ import annotations

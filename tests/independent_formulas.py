@@ -9,10 +9,8 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
-import pickle
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -149,16 +147,6 @@ def predict(rays: list[tuple[Camera, np.ndarray]], near: Any) -> np.ndarray:
         others = rays[:index] + rays[index + 1 :]
         found.append(xy - camera.project(intersect(others, near))[0])
     return np.array(found)
-
-
-def kept(folder: Path, name: str, make: Callable[[], Any]) -> Any:
-    """Return what an oracle computed, which no mutant can change: from beside a block that was made before."""
-    path = folder.parent / f"{name}.pickle"
-    if not os.environ.get("HRSI_ORACLE_BLOCK"):
-        return make()
-    if not path.exists():
-        path.write_bytes(pickle.dumps(make()))
-    return pickle.loads(path.read_bytes())
 
 
 # ---- statistics ------------------------------------------------------------------------------------------------------

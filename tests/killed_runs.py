@@ -2,7 +2,8 @@
 
 A process that has loaded everything forks; the child runs one command line and is ended by KILL, TERM or INT: half of
 them from outside at a random time, half exactly before a random one of its changes of files (Python's audit events), so
-that the narrow moments between two renames are met too. ``benchmarks/kills.py`` prints the table.
+that the narrow moments between two renames are met too. ``killed_runs.py KILLS SEED WRITER …`` ends each of these
+writers so many times.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import random
 import shutil
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +24,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from every_algorithm import sound_options, words_of
+from every_algorithm import make_scene, sound_options, words_of
 from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.interruption import quit_on_signals
@@ -360,3 +362,31 @@ def load_everything(chosen: Sequence[Writer], scene: Path, folder: Path) -> None
             finally:
                 sys.stderr, sys.stdout = before
         shutil.rmtree(place)
+
+
+def end_runs(names: Sequence[str], kills: int, seed: int) -> int:
+    """End writers whose names hold a word, by each signal in turn; print what happened; return the number of faults."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it
+    chosen = [one for one in writers() if any(name in str(one) for name in names)]
+    rng, wrong, codes = random.Random(seed), 0, set()
+    place = Path(tempfile.mkdtemp(prefix="hrsi-kills-"))
+    try:
+        make_scene(place / "scene")
+        add_shifted_rpcs(place / "scene")
+        load_everything(chosen, place / "scene", place / "loaded")
+        for writer in chosen:
+            target = Target(writer, place / "scene", place / str(writer).replace(" ", "_"))
+            for turn in range(kills):
+                kill = target.kill(SIGNALS[turn % len(SIGNALS)], rng)
+                codes.add(f"{kill.number.name} {kill.code}")
+                wrong += bool(kill.wrong)
+                print(f"{writer}: {kill.number.name} {kill.code} {kill.state} {'; '.join(kill.wrong)}", flush=True)
+            shutil.rmtree(target.folder)
+    finally:
+        shutil.rmtree(place)
+    print(f"{kills * len(chosen)} runs ended, {wrong} with any fault, by {', '.join(sorted(codes))}")
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.exit(min(end_runs(sys.argv[3:], int(sys.argv[1]), int(sys.argv[2])), 1))

@@ -47,10 +47,8 @@ def test_every_page_that_a_benchmark_makes_is_registered():
 
 #: Pages whose figures are the machine's, or pooled over several runs; the command stands on the page.
 NOT_REGISTERED = {
-    "protocols/damaged_files.md": "10 000 hostile files with their times and memory",
     "protocols/large_blocks.md": "times and memory only, beside another program",
     "protocols/surface_model.md": "beside other programs that are not installed here, with times and memory",
-    "protocols/robustness.md": "pooled over runs of kills",
 }
 
 

@@ -28,7 +28,7 @@ from ..foundation.thresholds import ITERATIONS, REDUNDANCY, threshold, threshold
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
 #: Data with which the limits of the iterations were determined.
-TUNED_ON = "thesis, SPOT 5 rotated by up to 100 mrad, and IKONOS, 2026-11-22 (docs/protocols/convergence.md)"
+TUNED_ON = "thesis, SPOT 5 rotated by up to 100 mrad, and IKONOS, 2026-11-22 (tests/refinement/test_convergence.py)"
 
 
 @thresholds

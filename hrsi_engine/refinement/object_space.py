@@ -34,7 +34,7 @@ class OBJECT_SPACE_PRIORS:
     height_share: float = threshold(
         0.1, "", "a priori standard deviation of corrections in height over those in position: an image determines "
         "corrections across its rays only, and without priors both grow along the rays beyond the validity range of "
-        "the RPC", "thesis, SPOT 5 rotated by up to 100 mrad, and IKONOS, 2026-11-22 (docs/protocols/convergence.md)"
+        "the RPC", "thesis, SPOT 5 rotated by up to 100 mrad, and IKONOS, 2026-11-22"
     )  # fmt: skip
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,13 +23,11 @@ def report_of(folder: Path) -> dict:
 @pytest.fixture(scope="session")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """Three images of 160 px, 60 m of relief, known points and tie points; paths, tables and cameras."""
-    # A block that was made before is the same for all mutants of `benchmarks/generated_mutants.py`
-    folder = Path(os.environ.get("HRSI_ORACLE_BLOCK") or tmp_path_factory.mktemp("oracle") / "block")
-    if not folder.exists():
-        run(
-            "simulate", images=3, along="-14,3,11", size=160, gcps=10, checks=8, ties=40, relief=60.0, ortho=True,
-            seed=11, output_dir=str(folder),
-        )  # fmt: skip
+    folder = tmp_path_factory.mktemp("oracle") / "block"
+    run(
+        "simulate", images=3, along="-14,3,11", size=160, gcps=10, checks=8, ties=40, relief=60.0, ortho=True,
+        seed=11, output_dir=str(folder),
+    )  # fmt: skip
     surveyed = {row["id"]: row for row in table(folder / "ground_points.csv")}
     measured: dict[str, dict] = {}
     for row in table(folder / "image_points.csv"):

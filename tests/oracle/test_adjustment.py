@@ -16,7 +16,6 @@ from independent_formulas import (
     Camera,
     compare,
     intersect,
-    kept,
     layer,
     leaves,
     metres,
@@ -34,7 +33,7 @@ FIT_PX = 2e-3  # the refined RPC is a fit of its correction, and 1e-6 px here; r
 
 @pytest.fixture(scope="module")
 def solution(scene: SimpleNamespace) -> SimpleNamespace:
-    return kept(scene.folder, "solution", lambda: dense.solve(scene))
+    return dense.solve(scene)
 
 
 @pytest.fixture(scope="module")

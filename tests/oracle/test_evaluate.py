@@ -18,7 +18,6 @@ from independent_formulas import (
     compare,
     intersect,
     jacobian,
-    kept,
     layer,
     metres,
     nmad,
@@ -59,7 +58,7 @@ def evaluated(scene: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) 
         gcps=scene.gcps, image_points=scene.image_points, dem=str(folder / "dem.tif"), height_datum="ellipsoidal",
         reject=0.0, output_dir=str(folder / "out"),
     )  # fmt: skip
-    fits = kept(scene.folder, "fits", lambda: fit_all(scene, sets))
+    fits = fit_all(scene, sets)
     return SimpleNamespace(report=report, package=folder / "out" / "evaluation.gpkg", fits=fits)
 
 

@@ -9,7 +9,6 @@ is around, or whose outline leads away from its seed, is none.
 
 The `chance` of a blob to be found again is a logistic function of what predicts it on real pairs (`CHANCE_TERMS`): its
 size, how even its outline is, and whether it is bright; dark ones are more often shadows and gaps than objects.
-`benchmarks/interest_points_real.py` judges it.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ...measurement.interest_points.options import CentreOptions
 from ...measurement.interest_points.outlines import interpolate_bilinear
 
-BLOB_PAIRS = "real pairs s2p 01-03 and Kahramanmaras before, 2026-11-22 (docs/protocols/interest_points_accuracy.md)"
+BLOB_PAIRS = "real pairs s2p 01-03 and Kahramanmaras before, 2026-11-22"
 
 
 @thresholds

@@ -19,7 +19,7 @@ from ...measurement.interest_points.outlines import interpolate_bilinear
 from ...measurement.interest_points.windows import Area, tile_region
 from .points import InterestPoints
 
-SHADOW_IMAGES = "four real images, 2026-11-22 (docs/protocols/interest_points_accuracy.md)"
+SHADOW_IMAGES = "four real images, 2026-11-22"
 
 
 @thresholds
