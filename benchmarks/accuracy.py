@@ -1,7 +1,5 @@
 """Accuracy figures: `accuracy.py thesis [--docs]`, `blocks [NAME …] [--docs]`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from importlib import import_module

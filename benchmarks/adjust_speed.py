@@ -12,8 +12,6 @@ own, which also tells its peak memory; the peak of the solve is counted from the
 (Linux: the high-water mark is reset there).
 """
 
-from __future__ import annotations
-
 import argparse
 import glob
 import json

@@ -4,8 +4,6 @@ Ours stands beside the figures of the thesis (tables 5.2 to 5.5, figures 5.5 and
 writes docs/protocols/accuracy_blocks.md and its figures. The data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

@@ -7,8 +7,6 @@ thresholds were chosen; ``--seeds 0 20`` takes others. ``--docs`` writes
 docs/protocols/accuracy_blunders.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache

@@ -10,8 +10,6 @@ Conventions: image coordinates of RPCs, GDAL's metadata, rasterio, rpcm and orth
 first pixel; shareloc adds (0.5, 0.5), and so does GDAL's transformer, because they count from its corner.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -7,8 +7,6 @@ orientations, sizes, blur and noise; ellipse centres from hand-measured edge poi
 and PAN images; the Hobart points checked on themselves by intersection. ``--docs`` writes it all into the page.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from contextlib import redirect_stdout

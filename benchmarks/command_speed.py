@@ -13,8 +13,6 @@ sigma of the image points. Each run is a process of its own; its seconds of proc
 the operating system's, the parts those of the report.
 """
 
-from __future__ import annotations
-
 import argparse
 import compileall
 import csv

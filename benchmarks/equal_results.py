@@ -5,8 +5,6 @@ from an existing file it compares: measurements and residuals to 1e-6 px, positi
 letter. Run it in a checkout before the change and in one after it.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ The tracks are those of OpenCV's SIFT, found without any RPC. ``--docs`` writes 
 data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

@@ -6,8 +6,6 @@ check points, in m east, north, height; then the worst choice's height, and in h
 than a shift's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial

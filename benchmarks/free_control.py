@@ -1,7 +1,5 @@
 """Blocks without GCPs held by what is free: laser heights, a DEM: `free_control.py [--docs] [--seeds N] [PART …]`."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor

@@ -6,8 +6,6 @@ tie points.
 CPU times are the operating system's, each the least of the runs. With --docs the table goes into docs/jitter.md.
 """
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

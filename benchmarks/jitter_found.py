@@ -9,8 +9,6 @@ true cameras takes of them. Sound blocks are those of `clean_verdicts`, and the 
 Thresholds were tuned on seeds below 1000; judge on others.
 """
 
-from __future__ import annotations
-
 import argparse
 import gzip
 import json

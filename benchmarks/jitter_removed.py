@@ -15,8 +15,6 @@ predicted for 90 %.
 Thresholds were tuned on seeds below 8000; judge on others.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor

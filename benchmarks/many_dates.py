@@ -13,8 +13,6 @@ pairs do depends on the year. HRSI's row is that of the command `hrsi triangulat
 seconds by the clock and of the processors, and the most memory that it had.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -8,8 +8,6 @@ first image shows there is in the second, by the cameras that took the images an
 table into docs/protocols/matching_traps.md. Clouds and water: `tests/measurement/test_tie_points.py`.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

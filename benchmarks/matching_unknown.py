@@ -11,8 +11,6 @@ which nine in ten lie within `FAR_PX` of the line. --docs enters the rows into d
 of the same pair and scale.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from functools import partial

@@ -5,8 +5,6 @@ one. Nothing is written to the sources: the changed module takes its place when 
 The tests are run without an error first. Exit status 1 if an error is not noticed, or if its text is no longer there.
 """
 
-from __future__ import annotations
-
 import importlib.machinery
 import os
 import resource

@@ -11,8 +11,6 @@ Names: ``s2p``, ``kahramanmaras``, ``ventoux``, ``simulated``; all by default. M
 * simulated: three images with vendor errors, refined with 5 GCPs, against the orthophoto that the simulator draws.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable, Mapping

@@ -11,8 +11,6 @@ the same DEM, at random pixels of the orthoimage.
 ``rough`` among the arguments repeats all with a DSM of 1 m with houses; ``quick`` compares with -et 0 only, 1 thread.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil

@@ -5,8 +5,6 @@ The prose of a page stands in the page alone; benchmarks put their tables into i
 the documentation says, and leaves the documentation alone.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@
 …] [--docs]` adjusts them with a tenth of their tie tracks held out, and tabulates how well these fit.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace

@@ -9,8 +9,6 @@ the level of its verdict changes, or if the cause is no longer named. ``--docs``
 `scripts/list_thresholds.py` names the case of each threshold.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import sys

@@ -6,8 +6,6 @@ enumerated; the corner is every convex upper left corner pixel that occurs, the 
 rows and columns that occurs, and each distinct position counts once, as in the thesis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple

@@ -6,8 +6,6 @@ than half covered, as in the thesis) or to a fraction of a pixel; the error is w
 pixels of the first image. The pixel's own integration is a Gaussian of the same variance (1/12 px²).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple

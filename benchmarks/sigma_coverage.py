@@ -16,8 +16,6 @@ sensor's accuracy (and, where a configuration says so, by a drift in the image),
 that of the undisturbed camera.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

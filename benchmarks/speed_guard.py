@@ -10,8 +10,6 @@ to four runs the fastest counts, because other load only ever adds time. A slowe
 (read, tie points, check, adjust, judge, write) whose share of the wall-clock time has grown most.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

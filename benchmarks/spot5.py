@@ -17,8 +17,6 @@ of cases 3 to 6 and 9 (5 to 590 px) to 0.05 px. The GCPs are measured where that
 that the thesis prints for the vendor's model.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 from dataclasses import asdict, astuple, dataclass, replace

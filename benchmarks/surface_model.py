@@ -22,8 +22,6 @@ s2p and CARS are found by the environment variables ``S2P`` and ``CARS`` or the 
 ``python3 -m venv cars; cars/bin/pip install cars``, in environments of their own.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -6,8 +6,6 @@ its heights in cells of 30 m (3 m), as only control. The judge is not the matchi
 the adjusted tie points over the reference DSM of 0.5 m until the NMAD of their height differences is smallest.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

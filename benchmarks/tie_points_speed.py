@@ -12,8 +12,6 @@ true RPCs: what is left over are the errors of the positions (with two images, t
 heights are compared with the true ones.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -7,8 +7,6 @@ by the sigmas that matching states. Both should have a standard deviation of 1; 
 by thirds of the matching's quality.
 """
 
-from __future__ import annotations
-
 import pickle
 import tempfile
 from collections.abc import Callable, Iterator

@@ -7,8 +7,6 @@ of them. What an image shows is what the renderer drew: the first intersection o
 surface.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

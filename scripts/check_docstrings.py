@@ -6,8 +6,6 @@ It does not look at what a body raises; that is read from the source here. A met
 `HeightSurface.heights`." and no more.
 """
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

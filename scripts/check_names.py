@@ -11,8 +11,6 @@ whether it does something, is something, or answers a question. ``is_…`` and `
 adjective before its noun.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -4,8 +4,6 @@
 flake8-qgis finds (PyQt5 imported directly, ``exec_``, …) is its affair.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import sys

@@ -9,8 +9,6 @@ of a page, a verb. Messages of the code have the form "what happened: what to do
 sentence.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import re

@@ -3,8 +3,6 @@
 ``python scripts/list_layers.py`` writes the page; ``--check`` only tells whether the page is current.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

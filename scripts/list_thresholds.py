@@ -4,8 +4,6 @@
 and writes the page; ``--check`` only tells whether the page is current. The plugin is left out: it needs QGIS.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 import sys

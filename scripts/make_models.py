@@ -3,8 +3,6 @@
 A model is a file of QGIS; it is made here, so that it names the algorithms and options that there are.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -5,8 +5,6 @@ homepage, the source repository and its tracker (`PUBLISHER_FIELDS`) in metadata
 publishes, so they are given here.
 """
 
-from __future__ import annotations
-
 import argparse
 import configparser
 import io

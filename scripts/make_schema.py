@@ -1,7 +1,5 @@
 """Write ``docs/project.schema.json``: the JSON Schema of project files, from the declarations of the algorithms."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

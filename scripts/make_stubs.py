@@ -5,8 +5,6 @@ rooms import their names from where these stand; the functions of `hrsi` itself 
 types, defaults and descriptions.
 """
 
-from __future__ import annotations
-
 import ast
 import inspect
 import subprocess

@@ -5,8 +5,6 @@ algorithms say in dialogs. Translations that are there stay; what is gone from t
 unfinished. The compiled files are kept beside, so that neither the ZIP nor a checkout needs Qt's tools.
 """
 
-from __future__ import annotations
-
 import ast
 import shutil
 import subprocess

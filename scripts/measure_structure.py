@@ -29,8 +29,6 @@ trips
     of a parameter through the calls it is passed on in, see ``measure_trips.py``.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import io

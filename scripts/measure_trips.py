@@ -17,8 +17,6 @@ the program runs, methods of a name that several classes have, those of Python a
 product's). So the figures are lower bounds, and compare states of the same sources.
 """
 
-from __future__ import annotations
-
 import ast
 from collections import defaultdict
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ files that may be executed or are hidden, and kinds of files that do not belong 
 every test, at every severity and confidence: more than the repository asks. Exit code 1 where anything is found.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

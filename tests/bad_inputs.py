@@ -4,8 +4,6 @@ Each case is one command line, run in this process, and judged: an error is one 
 holds) with the right exit code, inputs keep every byte, and the output folder holds nothing.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import hashlib

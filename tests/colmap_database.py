@@ -1,7 +1,5 @@
 """Databases of COLMAP, written as its documentation tells."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 

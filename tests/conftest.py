@@ -1,7 +1,5 @@
 """Fixtures for every test: where outside data lies, how hard hypothesis searches; and the list of heavy tests."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

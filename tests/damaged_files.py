@@ -5,8 +5,6 @@ are the ways to damage one; `READERS` read them as the algorithms do. `examine` 
 process and tells how that ended. The process that forks must have no other threads: one for BLAS.
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Deliveries as vendors make them, around the RPC of a simulated image: the files' form is theirs, the camera known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

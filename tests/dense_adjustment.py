@@ -1,7 +1,5 @@
 """The adjustment of a small block by one dense design matrix over all unknowns: an oracle for the sparse one."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Unknowns: of each image a0, as, al (sample) and b0, bs, bl (line), counted from 
 of each point east, north, up. Observations: image points, surveys of GCPs, and the a priori values 0 of corrections.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -4,8 +4,6 @@ A new algorithm or option is covered as it is declared; what is sound for it com
 kind. Where that does not do, `ESPECIALLY` and `BESIDES` say what does.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ folder of the corpus and named. The inputs begin with sound files (`damaged_file
 C++ code have no coverage to be guided by: for those and for whole commands there is `damaged_files.py`.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -4,8 +4,6 @@ GDAL, OGR and SQLite only read files. Image coordinates are (sample, line), 0 in
 coordinates are lon, lat in degrees and the ellipsoidal height.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

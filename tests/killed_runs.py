@@ -6,8 +6,6 @@ that the narrow moments between two renames are met too. ``killed_runs.py KILLS 
 writers so many times.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -4,8 +4,6 @@
 same ground turned, over a mild relief, with another gain and its own noise.
 """
 
-from __future__ import annotations
-
 import cmath
 from dataclasses import dataclass
 from itertools import product

@@ -3,8 +3,6 @@
 Shared by the tests and the benchmarks of interest points.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 

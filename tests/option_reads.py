@@ -5,8 +5,6 @@ A field is read where an attribute is taken of a value whose class is known: a p
 somewhere of something in any case.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Each case has the true position of its pixels in the scene, so that the error of
 gdal_translate and gdalwarp of GDAL (which are also what "clip" in QGIS runs), rasterio, and Pillow, which knows no RPC.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The real GCPs of the test data as `Control`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simulated images with the orthophoto of the same ground, for tests that match one with the other."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import cv2

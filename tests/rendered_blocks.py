@@ -1,7 +1,5 @@
 """Rendered images of a flat, textured scene with RPCs: every true correspondence is known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

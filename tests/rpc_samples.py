@@ -1,7 +1,5 @@
 """RPCs and small images that the tests of the RPC files share; nothing here comes from a real scene."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Small blocks with known truth, for tests: cameras that no code of the engine made, points, measurements."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from hrsi.hrsi_engine.block.assembly import assemble

@@ -1,7 +1,5 @@
 """A signal ends the program though its main thread stays in a library's code, and is an exception where it does not."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The command line as `interface.md` promises it: streams, exit codes, one-line errors, cancelling."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

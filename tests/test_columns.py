@@ -1,7 +1,5 @@
 """Rows brought together by their numbers, against one search after the other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

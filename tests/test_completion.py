@@ -1,7 +1,5 @@
 """Completion as the shells themselves do it: bash, and zsh and fish where they are installed."""
 
-from __future__ import annotations
-
 import os
 import pty
 import select

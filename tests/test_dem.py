@@ -1,7 +1,5 @@
 """Ray-surface intersection against analytic surfaces, a simulated cliff and a brute-force search."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Products and factors by SciPy's BLAS against NumPy's operators; parts of matrices, transposes and empty ones."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import ThreadPoolExecutor
 

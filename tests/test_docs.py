@@ -1,7 +1,5 @@
 """The documentation says what the program does: pages of the algorithms, commands in texts, printed numbers, links."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shlex

@@ -3,8 +3,6 @@
 A block that cannot run has a comment above it, ``<!-- not run: reason -->``. Links lead somewhere.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import glob

@@ -1,7 +1,5 @@
 """The public API is described, and the check that says so sees what is missing."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("numpydoc")

@@ -1,7 +1,5 @@
 """Right blocks keep their verdict, and nine of ten errors are inside: a short `benchmarks/false_reasons.py`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

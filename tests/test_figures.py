@@ -1,7 +1,5 @@
 """The registry of the documentation's figures: complete, runnable, and able to tell a changed figure."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Footprints as polygons: against GDAL's transformer and OGR, and pairs against trying all of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

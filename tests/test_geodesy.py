@@ -1,7 +1,5 @@
 """Geodesy against PROJ, and height datums against the published EGM96 grid."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ids are compared as text, look-alikes are told; the same point twice is told by metres on the ground."""
 
-from __future__ import annotations
-
 import ast
 import json
 import math

@@ -1,7 +1,5 @@
 """Viewing geometry against the tables of the test data's README, a sphere-free formula, and damaged RPCs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 plugin -> processing_algorithms -> results -> io | algorithms -> block -> surface -> camera -> ground -> foundation
 """
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

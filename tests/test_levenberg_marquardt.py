@@ -1,7 +1,5 @@
 """The descent of every least-squares loop, on curved valleys, large residuals and easy problems."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

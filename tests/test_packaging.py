@@ -1,7 +1,5 @@
 """The package, the plugin and the environment say the same of themselves."""
 
-from __future__ import annotations
-
 import ast
 import configparser
 import importlib.util

@@ -1,7 +1,5 @@
 """What is believed of a sensor's pointing, by its RPC, its files' names and what is published."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -7,8 +7,6 @@ depend on one another count as fewer. The first figure is what is right, the sec
 ``Power (comparison): …`` says in words what a comparison of two results on the same draws would see.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The plugin on Qt 6, in a process of its own (`qt6/exercise.py`); ``make qt6`` installs what it needs, and runs it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The recipes of docs/developing/heirs.md work: edits are made in a copy of the repository, their checks run there."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

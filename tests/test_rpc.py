@@ -1,7 +1,5 @@
 """RPC evaluation against GDAL, rasterio and external software; closure of the inverse; special places on the globe."""
 
-from __future__ import annotations
-
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """RPC fitting: a pushbroom's own equations, refits of real RPCs, exact folds, degenerate input."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

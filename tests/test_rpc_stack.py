@@ -1,7 +1,5 @@
 """Many RPCs at once give the numbers that each of them gives alone, by NumPy and by compiled loops."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Runs as a person starts them: dry, logged, repeated, on patterns and lists, and each example of the help pages."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

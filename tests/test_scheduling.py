@@ -1,7 +1,5 @@
 """Parts of a computation: threads and worker processes give the same, finished parts are kept, runs can be stopped."""
 
-from __future__ import annotations
-
 import threading
 import time
 from dataclasses import dataclass

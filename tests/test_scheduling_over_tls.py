@@ -1,7 +1,5 @@
 """Workers of a cluster over TLS, as Dask is configured: the same results; without its certificates, none."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

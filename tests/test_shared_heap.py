@@ -1,7 +1,5 @@
 """All threads of a command take memory from one heap: what one frees is there for the others."""
 
-from __future__ import annotations
-
 import platform
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Blocks without GCPs on a free DEM through the command line, against the simulation's truth by GDAL."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

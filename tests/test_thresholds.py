@@ -1,7 +1,5 @@
 """Thresholds are declared by topic, with unit, meaning and origin, and their page shows all of them."""
 
-from __future__ import annotations
-
 import list_thresholds
 
 from hrsi.hrsi_engine.foundation.thresholds import threshold, thresholds

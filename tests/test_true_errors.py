@@ -1,7 +1,5 @@
 """Errors of refined RPCs by GDAL, with which wrong inputs are judged: a known shift comes out as it went in."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The texts for users keep to the vocabulary of docs/glossary.md; scripts/check_words.py finds what does not."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

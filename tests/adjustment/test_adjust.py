@@ -1,7 +1,5 @@
 """The block adjustment against dense least squares, simulated truth and the Hobart field."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

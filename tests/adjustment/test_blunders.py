@@ -1,7 +1,5 @@
 """Data snooping, robust weights, variance components and cross-validation on simulated blocks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Drifts that move all images of a block alike: which they are, and that ties without GCPs do not estimate them."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Predicted accuracies hold with the defaults: a short version of `benchmarks/sigma_coverage.py`."""
 
-from __future__ import annotations
-
 import pytest
 
 from hrsi.benchmarks.sigma_coverage import CONFIGURATIONS, run

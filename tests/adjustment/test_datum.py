@@ -1,7 +1,5 @@
 """What holds a block: parts, priors, fixed and shared images, partial control, DEMs, weak geometry, warm starts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tie-point heights held by a DEM: weak geometry mended, in spite of trees, buildings and errors of the DEM."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The prior of the images' drift, estimated from blocks whose drift is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Normal equations, sparse factors and cofactors: compiled, NumPy's, and dense, each against the others."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Predictions from the other images against intersections made without them, by another solver; wrong tracks; pairs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

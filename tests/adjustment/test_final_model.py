@@ -1,7 +1,5 @@
 """The model that is delivered: leave-one-out of the GCPs by that very model, against adjustments without each GCP."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

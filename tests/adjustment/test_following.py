@@ -1,7 +1,5 @@
 """An adjustment that follows edits: the same cameras and positions as adjusting the edited block anew."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

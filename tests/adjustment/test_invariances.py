@@ -4,8 +4,6 @@ Nothing here knows what a right result is; each property compares a run with ano
 otherwise. Blocks are those of `simulated_blocks` at seeds that hypothesis chooses.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Jitter is estimated and removed: curves, accuracies and what stays as it is, against curves that the tests put in."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

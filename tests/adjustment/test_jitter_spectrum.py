@@ -1,7 +1,5 @@
 """Waves in residuals along the lines: against known sines, scipy's periodogram and noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lombscargle

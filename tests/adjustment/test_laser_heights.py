@@ -1,7 +1,5 @@
 """Laser points hold the heights of a block without GCPs; groups of heights that lie off are named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

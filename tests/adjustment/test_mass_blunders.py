@@ -1,7 +1,5 @@
 """Blunders by the dozen, and GCPs that are wrong together; `benchmarks/blunders.py` has the long study."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

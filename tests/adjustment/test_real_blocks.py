@@ -1,7 +1,5 @@
 """Real blocks against figures that other programs reach on them; `benchmarks/accuracy.py blocks` prints them all."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Places of a reference orthoimage beside laser heights: what they may say, and what is found wrong in them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

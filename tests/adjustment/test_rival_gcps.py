@@ -1,7 +1,5 @@
 """Two GCPs explain a misfit, as well as each other or nearly. The expected shares come from plain least squares."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import simulated_blocks as blocks

@@ -1,7 +1,5 @@
 """Blocks that only their RPCs hold: the RPCs' mean position, whatever the tie points seem to say of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A block without GCPs on a surface: its relief brings displaced RPCs back, and flat ground says that it cannot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import simulated_blocks as blocks

@@ -1,7 +1,5 @@
 """The real Pleiades triplet, its RPCs displaced, on its own DSM: the benchmark's figures for two of its vectors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """GCPs with a covariance of their own: against dense least squares, transformed axes, and Monte Carlo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

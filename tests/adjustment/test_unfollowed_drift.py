@@ -1,7 +1,5 @@
 """Drift that a correction does not follow: an error common to all points of an image, not a reason to move."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

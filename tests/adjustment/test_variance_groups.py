@@ -1,7 +1,5 @@
 """Variance components by sensor and by image: simulated blocks whose noise is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Without GCPs a block states its absolute accuracy from the RPCs' own error terms: does it hold?"""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

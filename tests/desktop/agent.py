@@ -6,8 +6,6 @@ JSON with ``code``, an expression or statements that leave ``result``; the answe
 shows its user as a Python error.
 """
 
-from __future__ import annotations
-
 import ctypes
 import faulthandler
 import gc

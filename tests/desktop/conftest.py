@@ -1,7 +1,5 @@
 """Fixtures of the tests in the real window: QGIS with the installed zip, and a simulated block of three images."""
 
-from __future__ import annotations
-
 import csv
 import os
 import shutil

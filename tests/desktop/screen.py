@@ -4,8 +4,6 @@ What arrives in a program comes through the same doors as from a user: the X ser
 plugin, its focus, shortcuts and grabs.
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import os

@@ -1,7 +1,5 @@
 """The dialogs and the model of the Processing toolbox, and the documented command, as a user meets them."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The tour by real clicks, from the first start of QGIS to arrows on the map."""
 
-from __future__ import annotations
-
 import pytest
 
 pytestmark = pytest.mark.programs

@@ -1,7 +1,5 @@
 """Ten GCPs on three images whose RPCs are 80 px off, in the real window: actions counted, distances from the truth."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

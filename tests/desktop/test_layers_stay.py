@@ -1,7 +1,5 @@
 """Layers stay on the map after runs in the background, also when the threads of these runs have ended."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What of the panel is seen: room for the images, whole columns, rows of one height."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

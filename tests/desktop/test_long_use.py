@@ -9,8 +9,6 @@ The variable ``HRSI_SESSION_MINUTES`` spreads the complete session over this tim
 without it a shorter one runs without pauses.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import time

@@ -1,7 +1,5 @@
 """Packages for matching: what a bare QGIS lacks is installed into its profile by one click, and used at once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The panel "HRSI Points" with real clicks and keys."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every rule of every style of the result's layers has a symbol, and draws in the map of QGIS at every scale."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The real triplet in the window: its time beside that of the command line, a table of its progress, and cancelling."""
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """More folders as people have them: other deliveries, exports of other programs, and files that do not belong there."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The first contact with a folder: init, the dry run and the run, as the README prints them; what a newcomer gets."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

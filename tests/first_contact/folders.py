@@ -1,7 +1,5 @@
 """Folders as people have them: one simulated block, its files written as clients and programs write them."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@ The block is simulated, so that the roles of all files, the answer to each quest
 are known. ``make first-contact`` prints the table of all folders.
 """
 
-from __future__ import annotations
-
 import shutil
 import sys
 from collections.abc import Callable

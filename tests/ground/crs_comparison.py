@@ -1,7 +1,5 @@
 """Places in the areas of use of 62 CRS, and what cs2cs and PROJ's own lists say of them."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import warnings

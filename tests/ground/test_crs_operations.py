@@ -1,7 +1,5 @@
 """Coordinate operations: the same as cs2cs at every place, told with their accuracy, and nowhere else in the code."""
 
-from __future__ import annotations
-
 import ast
 import csv
 import json

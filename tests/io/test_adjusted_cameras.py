@@ -1,7 +1,5 @@
 """`.adjust` files of ASP: the RPC they move, by VisionWorkbench's formula on GDAL's RPC and PROJ's ellipsoid."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What readers refuse before they work with it, and that what is large and real passes."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import resource

@@ -1,7 +1,5 @@
 """Fields of any name: ``FILE|columns=id=nr,sigma_h=sH`` reads what a file with HRSI's own names holds."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

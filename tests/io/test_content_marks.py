@@ -1,7 +1,5 @@
 """Kept results are told to be stale by contents: also where sizes and times of change were put back."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import time

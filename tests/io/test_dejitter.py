@@ -1,7 +1,5 @@
 """Images are resampled without jitter: against images of the same scene that a formula gives without and with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from osgeo import gdal

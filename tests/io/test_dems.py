@@ -1,7 +1,5 @@
 """DEM files as height surfaces: CRS, height datum, nodata, units; intersection against GDAL's own RPC_DEM."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

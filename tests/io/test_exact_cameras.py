@@ -1,7 +1,5 @@
 """Exact pushbroom cameras: files written here from the formats' documentation, rays followed by other code."""
 
-from __future__ import annotations
-
 import json
 from datetime import datetime, timedelta
 from pathlib import Path

@@ -1,7 +1,5 @@
 """GCP texts of Metashape and OrthoEngine, written as their makers describe them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

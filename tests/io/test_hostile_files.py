@@ -1,7 +1,5 @@
 """Archives, folders, special files and number forms that readers must refuse, or read whole, within little time."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

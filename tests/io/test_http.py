@@ -1,7 +1,5 @@
 """A server that takes connections and says nothing: it is waited for as long as GDAL's options say, not longer."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import socket

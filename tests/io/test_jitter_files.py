@@ -1,7 +1,5 @@
 """The file of jitter: what is written comes back, for the RPC that it was written for only."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import simulated_blocks as blocks

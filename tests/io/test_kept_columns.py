@@ -1,7 +1,5 @@
 """Columns of measurements beside their layer: the same as the layer to the bit, and unused once that was changed."""
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 import zipfile

@@ -1,7 +1,5 @@
 """A table written column by column is what Python's `csv` reads back, and a large block's layers are a selection."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

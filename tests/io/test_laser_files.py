@@ -1,7 +1,5 @@
 """Laser points from granules, GeoParquet and point layers, and what each reader refuses."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Rows replaced inside a GeoPackage: OGR reads the new ones, finds them by its index, and the other layers stay."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from pathlib import Path

@@ -3,8 +3,6 @@
 That QGIS draws the styles is tested in ``tests/qgis``; here their XML and their arrow scale.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sqlite3

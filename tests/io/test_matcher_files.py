@@ -1,7 +1,5 @@
 """Matches of COLMAP and hloc: keypoints in each one's pixels, which matches count, what damaged files say."""
 
-from __future__ import annotations
-
 import base64
 import sqlite3
 import zlib

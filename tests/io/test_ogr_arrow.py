@@ -1,7 +1,5 @@
 """The Arrow stream against reading feature by feature, on layers of every kind."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from osgeo import gdal, ogr, osr

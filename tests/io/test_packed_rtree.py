@@ -1,7 +1,5 @@
 """The packed spatial index is sound for SQLite, holds every box, and finds what a loop over all boxes finds."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Every algorithm that writes a page runs on files and ids that try to break out of it.
 """
 
-from __future__ import annotations
-
 import base64
 import csv
 import hashlib

@@ -1,7 +1,5 @@
 """Where an image's pixels lie in the image of its RPC: cut, resampled and converted images are placed or doubted."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

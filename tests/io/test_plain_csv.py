@@ -1,7 +1,5 @@
 """CSV files that NumPy's reader understands say what the reader of all others says, bit for bit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 Outside authorities: pyproj for coordinates, GDAL (``ogr2ogr``'s library) and rasterio for writing the files.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

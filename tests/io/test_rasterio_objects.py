@@ -1,7 +1,5 @@
 """Where people come with rasterio's objects: RPCs there and back, images from datasets and from xarray's arrays."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Opening images and reading windows of pixels."""
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Reports: valid JSON for programs, one complete and safe HTML file for people."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -3,8 +3,6 @@
 The pictures stay in ``build/report`` for whoever wants to look at them.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Reading RPCs: each format against GDAL, against other files of the same scene, and against outside points."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

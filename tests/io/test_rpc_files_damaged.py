@@ -1,7 +1,5 @@
 """Readers on input that nobody wrote: arbitrary and mutated bytes end in an `InputError`, values come back exactly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Writing RPCs: values come back exactly, pixels and layout stay, the original can be restored, nothing is torn."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Names get into SQL texts as identifiers, whatever they hold."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 

@@ -1,7 +1,5 @@
 """STAC items as images: which asset is the image, where its RPC is, what it tells of the sun; errors name the item."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Where the sun stood: as deliveries of different vendors write it, and by the time and place of the acquisition."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """Surfaces of rasters, lidar clouds and points: the same ground, whatever the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

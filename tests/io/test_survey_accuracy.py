@@ -1,7 +1,5 @@
 """Standard deviations, correlations and covariances of ground points, from CSV and layers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tie points of other programs: MicMac's PMUL files, ASP's match files, and how several files are named."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Changes of several files happen all or not at all, and what dead writers leave goes."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -3,8 +3,6 @@
 What is given and not declared, or declared and not given, is an error that says what to do.
 """
 
-from __future__ import annotations
-
 import re
 import sqlite3
 import subprocess

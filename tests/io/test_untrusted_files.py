@@ -1,7 +1,5 @@
 """Files of others: nothing in them is run, XML has no entities, and what points elsewhere leads where GDAL would go."""
 
-from __future__ import annotations
-
 import ast
 import http.server
 import os

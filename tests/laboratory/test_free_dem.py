@@ -1,7 +1,5 @@
 """The free DEM and the landforms of `simulate`, from the files it writes: recomputed with GDAL, pyproj and SciPy."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any, NamedTuple

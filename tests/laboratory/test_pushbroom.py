@@ -1,7 +1,5 @@
 """The physical camera: closes on itself, agrees with PROJ's geocentric axes, and obeys its errors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Registration of two images: exact transformations, the thesis's QuickBird points, outliers, failures."""
 
-from __future__ import annotations
-
 import csv
 
 import cv2

@@ -1,7 +1,5 @@
 """Pixels: they do not depend on blocks, lie where the cameras say, and have the noise asked for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

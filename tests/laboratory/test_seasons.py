@@ -1,7 +1,5 @@
 """A year over the scene: where the sun stands, where shadows and roofs fall, and that the truth says what changed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

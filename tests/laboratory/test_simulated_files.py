@@ -1,7 +1,5 @@
 """Written images, terrain and points against GDAL, rasterio and the truth."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

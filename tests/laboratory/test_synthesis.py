@@ -1,7 +1,5 @@
 """Blocks without pixels: everything agrees with the cameras, and the errors are those asked for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Terrain and where rays meet it, against other ways to compute the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from long_tests import mark_beyond

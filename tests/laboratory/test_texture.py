@@ -1,7 +1,5 @@
 """Blurred shapes and textures against numerical convolution."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from long_tests import mark_beyond

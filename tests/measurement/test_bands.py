@@ -1,7 +1,5 @@
 """Features compared within bands along lines: against comparing all with all."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from hrsi.hrsi_engine.measurement.block_matching.overview import OVERVIEW, EpipolarLines, match_in_bands

@@ -1,7 +1,5 @@
 """Control networks: thresholds, the search against trying everything, simulated truth, real pairs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

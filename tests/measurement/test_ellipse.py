@@ -1,7 +1,5 @@
 """Ellipse fits against known ellipses, the thesis's hand-measured roundabouts and Monte Carlo."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Interest points: seams, masks, data types, simulated truth, real images."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

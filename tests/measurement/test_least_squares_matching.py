@@ -1,7 +1,5 @@
 """Least-squares matching against windows whose true displacement is known: shifted exactly in the frequency domain."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

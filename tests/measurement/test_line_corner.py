@@ -1,7 +1,5 @@
 """Corners by line intersection against known lines and Monte Carlo."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Tie points over a simulated year: probes choose the pairs, hopeless images are named, the others hold together."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which pairs are matched, which links hold: on graphs and matches whose truth is known."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

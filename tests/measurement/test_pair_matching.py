@@ -1,7 +1,5 @@
 """Matching of two windows against rendered images whose true correspondences are known, and on real images."""
 
-from __future__ import annotations
-
 import pickle
 
 import cv2

@@ -1,7 +1,5 @@
 """Filters, resampling and contours of `pixel_filters` against SciPy, and what happens without OpenCV or numba."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """GCPs from an orthoimage: their accuracy against simulated truth, and what must be refused or named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where all matches of a block put a point in an image, and what completion makes of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

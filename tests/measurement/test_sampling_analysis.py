@@ -1,7 +1,5 @@
 """Tables 2.1 to 2.3 of the thesis, entry by entry, and what continuous sampling makes of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

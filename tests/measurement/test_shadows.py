@@ -1,7 +1,5 @@
 """Dark centres on the shadow side: crowns lit from one side, seen with the sun where it is and where it is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import simulated_blocks as blocks

@@ -1,7 +1,5 @@
 """Targets near approximate positions: synthetic images with exact truth, stray edges, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import ndtr

@@ -1,7 +1,5 @@
 """Automatic tie points against rendered images whose true correspondences are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One simulated block with full truth for all oracles, made and adjusted by the commands of HRSI once a process."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

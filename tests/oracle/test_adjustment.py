@@ -1,7 +1,5 @@
 """`adjust`: every number of report.json, of the layers, of the images' tags and of the STAC items."""
 
-from __future__ import annotations
-
 import json
 import math
 from itertools import combinations

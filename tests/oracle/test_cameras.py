@@ -1,7 +1,5 @@
 """`rpc-info`, `project`, `localize`, `crop`, `strip`, `fit-rpc`, `write-rpc`: every number by the RPC's own formula."""
 
-from __future__ import annotations
-
 import math
 from itertools import combinations
 from types import SimpleNamespace

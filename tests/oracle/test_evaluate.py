@@ -3,8 +3,6 @@
 Two sets of RPCs that no adjustment made: those of the images, and the same moved by pixels that are known.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import combinations
 from types import SimpleNamespace

@@ -4,8 +4,6 @@
 The true RPC of an image is unknown to the oracle; the truth of a point is the position that the simulation projected.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter

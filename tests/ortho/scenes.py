@@ -1,7 +1,5 @@
 """A small oblique image with an RPC that GDAL reads, and DEMs below it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The common shift of two textures, one of them moved exactly by its Fourier transform."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from long_tests import mark_beyond

@@ -1,7 +1,5 @@
 """The map grid: alignment, extents, round resolutions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyproj
 import pytest

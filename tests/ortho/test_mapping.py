@@ -1,7 +1,5 @@
 """Positions of orthoimage pixels in the raw image: GDAL's RPC transformer with the same DEM is the oracle."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Shifts between windows: textures shifted exactly by their Fourier transform are the truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from long_tests import mark_beyond

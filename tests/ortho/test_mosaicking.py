@@ -1,7 +1,5 @@
 """Levels, seamlines and the choice of images of a mosaic, against constructed truth and choice pixel by pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

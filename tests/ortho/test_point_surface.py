@@ -1,7 +1,5 @@
 """Terrain through points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator

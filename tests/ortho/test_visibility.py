@@ -1,7 +1,5 @@
 """Hidden ground against lines of sight that are followed in steps of centimetres by the RPC itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

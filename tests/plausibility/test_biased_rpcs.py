@@ -4,8 +4,6 @@ Two images of every simulated sensor see the ground 5 to 10 times as far off as 
 directions; nothing else is wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A right block has no reasons; a slip is named for what it is. Cameras that no code of the engine made."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

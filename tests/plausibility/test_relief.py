@@ -1,7 +1,5 @@
 """A DEM against the ground that adjusted tie points have: what is right passes, what is displaced is measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from long_tests import mark_beyond

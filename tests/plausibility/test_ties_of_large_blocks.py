@@ -1,7 +1,5 @@
 """Readings of tie points on a few images of many: only the pairs with these images are looked at again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

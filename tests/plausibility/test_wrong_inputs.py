@@ -1,7 +1,5 @@
 """The benchmark of wrong inputs in short: every kind on one simulated block, from files as `adjust` reads them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from long_tests import mark_beyond

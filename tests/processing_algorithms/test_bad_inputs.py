@@ -4,8 +4,6 @@ The inputs come from the declarations. ``make fuzz`` tries the whole matrix; lef
 by what is read, not by that it cannot be.
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`triangulate` and `adjust` as a user runs them: the Hobart field, the real triplet, and input that is wrong."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -4,8 +4,6 @@ One block has images of two days a year apart in sun, season and direction: thos
 those of the second the new one. Another block shows other ground at the same place.
 """
 
-from __future__ import annotations
-
 import base64
 import csv
 from dataclasses import replace

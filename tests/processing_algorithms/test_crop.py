@@ -1,7 +1,5 @@
 """`crop`: the RPC of what is cut and resampled as GDAL, rasterio and rpcm read it, the pixels, and what is refused."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tie points found by Dask workers, through the command line: other folders, other machines, encrypted schedulers."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

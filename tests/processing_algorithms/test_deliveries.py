@@ -1,7 +1,5 @@
 """Deliveries as they come, through the command line: their files are found, and their cameras are the known ones."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The warning about a block that lies off the DEM it was given."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """`evaluate`: sets of RPCs side by side, on a simulated block whose true cameras are known and on the real triplet."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

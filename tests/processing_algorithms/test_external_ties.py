@@ -1,7 +1,5 @@
 """`adjust` with tie points of MicMac and the Ames Stereo Pipeline, and GCPs with covariances, as a user names them."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import struct

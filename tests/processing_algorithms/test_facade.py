@@ -1,7 +1,5 @@
 """What `import hrsi` offers: functions made from the declarations; whatever holds points or images in, tables out."""
 
-from __future__ import annotations
-
 import csv
 import inspect
 import re

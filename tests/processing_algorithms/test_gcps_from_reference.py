@@ -1,7 +1,5 @@
 """`gcps-from-reference` and `triangulate --reference` on files; height datums of GCPs and DEM."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Matches of another program, measured anew: simulated views with full truth, from files to files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

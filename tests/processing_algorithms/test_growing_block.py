@@ -1,7 +1,5 @@
 """A block that grows: images join one that was adjusted before, against one adjustment of all."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

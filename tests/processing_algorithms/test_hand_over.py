@@ -1,7 +1,5 @@
 """`hand-over`: projects read again by the rules of the programs that they are for, and the pairs that are chosen."""
 
-from __future__ import annotations
-
 import json
 import struct
 from datetime import datetime

@@ -1,7 +1,5 @@
 """`interest-points`, `measure-targets` and `register`: from files to layers, pages and reports."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs that are ended at any moment leave nothing half-written; `killed_runs.py` does it to all that writes."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

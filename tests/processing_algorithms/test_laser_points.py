@@ -1,7 +1,5 @@
 """`--laser` in `triangulate` and `adjust`: tie points are measured at laser points, which hold the block's height."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a result says of its making: date, command, inputs with their hashes, options, CRS, versions."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

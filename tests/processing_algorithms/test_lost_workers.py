@@ -1,7 +1,5 @@
 """A worker or the scheduler of Dask is lost in the midst of a search: the same points in the end, or a clear word."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess

@@ -4,8 +4,6 @@ The truth is the simulator's cameras: the refined RPCs must see the true points 
 orthoimages must have the scene's own extent, not that of a map torn apart.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

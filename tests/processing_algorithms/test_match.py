@@ -1,7 +1,5 @@
 """`match`: from two files to layers, table, page and report."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`orthorectify --mosaic`: pixels, seamlines, repetition, and what is told."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """No run takes away what another made, what a vendor delivered, or what it reads itself."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -3,8 +3,6 @@
 The store is moto's server in a process of its own; GDAL reaches it as it reaches S3.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

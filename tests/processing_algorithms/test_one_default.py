@@ -1,7 +1,5 @@
 """An option has one default, for dataclass, declaration, command line, Python and panel; QGIS has a test of its own."""
 
-from __future__ import annotations
-
 import ast
 import re
 from dataclasses import MISSING, Field, fields, is_dataclass

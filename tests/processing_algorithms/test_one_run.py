@@ -4,8 +4,6 @@ The faces are the commands `triangulate` and `adjust`, the step of a project, Py
 image the command `refine-rpc`, the step of a project and Python. The block is simulated, without pixels.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """Options given in Python or as text are checked against their declaration."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

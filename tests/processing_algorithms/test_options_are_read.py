@@ -1,7 +1,5 @@
 """No option is declared in vain: the product reads each one, where its class is known (`option_reads`)."""
 
-from __future__ import annotations
-
 import ast
 import os
 from collections.abc import Iterator

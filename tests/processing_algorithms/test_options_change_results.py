@@ -1,7 +1,5 @@
 """Options whose effect no other test shows: another value gives other layers, tables or rasters than the default."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`ortho-check` on orthoimages with known shifts, and the whole way from a simulated block to the true orthophoto."""
 
-from __future__ import annotations
-
 import json
 import os
 import sqlite3

@@ -1,7 +1,5 @@
 """Orthoimages warped by Dask workers: the bytes that threads make, whoever is lost on the way."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """`orthorectify`: pixels against gdalwarp's, formats, datums, what is kept and what is told."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The plugin runs on what a stock QGIS brings: other packages serve matching or one option, or make it faster."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """`orthorectify --pansharpen`: pixels against Brovey's formula, pairs of exposures, and what is told."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

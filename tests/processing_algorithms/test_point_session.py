@@ -1,7 +1,5 @@
 """The state behind the panel: opening, editing, adjusting and saving, without QGIS; on the Hobart block."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import time

@@ -1,7 +1,5 @@
 """Points measured by hand on one image and found on others by matching, on a rendered block with known truth."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

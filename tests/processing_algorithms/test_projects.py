@@ -3,8 +3,6 @@
 The images, points and terrain are simulated, so that the truth is known.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """`refine-rpc` as a user runs it: real GCPs, a blunder, the comparison of models, wrong input."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The contract of every declared algorithm, and `run`."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -4,8 +4,6 @@ A thousand images are those of a small adjusted block, many times beside one ano
 environment gives them a million tie points.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

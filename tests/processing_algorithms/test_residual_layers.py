@@ -1,7 +1,5 @@
 """``block.gpkg`` field by field as the interface promises, read by OGR; on the Hobart block."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`rpc-info`, `project`, `localize` and `fit-rpc`: files, filters, faults; positions against GDAL."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

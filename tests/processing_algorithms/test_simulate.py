@@ -1,7 +1,5 @@
 """`simulate`: what it writes is a block that the other algorithms take, and its truth."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

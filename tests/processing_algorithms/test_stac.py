@@ -1,7 +1,5 @@
 """`stac`: items of the refined images are valid STAC, tell the truth about them, and lead back to the same block."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

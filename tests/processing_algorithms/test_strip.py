@@ -1,7 +1,5 @@
 """`strip`: WorldView-1, tiles, parts cut from an image, refined ones; their places, pixels and the RPC of the whole."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

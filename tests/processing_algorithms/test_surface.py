@@ -1,7 +1,5 @@
 """`surface`: displaced blocks come back in plan and height, wrong ones are named, other control stays as good."""
 
-from __future__ import annotations
-
 import re
 import sqlite3
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`surface-model`: heights against the simulated terrain, their standard deviations, and runs that are stopped."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Progress looks as GDAL's does, which is written here by GDAL itself for comparison."""
 
-from __future__ import annotations
-
 import io
 import re
 import subprocess

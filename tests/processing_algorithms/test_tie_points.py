@@ -1,7 +1,5 @@
 """`tie-points` and `triangulate` from files to files: layers, resuming, virtual file systems, what goes where."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

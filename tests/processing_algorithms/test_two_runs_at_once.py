@@ -1,7 +1,5 @@
 """Two runs at once on one output folder: the second is refused, and the first one's result is whole."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """The verdict as a user meets it: exit codes, what is written and what is not, the last line, the page."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """`write-rpc`: what is written where, what is refused before anything is written."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

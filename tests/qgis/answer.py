@@ -1,7 +1,5 @@
 """What an algorithm does that only answers: it writes nothing."""
 
-from __future__ import annotations
-
 from hrsi.processing_algorithms.interface.declare import Context, Report
 
 

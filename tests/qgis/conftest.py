@@ -1,7 +1,5 @@
 """Fixtures of the QGIS tests, which run in a process of their own: ``pytest tests/qgis --import-mode=importlib``."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What tests share: to wait, to close the panel, to run an algorithm as its dialog does, and a guard of threads."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time

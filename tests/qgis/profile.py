@@ -5,8 +5,6 @@
     python tests/qgis/profile.py /tmp/profile help hrsi:triangulate
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

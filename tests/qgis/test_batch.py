@@ -1,7 +1,5 @@
 """The batch dialog: a row that fails is named, the others are written and loaded, each from its own folder."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from pathlib import Path

@@ -1,8 +1,6 @@
 """From images to checked orthoimages without a gap: outputs that the next step takes, the model that comes with the
 plugin, and the map that shows what was made."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The static check for Qt 6 finds what it is there for, and the plugin passes it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

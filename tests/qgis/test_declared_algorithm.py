@@ -1,7 +1,5 @@
 """Contract of the wrapper: every declared parameter and text of every algorithm is in its QGIS algorithm."""
 
-from __future__ import annotations
-
 import pytest
 from qgis.core import (
     QgsApplication,

@@ -1,7 +1,5 @@
 """The widgets of the dialog: images are chosen from the project or added as files, also RPC files without pixels."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from osgeo import gdal

@@ -1,7 +1,5 @@
 """Every declared algorithm in QGIS: its icon, its dialog, a run; and in a model, in a batch, cancelled."""
 
-from __future__ import annotations
-
 import csv
 import json
 import time

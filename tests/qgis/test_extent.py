@@ -1,7 +1,5 @@
 """An extent is one of QGIS's own: from the map, a layer, drawn, typed; and the words of the engine beside it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Fields of the layer of GCPs are chosen in the dialog: what the engine reads is what the chosen fields hold."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The tour as a newcomer takes it: by its buttons and clicks on the image; and how it is skipped for ever."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

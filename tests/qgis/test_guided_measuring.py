@@ -3,8 +3,6 @@
 The truth is the simulation's own: where the physical camera sees the middle of each disc, shifted as the RPCs are.
 """
 
-from __future__ import annotations
-
 import csv
 import time
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Help: the page behind the Help button of every algorithm, and what a Python that is too old is told."""
 
-from __future__ import annotations
-
 import re
 from html.parser import HTMLParser
 from pathlib import Path

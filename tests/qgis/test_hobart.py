@@ -3,8 +3,6 @@
 The expected numbers of features are counted in the input tables.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess

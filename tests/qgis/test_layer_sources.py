@@ -1,7 +1,5 @@
 """Layers of the project, files and CSV as input of the engine: what it opens holds what QGIS shows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

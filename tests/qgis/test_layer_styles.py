@@ -1,7 +1,5 @@
 """The styles stored in a GeoPackage are what QGIS loads, and its pictures show the arrows where they belong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

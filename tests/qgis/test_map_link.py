@@ -1,7 +1,5 @@
 """Places in the map and on the ground agree in every CRS of a project, that of HRSI's own layers (EPSG:4979) too."""
 
-from __future__ import annotations
-
 import pyproj
 import pytest
 from qgis.core import QgsCoordinateReferenceSystem

@@ -1,7 +1,5 @@
 """No text of the panel is cut in English, in German, and in languages with words longer by a quarter and by 40 %."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The zip that users install: it runs in a clean profile, with nothing but what a stock QGIS brings."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import zipfile

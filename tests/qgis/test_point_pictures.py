@@ -1,7 +1,5 @@
 """Photographs of the survey and chips of other images beside the views, and a library of chips in the panel."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The truth is the simulation's own: image points without noise, where the physical camera sees the middle of each disc.
 """
 
-from __future__ import annotations
-
 import csv
 import gc
 import shutil

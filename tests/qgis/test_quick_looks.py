@@ -1,7 +1,5 @@
 """What is there to look at after an adjustment: images before and after it on the map, in turn, and a print layout."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

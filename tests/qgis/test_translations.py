@@ -1,7 +1,5 @@
 """The plugin in German: every text is collected and translated, the compiled file has them, widgets show them."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import re

@@ -1,7 +1,5 @@
 """Working in the panel as a person does: keys, undo, the map, live residuals; and nothing measured is lost."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -4,8 +4,6 @@ Run by ``tests/test_qt6.py`` where PyQt6 is (``make qt6`` brings it), in a proce
 one process takes one Qt. Stand-ins take the place of QGIS (`stand_ins`).
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

@@ -1,7 +1,5 @@
 """Control that cannot be right is named, in an error or a warning."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

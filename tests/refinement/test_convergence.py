@@ -1,7 +1,5 @@
 """Every model of a single image ends at the minimum that SciPy finds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The contract of every refinement model, over all of `SINGLE_IMAGE_MODELS`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

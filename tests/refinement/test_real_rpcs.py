@@ -1,7 +1,5 @@
 """Refined RPCs reproduce their model over the image and its heights: every model, every real RPC of the test data."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which model `auto` takes, and which GCPs it accuses: simulated and real images."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """SPOT 5 of thesis section 4.4: the figures of tables 4.6 to 4.11; run with -s to see them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from long_tests import mark_beyond

@@ -3,8 +3,6 @@
 Limits come from the thesis: the digits that it prints, and what its SPOT 5's owner states of the sensor.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

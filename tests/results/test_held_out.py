@@ -1,7 +1,5 @@
 """Held-out ties: chosen evenly and alike in every run, without a say in the cameras; their figures by other code."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

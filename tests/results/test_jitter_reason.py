@@ -1,7 +1,5 @@
 """Jitter of simulated blocks: named with amplitude and period in verdict, report and page, instead of other advice."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What stands out in a block is one thing: dividing a residual by the sigma beside it gives what the flag says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

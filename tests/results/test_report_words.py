@@ -1,7 +1,5 @@
 """What the report tells beside numbers: units and meanings, sensors and times, colours that everybody tells apart."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Wrong inputs that did harm without a word, on seeds that tuned nothing: each is told now."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A survey that is turned or scaled is told from images that drift by themselves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every reason after the adjustment, from blocks whose truth is known: what is wrong is named, and nothing else is."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Every code that the source can emit has a section in docs/verdict.md, and every section a code."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path
