@@ -18,17 +18,12 @@ from hrsi.benchmarks import hobart_monte_carlo
 from hrsi.benchmarks.pages import DOCS, make_parser, render, write_sections
 from hrsi.benchmarks.real_blocks import (
     TEN,
-    ZY3_CONTROL,
     check_rmse,
     hobart,
-    left_out,
-    mismeasured,
-    moved_gcp,
     quickbird,
     spot7,
     tie_rmse,
     triplet,
-    unmeasured,
     zy3,
 )
 from hrsi.hrsi_engine import AdjustOptions, adjust
@@ -81,11 +76,6 @@ ESTIMATED = replace(TIES, variance_components=True)
 def metres(values: Sequence[float]) -> str:
     """Return three numbers for a table."""
     return " ".join(f"{value:.3f}" for value in values)
-
-
-def percent(values: np.ndarray) -> str:
-    """Return three changes."""
-    return " ".join(f"{value:+.1f}" for value in 100.0 * (values - 1.0))
 
 
 # ---- Hobart --------------------------------------------------------------------------------------------------------
@@ -237,32 +227,6 @@ def zy3_models() -> Section:
     return "ZY-3, 7 control and 35 check points", ("model", "35 check points"), rows
 
 
-def zy3_blunders() -> Section:
-    """Return ZY-3 with each GCP wrong in turn, beside the block in which it was never measured there."""
-    tested = AdjustOptions(model="shift")
-    clean = check_rmse(adjust(zy3(), tested))
-    rows = [["none", "", metres(clean), "", "", ""]]
-    for name in ZY3_CONTROL:
-        for where, bad, oracle in (
-            ("forward image", mismeasured(zy3(), name, (0,)), unmeasured(zy3(), name, 0)),
-            ("ground", moved_gcp(zy3(), name), left_out(zy3(), name)),
-        ):
-            result, without = adjust(bad, tested), adjust(oracle, PLAIN)
-            ours, floor = check_rmse(result, of=_the_35(result)), check_rmse(without, of=_the_35(without))
-            named = "; ".join(f"{finding.id} ({finding.what})" for finding in result.findings)
-            untested = check_rmse(adjust(bad, PLAIN), of=_the_35(result))
-            rows.append([
-                f"{name}, {where}", named, metres(untested), percent(ours / clean), percent(floor / clean),
-                percent(ours / floor),
-            ])  # fmt: skip
-    head = ("wrong GCP", "reported", "untested, m", "tested, %", "limit, %", "tested relative to limit, %")
-    return "ZY-3 with one wrong GCP", head, rows
-
-
-def _the_35(result: Adjustment) -> np.ndarray:
-    return ~np.isin(result.block.points.ids, ZY3_CONTROL)
-
-
 def quickbird_loo() -> Section:
     """Return the QuickBird-2 image, each GCP left out in turn."""
     rows = []
@@ -310,7 +274,7 @@ SUBJECTS: dict[str, tuple[Callable[[], Section], ...]] = {
         lambda: table_5_5("QuickBird pair", TABLE_5_5),
         lambda: table_5_5("IKONOS triplet", TABLE_5_4),
     ),
-    "zy3": (zy3_models, zy3_blunders),
+    "zy3": (zy3_models,),
     "quickbird": (quickbird_loo,),
     "ties": (tie_blocks,),
 }

@@ -1,6 +1,6 @@
-"""How well orthoimages fit one another and the truth, before and after triangulation: ``ortho_accuracy.py [NAME …]``.
+"""How well orthoimages of real images fit one another, before and after triangulation: ``ortho_accuracy.py [NAME …]``.
 
-Names: ``s2p``, ``kahramanmaras``, ``ventoux``, ``simulated``; all by default. Misregistration is that of `ortho-check`
+Names: ``s2p``, ``kahramanmaras``, ``ventoux``; all by default. Misregistration is that of `ortho-check`
 (median of the lengths of the shifts in windows matched both before and after).
 
 * s2p: three Pleiades crops and the DSM that s2p made of them (gaps up to 12 cells interpolated).
@@ -8,7 +8,6 @@ Names: ``s2p``, ``kahramanmaras``, ``ventoux``, ``simulated``; all by default. M
   points, the usual ones and dense ones, intersected with the original RPCs for "before" (model none) and with the
   refined ones for "after".
 * ventoux: a Pleiades pair of 20 degrees convergence and SRTM of 90 m with EGM96; with its heights as control too.
-* simulated: three images with vendor errors, refined with 5 GCPs, against the orthophoto that the simulator draws.
 """
 
 import sys
@@ -106,36 +105,7 @@ def ventoux(folder: Path) -> None:
     compared("Ventoux, terrain through the tie points", images, refined, folder, *terrain, search=32)
 
 
-NOISE = {
-    "0.1 px, 3 cm, 5 cm": {"noise_image": 0.1, "noise_gcp_xy": 0.03, "noise_gcp_h": 0.05},
-    "0.3 px, 10 cm, 15 cm": {},
-}
-
-
-def simulated(folder: Path, size: int = 1200, seed: int = 1) -> None:
-    """Print shifts against the true orthophoto, of the original RPCs and after refinement with 5 GCPs."""
-    for number, (name, noise) in enumerate(NOISE.items()):
-        here = folder / f"noise{number}"
-        run("simulate", output_dir=str(here), size=size, images=3, along=["-15", "0", "12"], relief=200.0, gcps=5,
-            checks=20, ties=150, ortho=True, seed=seed, **noise)  # fmt: skip
-        images = [str(here / f"image_{k}.tif") for k in (1, 2, 3)]
-        terrain = {"dem": str(here / "dem.tif"), "height_datum": "ellipsoidal", "report": False}
-        same = {"extent": "union", "resolution": 0.7, **terrain}
-        run("orthorectify", images=images, output_dir=str(here / "before"), **same)
-        for model in ("shift", "affine"):
-            adjusted, out = here / f"refined_{model}", here / model
-            run("adjust", images=images, gcps=str(here / "ground_points.csv"), height_datum="ellipsoidal", model=model,
-                image_points=str(here / "image_points.csv"), output_dir=str(adjusted), report=False)  # fmt: skip
-            run("orthorectify", images=[str(adjusted / Path(im).name) for im in images], output_dir=str(out), **same)
-            orthos = [str(out / f"image_{k}_ortho.tif") for k in (1, 2, 3)]
-            report = run("ortho-check", images=orthos, before=str(here / "before"), search=24, report=False, most=16,
-                         reference=str(here / "orthophoto.tif"), output_dir=str(here / f"check_{model}"))  # fmt: skip
-            show(f"simulated, 5 GCPs, noise of image points, GCPs' position and height {name}; {model}", report)
-
-
-TABLES: dict[str, Callable[[Path], None]] = {
-    "s2p": s2p, "kahramanmaras": kahramanmaras, "ventoux": ventoux, "simulated": simulated,
-}  # fmt: skip
+TABLES: dict[str, Callable[[Path], None]] = {"s2p": s2p, "kahramanmaras": kahramanmaras, "ventoux": ventoux}
 
 
 def main() -> None:

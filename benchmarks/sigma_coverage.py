@@ -1,7 +1,7 @@
 """Do predicted accuracies hold? Shares of errors inside the predicted CE90 and LE90, over many simulated blocks.
 
-`sigma_coverage.py [--seeds N] [--first SEED] [--ways WAY …] [--docs] [NAME …]` adjusts every block in each of `WAYS`.
-Seeds below 1000 were looked at while the code was written; the documented tables are of others.
+`sigma_coverage.py [--seeds N] [--first SEED] [--docs] [NAME …]` adjusts every block with the defaults. Seeds below 1000
+were looked at while the code was written; the documented table is of others.
 
 The check points of a block err together: without GCPs all of them by nearly the same, so that the share of one block is
 near 0 or 1, and the mean of N blocks is known to no better than 0.3 / sqrt(N). The standard error over the blocks is
@@ -16,8 +16,6 @@ sensor's accuracy (and, where a configuration says so, by a drift in the image),
 that of the undisturbed camera.
 """
 
-import argparse
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple
@@ -25,7 +23,7 @@ from zlib import crc32
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, make_parser, put_between
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import LINE_90, predict_accuracy
@@ -37,7 +35,6 @@ from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, Pu
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 
 PAGE = DOCS / "protocols/coverage.md"
-JUDGED = 1000  # the first seed of those that judge
 CHECKS, TIES = 60, 200
 NOISE_PX = 0.3
 PASS_IDS = "20200101_120000_ssc1d2_{:04d}"  # of frames: their names tell that they are of one pass
@@ -46,12 +43,6 @@ SURVEY_M = (0.1, 0.1, 0.15)
 CENTRE = (5.45, 43.53, 250.0)
 RELIEF_M = 200.0
 MORE_SEEDS = 3  # times as many blocks of kinds with fewer than two GCPs
-#: Ways of adjusting, and their titles in the documentation.
-WAYS: dict[str, tuple[str, AdjustOptions]] = {
-    "defaults": ("Defaults", AdjustOptions()),
-    "shift": ("Model shift", AdjustOptions(model="shift")),
-    "estimated": ("With variance components", AdjustOptions(variance_components=True)),
-}
 
 
 @dataclass(frozen=True)
@@ -301,14 +292,10 @@ def shares(result: Adjustment, truth: np.ndarray) -> Shares:
     )  # fmt: skip
 
 
-def run(kind: Configuration, seeds: range, ways: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return the `Shares` of many blocks by way of adjusting them, ``(seeds, 11)``."""
-    found: dict[str, list[Shares]] = {way: [] for way in ways}
-    for seed in seeds:
-        block, truth = simulate(kind, seed)
-        for way in ways:
-            found[way].append(shares(adjust(block, WAYS[way][1]), truth))
-    return {way: np.array(rows) for way, rows in found.items()}
+def run(kind: Configuration, seeds: range) -> np.ndarray:
+    """Return the `Shares` of many blocks, adjusted with the defaults, ``(seeds, 11)``."""
+    blocks = (simulate(kind, seed) for seed in seeds)
+    return np.array([shares(adjust(block, AdjustOptions()), truth) for block, truth in blocks])
 
 
 HEADER = (
@@ -329,41 +316,31 @@ def row(name: str, found: np.ndarray) -> str:
     )
 
 
-def write_docs(tables: dict[str, list[str]]) -> None:
-    """Write the tables; those of other ways, and rows of other kinds, stay."""
-    old = PAGE.read_text(encoding="utf-8")
-    parts = [old.partition("\n## ")[0].rstrip()]
-    for way, (title, _) in WAYS.items():
-        before = [f"## {part.rstrip()}" for part in old.split("\n## ")[1:] if part.startswith(f"{title}\n")]
-        lines = [line for part in before for line in part.splitlines()] + tables.get(way, [])
-        names = [[name for name in CONFIGURATIONS if line.startswith(f"{name} ")] for line in lines]
-        rows = {max(possible, key=len): line for possible, line in zip(names, lines, strict=True) if possible}
-        kept = [rows[name] for name in CONFIGURATIONS if name in rows]
-        table = "\n".join([f"## {title}", "", "```", HEADER, *kept, "```"])
-        parts += [table] if way in tables else before
-    PAGE.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+def find_name(line: str) -> str:
+    """Return the kind of blocks that a row of the page is for, empty if it is none."""
+    return max((name for name in CONFIGURATIONS if line.startswith(f"{name} ")), key=len, default="")
 
 
 def main() -> None:
-    """Print the tables, row by row."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("names", nargs="*")
+    """Print the table, row by row; ``--docs`` puts its rows into the page."""
+    parser = make_parser(None, PAGE)
+    parser.add_argument("names", nargs="*", help="parts of the names of kinds; default: all")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
-    parser.add_argument("--docs", action="store_true")
     words = parser.parse_args()
-    tables = {way: [HEADER] for way in words.ways}
-    print(f"{'':10s} {HEADER}")
+    rows = {}
+    print(HEADER)
     for name, kind in CONFIGURATIONS.items():
         if words.names and not any(word in name for word in words.names):
             continue
         count = words.seeds * (MORE_SEEDS if kind.gcps < 2 else 1)
-        for way, found in run(kind, range(words.first, words.first + count), words.ways).items():
-            tables[way].append(row(name, found))
-            print(f"{way:10s} {tables[way][-1]}", flush=True)
-        if words.docs:
-            write_docs(tables)
+        rows[name] = row(name, run(kind, range(words.first, words.first + count)))
+        print(rows[name], flush=True)
+    if words.docs:
+        lines = [(find_name(line), line) for line in PAGE.read_text(encoding="utf-8").splitlines()]
+        known = {name: line for name, line in lines if name}
+        table = [(known | rows)[name] for name in CONFIGURATIONS if name in known | rows]
+        put_between(PAGE, "coverage", "\n".join(["```", HEADER, *table, "```"]))
 
 
 if __name__ == "__main__":

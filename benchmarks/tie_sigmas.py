@@ -7,10 +7,8 @@ by the sigmas that matching states. Both should have a standard deviation of 1; 
 by thirds of the matching's quality.
 """
 
-import pickle
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -166,10 +164,9 @@ def rows(name: str, found: Ties) -> Iterator[list[str]]:
 
 
 def main() -> None:
-    """Print the table; ``--docs`` writes its rows into the page, ``--keep FOLDER`` keeps the ties for the next run."""
+    """Print the table; ``--docs`` writes its rows into the page."""
     parser = make_parser(__doc__, PAGE)
     parser.add_argument("names", nargs="*")
-    parser.add_argument("--keep", type=Path)
     words = parser.parse_args()
     makers: dict[str, Callable[[], Ties]] = {name: partial(real, name) for name in REAL}
     makers |= {name: partial(simulated, name) for name in SIMULATED}
@@ -177,25 +174,13 @@ def main() -> None:
     for name, make in makers.items():
         if words.names and not any(word in name for word in words.names):
             continue
-        table += rows(name, _kept(words.keep, name, make))
+        table += rows(name, make())
         print(render(HEAD, table[-2:]), flush=True)
     if words.docs:
         made = {row[0] for row in table}
         table += [row for row in read_rows(PAGE) if row[0] not in made]
         table.sort(key=lambda row: list(makers).index(row[0]))
         write_sections(PAGE, {"": render(HEAD, table)})
-
-
-def _kept(folder: Path | None, name: str, make: Callable[[], Ties]) -> Ties:
-    """Return the ties that a run before kept in a folder of one's own, or find them."""
-    if folder is None:
-        return make()
-    file = folder / f"{name}.pickle"
-    if not file.exists():
-        found = make()
-        bare = tuple(replace(image, raster=None) for image in found.images)
-        file.write_bytes(pickle.dumps(found._replace(images=bare)))
-    return pickle.loads(file.read_bytes())
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 import pytest
 from long_tests import mark_beyond
@@ -16,7 +18,6 @@ from network_scenes import (
     turned,
 )
 
-from hrsi.benchmarks.matching_unknown import resampled
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -358,27 +359,61 @@ def test_features_tell_where_the_second_window_shows_the_first():
         assert np.median(np.hypot(*away.T)) < 4.0  # pixels: relief moves points by up to 5 x 0.8
 
 
+class Seen(NamedTuple):
+    """Resampled pixels of an image, and the map from the original's pixels to them."""
+
+    raster: ArrayRaster
+    matrix: np.ndarray
+    shift: np.ndarray
+
+    def back(self, xy: np.ndarray) -> np.ndarray:
+        """Return where points ``(n, 2)`` are in the image as it was."""
+        return (xy - self.shift) @ np.linalg.inv(self.matrix).T
+
+
+def resampled(image: ArrayRaster, scale: float, degrees: float) -> Seen:
+    """Return an image turned from sample towards line and scaled, in a frame that holds all of it."""
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    matrix = scale * np.array([[cos, -sin], [sin, cos]])
+    samples, lines = image.size
+    corners = np.array([[0, 0], [samples - 1, 0], [0, lines - 1], [samples - 1, lines - 1]]) @ matrix.T
+    low, high = np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0))
+    frame = tuple(int(length) for length in high - low + 1)
+    affine = np.column_stack([matrix, -low])
+    grey = image.grey.astype(np.float32)
+    if scale < 1.0:  # the blur of a pixel to that of a larger one
+        grey = cv2.GaussianBlur(grey, (0, 0), 0.5 * np.sqrt(scale**-2 - 1.0))
+    grey = cv2.warpAffine(grey, affine, frame, flags=cv2.INTER_CUBIC)
+    valid = cv2.warpAffine(image.valid.astype(np.uint8), affine, frame, flags=cv2.INTER_NEAREST)
+    valid = cv2.erode(valid, np.ones((9, 9), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0).astype(bool)
+    grey = np.where(valid, np.clip(np.rint(grey), 1, 65535), 0).astype(np.uint16)
+    return Seen(ArrayRaster(grey, valid), matrix, -low)
+
+
 @pytest.mark.real
 @pytest.mark.parametrize(
-    ("folder", "names", "degrees", "height_m"),
+    ("folder", "names", "scale", "degrees", "height_m"),
     [
         # 28 % in common: windows of 300 px a side have no root in common
-        ("ventoux_phr_pair", ("left_image.tif", "right_image.tif"), 272.0, 537.0),
+        ("ventoux_phr_pair", ("left_image.tif", "right_image.tif"), 0.6, 272.0, 537.0),
         # two dates, 20 degrees apart
-        ("kahramanmaras_phr4", ("pre_event_img1.tif", "post_event_img2.tif"), 201.0, 704.0),
+        ("kahramanmaras_phr4", ("pre_event_img1.tif", "post_event_img2.tif"), 0.6, 201.0, 704.0),
+        (S2P, ("img_01.tif", "img_03.tif"), 1.7, 285.0, 206.0),
     ],
 )
-def test_hard_pairs_begin_where_features_say(real_data: Path, folder: str, names: tuple, degrees: float, height_m):
-    """The second image at 0.6 of its size, which is not told."""
+def test_hard_pairs_begin_where_features_say(
+    real_data: Path, folder: str, names: tuple, scale: float, degrees: float, height_m
+):
+    """The second image resampled and turned, which is not told."""
     images = [open_image(str(real_data / folder / name)) for name in names]
     first, second = (ArrayRaster(*image.raster.read(0, 0, *image.raster.size)) for image in images)
-    seen = resampled(second, 0.6, degrees)
+    seen = resampled(second, scale, degrees)
     found = match_windows(first, seen.raster)
     assert found.status == FOUND and len(found) >= 40
     across = across_epipolar(
         images[0].rpc, images[1].rpc, found.positions.first, seen.back(found.positions.second), height_m
     )
-    assert np.abs(across).max() < 2.0 / 0.6  # 2 px of the coarser image
+    assert np.abs(across).max() < 2.0 / min(scale, 1.0)  # 2 px of the coarser image
 
 
 def test_what_scatters_about_its_own_geometry_is_no_match(monkeypatch):

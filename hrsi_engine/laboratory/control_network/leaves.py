@@ -12,7 +12,7 @@ import numpy as np
 
 from ...foundation.thresholds import threshold, thresholds
 
-#: Origin of what was tuned on the real pairs of `benchmarks/matching_unknown.py`.
+#: Origin of what was tuned on the real pairs.
 NETWORK_PAIRS = "real pairs, 2026-11-21 and 22 (docs/matching.md)"
 
 
