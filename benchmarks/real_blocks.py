@@ -210,12 +210,13 @@ def matched(folder: str, names: Sequence[str]) -> Block:
     return assemble(images, [], [find_tie_points(images).image_points])
 
 
-def skysat(folder: str) -> Block:
-    """Return SkySat frames with the tie points that come with them."""
-    paths = sorted((DATA / "real" / folder).glob("*.rpc"))
-    images = [open_image(str(path)) for path in paths]
+def skysat(folder: str, frames: Sequence[int] | None = None) -> Block:
+    """Return SkySat frames, all or some of them, with the tie points that come with them."""
+    images = [open_image(str(path)) for path in sorted((DATA / "real" / folder).glob("*.rpc"))]
     table = f"/vsigzip/{DATA / 'real' / folder / 'image_points.csv.gz'}"
-    return assemble(images, [], [read_points(table, image_ids=[image.id for image in images]).image])
+    points = read_points(table, image_ids=[image.id for image in images]).image
+    chosen = [images[k] for k in frames or range(len(images))]
+    return assemble(chosen, [], [points.select(np.isin(points.image_ids, [image.id for image in chosen]))])
 
 
 #: Blocks with more than 500 tie tracks, from files or found in the pixels.

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,8 +11,15 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from osgeo import gdal
+from rpc_samples import write_image
+from simulated_blocks import oblique_rpc
 
+from hrsi.benchmarks.adjust_speed import simulated
 from hrsi.benchmarks.clean_verdicts import matched
+from hrsi.benchmarks.command_speed import write_folder
+from hrsi.benchmarks.speed_guard import HRSI, measure_cpu
+from hrsi.hrsi_engine import check_block, open_image
 from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.adjustment.external.heights import HEIGHTS
 from hrsi.hrsi_engine.adjustment.outcome.area_accuracy import AREA_ACCURACY
@@ -19,8 +27,17 @@ from hrsi.hrsi_engine.block.orthoimage import DEM
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground import geoids
 from hrsi.hrsi_engine.ground.geoids import GEOID
+from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    PointCounts,
+    SceneSpec,
+    make_along_track_views,
+    simulate_block,
+)
 from hrsi.hrsi_engine.results.verdict.significance import EFFECT
 from hrsi.hrsi_engine.surface.dem import dem_sigma_m
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.command_line.command_parser import COMMANDS, LINE_PARAMS, algorithm_parser
 from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS, Algorithm, spell_arguments, value_facts
@@ -114,6 +131,8 @@ def test_sentences_state_the_limits_of_the_code():
         EFFECT.doubtful_factor
     ]
     assert HEIGHTS.dem_whole == 0.8  # "four fifths" of the page and of the option
+    [option] = [param for param in REGISTRY["adjust"].params if param.name == "sigma-surface"]
+    assert "four fifths of it common to all heights" in option.help
     assert not _find_numbers("how-to/surface.md", "Four fifths of it are a common error of all heights in their weight")
     share, cell_m = _find_numbers("how-to/surface.md", "by default # m plus a tenth of its cell size (3.3 m for # m)")
     assert dem_sigma_m(cell_m) == pytest.approx(share + 0.1 * cell_m)
@@ -151,6 +170,66 @@ def test_a_missing_geoid_is_replaced_as_the_page_states(monkeypatch: pytest.Monk
     monkeypatch.setattr(geoids, "_open_grid", lambda file: None)
     with pytest.raises(InputError, match="not installed"):
         geoids.find_geoid("egm2008")
+
+
+@pytest.mark.parametrize("place", ["in the image", "next to it"])
+def test_a_crop_is_read_as_the_page_states(place: str, tmp_path: Path):
+    """GDAL writes the RPC of the scene into a crop or beside it: its positions are those of the scene, moved."""
+    assert not _find_numbers(
+        "how-to/deliveries.md", "A crop with the RPC of the scene is also read, in the image or next to it, if its "
+        "geotransform (without CRS) has its origin."
+    )  # fmt: skip
+    scene, origin = oblique_rpc(0.3, -0.2), (1200.0, 2500.0)
+    write_rpc_text(str(tmp_path / "scene_RPC.TXT"), scene)
+    write_image(tmp_path / "scene.tif", None, size=(8, 8))
+    crop = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "crop.tif"), 300, 200)
+    crop.SetGeoTransform((origin[0], 1.0, 0.0, origin[1], 0.0, 1.0))
+    if place == "in the image":
+        crop.SetMetadata(gdal.Open(str(tmp_path / "scene.tif")).GetMetadata("RPC"), "RPC")
+    else:
+        shutil.copy(tmp_path / "scene_RPC.TXT", tmp_path / "crop_RPC.TXT")
+    del crop
+    ground = scene.localize(np.array([[1300.0, 2600.0]]), 200.0).ground
+    xy = open_image(str(tmp_path / "crop.tif")).rpc.project(ground)
+    assert xy == pytest.approx(np.array([[100.0, 100.0]]), abs=1e-6)
+
+
+@pytest.mark.parametrize("part", [0.15, 0.25])
+def test_a_dem_with_gaps_is_reported_from_the_fifth_of_the_page(part: float):
+    """A part of the pixels, in the west, has no height; a fifth is the limit."""
+    assert not _find_numbers("verdict.md", "The DEM has no heights for more than a fifth of the area of the images.")
+    views = make_along_track_views(SENSORS["pleiades"], 2, (6000, 6000))
+    block = simulate_block(SceneSpec(relief_m=2.0), views, PointCounts(4, 0, 60)).block
+    height = float(np.nanmedian(block.points.ground[:, 2]))
+    pixels = [image.rpc.localize(image.grid_px(60, 60), height).ground for image in block.images]
+    edge = np.quantile(np.concatenate(pixels)[:, 0], part)
+    south_west = np.concatenate(pixels)[:, :2].min(axis=0) - 0.02
+    heights = np.full((400, 400), height)
+    heights[:, south_west[0] + 1e-3 * np.arange(400) < edge] = np.nan
+    surface = GridSurface.from_array(heights, tuple(south_west), (1e-3, 1e-3))
+    assert ("dem-coverage" in {reason.code for reason in check_block(block, surface=surface)}) == (part > 0.2)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("page", "sentence", "of_row"),
+    [("matching.md", "| 5000² | 50 | # |", "pair"), ("protocols/large_blocks.md", "| 30 | # # | | # |", "block")],
+)
+def test_processor_times_are_those_of_the_pages(page: str, sentence: str, of_row: str, tmp_path: Path):
+    """The smallest row of each table, within a factor of two: processors of other machines differ, and so does load."""
+    *points, stated_s = _find_numbers(page, sentence)
+    if of_row == "pair":
+        command = [sys.executable, "benchmarks/tie_points_speed.py", str(tmp_path), "--sizes", "5000", "--layouts"]
+        printed = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+        seconds = float(re.search(r"([\d.]+) s CPU \(", printed)[1])
+    else:
+        write_folder(simulated(30, per_image=round((1000.0 * points[0] + points[1]) / 30.0)), tmp_path)
+        images = [str(path) for path in sorted((tmp_path / "rpcs").iterdir())]
+        files = ["--gcps", f"{tmp_path}/ground_points.csv", "--image-points", f"{tmp_path}/image_points.csv"]
+        options = ["--height-datum", "ellipsoidal", "--output-dir", str(tmp_path / "adjusted")]
+        seconds = measure_cpu((*HRSI, "adjust", "-q", *images, *files, *options))
+    print(f"{page}: {stated_s} s stated, {seconds:.1f} s now")
+    assert 0.5 * stated_s < seconds < 2.0 * stated_s
 
 
 def test_the_cost_of_jitter_is_that_of_its_table():

@@ -71,6 +71,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
         "crs_operations": [use.entry() for use in result.block.all_operations],
         "untested_by_check_points": _find_untested_accuracy(result),
         "rpcs_alone_m": None if result.rpcs_alone_m is None else list(result.rpcs_alone_m),
+        "rpcs_height_sigma_m": result.rpcs_height_sigma_m,
     }
 
 

@@ -34,9 +34,10 @@ def summarise(report: Report) -> str:
             f"check: {_format_accuracy(check)}; predicted, with their survey errors: "
             f"{_format_accuracy(check['predicted'])}"
         )
+    by_rpcs = "" if report["heights"] else " (absolute accuracy from the error terms of the RPCs)"
     lines += [
         f"{part['image_count']} images, predicted for points measured in them, without survey errors: "
-        f"{_format_accuracy(part)}{'' if part['gcps'] else ' (absolute accuracy from the error terms of the RPCs)'}"
+        f"{_format_accuracy(part)}{'' if part['gcps'] else by_rpcs}"
         for part in report["parts"][: LENGTH.most_outliers]
         if part["ce90_m"] is not None
     ]

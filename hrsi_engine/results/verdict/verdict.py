@@ -12,6 +12,7 @@ from ...foundation.reasons import Level, Reason
 from ..lineage import add_untested_error
 from . import common_deformation, connections, datums, ground_truth, heights, jitter, solution, surfaces
 from .evidence import Evidence
+from .significance import EFFECT
 
 #: Every check of a finished adjustment.
 CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
@@ -204,7 +205,17 @@ def _describe_prediction(report: Mapping[str, Any]) -> str:
     texts = [f"predicted {', '.join(determined)}"] if determined else []
     texts += [f"not determined: {text}" for text in connections.describe_weak_figures(part["undetermined"], part)]
     of_gcps = " (by leave-one-out of the GCPs)" if part["leave_one_out"] > 1.0 else ""
-    return f"{'; '.join(texts)}{of_gcps}"
+    return f"{'; '.join(texts)}{of_gcps}{_describe_single_source(report)}"
+
+
+def _describe_single_source(report: Mapping[str, Any]) -> str:
+    """Return which source of heights no other one confirms, and the common error of it that the RPCs do not show."""
+    used = [one["source"] for one in report["heights"] if one["left_out"] < one["observations"]]
+    sigma_m = report.get("rpcs_height_sigma_m")
+    if sigma_m is None or len(used) != 1:
+        return ""
+    unseen_m = format_figure(EFFECT.doubtful_factor * sigma_m)
+    return f"; heights rest on the {used[0]} alone: an error of its height datum below {unseen_m} m does not show"
 
 
 #: Accuracy measures: key of the report.
