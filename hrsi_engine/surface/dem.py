@@ -49,11 +49,7 @@ class HeightSurface(Protocol):
 
 
 def surface_heights(surface: HeightSurface, lonlat: np.ndarray) -> np.ndarray:
-    """Return ellipsoidal heights ``(n,)`` at lon, lat points ``(n, 2)``; NaN outside and for nodata.
-
-    surface : the terrain; lonlat : (n, 2) lon, lat in degrees
-    Result: (n,) metres; NaN outside and for nodata.
-    """
+    """Return ellipsoidal heights ``(n,)`` (m) at lon, lat ``(n, 2)`` in degrees; NaN outside and for nodata."""
     return surface.heights(surface.grid_coordinates(lonlat))
 
 

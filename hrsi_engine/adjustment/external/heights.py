@@ -126,9 +126,7 @@ class DemHeights:
             step[:, axis] = np.sqrt(np.maximum(cofactors[points, axis, axis], 0.0)) + HEIGHTS.least_plan_m
             change = [surface_heights(self.dem, move_ground(present, sign * step)[:, :2]) - height for sign in (-1, 1)]
             variance += np.nan_to_num(np.abs(change).max(axis=0)) ** 2
-        return HeightRows(
-            points, np.arange(count), np.ones(count), height, np.sqrt(variance), self.tile[finite]
-        )  # fmt: skip
+        return HeightRows(points, np.arange(count), np.ones(count), height, np.sqrt(variance), self.tile[finite])
 
 
 class RpcHeights(NamedTuple):

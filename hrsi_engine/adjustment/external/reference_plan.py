@@ -130,9 +130,8 @@ class PlanObservations:
             for axis, one in zip(EAST_NORTH, judged, strict=True)
         )
         weight = 0.5 * (east.weight + north.weight)
-        own_m = (
-            ORTHOIMAGE_ERRORS.independent * self.places.sigma_m * east.sigma_factor
-        )  # scatter of single places; the other parts are shared
+        # scatter of single places; the other parts are shared
+        own_m = ORTHOIMAGE_ERRORS.independent * self.places.sigma_m * east.sigma_factor
         return PlanAgreement(
             source=self.name, observations=len(self.points), left_out=int((~used).sum()), determines=determines,
             rmse_m=float(np.sqrt(np.mean(left**2))) if left.size else float("nan"),

@@ -18,7 +18,7 @@ back: they are widened by the square of the ratio (a redescending prior).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,12 +71,9 @@ class SurfacePlan:
     first: SurfaceMatch
     relief_m: float
     cell_m: float
-    last: SurfaceMatch = field(init=False)
+    last: SurfaceMatch
     _at: np.ndarray | None = None
     _matches: int = 0
-
-    def __post_init__(self) -> None:
-        self.last = self.first
 
     @classmethod
     def match_points(
@@ -92,7 +89,7 @@ class SurfacePlan:
         pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
         return cls(
             tuple(image.id for image in images), surface, points, sigma_m, kind, search_m, pointing_m, positions, first,
-            relief_m, cell_size_m(surface, positions[0]),
+            relief_m, cell_size_m(surface, positions[0]), first,
         )  # fmt: skip
 
     @property

@@ -205,17 +205,11 @@ def _describe_prediction(report: Mapping[str, Any]) -> str:
     texts = [f"predicted {', '.join(determined)}"] if determined else []
     texts += [f"not determined: {text}" for text in connections.describe_weak_figures(part["undetermined"], part)]
     of_gcps = " (by leave-one-out of the GCPs)" if part["leave_one_out"] > 1.0 else ""
-    return f"{'; '.join(texts)}{of_gcps}{_describe_single_source(report)}"
-
-
-def _describe_single_source(report: Mapping[str, Any]) -> str:
-    """Return which source of heights no other one confirms, and the common error of it that the RPCs do not show."""
-    used = [one["source"] for one in report["heights"] if one["left_out"] < one["observations"]]
-    sigma_m = report.get("rpcs_height_sigma_m")
-    if sigma_m is None or len(used) != 1:
-        return ""
-    unseen_m = format_figure(EFFECT.doubtful_factor * sigma_m)
-    return f"; heights rest on the {used[0]} alone: an error of its height datum below {unseen_m} m does not show"
+    sources = [one["source"] for one in report["heights"] if one["left_out"] < one["observations"]]
+    if len(sources) == 1 and (sigma_m := report.get("rpcs_height_sigma_m")):
+        unseen_m = format_figure(EFFECT.doubtful_factor * sigma_m)
+        texts.append(f"heights rest on the {sources[0]} alone: an error of its datum below {unseen_m} m does not show")
+    return f"{'; '.join(texts)}{of_gcps}"
 
 
 #: Accuracy measures: key of the report.
