@@ -28,25 +28,25 @@ def control(image):
 
 
 def warnings(image, control, model="shift"):
-    found = refine_rpc(
-        image,
-        control.ground,
-        control.xy,
-        ids=control.ids,
-        sigma_px=control.sigma_px,
-        sigma_m=control.sigma_m,
-        model=model,
-    )
-    return " / ".join(found.warnings)
+    given = {name: getattr(control, name) for name in ("ids", "sigma_px", "sigma_m")}
+    return " / ".join(refine_rpc(image, control.ground, control.xy, model=model, **given).warnings)
+
+
+def with_value(control, name, place, value):
+    """Return control with one value of a column changed."""
+    column = getattr(control, name).copy()
+    column[place] = value
+    return replace(control, **{name: column})
+
+
+def at_places(image, control, east_north_up):
+    """Return control at other places around the middle of the image, measured with the same shift."""
+    ground = blocks.move_ground(np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (8, 1)), east_north_up)
+    return replace(control, ground=ground, xy=image.rpc.project(ground) + [5.0, -3.0])
 
 
 def test_good_control_has_no_warnings(image, control):
     assert warnings(image, control) == ""
-
-
-def test_no_points(image, control):
-    with pytest.raises(InputError, match="image0: no GCP is measured on it"):
-        refine_image(image, control.select(np.zeros(8, dtype=bool)))
 
 
 def test_arrays_of_one_image(image, control):
@@ -56,101 +56,64 @@ def test_arrays_of_one_image(image, control):
         refine_rpc(image.rpc, np.empty((0, 3)), np.empty((0, 2)))
 
 
-@pytest.mark.parametrize("column", ["ground", "xy"])
-def test_nan(image, control, column):
-    values = getattr(control, column).copy()
-    values[2, 0] = np.nan
-    with pytest.raises(InputError, match="coordinate of GCP 3 is missing"):
-        refine_image(image, replace(control, **{column: values}))
-
-
-def test_a_sigma_of_zero(image, control):
-    sigma = control.sigma_px.copy()
-    sigma[4] = 0.0
-    with pytest.raises(InputError, match="GCP 5 has a sigma"):
-        refine_image(image, replace(control, sigma_px=sigma))
-
-
-def test_the_same_id_twice(image, control):
-    with pytest.raises(InputError, match="GCP 1 is given more than once"):
-        refine_image(image, replace(control, ids=np.array(["1", "1", *"345678"])))
-
-
-def test_two_points_at_one_place(image, control):
-    ground, xy = control.ground.copy(), control.xy.copy()
-    ground[1], xy[1] = ground[0], xy[0]
-    assert "GCPs 1 and 2 are at the same place" in warnings(image, replace(control, ground=ground, xy=xy))
-
-
-def test_swapped_longitude_and_latitude(image, control):
-    with pytest.raises(InputError, match=r"longitude and latitude of GCP 1, 2.* are swapped"):
-        refine_image(image, replace(control, ground=control.ground[:, [1, 0, 2]]))
-    ground = control.ground.copy()
-    ground[5, :2] = ground[5, 1::-1]
-    with pytest.raises(InputError, match="GCP 6 are swapped"):
-        refine_image(image, replace(control, ground=ground))
-
-
-def test_another_part_of_the_world(image, control):
-    with pytest.raises(InputError, match=r"lies \d+ km from the image"):
-        refine_image(image, replace(control, ground=control.ground + [10.0, 0.0, 0.0]))
-
-
-def test_projected_coordinates(image, control):
-    with pytest.raises(InputError, match="invalid longitude or latitude"):
-        refine_image(image, replace(control, ground=control.ground * [3e3, -1e5, 1.0]))
-
-
-def test_points_on_a_line(image, control):
-    along = np.linspace(-1000.0, 1000.0, 8)
-    ground = blocks.move_ground(
-        np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (8, 1)), np.column_stack([along, 0.5 * along, 0.0 * along])
-    )
-    line = replace(control, ground=ground, xy=image.rpc.project(ground) + [5.0, -3.0])
-    assert "lie on a line" in warnings(image, line)
-    assert refine_image(image, line).model.name == "shift"
-    with pytest.raises(SolveError, match="do not determine model quadratic"):
-        refine_image(image, line, RefineOptions("quadratic"))
-
-
-def test_points_at_one_spot(image, control):
-    ground = blocks.move_ground(
-        np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (8, 1)), np.random.default_rng(2).uniform(-5, 5, (8, 3))
-    )
-    spot = replace(control, ground=ground, xy=image.rpc.project(ground) + [5.0, -3.0])
-    with pytest.raises(SolveError, match="do not determine model quadratic"):
-        refine_image(image, spot, RefineOptions("quadratic"))
-
-
-def test_points_far_outside_the_image(image, control):
-    xy = control.xy.copy()
-    xy[3] = [9000.0, 100.0]
-    assert "1 of 8 points on image image0 lie outside its 4001 x 4001 px" in warnings(image, replace(control, xy=xy))
-
-
-def test_a_height_outside_the_range(image, control):
-    ground = control.ground.copy()
-    ground[6, 2] = 3000.0
-    said = warnings(image, replace(control, ground=ground))
-    assert (
-        "the height of ground point 7 (3000 to 3000 m) is outside the height range of the RPCs, -300 to 700 m" in said
-    )
+@pytest.mark.parametrize(
+    ("spoil", "model", "message"),
+    [
+        (lambda c: c.select(np.zeros(8, dtype=bool)), "shift", "image0: no GCP is measured on it"),
+        (lambda c: with_value(c, "ground", (2, 0), np.nan), "shift", "coordinate of GCP 3 is missing"),
+        (lambda c: with_value(c, "xy", (2, 0), np.nan), "shift", "coordinate of GCP 3 is missing"),
+        (lambda c: with_value(c, "sigma_px", 4, 0.0), "shift", "GCP 5 has a sigma"),
+        (lambda c: replace(c, ids=np.array(["1", "1", *"345678"])), "shift", "GCP 1 is given more than once"),
+        (
+            lambda c: replace(c, ground=c.ground[:, [1, 0, 2]]),
+            "shift",
+            "longitude and latitude of GCP 1, 2.* are swapped",
+        ),
+        (lambda c: with_value(c, "ground", (5, slice(2)), c.ground[5, 1::-1]), "shift", "GCP 6 are swapped"),
+        (lambda c: replace(c, ground=c.ground + [10.0, 0.0, 0.0]), "shift", r"lies \d+ km from the image"),
+        (lambda c: replace(c, ground=c.ground * [3e3, -1e5, 1.0]), "shift", "invalid longitude or latitude"),
+        (lambda c: c, "afine", "unknown model 'afine': choose one of auto, generic"),
+        (lambda c: c.select(np.arange(2)), "affine", "model affine needs 3 GCPs, there are 2"),
+    ],
+)
+def test_what_cannot_be_is_an_error(image, control, spoil, model, message):
+    with pytest.raises(InputError, match=message):
+        refine_image(image, spoil(control), RefineOptions(model))
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"),
-    mark_beyond(1, "wrong_inputs", [(1.0 / FOOT_M, "are in feet"), (FOOT_M, "were converted from feet")]),
+    ("spoil", "said"),
+    mark_beyond(
+        4,
+        "wrong_inputs",
+        [
+            (
+                lambda c: with_value(with_value(c, "ground", 1, c.ground[0]), "xy", 1, c.xy[0]),
+                "GCPs 1 and 2 are at the same",
+            ),
+            (
+                lambda c: with_value(c, "xy", 3, [9000.0, 100.0]),
+                "1 of 8 points on image image0 lie outside its 4001 x 4001 px",
+            ),
+            (
+                lambda c: with_value(c, "ground", (6, 2), 3000.0),
+                "the height of ground point 7 (3000 to 3000 m) is outside the height range of the RPCs, -300 to 700 m",
+            ),
+            (lambda c: replace(c, ground=c.ground * [1.0, 1.0, 1.0 / FOOT_M]), "are in feet"),
+            (lambda c: replace(c, ground=c.ground * [1.0, 1.0, FOOT_M]), "were converted from feet"),
+        ],
+    ),
 )
-def test_heights_in_another_unit(image, control, factor, said):
-    ground = control.ground * [1.0, 1.0, factor]
-    assert said in warnings(image, replace(control, ground=ground))
+def test_what_is_doubtful_is_a_warning(image, control, spoil, said):
+    assert said in warnings(image, spoil(control))
 
 
-def test_an_unknown_model(image, control):
-    with pytest.raises(InputError, match="unknown model 'afine': choose one of auto, generic"):
-        refine_image(image, control, RefineOptions("afine"))
-
-
-def test_too_few_points_for_a_model(image, control):
-    with pytest.raises(InputError, match="model affine needs 3 GCPs, there are 2"):
-        refine_image(image, control.select(np.arange(2)), RefineOptions("affine"))
+def test_points_on_a_line_or_at_one_spot(image, control):
+    along = np.linspace(-1000.0, 1000.0, 8)
+    line = at_places(image, control, np.column_stack([along, 0.5 * along, 0.0 * along]))
+    assert "lie on a line" in warnings(image, line)
+    assert refine_image(image, line).model.name == "shift"
+    spot = at_places(image, control, np.random.default_rng(2).uniform(-5, 5, (8, 3)))
+    for points in (line, spot):
+        with pytest.raises(SolveError, match="do not determine model quadratic"):
+            refine_image(image, points, RefineOptions("quadratic"))
