@@ -176,7 +176,6 @@ def test_a_file_tells_the_same_in_every_system(
         path = Path(folder) / "points.csv"
         path.write_text("\n".join(lines))
         found = read_points(str(path), ground_crs=crs, height_datum="layer").ground
-    assert found is not None
     assert found.ids.tolist() == [f"P{k}" for k in range(len(ground))]
     assert np.abs(ground_difference_m(found.ground, given_points)).max() < 1e-3  # PROJ's own inverse to a millimetre
 
@@ -196,7 +195,6 @@ def test_a_file_tells_the_same_in_every_order(ground: list[tuple[float, float, f
         path = Path(folder) / "points.csv"
         path.write_text(text + blank)
         found = read_points(str(path), height_datum="ellipsoidal").ground
-    assert found is not None
     place = {str(name): found.ground[row] for row, name in enumerate(found.ids)}
     assert {name: tuple(position) for name, position in place.items()} == {f"P{k}": p for k, p in enumerate(ground)}
 

@@ -47,7 +47,6 @@ def test_laser_points_hold_the_height(scene):
 
 def test_every_laser_point_says_what_became_of_it(scene):
     found = adjusted(scene).laser
-    assert found is not None
     left = scene.points.doubt != ""
     assert (found.reason[left] == scene.points.doubt[left]).all()
     assert set(np.unique(found.reason[~left])) <= {"", NO_TIES_NEAR, MISFIT}

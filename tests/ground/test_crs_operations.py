@@ -109,7 +109,6 @@ def test_each_point_of_a_file_goes_by_the_operation_of_its_area(tmp_path: Path) 
     rows = [f"P{number},{x!r},{y!r},100" for number, (x, y) in enumerate(xy.tolist())]
     file.write_text("\n".join(["id,x,y,z", *rows]))
     points = read_points(str(file), ground_crs="EPSG:4230", height_datum="ellipsoidal").ground
-    assert points is not None
     assert horizontal_m(points.ground, convert_by_cs2cs(xy, crs.crs)).max() < 1e-3
     assert len(points.operations) == 2 and points.operation.tolist() in ([0, 0, 1, 1], [1, 1, 0, 0])
 
@@ -161,7 +160,6 @@ def test_an_orthoimage_on_the_pixels_of_another_datum_goes_by_the_same_operation
 def test_there_and_back(code: int) -> None:
     operations = operations_of(f"EPSG:{code}")
     area = operations.crs.area_of_use
-    assert area is not None
     east = area.east if area.east > area.west else area.east + 360.0
     lon, lat = np.meshgrid(np.linspace(area.west, east, 15)[1:-1], np.linspace(area.south, area.north, 15)[1:-1])
     lonlat = np.column_stack([lon.ravel(), lat.ravel()])
@@ -303,7 +301,6 @@ def test_the_epoch_of_the_command_line_moves_gcps_as_pyproj_does(tmp_path: Path)
         assert done.returncode == 0, done.stderr
         assert told in (folder / "report.json").read_text()
         points = read_points(f"{folder / 'block.gpkg'}|layername=ground_points").ground
-        assert points is not None
         for name, lonlat in rows.items():
             moved = lonlat if code == "EPSG:6668" else to_itrf.transform(*lonlat, 0.0, 2023.5)[:2]
             place = points.ground[points.ids == name][0, :2]

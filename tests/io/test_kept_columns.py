@@ -119,7 +119,6 @@ def test_those_of_another_result_do_not_count(folder: Path, tmp_path: Path) -> N
     other = tmp_path / "other"
     other.mkdir()
     points = read_points(f"{folder}/{LAYER}").image
-    assert points is not None
     shutil.copy(folder / COLUMNS_FILE, other)
     columns = {"id": points.ids, "image": np.asarray(points.image_ids), "sample": points.xy[:, 0] + 1.0,
                "line": points.xy[:, 1]}  # fmt: skip

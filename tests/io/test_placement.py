@@ -124,7 +124,6 @@ def test_any_affine_crop(tmp_path: Path, geotransform: tuple[float, ...], exact:
 def test_origins(geotransform, first, pixel) -> None:  # type: ignore[no-untyped-def]
     """Airbus counts from 0.5 and perhaps upwards; the first pixel of a reduced crop has its centre in the scene's."""
     place = place_by_geotransform(geotransform, has_crs=False)
-    assert place is not None
     np.testing.assert_allclose(place.first, first)
     np.testing.assert_allclose(place.matrix, np.diag(pixel))
     assert place_by_geotransform(geotransform, has_crs=True) is None

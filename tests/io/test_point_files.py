@@ -102,7 +102,6 @@ def test_layers_in_any_crs_give_the_same_points(tmp_path: Path, extension: str, 
     path = write_layer(tmp_path / f"p.{extension}", driver, code, in_crs(code), fields)
     tables = read_points(str(path), height_datum="ellipsoidal")
     assert tables.image is None
-    assert tables.ground is not None
     assert tables.ground.ids.tolist() == IDS
     assert_ground(tables.ground.ground)
     assert (tables.ground.role == UNSET).all()
@@ -119,7 +118,6 @@ def test_csv_and_projected_csv_agree(tmp_path: Path) -> None:
     rows = [f"{i}\t{x!r}\t{y!r}\t{h!r}" for i, (x, y, h) in zip(IDS, en.tolist(), strict=True)]
     projected = write_text(tmp_path / "p.tsv", "id\teasting\tnorthing\tz\n" + "\n".join(rows), "utf-16")
     for tables in (read_points(geographic), read_points(projected, ground_crs="EPSG:28355")):
-        assert tables.ground is not None
         assert tables.ground.ids.tolist() == IDS
         assert_ground(tables.ground.ground)
         assert len(tables.warnings) == 1
@@ -135,7 +133,6 @@ def test_height_field_of_a_2d_layer(tmp_path: Path) -> None:
     }
     path = write_layer(tmp_path / "p.gpkg", "GPKG", "EPSG:32755", in_crs("EPSG:32755"), fields, with_z=False)
     ground = read_points(f"{path}|layername=points", height_datum="ellipsoidal").ground
-    assert ground is not None
     assert_ground(ground.ground)
     assert ground.role.tolist() == [Role.GCP, Role.CHECK, UNSET, Role.TIE]
     np.testing.assert_array_equal(ground.sigma_m[:, 0], [0.1, np.nan, 2.0, 3.0])
@@ -146,7 +143,6 @@ def test_missing_heights_come_from_a_surface_or_are_an_error(tmp_path: Path) -> 
     with pytest.raises(InputError, match=r"feature 1 \(id 'H001'\): has no height: add a field 'height'"):
         read_points(str(path))
     tables = read_points(str(path), surface=lambda lonlat: lonlat[:, 0] + lonlat[:, 1])
-    assert tables.ground is not None
     assert_ground(tables.ground.ground, np.column_stack([GROUND[:, :2], GROUND[:, :2].sum(axis=1)]))
     assert "4 points have no height" in tables.warnings[0]
 
@@ -159,17 +155,14 @@ def test_geoid_heights_by_grid_file_and_by_compound_crs(tmp_path: Path, real_dat
     rows = [f"P{i},{x!r},{y!r},{h!r}" for i, (x, y, h) in enumerate(orthometric.tolist())]
     path = write_text(tmp_path / "p.csv", "id,lon,lat,height\n" + "\n".join(rows))
     found = read_points(path, height_datum=str(grid))
-    assert found.ground is not None
     assert_ground(found.ground.ground, ground)
     assert found.warnings == ()
     layer = write_layer(tmp_path / "c.gpkg", "GPKG", "EPSG:4326+5773", orthometric, {"id": ["P0", "P1"]})
     if pyproj.transformer.TransformerGroup("EPSG:4326+5773", "EPSG:4979").best_available:
         compound = read_points(str(layer))
-        assert compound.ground is not None
         assert_ground(compound.ground.ground, ground)
         assert compound.warnings == ()
     plain = read_points(str(layer), height_datum="ellipsoidal").ground
-    assert plain is not None
     assert_ground(plain.ground, orthometric)
 
 
@@ -192,7 +185,6 @@ def test_missing_geoid_grid_is_an_error(tmp_path: Path) -> None:
 def test_image_points_and_image_names(tmp_path: Path, thesis_data: Path) -> None:
     tables = read_points(str(thesis_data / "hobart_image_points.csv"), image_ids=["hobart_ikonos_1"])
     assert tables.ground is None
-    assert tables.image is not None
     assert len(tables.image) == 159
     assert tables.image.xy[0].tolist() == [3205.4660, 943.8452]
     assert tables.image.kind[0] == "center"
@@ -200,7 +192,6 @@ def test_image_points_and_image_names(tmp_path: Path, thesis_data: Path) -> None
     rows = [f"P{i},{name},{i}.5,2" for i, name in enumerate(names)]
     path = write_text(tmp_path / "i.csv", "id,Image,sample,line\n" + "\n".join(rows))
     image = read_points(path, image_ids=["img"]).image
-    assert image is not None
     assert image.image_ids.tolist() == ["img"] * 4 + ["other.tif"]
     assert np.isnan(image.sigma_px).all()
 
@@ -214,8 +205,6 @@ def test_one_layer_holds_ground_and_image_points(tmp_path: Path) -> None:
     }  # fmt: skip
     path = write_layer(tmp_path / "p.gpkg", "GPKG", "EPSG:32755", xyz, fields)
     tables = read_points(str(path), height_datum="ellipsoidal")
-    assert tables.ground is not None
-    assert tables.image is not None
     assert tables.ground.ids.tolist() == ["A", "B", "C"]
     assert_ground(tables.ground.ground, GROUND[:3])
     assert tables.image.ids.tolist() == ["A", "A", "B"]
@@ -226,7 +215,6 @@ def test_one_layer_holds_ground_and_image_points(tmp_path: Path) -> None:
 def test_the_only_image_needs_no_name(tmp_path: Path) -> None:
     path = write_text(tmp_path / "p.csv", "id,lon,lat,height,sample,line\nA,5,44,1,10,20\n")
     image = read_points(path, image_ids=["img"]).image
-    assert image is not None
     assert image.image_ids.tolist() == ["img"]
     with pytest.raises(InputError, match="no field 'image'"):
         read_points(path, image_ids=["a", "b"])
@@ -236,8 +224,6 @@ def test_orthority_gcps(real_data: Path) -> None:
     path = real_data / "qb2_gcp" / "gcps.geojson"
     features = json.loads(path.read_text())["features"]
     tables = read_points(str(path), image_ids=["qb2_basic1b"])
-    assert tables.ground is not None
-    assert tables.image is not None
     assert tables.warnings == ()  # GeoJSON says that heights are ellipsoidal
     np.testing.assert_array_equal(tables.ground.ground, [f["geometry"]["coordinates"] for f in features])
     np.testing.assert_array_equal(tables.image.xy, [f["properties"]["ji"] for f in features])
@@ -254,8 +240,6 @@ def test_qgis_georeferencer_points(tmp_path: Path, name: str) -> None:
     header = f"#CRS: {crs_wkt('EPSG:32755')}\nmapX,mapY,sourceX,sourceY,enable,dX,dY,residual\n"
     path = write_text(tmp_path / name, header + "\n".join(lines))
     tables = read_points(path, surface=lambda lonlat: np.full(len(lonlat), 7.0), image_ids=["img"])
-    assert tables.ground is not None
-    assert tables.image is not None
     assert tables.ground.ids.tolist() == ["img-1", "img-2", "img-4"]
     np.testing.assert_allclose(tables.ground.ground[:, :2], GROUND[[0, 1, 3], :2], rtol=0.0, atol=DEGREES)
     assert tables.image.xy.tolist() == [[10.0, 20.0], [11.0, 21.0], [13.0, 23.0]]
@@ -274,8 +258,6 @@ def test_gcps_in_an_image(tmp_path: Path) -> None:
     with rasterio.open(path, "w", driver="GTiff", width=64, height=64, count=1, dtype="uint8") as image:
         image.gcps = (gcps, rasterio.crs.CRS.from_epsg(4326))
     tables = read_points(str(path), height_datum="ellipsoidal")
-    assert tables.ground is not None
-    assert tables.image is not None
     assert_ground(tables.ground.ground)
     assert tables.image.xy[0].tolist() == [10.0, 20.0]
     assert tables.ground.ids.tolist() == ["img-1", "img-2", "img-3", "img-4"]  # GeoTIFF keeps no names
@@ -284,7 +266,6 @@ def test_gcps_in_an_image(tmp_path: Path) -> None:
     virtual.SetGCPs(named, crs_wkt("EPSG:4326"))
     del virtual
     ground = read_points(str(tmp_path / "v.vrt")).ground
-    assert ground is not None
     assert ground.ids.tolist() == ["A", "v-7"]
 
 
@@ -296,8 +277,6 @@ def test_ames_stereo_pipeline_gcps(tmp_path: Path) -> None:
         "6,-23.5,10.25,1.5,3,4,0.5\n"
     )
     tables = read_points(write_text(tmp_path / "a.gcp", text), image_ids=["image1", "image2"])
-    assert tables.ground is not None
-    assert tables.image is not None
     assert tables.ground.ground.tolist() == [[160.1, 23.7, 427.1], [10.25, -23.5, 1.5]]
     covariance = tables.ground.survey_covariance_m2()
     np.testing.assert_allclose(covariance[0], np.eye(3), atol=1e-12)
@@ -320,7 +299,6 @@ def test_csv_details(tmp_path: Path) -> None:
     """Comments, blank lines, quoted separators, trailing empty fields, Latin-1, Windows line ends."""
     text = '# made by hand\r\n\r\nid,note,lon,lat,height\r\n"A, 1","x\r\ny", 5.0 ,44,1,,\r\n\r\nÄ,,6,45,2\r\n,,,,\r\n'
     ground = read_points(write_text(tmp_path / "p.csv", text, "latin-1")).ground
-    assert ground is not None
     assert ground.ids.tolist() == ["A, 1", "Ä"]
     assert ground.ground.tolist() == [[5.0, 44.0, 1.0], [6.0, 45.0, 2.0]]
 
@@ -335,7 +313,6 @@ def test_images_are_found_whatever_the_case_of_their_names(tmp_path: Path) -> No
     text = "id,image,sample,line\n" + "".join(f"P{k},{name},1,2\n" for k, name in enumerate(NAMES_IN_CAPITALS))
     path = write_text(tmp_path / "p.csv", text)
     image = read_points(path, image_ids=["img", "Nadir", "twin", "Twin"]).image
-    assert image is not None
     assert image.image_ids.tolist() == ["img", "img", "Nadir", "Twin", "TWIN"]
 
 
@@ -384,7 +361,6 @@ def test_damaged_csv_names_what_is_wrong(tmp_path: Path, text: str, message: str
 def test_number_of_points_in_the_first_line_is_no_point(tmp_path: Path) -> None:
     path = write_text(tmp_path / "points.txt", "2 \n1 \t34.5\t113.25\t176.9\n11 \t34.25\t113.5\t443.7\n")
     ground = read_points(path).ground
-    assert ground is not None
     assert ground.ids.tolist() == ["1", "11"]
     assert ground.ground.tolist() == [[113.25, 34.5, 176.9], [113.5, 34.25, 443.7]]
     with pytest.raises(InputError, match="line 1: has 1 columns"):  # a damaged line, not a number of points

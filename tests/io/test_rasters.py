@@ -38,7 +38,6 @@ def test_image_with_pixels(tmp_path: Path) -> None:
     pixels = write_image(tmp_path / "img.tif", RPC)
     image = open_image(str(tmp_path / "img.tif"))
     assert (image.id, image.size, image.rpc) == ("img", (400, 300), RPC)
-    assert image.raster is not None
     grey, valid = image.raster.read(100, 50, 30, 20)
     np.testing.assert_array_equal(grey, pixels[50:70, 100:130])
     assert valid.all()
@@ -177,7 +176,6 @@ def test_cut_short_pixels_are_named(tmp_path: Path, capfd: pytest.CaptureFixture
     content[2000:60000] = bytes(58000)
     (tmp_path / "img.tif").write_bytes(content)
     raster = open_image(str(tmp_path / "img.tif")).raster
-    assert raster is not None
     with pytest.raises(InputError, match=r"img.tif: pixels at sample 0, line 0 cannot be read"):
         raster.read(0, 0, 400, 300)
     assert capfd.readouterr().err == ""

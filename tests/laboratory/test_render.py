@@ -180,7 +180,6 @@ def test_orthophoto_shows_what_the_image_shows(hilly: BlockSimulation):
 
 def test_block_with_pixels_keeps_the_raster_contract(hilly: BlockSimulation):
     image = add_pixels(hilly).images[1]
-    assert image.raster is not None
     grey, valid = image.raster.read(10, 20, 30, 40)
     assert grey.shape == valid.shape == (40, 30)
     assert image.raster.size == image.size == (800, 800)

@@ -164,8 +164,6 @@ def test_orthophoto_is_georeferenced(block: BlockSimulation, tmp_path: Path):
 def test_points_read_back(block: BlockSimulation, folder: Path):
     ground = read_points(str(folder / "ground_points.csv")).ground
     images = read_points(str(folder / "image_points.csv")).image
-    assert ground is not None
-    assert images is not None
     known = block.block.known
     np.testing.assert_array_equal(ground.ids, block.block.points.ids[known])
     np.testing.assert_array_equal(ground.ground, block.block.points.ground[known])

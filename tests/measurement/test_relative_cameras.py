@@ -68,7 +68,6 @@ def misses_px(year: BlockSimulation, cameras: RelativeCameras | None, first: int
         return np.hypot(*(transfer(images[first].rpc, images[second].rpc, xy, height) - found).T)
     job = CoarseJob(images[first], images[second], (1, 1), GroundRange(0.0, 1.0), 128.0)
     estimate = cameras.estimate(job, first, second)
-    assert estimate is not None
     geometry = estimate.geometry
     place = transfer(geometry.first, geometry.second, xy, geometry.heights_at(xy)) + geometry.bias_px
     return np.hypot(*(place - found).T)
@@ -88,7 +87,6 @@ def test_pairs_that_were_never_matched_are_predicted_through_third_images(year: 
 def test_an_image_without_matches_is_sought_as_far_as_the_others_are_off(year: BlockSimulation):
     pairs = [(a, b) for a in range(LAST) for b in range(a + 1, LAST)]
     cameras = estimate_relative_cameras(matches_of(year, pairs), year.block.images)
-    assert cameras is not None
     assert cameras.sigma_px[LAST] > 2.0 * cameras.sigma_px[:LAST].max()
 
 

@@ -116,7 +116,6 @@ def test_cells_of_very_fine_terrain_are_not_held(tmp_path: Path, monkeypatch: py
     for most in (ORTHO.most_cells, 1000):
         monkeypatch.setattr(mapping_module, "ORTHO", replace(mapping_module.ORTHO, most_cells=most))
         chunk = mapping(tmp_path, 1e-5, roughness=3.0).chunk(GridWindow(64, 64, 200, 150))
-        assert chunk is not None
         nodes.append(chunk.positions)
     assert np.abs(nodes[0] - nodes[1]).max() < POSITION_PX
 
@@ -167,5 +166,4 @@ def test_jitter_of_the_image_displaces_its_lines(tmp_path: Path, error_px: float
     expected = ideal + np.column_stack([np.interp(ideal[:, 1], line, axis) for axis in shift.T])
     assert np.abs(shaken.exact(pixels) - expected).max() < POSITION_PX
     found = shaken.chunk(window)
-    assert found is not None
     assert np.hypot(*(found.interpolate(pixels - 150.0) - expected).T).max() <= (MAPPED_PX if error_px else POSITION_PX)

@@ -30,7 +30,6 @@ def mapping(tmp_path_factory: pytest.TempPathFactory) -> OrthoMapping:
 
 def hidden_of(mapping: OrthoMapping, window: GridWindow) -> np.ndarray:
     chunk = mapping.chunk(window)
-    assert chunk is not None
     return np.isnan(chunk.positions[0, 1:-1, 1:-1])
 
 

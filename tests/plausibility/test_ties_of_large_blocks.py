@@ -91,7 +91,6 @@ def test_right_ties_join_images_with_nearly_parallel_rays() -> None:
     """Neighbours of one strip see their points along nearly parallel rays; so hilly ground must not part these."""
     block = simulated(90)
     pairs = ties.sample_pairs(block, estimate_accuracies(block.images))
-    assert pairs is not None
     flat = ties.compute_sightlines(block.images, pairs.image.ravel(), pairs.xy.reshape(-1, 2))
     length = np.hypot(*(flat.slope[::2] - flat.slope[1::2]).T)
     good = ties.check_pairs(pairs).good

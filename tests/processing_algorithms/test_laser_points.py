@@ -110,7 +110,6 @@ def test_surveyed_points_take_the_error_of_the_dem_that_gives_their_heights(bloc
     file = tmp_path / "flat.csv"
     file.write_text("id,lon,lat\n" + "".join(f"{row['id']},{row['lon']},{row['lat']}\n" for row in rows))
     dem = gdal.Translate(str(tmp_path / "dem.tif"), str(block / "dem.tif"), outputSRS="EPSG:4258+5720")
-    assert dem is not None
     del dem
     given = dict(image_points=str(block / "image_points.csv"), gcps=str(file), dem=str(tmp_path / "dem.tif"))
     report = run("adjust", **options(block, tmp_path / "out", **given, dem_datum="layer"))

@@ -41,7 +41,6 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     run("simulate", output_dir=str(folder), size=300, images=3, along="-10,0,10", gcps=8, checks=4, ties=60)
     log = (folder / "server.log").open("w")
     server = subprocess.Popen([sys.executable, "-c", SERVE], stdout=subprocess.PIPE, stderr=log, text=True)
-    assert server.stdout is not None
     host, port = server.stdout.readline().split()
     with pytest.MonkeyPatch.context() as patch:
         for name, value in {

@@ -63,7 +63,6 @@ def test_texts_and_outputs(declaration: Algorithm) -> None:
 def test_parameter(declaration: Algorithm, param: Param) -> None:
     algorithm = made(declaration)  # owns the definition
     definition = algorithm.parameterDefinition(param.key.upper())
-    assert definition is not None
     assert definition.defaultValue() == (format_default(param) if isinstance(param.default, tuple) else param.default)
     assert definition.help() == f"{spell_arguments(param.help, declaration.params, label_of)}."
     assert "`" not in definition.help()
