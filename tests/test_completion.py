@@ -5,7 +5,6 @@ import pty
 import select
 import shutil
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -130,15 +129,6 @@ def test_fish(folder: Path) -> None:
 def test_zsh_completes_at_the_prompt(folder: Path, typed: str, shown: str) -> None:
     lines = ["autoload -U compinit; compinit -u -D; source ./script.zsh\n", typed]
     assert shown in _typed(["zsh", "-f", "-i"], lines, shown, folder)
-
-
-def test_scripts_are_made_at_once_and_without_heavy_libraries() -> None:
-    code = (
-        "import sys; from hrsi.processing_algorithms.command_line.cli import main; main(['completion', 'bash']); "
-        "print([m for m in ('numpy', 'osgeo', 'cv2') if m in sys.modules], file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stderr.strip() == "[]"
 
 
 def test_unknown_shell(capsys: pytest.CaptureFixture[str]) -> None:

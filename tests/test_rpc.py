@@ -101,18 +101,6 @@ def test_project_agrees_with_gdal_and_rasterio(real_data: Path, name: str) -> No
     np.testing.assert_allclose(computed, np.column_stack([samples, lines]) - 0.5, atol=PROJECT_PX, rtol=0)
 
 
-@pytest.mark.parametrize("scene", ["A", "B"])
-def test_project_agrees_with_points_of_other_software(real_data: Path, scene: str) -> None:
-    folder = real_data / "spot7_tiepoints"
-    rows = (folder / f"verif_1{scene}.txt").read_text(encoding="latin-1").splitlines()
-    points = np.array([row.split()[1:] for row in rows if row.startswith("<Pt>")], dtype=np.float64)
-    assert points.shape == (18, 5)
-    rpc = read_rpc(str(folder / f"RPC_1{scene}.xml")).rpc
-    line, column, lon, lat, height = points.T
-    computed = rpc.project(np.column_stack([lon, lat, height])) + 1.0  # that software counts from (1, 1)
-    np.testing.assert_allclose(computed, np.column_stack([column, line]), atol=PROJECT_PX, rtol=0)
-
-
 def test_jacobian_is_the_derivative_of_project() -> None:
     rpc = synthetic_rpc(12.0, 48.0)
     ground = np.random.default_rng(3).uniform((11.95, 47.95, 0.0), (12.05, 48.05, 700.0), (40, 3))

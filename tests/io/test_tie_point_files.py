@@ -51,6 +51,9 @@ def test_damaged_match_files_are_refused(tmp_path):
     path.write_bytes(content.replace(struct.pack("f", 1.0), struct.pack("f", np.nan)))
     with pytest.raises(InputError, match="no numbers"):
         read_points(str(path), image_ids=["a", "b"])
+    (tmp_path / "run-a__b.txt").write_text("1 2 3 4 5 6\n1 2 3\n")
+    with pytest.raises(InputError, match="six numbers a line"):
+        read_points(str(tmp_path / "run-a__b.txt"), image_ids=["a", "b"])
     other = tmp_path / "matches.match"
     other.write_bytes(content)
     with pytest.raises(InputError, match="rename it to PREFIX-IMAGE1__IMAGE2"):

@@ -1,6 +1,5 @@
 """Written images, terrain and points against GDAL, rasterio and the truth."""
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -89,20 +88,6 @@ def test_gdal_agrees_with_the_camera_over_a_large_image(name: str):
     off = np.hypot(*(pixels - xy).T).max()
     print(f"{name}: GDAL is off the camera by {off:.1e} px, the fit is stated as {fitted.max_px:.1e} px")
     assert off <= fitted.max_px
-
-
-def test_gdaltransform_agrees_with_the_truth_within_the_stated_fit(block: BlockSimulation, folder: Path):
-    ground, xy = seen_on(block, 0)
-    done = subprocess.run(
-        ["gdaltransform", "-rpc", "-i", str(folder / "image_1.tif")],
-        input="\n".join("{:.15f} {:.15f} {:.12f}".format(*point) for point in ground),
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    pixels = np.array([line.split()[:2] for line in done.stdout.splitlines()], dtype=float) - 0.5
-    off = np.hypot(*(pixels - xy).T).max()
-    stated = block.truth.vendor_rpcs[0].max_px
-    print(f"gdaltransform -rpc is off by {off:.1e} px, the fit is stated as {stated:.1e} px")
-    assert off <= stated
 
 
 def test_gdal_takes_the_heights_of_the_written_terrain(block: BlockSimulation, folder: Path):

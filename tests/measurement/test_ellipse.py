@@ -64,31 +64,24 @@ def test_half_an_ellipse_does_not_lead_the_fit_away(seed: int):
     np.testing.assert_allclose(fit.semi_axes, (12.0, 7.0), atol=1.5)
 
 
-def test_covariance_is_that_of_repeated_measurements():
-    """Standard deviations from residuals, in the mean, agree with the scatter of the centres (400 draws: 5 %).
+@pytest.mark.parametrize(
+    ("points", "noise_px", "draws", "rtol"),
+    [(24, 0.2, 400, 0.15), pytest.param(8, 0.05, 2000, 0.08, marks=pytest.mark.coverage)],
+)
+def test_covariance_is_that_of_repeated_measurements(points, noise_px, draws, rtol):
+    """Standard deviations from residuals, in the mean, agree with the scatter of the centres.
 
-    Power (normal, 5 %, 0.85 to 1.15): 1.00 fails with 0.3 %, 1.30 with 99 %.
+    Eight points of five parameters: three are left to tell the noise; all eight counted would give 0.61.
+
+    Power (normal, 5 %, 0.85 to 1.15): 1.00 fails with 0.3 %, 1.30 with 99 %;
+    Power (normal, 2 %, 0.92 to 1.08): 1.00 fails with 0 %, 1.15 with 99.9 %.
     """
-    rng = np.random.default_rng(1)
-    fits = [fit_ellipse(points_on(24) + rng.normal(0, 0.2, (24, 2))) for _ in range(400)]
+    rng = np.random.default_rng(points)
+    fits = [fit_ellipse(points_on(points) + rng.normal(0, noise_px, (points, 2))) for _ in range(draws)]
     scatter = np.std([fit.centre for fit in fits], axis=0)
     stated = np.sqrt(np.mean([np.diag(fit.covariance_px2) for fit in fits], axis=0))
     print(f"scatter {scatter}, stated {stated}")
-    np.testing.assert_allclose(stated, scatter, rtol=0.15)
-
-
-@pytest.mark.coverage
-def test_variance_of_few_points_counts_what_the_ellipse_takes():
-    """Eight points of five parameters: three are left to tell the noise, not eight.
-
-    Power (normal, 2 %, 0.92 to 1.08): 1.00 fails with 0 %, 1.15 with 99.9 %; all eight points counted give 0.61.
-    """
-    rng = np.random.default_rng(8)
-    fits = [fit_ellipse(points_on(8) + rng.normal(0, 0.05, (8, 2))) for _ in range(2000)]
-    scatter = np.std([fit.centre for fit in fits], axis=0)
-    stated = np.sqrt(np.mean([np.diag(fit.covariance_px2) for fit in fits], axis=0))
-    print(f"scatter {scatter}, stated {stated}")
-    np.testing.assert_allclose(stated, scatter, rtol=0.08)  # 2000 variances of three degrees of freedom: 1 %
+    np.testing.assert_allclose(stated, scatter, rtol=rtol)
 
 
 def test_stray_edges_are_left_out():

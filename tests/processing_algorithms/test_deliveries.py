@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.command_line import cli
@@ -151,37 +150,10 @@ def test_a_folder_without_rpcs_says_so(capsys, tmp_path: Path) -> None:
     assert "contains no image with an RPC" in log
 
 
-def test_a_list_that_names_itself_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "images.txt").write_text("@images.txt\n")
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"images.txt: names the list @images.txt"):
-        run("rpc-info", images=["@images.txt"])
-
-
 def test_a_list_names_images_beside_it(capsys, scene: Path) -> None:
     (scene / "list.txt").write_text("# both\nimage_1.tif\nimage_2.tif\n")
     report, _ = info(capsys, Path(f"@{scene / 'list.txt'}"))
     assert list(report["images"]) == ["image_1", "image_2"]
-
-
-def test_matches_of_asp_as_text(capsys, scene: Path, tmp_path: Path) -> None:
-    """Six numbers a line, no header; the same adjustment as from the table that they were made of."""
-    rows = [line.split(",") for line in (scene / "image_points.csv").read_text().splitlines()]
-    at = {name: rows[0].index(name) for name in ("id", "image", "sample", "line")}
-    points: dict[str, dict[str, list[str]]] = {}
-    for row in rows[1:]:
-        points.setdefault(row[at["id"]], {})[row[at["image"]]] = [row[at["sample"]], row[at["line"]]]
-    both = [pair for name, pair in points.items() if len(pair) == 2 and name.startswith("T")]
-    file = tmp_path / "run-image_1__image_2.txt"
-    file.write_text("".join(f"{' '.join(pair['image_1'])} 1 {' '.join(pair['image_2'])} 1\n" for pair in both))
-    report, _ = told(capsys, "adjust", scene / "image_1.tif", scene / "image_2.tif", "--tie-points", file,
-                     "--gcps", scene / "ground_points.csv", "--image-points", scene / "image_points.csv",
-                     "--output-dir", tmp_path / "out", "--write", "none")  # fmt: skip
-    assert report["ties"]["points"] >= len(both)
-    file.write_text("1 2 3 4 5 6\n1 2 3\n")
-    _, log = told(capsys, "adjust", scene / "image_1.tif", scene / "image_2.tif", "--tie-points", file,
-                  "--output-dir", tmp_path / "bad", code=2)  # fmt: skip
-    assert "six numbers a line" in log
 
 
 def test_one_image_is_refined_with_its_own_rows_of_a_blocks_points(capsys, scene: Path, tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 """`adjust` with tie points of MicMac and the Ames Stereo Pipeline, and GCPs with covariances, as a user names them."""
 
-import itertools
 import json
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -40,17 +38,6 @@ def write_pmul(folder: Path, scene: dict, names: list[str]) -> list[str]:
         path.write_text("\n".join(["Pt.x,Pt.y,Id", *rows]))
         paths.append(str(path))
     return paths
-
-
-def write_matches(folder: Path, scene: dict) -> None:
-    for first, second in itertools.combinations(scene["ids"], 2):
-        records = [
-            struct.pack("<ffiifffBIIQ", x, y, int(x), int(y), 0.0, 1.0, 1.0, 0, 0, 0, 0)
-            for image in (first, second)
-            for x, y in scene["xy"][image].tolist()
-        ]
-        content = struct.pack("<QQ", 150, 150) + b"".join(records)
-        (folder / f"run-{first}__{second}.match").write_bytes(content)
 
 
 def test_micmac_files_by_wildcard_and_by_name(scene, tmp_path):
@@ -91,18 +78,6 @@ def test_files_of_images_that_are_not_there_say_what_to_do(scene, tmp_path, caps
     error = capsys.readouterr().err.splitlines()[-1]
     assert "a.tif" in error
     assert "FILE|image=ID" in error
-
-
-def test_asp_matches_become_tracks(scene, tmp_path):
-    write_matches(tmp_path, scene)
-    ties = str(tmp_path / "run-*.match")
-    for name in ("adjust", "triangulate"):
-        report = run(
-            name, images=scene["images"], tie_points=ties, write="none", report=False, output_dir=str(tmp_path / name)
-        )
-        assert set(report["ties"]["by_rays"]) <= {"2", "3"}
-        assert report["ties"]["by_rays"]["3"]["points"] == 149  # all but the one with a wrong measurement
-        assert report["ties"]["rmse_px"] < 1.5 * NOISE_PX
 
 
 def test_covariances_reach_the_report(scene, tmp_path):
