@@ -217,12 +217,13 @@ def main(words: Sequence[str] | None = None) -> None:
 
 def count_false_causes(rows: Sequence[Sequence[str]]) -> str:
     """Return in how many blocks of a table a reason names an error that none of them has."""
-    reasons = [reason.rsplit(" ", 1) for row in rows for reason in row[5].split(", ") if reason]
-    false = [(code, int(number)) for code, number in reasons if code not in RIGHT]
-    named = ", ".join(f"{code} {number}" for code, number in false)
+    false: Counter[str] = Counter()
+    for code, number in (reason.rsplit(" ", 1) for row in rows for reason in row[5].split(", ") if reason):
+        false[code] += int(number) * (code not in RIGHT)
+    named = ", ".join(f"{code} {number}" for code, number in (+false).items())
     return (
-        f"Of these {sum(int(row[1]) for row in rows)} blocks, {sum(number for _, number in false)} have a reason other "
-        f"than {' and '.join(RIGHT)}{f' ({named})' if false else ''}."
+        f"Of these {sum(int(row[1]) for row in rows)} blocks, {false.total()} have a reason other "
+        f"than {' and '.join(RIGHT)}{f' ({named})' if named else ''}."
     )
 
 

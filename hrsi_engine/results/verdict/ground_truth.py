@@ -24,9 +24,8 @@ from .significance import EFFECT, SOUND_BLOCKS, compute_chi_square_limit, is_sig
 
 @thresholds
 class GROUND_TRUTH:
-    """Limits for GCPs and check points that contradict the block."""
+    """Limit for GCPs and check points that contradict the block."""
 
-    largest_condition: float = threshold(1e12, "", "largest condition number of normals of intersecting rays")
     most_independent: int = threshold(5, "points", "largest number of independent camera errors", SOUND_BLOCKS)
 
 
@@ -280,7 +279,7 @@ def _compute_ray_cofactors(evidence: Evidence) -> np.ndarray:
     normal = np.zeros((len(points), 3, 3))
     np.add.at(normal, evidence.result.block.measurements.point[rows], by_ground.swapaxes(1, 2) @ by_ground)
     normal = normal[points.role == Role.CHECK]
-    solvable = np.linalg.cond(normal) < GROUND_TRUTH.largest_condition
+    solvable = np.linalg.matrix_rank(normal, hermitian=True) == 3  # one ray determines no position
     cofactors = np.full_like(normal, np.nan)
     cofactors[solvable] = np.linalg.inv(normal[solvable])
     return cofactors
