@@ -182,13 +182,6 @@ def test_scan_sees_faults_of_the_code(tmp_path: Path):
     assert exempt == 0
 
 
-def test_root_imports_nothing_of_qgis(repository: Path):
-    """pytest, pip and the command line import the root package where there is no QGIS."""
-    code = "import sys, hrsi; print(hasattr(hrsi, 'classFactory'), [m for m in sys.modules if 'qgis' in m])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "True []"
-
-
 def test_constraints_fit_the_dependencies(repository: Path, project: dict):
     """Every package that is pinned is one that we ask for, and none of those that must come from the system."""
     asked = [*project["project"]["dependencies"]]

@@ -49,18 +49,6 @@ def test_equals_dense_least_squares(name, compiled, monkeypatch):
     np.testing.assert_allclose(result.ground_sigma_m, dense.ground_sigma_m(max(result.sigma0, 1.0)), rtol=1e-5)
 
 
-def test_compiled_equals_numpy(monkeypatch):
-    found = []
-    for setting in ("0", "1"):
-        monkeypatch.setenv("HRSI_COMPILED", setting)
-        block, _, _ = blocks.block(gcps=8, checks=5, ties=40)
-        found.append(
-            adjust(with_covariances(block, random_covariances(8, 1)), AdjustOptions(test_sigmas=False, model="affine"))
-        )
-    np.testing.assert_allclose(found[0].values, found[1].values, rtol=1e-7, atol=1e-9)
-    np.testing.assert_allclose(found[0].ground_covariance_m2, found[1].ground_covariance_m2, rtol=1e-6, atol=1e-9)
-
-
 def test_a_diagonal_covariance_is_the_sigmas():
     block, _, _ = blocks.block(gcps=6, checks=4, ties=20)
     sigma = np.array([0.3, 0.3, 0.7])

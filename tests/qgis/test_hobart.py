@@ -122,15 +122,6 @@ def list_leaves(value: Any, place: tuple[str | int, ...] = ()) -> dict[tuple[str
     return {leaf: found for key, inner in items for leaf, found in list_leaves(inner, (*place, key)).items()}
 
 
-@pytest.mark.parametrize("name", LAYERS)
-def test_residual_layer_of_qgis_process(in_qgis_process: Path, name: str) -> None:
-    layer = QgsVectorLayer(f"{in_qgis_process}/block.gpkg|layername={name}", name, "ogr")
-    assert layer.isValid()
-    assert layer.crs().isValid()
-    assert levels(layer) == expected_levels()
-    assert_drawn_as_arrows(layer)
-
-
 def test_layers_are_loaded_to_the_project(hrsi_provider, qgis_new_project, command_line: Path, tmp_path: Path) -> None:
     """Through Processing in this process, with the points from layers of the project."""
     ground = QgsVectorLayer(str(HOBART / "hobart_ground_points.csv"), "ground points", "ogr")

@@ -118,14 +118,6 @@ def run_tiny_in_background(parameters: dict[str, Any], feedback: QgsProcessingFe
     return run_in_background(algorithm, parameters, feedback)
 
 
-def test_runs_in_a_background_thread(tiny_provider, tmp_path: Path) -> None:
-    successful, results = run_tiny_in_background(
-        {"IMAGES": ["a"], "OUTPUT_DIR": str(tmp_path)}, QgsProcessingFeedback()
-    )
-    assert successful
-    assert results["OUTPUT_DIR"] == str(tmp_path)
-
-
 def test_cancel_within_a_second(tiny_provider, tmp_path: Path) -> None:
     listener, cancelled_at = Listener(), []
     listener.canceled.connect(lambda: cancelled_at.append(time.monotonic()))
@@ -219,14 +211,6 @@ def test_verdict_is_seen_and_layers_are_loaded(
     assert [line.partition(";")[0] for line in listener.warnings] == ([text] if level == "doubtful" else [])
     if level == "unusable":
         assert text == "Verdict: unusable. all is wrong" and "look at GCPs" in more
-
-
-def test_result_layers_are_loaded_with_their_stored_style(tiny_provider, qgis_new_project, tmp_path: Path) -> None:
-    processing.runAndLoadResults("hrsi:tinytest", {"IMAGES": ["a"], "OUTPUT_DIR": str(tmp_path / "out")})
-    (layer,) = QgsProject.instance().mapLayers().values()
-    assert layer.name() == "points"
-    assert layer.featureCount() == 1
-    assert layer.renderer().type() == "RuleRenderer"
 
 
 def test_hostile_ids_are_text_in_the_message_bar_and_in_tips(monkeypatch) -> None:
