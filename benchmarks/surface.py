@@ -19,6 +19,7 @@ import csv
 import io
 import itertools
 import json
+import re
 import shutil
 import tempfile
 from collections import Counter
@@ -266,8 +267,8 @@ WRONG: dict[str, Callable[[np.ndarray, list[float]], np.ndarray]] = {
     "1 km too far north": _move_by_km,
 }
 WRONG_PLACES = tuple(itertools.product(("worldview-2", "spot5"), ("mountains", "hills", "farmland")))
-WRONG_HEAD = ["surface", "ground", "sensor", "plan m", "CE90 m", "height m", "LE90 m", "plan from the DEM", "verdict",
-              "reasons"]  # fmt: skip
+WRONG_HEAD = ["surface", "ground", "sensor", "plan m", "CE90 m", "height m", "LE90 m", "not seen below m",
+              "plan from the DEM", "verdict", "reasons"]  # fmt: skip
 
 
 def run_wrong(seed: int, sensors: Sequence[str], landforms: Sequence[str]) -> Iterator[list[str]]:
@@ -282,10 +283,11 @@ def run_wrong(seed: int, sensors: Sequence[str], landforms: Sequence[str]) -> It
                 (block / "free_dem.tif").write_bytes(right)
                 rewrite_dem(block, change)
                 one = adjust_block(block, truth, *DEM)
-                held = "yes" if one.surface.get("holds_plan") else "no"
+                unseen_m = "".join(re.findall(r"datum below (\S+) m does not show", one.said)[:1])
                 yield [
                     title, landform, sensor, f"{one.plan_90_m:.1f}", f"{one.ce90_m:.1f}", f"{one.height_90_m:.1f}",
-                    f"{one.le90_m:.1f}", held, one.level, ", ".join(one.codes) or _first_line(one.said),
+                    f"{one.le90_m:.1f}", unseen_m, "yes" if one.surface.get("holds_plan") else "no", one.level,
+                    ", ".join(one.codes) or _first_line(one.said),
                 ]  # fmt: skip
 
 
