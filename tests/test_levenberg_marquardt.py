@@ -55,24 +55,6 @@ def test_a_curved_valley_is_crossed(bend):
     np.testing.assert_allclose(found.at.x, 1.0, atol=1e-6)
 
 
-def test_noise_of_the_cost_is_no_reason_for_damping():
-    """Costs of blocks with eliminated points have errors of 1e-8; the target moves with the place, as weights do.
-
-    Power (comparison): with damping from any rise on, the descent stops at the limit of its steps.
-    """
-
-    def at(x):
-        return Point(x, 400.0 + 0.5 * x * x + 1e-5 * np.sin(1e7 * x))
-
-    def step(place, damping):
-        s = -0.5 * place.x / (1.0 + damping)  # half the way
-        return Step(at(place.x + s), 0.5 * s * s * (1.0 + 2.0 * damping), 0.5 * damping * s * s)
-
-    damped = []
-    found = descend(at(1.0), lambda place, damping: damped.append(damping) or step(place, damping), lambda _: 1.0, MOST)
-    assert found.converged and not any(damped)
-
-
 def test_large_residuals_need_damping():
     """A decay fitted to what does not decay so: undamped steps overshoot, and SciPy's minimum is the judge."""
     t = np.linspace(0.0, 4.0, 30)

@@ -101,15 +101,13 @@ def descend(
         trial = step(current, damping)
         if current is best:
             predicted, damping_term = trial.promised, trial.braked
-        settled = 0.5 * ITERATIONS.settled**2 * variance(best)
-        # a rise by the change of eliminated points within their own tolerance is no reason for damping
-        decreased = trial.ahead.cost <= best.cost * (1.0 + EQUALITY.rounding) + settled
+        decreased = trial.ahead.cost <= best.cost * (1.0 + EQUALITY.rounding) + 1e-12
         limit = max(0.5 * DESCENT.done_sigma**2 * variance(best), tolerance * best.cost)
         converged = current is best and predicted <= limit and (number > 1 or weighed is None)
         if converged and damping == 0.0:
             return Descent(trial.ahead if decreased else best, True, CONVERGED, number)
         if number == largest:
-            is_near = predicted <= settled
+            is_near = predicted <= 0.5 * ITERATIONS.settled**2 * variance(best)
             status = (
                 CONVERGED if is_near else f"stopped at the iteration limit, {_distance_text(predicted, variance(best))}"
             )

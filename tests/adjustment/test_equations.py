@@ -18,6 +18,7 @@ from hrsi.hrsi_engine.adjustment.equations.pattern import Pattern, find_pattern
 from hrsi.hrsi_engine.adjustment.equations.states import PointPriors, State
 from hrsi.hrsi_engine.adjustment.observations import select_observations
 from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.refinement import MODELS
 
 
@@ -165,6 +166,20 @@ def test_compiled_equations_equal_numpys(name, shared, monkeypatch):
     assert len(results) == 2
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-10 * np.abs(ours).max(initial=0.0))
+
+
+def test_the_cost_of_priors_is_their_quadratic_form():
+    """A surface observes east and north together, a DEM the height: each weight counts once, correlated ones too."""
+    rng = np.random.default_rng(3)
+    priors = PointPriors(
+        np.tile([24.5, -28.7, 200.0], (8, 1)), rng.uniform(1.0, 2.0, (8, 3)), np.tile([False, False, True], (8, 1)),
+        np.column_stack([rng.uniform(-0.5, 0.5, 8), np.zeros((8, 2))]),
+    )  # fmt: skip
+    ground, counting = move_ground(priors.target, rng.normal(0.0, 3.0, (8, 3))), np.ones(8, dtype=bool)
+    miss = priors.compute_misclosures_m(ground)
+    expected = np.einsum("ki,kij,kj->", miss, priors.build_weight_matrices(), miss)
+    found = priors.sum_of_squares(ground, counting) + priors.sum_weak_squares(ground, counting)
+    assert found == pytest.approx(expected, rel=1e-5)
 
 
 def relative(found: np.ndarray, expected: np.ndarray, left: np.ndarray, right: np.ndarray) -> float:

@@ -71,11 +71,12 @@ class PointPriors:
         """Return the weight matrices ``(k, 3, 3)`` of some points; with ``observed``, zero for weak priors."""
         diagonal = self.weight[points]
         matrix = np.zeros((len(diagonal), 3, 3))
-        matrix[:, range(3), range(3)] = np.where(self.observed[points], diagonal, 0.0) if observed else diagonal
+        matrix[:, range(3), range(3)] = diagonal
         if self.correlated:
             row, column = COORDINATE_PAIRS
             matrix[:, row, column] = matrix[:, column, row] = self.mixed[points]
-        return matrix
+        is_observed = self.observed[points]
+        return matrix * (is_observed[:, :, None] & is_observed[:, None, :]) if observed else matrix
 
     @property
     def held(self) -> np.ndarray:
