@@ -124,11 +124,9 @@ class SurfacePlan:
     def widening(self) -> float:
         """Factor of the prior standard deviations of the images' pointing by the displacement, at least 1.
 
-        The priors are independent errors of single images, so that the expected error of the part is smaller. They
-        keep their weight up to the displacement of a Hampel weight, and redescend beyond.
+        The priors are independent errors of single images, so that the expected error of the part is smaller.
         """
-        excess = self._beyond(self.pointing_m / np.sqrt(len(self.images))) / ROBUST.full_weight
-        return 1.0 if self.why_open else max(1.0, excess**2)
+        return 1.0 if self.why_open else max(1.0, self._beyond(self.pointing_m / np.sqrt(len(self.images))) ** 2)
 
     def _beyond(self, pointing_m: float) -> float:
         """Return the displacement in plan in units of its standard deviation (including that of the RPCs)."""
