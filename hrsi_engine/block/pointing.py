@@ -13,8 +13,7 @@ QuickBird is 14 to 21 m (CE90), and its largest change along a strip 12 to 24 m;
 the changes are 6.4 m relative to 8.2 m, and 1.2 m relative to 2.2 m: over a strip the error changes by about
 `POINTING.strip_share` of its size. The length of the strips is not published either; 100 km is a usual one. Between an
 image and a strip the error of gyroscopes grows with the square root of the time; within a second of flight,
-`POINTING.smooth_m`, it is smooth and grows linearly. Larger pointing errors are mostly constant (the
-alignment of star trackers), and no drift is published for them: it is `POINTING.usual_drift` at most.
+`POINTING.smooth_m`, it is smooth and grows linearly.
 """
 
 import os
@@ -43,10 +42,6 @@ class POINTING:
     strip_share: float = threshold(0.65, "", "change of the pointing error along a strip", "Smiley 2009, QuickBird")
     strip_m: float = threshold(100e3, "m", "length of this strip: usual for these satellites")
     smooth_m: float = threshold(7e3, "m", "length up to which the change is linear in time: a second of flight")
-    usual_drift: float = threshold(
-        3e-4, "px/px", "largest a priori drift that follows from a pointing error; usual drift in the tests of input",
-        "simulated blocks of six sensors with one GCP, seeds below 86 000 (docs/protocols/right_blocks.md)"
-    )  # fmt: skip
     least_drift: float = threshold(
         3e-5, "px/px", "smallest a priori drift: attitude, and errors of the RPC's fit", "variance components: IKONOS "
         "2.9e-5, Pleiades 1.9e-5, SPOT 7 2.7e-5 (docs/adjustment.md)"
@@ -155,7 +150,6 @@ def estimate_pointing(image: Image) -> Pointing:
         else:
             smooth_m = max(length_m, POINTING.smooth_m)
             drift = POINTING.strip_share * sigma_m * np.sqrt(smooth_m / POINTING.strip_m) / smooth_m
-            drift = min(drift, POINTING.usual_drift)
     drift = max(float(drift), POINTING.least_drift)
     return Pointing(sigma_m, drift, f"{', '.join(reasons)}; a priori {drift:.1e} px/px (attitude drift)")
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Image
-from ..block.pointing import POINTING, SIGMAS_OF_CE90, compute_gsds_m, find_image_sensor
+from ..block.pointing import SIGMAS_OF_CE90, compute_gsds_m, find_image_sensor
 from ..foundation.thresholds import threshold, thresholds
 
 #: Source of most thresholds of this room.
@@ -51,6 +51,7 @@ class ACCURACY:
     misfit_px: float = threshold(
         15.0, "px", "largest difference between points of one image by measurement errors and drift", SIMULATED
     )
+    usual_drift: float = threshold(3e-4, "px/px", "sigma of the drift of an RPC over its image", SIMULATED)
     largest_drift: float = threshold(1e-3, "px/px", "largest drift of an RPC over its image", SIMULATED)
 
 
@@ -97,6 +98,6 @@ def estimate_accuracies(
         far_m = max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m, biased_m)
         drift = max(ACCURACY.largest_drift, ACCURACY.large_shift_sigmas * sigma_drift)
         misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
-        usual_drift = max(POINTING.usual_drift, sigma_drift)
+        usual_drift = max(ACCURACY.usual_drift, sigma_drift)
         accuracies.append(ImageAccuracy(gsd, sigma, ce90_m, large_m, biased_m, far_m, misfit_m, usual_drift))
     return accuracies
