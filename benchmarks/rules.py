@@ -210,29 +210,36 @@ def changed(thresholds: Sequence[Threshold], change: str) -> Iterator[None]:
             object.__setattr__(one.topic, one.name, one.value)
 
 
+@contextmanager
+def noted_reads(thresholds: Sequence[Threshold]) -> Iterator[set[str]]:
+    """Yield a set to which every read of a threshold adds its home while this lasts."""
+    homes = {(type(one.topic), one.name): one.home for one in thresholds}
+    kinds = {kind for kind, _ in homes}
+    noted: set[str] = set()
+
+    def get(topic: object, name: str) -> object:
+        if home := homes.get((type(topic), name)):
+            noted.add(home)
+        return object.__getattribute__(topic, name)
+
+    for kind in kinds:
+        kind.__getattribute__ = get  # type: ignore[method-assign, assignment]
+    try:
+        yield noted
+    finally:
+        for kind in kinds:
+            del kind.__getattribute__
+
+
 def note_reads(cases: Sequence[Case], thresholds: Sequence[Threshold]) -> dict[str, list[Case]]:
     """Return for each threshold the cases in which it is read."""
-    homes = {(type(one.topic).__name__, one.name): one.home for one in thresholds}
     readers: dict[str, list[Case]] = {one.home: [] for one in thresholds}
-    kinds = {type(one.topic) for one in thresholds}
-    noted: set[tuple[str, str]] = set()
-
-    def make(kind: type) -> Any:
-        def get(self: Any, name: str) -> Any:
-            noted.add((kind.__name__, name))
-            return object.__getattribute__(self, name)
-
-        return get
-
-    for kind in kinds:
-        kind.__getattribute__ = make(kind)  # type: ignore[method-assign]
-    for case in cases:
-        noted.clear()
-        case.judge()
-        for key in noted & homes.keys():
-            readers[homes[key]].append(case)
-    for kind in kinds:
-        del kind.__getattribute__
+    with noted_reads(thresholds) as noted:
+        for case in cases:
+            noted.clear()
+            case.judge()
+            for home in noted:
+                readers[home].append(case)
     return readers
 
 

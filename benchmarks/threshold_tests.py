@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import pytest
 from _pytest.runner import runtestprotocol
 
-from hrsi.benchmarks.rules import ROOT, TABLE, Threshold, changed, find_thresholds
+from hrsi.benchmarks.rules import ROOT, TABLE, Threshold, changed, find_thresholds, noted_reads
 
 TESTS = ("adjustment", "plausibility", "results", "refinement", "measurement", "ortho", "io", "processing_algorithms")
 LONG = "coverage or rendered or killed or wrong_inputs or real or programs or large or thorough"
@@ -51,25 +51,14 @@ class Trial:
 
     def note_reads(self, items: Sequence[pytest.Item]) -> dict[str, list[tuple[float, int, pytest.Item]]]:
         """Return for each threshold the tests that read it, with their time and the number of thresholds they read."""
-        homes = {(type(one.topic), one.name): one.home for one in self.thresholds}
-        noted: set[tuple[type, str]] = set()
-
-        def get(topic: object, name: str) -> object:
-            noted.add((type(topic), name))
-            return object.__getattribute__(topic, name)
-
-        for kind in {kind for kind, _ in homes}:
-            kind.__getattribute__ = get  # type: ignore[method-assign, assignment]
         readers = defaultdict(list)
-        for item, following in zip(items, [*items[1:], None], strict=True):
-            noted.clear()
-            start = time.process_time()
-            runtestprotocol(item, nextitem=following, log=False)
-            reads = noted & homes.keys()
-            for key in reads:
-                readers[homes[key]].append((time.process_time() - start, len(reads), item))
-        for kind in {kind for kind, _ in homes}:
-            del kind.__getattribute__
+        with noted_reads(self.thresholds) as noted:
+            for item, following in zip(items, [*items[1:], None], strict=True):
+                noted.clear()
+                start = time.process_time()
+                runtestprotocol(item, nextitem=following, log=False)
+                for home in noted:
+                    readers[home].append((time.process_time() - start, len(noted), item))
         return readers
 
     def find_failing(self, threshold: Threshold, tests: Sequence[pytest.Item]) -> str:

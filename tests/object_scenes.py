@@ -29,8 +29,6 @@ from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALI
 #: As matching gets them: the partner of a strong centre may be weaker.
 CANDIDATES = DetectionOptions(centres=CentreOptions(quality=CANDIDATE_QUALITY))
 VIEWS = ("image_1", "image_2")
-#: Objects that stand alone on the ground, bright or dark all over.
-ROUND = ("tank", "island", "target")
 
 
 @dataclass(frozen=True, eq=False)

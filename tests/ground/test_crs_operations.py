@@ -61,7 +61,8 @@ needs_cs2cs = pytest.mark.skipif(
 
 
 def only_proj(folder: Path) -> dict[str, str]:
-    """Return an environment in which PROJ finds the files of a folder alone."""
+    """Return an environment in which PROJ finds the files of a folder alone, and its database there."""
+    shutil.copy(Path(pyproj.datadir.get_data_dir()) / "proj.db", folder)
     return os.environ | dict.fromkeys(("PROJ_DATA", "PROJ_LIB", "PROJ_USER_WRITABLE_DIRECTORY"), str(folder))
 
 
@@ -211,22 +212,16 @@ def test_a_missing_geoid_is_replaced_unless_that_is_forbidden() -> None:
 
 @pytest.mark.thorough
 def test_where_no_grid_is_installed_every_loss_is_told(tmp_path: Path) -> None:
-    shutil.copy(Path(pyproj.datadir.get_data_dir()) / "proj.db", tmp_path)
-    code = "from hrsi.tests.ground.crs_comparison import list_losses; print(list_losses())"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=only_proj(tmp_path), capture_output=True, text=True, check=True
-    )
+    done = run_code("from hrsi.tests.ground.crs_comparison import list_losses; print(list_losses())", tmp_path)
+    assert done.returncode == 0, done.stderr
     losses = ast.literal_eval(done.stdout.splitlines()[-1])
     assert len(losses) > 20
     assert [code for code, is_reported in losses if not is_reported] == []
 
 
 def test_without_any_geoid_heights_are_an_error_that_says_what_to_do(tmp_path: Path) -> None:
-    shutil.copy(Path(pyproj.datadir.get_data_dir()) / "proj.db", tmp_path)
     code = "from hrsi.hrsi_engine.ground.crs_operations import operations_of; operations_of('EPSG:25832+5783')"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=only_proj(tmp_path), capture_output=True, text=True, check=False
-    )
+    done = run_code(code, tmp_path)
     assert "no PROJ grid to convert the heights of" in done.stderr
     assert "projsync" in done.stderr
 
@@ -445,8 +440,7 @@ def test_the_commands_as_typed(tmp_path: Path) -> None:
     egm96 = Path("/usr/share/proj/egm96_15.gtx")
     if not egm96.is_file():
         pytest.skip("EGM96 is not installed: apt-get install proj-data")
-    for file in (Path(pyproj.datadir.get_data_dir()) / "proj.db", egm96):
-        shutil.copy(file, bare)
+    shutil.copy(egm96, bare)
 
     def hrsi(code: int, *words: str) -> str:
         done = subprocess.run(
