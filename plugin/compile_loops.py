@@ -32,10 +32,13 @@ def compile_loops() -> None:
     with tempfile.TemporaryDirectory() as folder:
         run("simulate", output_dir=f"{folder}/block", **BLOCK)
         run(
-            "triangulate", images=[f"{folder}/block/image_{number}.tif" for number in range(1, BLOCK["images"] + 1)],
-            gcps=f"{folder}/block/ground_points.csv", image_points=f"{folder}/block/image_points.csv",
-            height_datum="ellipsoidal", output_dir=f"{folder}/result",
-        )  # fmt: skip
+            "triangulate",
+            images=[f"{folder}/block/image_{number}.tif" for number in range(1, BLOCK["images"] + 1)],
+            gcps=f"{folder}/block/ground_points.csv",
+            image_points=f"{folder}/block/image_points.csv",
+            height_datum="ellipsoidal",
+            output_dir=f"{folder}/result",
+        )
 
 
 if __name__ == "__main__":

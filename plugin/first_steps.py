@@ -21,8 +21,15 @@ from .translation import tr
 SKIPPED_FOR_EVER = "hrsi/first_steps_done"  #: setting: the user does not want the tour again
 IMAGES = 3
 EXAMPLE: dict[str, Any] = {
-    "images": IMAGES, "along": "-12,0,12", "size": 500, "gcps": 6, "checks": 12, "ties": 40, "relief": 40.0, "seed": 5,
-}  # fmt: skip
+    "images": IMAGES,
+    "along": "-12,0,12",
+    "size": 500,
+    "gcps": 6,
+    "checks": 12,
+    "ties": 40,
+    "relief": 40.0,
+    "seed": 5,
+}
 SHOWN_LAYERS = ("images", "residuals_utm")  # from bottom to top
 
 #: Text of each step, and label of its button.

@@ -15,9 +15,15 @@ from .translation import tr
 
 #: Picture of the help by algorithm, in the folder ``pictures``.
 HELP_PICTURES = {
-    "triangulate": "residuals", "adjust": "residuals", "orthorectify": "registration", "ortho-check": "registration",
-    "tie-points": "tie", "match": "tie", "measure-targets": "measuring", "evaluate": "leave_one_out",
-}  # fmt: skip
+    "triangulate": "residuals",
+    "adjust": "residuals",
+    "orthorectify": "registration",
+    "ortho-check": "registration",
+    "tie-points": "tie",
+    "match": "tie",
+    "measure-targets": "measuring",
+    "evaluate": "leave_one_out",
+}
 #: Captions of the pictures.
 _CAPTIONS = {
     "residuals": "Residuals in plan (surveyed minus computed) of a result: blue at GCPs, green at check points, which "
@@ -76,9 +82,12 @@ def help_url(declaration: Algorithm) -> str:
     examples = "".join(f"<h2>On the command line</h2><pre>{escape(line)}</pre>" for line in declaration.examples[:1])
     page = Path(QgsProcessingUtils.tempFolder()) / f"hrsi-{declaration.name}.html"
     text = _PAGE.format(
-        title=escape(declaration.title), help=short_help(declaration), version=VERSION, examples=examples,
+        title=escape(declaration.title),
+        help=short_help(declaration),
+        version=VERSION,
+        examples=examples,
         rows="".join(_row(param) for param in declaration.params),
-    )  # fmt: skip
+    )
     page.write_text(text, encoding="utf-8")
     return QUrl.fromLocalFile(str(page)).toString()
 

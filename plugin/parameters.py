@@ -166,9 +166,12 @@ def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParam
 def label_gcp_fields() -> dict[str, str]:
     """Return the labels of the GCP fields that a user can choose, by HRSI's names."""
     return {
-        "id": tr("GCP field: id"), "height": tr("GCP field: height"), "sigma_h": tr("GCP field: sigma height"),
-        "sigma_east": tr("GCP field: sigma east"), "sigma_north": tr("GCP field: sigma north"),
-    }  # fmt: skip
+        "id": tr("GCP field: id"),
+        "height": tr("GCP field: height"),
+        "sigma_h": tr("GCP field: sigma height"),
+        "sigma_east": tr("GCP field: sigma east"),
+        "sigma_north": tr("GCP field: sigma north"),
+    }
 
 
 def name_field_choosers(param: Param) -> dict[str, str]:

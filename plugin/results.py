@@ -244,8 +244,12 @@ STATE_BEFORE, STATE_AFTER = STATES
 FLICKER_MS = 800
 #: Fields of the table of points, and their headings.
 TABLE_FIELDS = {
-    "id": "point", "role": "role", "residual_east_m": "dE m", "residual_north_m": "dN m", "residual_height_m": "dH m",
-}  # fmt: skip
+    "id": "point",
+    "role": "role",
+    "residual_east_m": "dE m",
+    "residual_north_m": "dN m",
+    "residual_height_m": "dH m",
+}
 TITLE_PT, MAP_MM = 18, (180.0, 165.0)
 TABLE_ROWS = 18  # of points, the first control and check points
 

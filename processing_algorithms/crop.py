@@ -74,10 +74,15 @@ def run(options: CropOptions, context: Context) -> Report:
             warnings += set_aside_conflicting_rpcs(output, job.image.path, job.rpc, changes)
             (samples, lines), bounds = job.window.size, job.window.bounds
             report["images"][job.image.id] = {
-                "path": job.image.path, "output": output, "window": list(bounds), "samples": samples, "lines": lines,
-                "step_sample_px": bounds[2] / samples, "step_line_px": bounds[3] / lines,
+                "path": job.image.path,
+                "output": output,
+                "window": list(bounds),
+                "samples": samples,
+                "lines": lines,
+                "step_sample_px": bounds[2] / samples,
+                "step_line_px": bounds[3] / lines,
                 "max_difference_px": read_back_px(target, job.rpc),
-            }  # fmt: skip
+            }
     return report
 
 

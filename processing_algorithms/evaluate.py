@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -95,20 +96,18 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     kept = everywhere & ~wrong
     predicted = kept[observations.point] & np.all([np.isfinite(one.fit.enlargement) for one in sets], axis=0)
     rays = np.diff(observations.first)
-    entries: Report = {
-        "tracks": {
-            "points": int(kept.sum()), "observations": int(kept[observations.point].sum()),
-            "wrong": int(wrong.sum()), "without_position": int((~everywhere).sum()),
-            "by_views": {str(k): int(np.sum(kept & (rays == k))) for k in np.unique(rays[kept]).tolist()},
-            "made_rpcs": judges.left_out, "held_out": judges.held_out, "independent": judges.are_independent,
-        },
-        "sets": {
-            one.name: _set_entry(
-                one, observations, kept, predicted=predicted, surface=surface, control=control, options=options
-            )
-            for one in sets
-        },
-    }  # fmt: skip
+    tracks_entry: Report = {
+        "points": int(kept.sum()),
+        "observations": int(kept[observations.point].sum()),
+        "wrong": int(wrong.sum()),
+        "without_position": int((~everywhere).sum()),
+        "by_views": {str(k): int(np.sum(kept & (rays == k))) for k in np.unique(rays[kept]).tolist()},
+        "made_rpcs": judges.left_out,
+        "held_out": judges.held_out,
+        "independent": judges.are_independent,
+    }
+    figures_of = partial(_set_entry, surface=surface, control=control, options=options)
+    set_entries = {one.name: figures_of(one, observations, kept, predicted) for one in sets}
     if len(predicted) and (predictions := int(predicted.sum())) < SAMPLES.trend:
         why = "two images have none" if len(images) < 3 else "they need points on three images or more"
         warnings.append(
@@ -116,19 +115,21 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         )
     clock.lap("evaluate")
     report: Report = {
-        **context.record, "seconds": {}, **entries,
-        "best": _rank_sets(entries["sets"], judges.are_independent), "warnings": warnings,
+        **context.record,
+        "seconds": {},
+        "tracks": tracks_entry,
+        "sets": set_entries,
+        "best": _rank_sets(set_entries, judges.are_independent),
+        "warnings": warnings,
         "crs_operations": [use.entry() for use in block.all_operations],
-    }  # fmt: skip
+    }
     with stage_results(options.folder, report, context, discarded=judges.discarded) as folder:
         layers, styles = _make_layers(sets, observations, kept, predicted, report)
         write_geopackage(str(folder / EVALUATION_FILE), layers, styles, context.stage(0.9, 0.98).progress)
         clock.lap("write")
         report["seconds"] = clock.total()
         if options.report:
-            bars = {name: {kind: entry[f"{kind}_rmse_px"] or 0.0 for kind in ("predicted", "fit")}
-                    for name, entry in report["sets"].items()}  # fmt: skip
-            write_page(str(folder / PAGE_FILE), "evaluation.html.j2", report, bars=draw_bars(bars, "px"))
+            write_page(str(folder / PAGE_FILE), "evaluation.html.j2", report, bars=_draw_sets(set_entries))
     return report
 
 
@@ -136,9 +137,12 @@ def run(options: EvaluateOptions, context: Context) -> Report:
 
 
 def _plan_run(
-    options: EvaluateOptions, images: Sequence[Image], sets: Sequence[str], surface: GridSurface | None,
+    options: EvaluateOptions,
+    images: Sequence[Image],
+    sets: Sequence[str],
+    surface: GridSurface | None,
     context: Context,
-) -> Report:  # fmt: skip
+) -> Report:
     """Return the report of a dry run: pairs are counted, not matched."""
     counts = {"images": len(images), "sets of RPCs": len(sets)}
     warnings: list[str] = []
@@ -187,66 +191,99 @@ def _fit_sets(
 
 
 def _set_entry(
-    one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray, surface: HeightSurface | None,
-    control: tuple[GridSurface, float] | None, options: EvaluateOptions,
-) -> Report:  # fmt: skip
+    one: RpcSet,
+    observations: Observations,
+    kept: np.ndarray,
+    predicted: np.ndarray,
+    surface: HeightSurface | None,
+    control: tuple[GridSurface, float] | None,
+    options: EvaluateOptions,
+) -> Report:
     """Return the figures of one set of RPCs."""
     fit, used, rays = one.fit, kept[observations.point], np.diff(observations.first)
     length = np.hypot(*fit.predicted_px[predicted].T)
     entry: Report = {
-        "source": one.source, "made_by": one.made_by, "predictions": int(predicted.sum()),
+        "source": one.source,
+        "made_by": one.made_by,
+        "predictions": int(predicted.sum()),
         "predicted_rmse_px": radial_rmse(fit.predicted_px[predicted]),
         "predicted_median_px": float(np.median(length)) if len(length) else None,
         "predicted_p90_px": float(np.percentile(length, 90.0)) if len(length) else None,
-        "noise_enlargement": rmse(fit.enlargement[predicted]), "fit_rmse_px": radial_rmse(fit.fit_px[used]),
+        "noise_enlargement": rmse(fit.enlargement[predicted]),
+        "fit_rmse_px": radial_rmse(fit.fit_px[used]),
         "fit_by_views": {
             str(k): radial_rmse(fit.fit_px[(kept & (rays == k))[observations.point]])
             for k in np.unique(rays[kept]).tolist()
         },
         "scatter_px": rmse(np.concatenate([np.zeros(0), *(pair.left_px[kept[pair.points]] for pair in one.pairs)])),
-        "images": {}, "pairs": [], "control": _survey_entry(one, Role.GCP), "check": _survey_entry(one, Role.CHECK),
-        "dem": None,
-    }  # fmt: skip
-    if surface is not None:
-        # Heights of the tracks above the DEM; objects on the ground determine the 90th percentile
-        ground = one.fit.ground[kept]
-        above = ground[:, 2] - surface_heights(surface, ground[:, :2])
-        above = above[np.isfinite(above)]
-        middle = float(np.median(above)) if len(above) else None
-        entry["dem"] = {
-            "points": len(above),
-            "median_m": middle,
-            "nmad_m": None if middle is None else float(robust_sigma(above - middle)),
-            "p90_m": None if middle is None else float(np.percentile(np.abs(above), 90.0)),
-        }
-    for index, image in enumerate(one.block.images):
-        rows = observations.by_image[index]
-        rows, told = rows[used[rows]], rows[predicted[rows]]
-        mean = fit.predicted_px[told].mean(axis=0) if len(told) else np.full(2, np.nan)
-        entry["images"][image.id] = {
-            "observations": len(rows), "predictions": len(told), "fit_rmse_px": radial_rmse(fit.fit_px[rows]),
-            "predicted_rmse_px": radial_rmse(fit.predicted_px[told]),
-            "predicted_mean_sample_px": mean[0], "predicted_mean_line_px": mean[1],
-        }  # fmt: skip
-    for pair in one.pairs:
-        across = pair.across_px[kept[pair.points]]
-        if len(across):
-            bias = float(np.median(across))
-            entry["pairs"].append({
-                "first": one.block.images[pair.first].id, "second": one.block.images[pair.second].id,
-                "points": len(across), "bias_px": bias, "nmad_px": float(robust_sigma(across - bias)),
-                "rmse_px": rmse(across),
-            })  # fmt: skip
+        "images": _describe_images(one, observations, used, predicted),
+        "pairs": _describe_pairs(one, kept),
+        "control": _survey_entry(one, Role.GCP),
+        "check": _survey_entry(one, Role.CHECK),
+        "dem": None if surface is None else _describe_heights(one.fit.ground[kept], surface),
+    }
     # Displacement of the tracks from a surface in plan and height, if one is given. displacement_m moves them
     # onto the surface: the error of the RPCs has the opposite sign
     if control is not None:
         found = SurfacePlan.match_points(
-            one.block.images, control[0], np.flatnonzero(kept), ground=one.fit.ground, sigma_m=control[1],
+            one.block.images,
+            control[0],
+            np.flatnonzero(kept),
+            ground=one.fit.ground,
+            sigma_m=control[1],
             kind=options.surface_kind,
             search_m=options.surface_search_m,
-        )  # fmt: skip
+        )
         entry["surface"] = None if found is None else describe_surface(found.summarise(np.arange(len(kept))))
     return entry
+
+
+def _draw_sets(entries: Report) -> str:
+    """Draw the RMSE of predictions and of the fit of each set of RPCs."""
+    kinds = ("predicted", "fit")
+    return draw_bars({name: {k: one[f"{k}_rmse_px"] or 0.0 for k in kinds} for name, one in entries.items()}, "px")
+
+
+def _describe_images(one: RpcSet, observations: Observations, used: np.ndarray, predicted: np.ndarray) -> Report:
+    """Return for each image the residuals of its points and of their predictions, in pixels."""
+    fit, entries = one.fit, {}
+    for index, image in enumerate(one.block.images):
+        rows = observations.by_image[index]
+        rows, foreseen = rows[used[rows]], rows[predicted[rows]]
+        mean = fit.predicted_px[foreseen].mean(axis=0) if len(foreseen) else np.full(2, np.nan)
+        entries[image.id] = {
+            "observations": len(rows),
+            "predictions": len(foreseen),
+            "fit_rmse_px": radial_rmse(fit.fit_px[rows]),
+            "predicted_rmse_px": radial_rmse(fit.predicted_px[foreseen]),
+            "predicted_mean_sample_px": mean[0],
+            "predicted_mean_line_px": mean[1],
+        }
+    return entries
+
+
+def _describe_pairs(one: RpcSet, kept: np.ndarray) -> list[Report]:
+    """Return the deviations of the tracks of each pair across their epipolar lines, in pixels."""
+    entries = []
+    for pair in one.pairs:
+        across = pair.across_px[kept[pair.points]]
+        if len(across):
+            bias = float(np.median(across))
+            names = {"first": one.block.images[pair.first].id, "second": one.block.images[pair.second].id}
+            nmad = float(robust_sigma(across - bias))
+            entries.append({**names, "points": len(across), "bias_px": bias, "nmad_px": nmad, "rmse_px": rmse(across)})
+    return entries
+
+
+def _describe_heights(ground: np.ndarray, surface: HeightSurface) -> Report:
+    """Return the heights (N, 3) of tracks above a DEM; objects on the ground determine the 90th percentile."""
+    above = ground[:, 2] - surface_heights(surface, ground[:, :2])
+    above = above[np.isfinite(above)]
+    if not len(above):
+        return {"points": 0, "median_m": None, "nmad_m": None, "p90_m": None}
+    middle = float(np.median(above))
+    p90_m = float(np.percentile(np.abs(above), 90.0))
+    return {"points": len(above), "median_m": middle, "nmad_m": float(robust_sigma(above - middle)), "p90_m": p90_m}
 
 
 def _survey_entry(one: RpcSet, role: Role) -> Report:
@@ -257,11 +294,17 @@ def _survey_entry(one: RpcSet, role: Role) -> Report:
     shown = one.known_m[points]
     means = [float(np.nanmean(column)) if np.isfinite(column).any() else None for column in shown.T]
     return {
-        "points": int(points.sum()), "rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height,
-        "mean_east_m": means[0], "mean_north_m": means[1], "mean_height_m": means[2],
+        "points": int(points.sum()),
+        "rmse_east_m": east,
+        "rmse_north_m": north,
+        "rmse_height_m": height,
+        "mean_east_m": means[0],
+        "mean_north_m": means[1],
+        "mean_height_m": means[2],
         **errors_90(east, north, height),
-        "rmse_sample_px": rmse(one.known_px[rows, 0]), "rmse_line_px": rmse(one.known_px[rows, 1]),
-    }  # fmt: skip
+        "rmse_sample_px": rmse(one.known_px[rows, 0]),
+        "rmse_line_px": rmse(one.known_px[rows, 1]),
+    }
 
 
 def _rank_sets(sets: Mapping[str, Report], independent: bool) -> Report:
@@ -339,10 +382,13 @@ def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, p
         image=np.r_[names[observations.image[tracks]], names[rows.image[known]], np.full(len(survey), "")],
         level=np.repeat(["image", "ground"], [sizes[0] + sizes[1], sizes[2]]),
         residual=np.concatenate([np.where(told, "predicted", "fit"), np.full(sizes[1] + sizes[2], "known")]),
-        residual_sample_px=pixels[:, 0], residual_line_px=pixels[:, 1],
-        residual_east_m=metres[:, 0], residual_north_m=metres[:, 1], residual_height_m=metres[:, 2],
+        residual_sample_px=pixels[:, 0],
+        residual_line_px=pixels[:, 1],
+        residual_east_m=metres[:, 0],
+        residual_north_m=metres[:, 1],
+        residual_height_m=metres[:, 2],
         flag=np.full(sum(sizes), "ok"),
-    )  # fmt: skip
+    )
     at = np.vstack([fit.ground[observations.point[tracks]], block.points.ground[point[len(tracks) :]]])
     return Layer(f"residuals_{one.name}", "PointZ", WGS84, at, fields)
 
@@ -360,16 +406,25 @@ def summarise(report: Report) -> str:
     }
     for role in ("control", "check"):
         if any_set[role]["points"]:
-            for key in ("rmse_east_m", "rmse_north_m", "rmse_height_m", "ce90_m", "le90_m", "rmse_sample_px",
-                        "rmse_line_px"):  # fmt: skip
+            for key in (
+                "rmse_east_m",
+                "rmse_north_m",
+                "rmse_height_m",
+                "ce90_m",
+                "le90_m",
+                "rmse_sample_px",
+                "rmse_line_px",
+            ):
                 rows[f"{role}: {key.replace('_', ' ')}"] = [entry[role][key] for entry in sets.values()]
     if any_set["dem"] is not None:
         rows |= {
             f"above the DEM: {key.replace('_', ' ')}": [entry["dem"][key] for entry in sets.values()]
             for key in ("median_m", "nmad_m", "p90_m")
         }
-    rows |= {f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
-             for name in list(any_set["images"])[:LENGTH.most_outliers]}  # fmt: skip
+    rows |= {
+        f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
+        for name in list(any_set["images"])[: LENGTH.most_outliers]
+    }
     matched = [entry.get("surface") for entry in sets.values()]
     for axis, name in enumerate(("east", "north", "up")):
         rows |= {
@@ -382,9 +437,12 @@ def summarise(report: Report) -> str:
         f"{tracks['points']} tracks ({views or 'none'} images), {tracks['wrong']} wrong ones left out, "
         f"{any_set['predictions']} predictions",
         f"{'':<{width}}" + "".join(f"{name:>{cell}}" for name in sets),
-        *(f"{label:<{width}}" + "".join(f"{format_digits(value):>{cell}}" for value in values)
-          for label, values in rows.items() if any(value is not None for value in values)),
-    ]  # fmt: skip
+        *(
+            f"{label:<{width}}" + "".join(f"{format_digits(value):>{cell}}" for value in values)
+            for label, values in rows.items()
+            if any(value is not None for value in values)
+        ),
+    ]
     lines += [f"warning: {text}" for text in report["warnings"]]
     first = next((name for name in report["best"].values() if name), None)
     return "\n".join([*lines, *([f"best: {first}"] if len(sets) > 1 and first else [])])

@@ -37,9 +37,11 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     check_folder(options.folder, context)
     path = "" if isinstance(options.points, InMemory) else options.points
     camera = (read_adjusted_camera(path) or read_exact_camera(path)) if path else None
-    table = _sample_camera(camera, options) if camera is not None else read_correspondences(
-        options.points, ground_crs=options.ground_crs, height_datum=options.height_datum
-    )  # fmt: skip
+    table = (
+        _sample_camera(camera, options)
+        if camera is not None
+        else read_correspondences(options.points, ground_crs=options.ground_crs, height_datum=options.height_datum)
+    )
     require_strict_datums(table.operations, options.strict_datum)
     require_plain_name(options.id or "rpc")
     stem = "rpc" if isinstance(options.points, InMemory) else Path(options.points.partition("|")[0]).stem
@@ -70,12 +72,17 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         warnings.append(f"{told}: {cause}")
     warnings += extrapolation_warnings(wanted, (low, high))
     report: Report = {
-        **context.record, "output": str(Path(options.folder.output_dir) / name),
-        "points": len(table.ground), "max_px": fit.max_px, "rms_px": fit.rms_px,
+        **context.record,
+        "output": str(Path(options.folder.output_dir) / name),
+        "points": len(table.ground),
+        "max_px": fit.max_px,
+        "rms_px": fit.rms_px,
         "check": None,
-        "height_min_m": low, "height_max_m": high, "warnings": warnings,
+        "height_min_m": low,
+        "height_max_m": high,
+        "warnings": warnings,
         "crs_operations": [use.entry() for use in table.operations],
-    }  # fmt: skip
+    }
     if check is not None:
         report["check"] = {"points": int(kept_out.sum()), "max_px": check.max_px, "rms_px": check.rms_px}
     with stage_results(options.folder, report, context) as folder:

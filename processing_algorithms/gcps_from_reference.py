@@ -35,11 +35,13 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     if not len(ground):
         raise SolveError(f"{options.reference.reference}: no GCP was found: {'; '.join(found.warnings)}")
     report: Report = {
-        **context.record, "points": len(ground),
-        "measurements": len(measured), "reference": found.entries,
+        **context.record,
+        "points": len(ground),
+        "measurements": len(measured),
+        "reference": found.entries,
         "warnings": [*found.warnings, *list_operation_warnings(found.operations)],
         "crs_operations": [use.entry() for use in found.operations],
-    }  # fmt: skip
+    }
     sigma_m = tuple(ground.sigma_m[0])
     layers = [_make_layer(found, sigma_m, used=True), _make_layer(found, sigma_m, used=False)]
     write_folder(options.folder, report, GCPS_FILE, layers, context)
@@ -70,15 +72,20 @@ def _make_layer(found: FromReference, sigma_m: tuple[float, float], used: bool) 
     fields = (ReferenceGcpRows if used else RejectedMatchRows)(
         id=np.char.add(PREFIX, np.char.lstrip(control.ids[place], "R")),
         image=np.concatenate([np.full(int(here.sum()), part.image_id) for part, here in rows]),
-        sample=xy[:, 0], line=xy[:, 1],
+        sample=xy[:, 0],
+        line=xy[:, 1],
         sigma=np.concatenate([part.sigma_px[here] for part, here in rows]),
         kind=np.full(len(place), REFERENCE_KIND),
         quality=np.concatenate([part.score[here] for part, here in rows]),
         role=np.full(len(place), "gcp" if used else "tie"),
-        sigma_xy=np.full(len(place), sigma_m[0]), sigma_h=np.full(len(place), sigma_m[1]),
-        survey_lon=ground[:, 0], survey_lat=ground[:, 1], survey_height=ground[:, 2],
-        residual_sample_px=left[:, 0], residual_line_px=left[:, 1],
-    )  # fmt: skip
+        sigma_xy=np.full(len(place), sigma_m[0]),
+        sigma_h=np.full(len(place), sigma_m[1]),
+        survey_lon=ground[:, 0],
+        survey_lat=ground[:, 1],
+        survey_height=ground[:, 2],
+        residual_sample_px=left[:, 0],
+        residual_line_px=left[:, 1],
+    )
     return Layer(GCPS_LAYER if used else REJECTED, "PointZ", WGS84_3D, ground, fields)
 
 

@@ -66,10 +66,17 @@ def run(options: HandOverOptions, context: Context) -> Report:
 def pair_entry(pair: StereoPair, gsd_m: float) -> dict[str, Any]:
     geometry = pair.geometry
     return {
-        "left": pair.left, "right": pair.right, "score": pair.score, "convergence_deg": geometry.convergence_deg,
-        "base_to_height": geometry.base_to_height, "overlap": min(geometry.overlap), "sun_deg": pair.sun_deg,
-        "season_days": pair.season_days, "similarity": pair.similarity, "sigma_height_m": pair.height_sigma_m(gsd_m),
-    }  # fmt: skip
+        "left": pair.left,
+        "right": pair.right,
+        "score": pair.score,
+        "convergence_deg": geometry.convergence_deg,
+        "base_to_height": geometry.base_to_height,
+        "overlap": min(geometry.overlap),
+        "sun_deg": pair.sun_deg,
+        "season_days": pair.season_days,
+        "similarity": pair.similarity,
+        "sigma_height_m": pair.height_sigma_m(gsd_m),
+    }
 
 
 def _accuracy_of(told: Mapping[str, Any], pairs: Sequence[StereoPair], gsd_m: float) -> dict[str, Any]:

@@ -24,15 +24,24 @@ def run(options: InitOptions, context: Context) -> Report:
     made = understand(read_folder(os.path.abspath(options.folder)), options.height_datum)
     advance(context.progress, 0.6, "checking the steps")
     report: Report = {
-        **context.record, "project": path, "question": made.question, "decisions": made.decisions,
+        **context.record,
+        "project": path,
+        "question": made.question,
+        "decisions": made.decisions,
         "table": describe_folder(made, os.path.abspath(options.folder)),
-        "files": [vars(one) for one in made.roles], "map": made.list_map(),
+        "files": [vars(one) for one in made.roles],
+        "map": made.list_map(),
         "steps": {step: {"status": "left out", "told": reason} for step, reason in made.left_out.items()},
-    }  # fmt: skip
+    }
     if context.dry_run:
-        return {**report, "dry_run": True, "counts": {"files": len(made.roles)}, "warnings": report["table"],
-                "files": [{"path": path, "replaces": os.path.exists(path)}],
-                "verdict": {"level": "ok", "sentence": "the folder was read", "reasons": []}}  # fmt: skip
+        return {
+            **report,
+            "dry_run": True,
+            "counts": {"files": len(made.roles)},
+            "warnings": report["table"],
+            "files": [{"path": path, "replaces": os.path.exists(path)}],
+            "verdict": {"level": "ok", "sentence": "the folder was read", "reasons": []},
+        }
     write_project(made, path)
     report["outputs"] = {"project": path}
     for answer in ANSWERS if made.question else ("",):

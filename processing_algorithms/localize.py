@@ -45,9 +45,12 @@ def run(options: LocalizeOptions, context: Context) -> Report:
     columns, warnings = _localize_points(images, points, surface)
     tell(warnings, context)
     report: Report = {
-        **context.record, "images": ids, "from_file": bool(options.points),
-        "count": len(columns["id"]), "warnings": warnings,
-    }  # fmt: skip
+        **context.record,
+        "images": ids,
+        "from_file": bool(options.points),
+        "count": len(columns["id"]),
+        "warnings": warnings,
+    }
     if not options.folder.output_dir:
         report["points"] = make_point_rows(columns, ("id", "image", "lon", "lat", "height", "status"))
     place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
@@ -83,10 +86,15 @@ def _localize_points(
     warnings = [f"{count} points have no ground position: {kind.label}" for kind, count in lost.items() if count]
     warnings += [f"all points of {list_ids(beside)} are outside the image: check sample and line"] if beside else []
     columns = {
-        "id": points.ids, "image": points.image_ids, "sample": points.image[:, 0], "line": points.image[:, 1],
-        "lon": ground[:, 0], "lat": ground[:, 1], "height": ground[:, 2],
+        "id": points.ids,
+        "image": points.image_ids,
+        "sample": points.image[:, 0],
+        "line": points.image[:, 1],
+        "lon": ground[:, 0],
+        "lat": ground[:, 1],
+        "height": ground[:, 2],
         "status": np.array([Status(code).label for code in status], dtype=str),
-    }  # fmt: skip
+    }
     return columns, warnings
 
 

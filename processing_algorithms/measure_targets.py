@@ -74,10 +74,13 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
         for one in targets for found in [one.measurement]
     ]  # fmt: skip
     report: Report = {
-        **context.record, "measured": len(made),
-        "refused": len(targets) - len(made), "targets": rows,
-        "chips_left_out": max(len(targets) - LISTS.rows, 0), "warnings": warnings,
-    }  # fmt: skip
+        **context.record,
+        "measured": len(made),
+        "refused": len(targets) - len(made),
+        "targets": rows,
+        "chips_left_out": max(len(targets) - LISTS.rows, 0),
+        "warnings": warnings,
+    }
     rasters = {image.id: image.raster for image in by_id.values()}
     chips = [
         (one.id, one.image, draw_target_chip(chip_of(one.measurement, one.approximate, rasters.get(one.image))))

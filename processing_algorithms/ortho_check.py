@@ -59,9 +59,13 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     pairs_told = [_pair_entry(pair) for pair in found]
     verdict = _judge(pairs_told, pooled).entry()
     report: Report = {
-        **context.record, "verdict": verdict, "states": list(found[0].matches), "pairs": pairs_told, "all": pooled,
+        **context.record,
+        "verdict": verdict,
+        "states": list(found[0].matches),
+        "pairs": pairs_told,
+        "all": pooled,
         "warnings": warnings,
-    }  # fmt: skip
+    }
     tell(warnings, context)
     page, drawn = "", {}
     if options.report:
@@ -203,13 +207,15 @@ def match_pairs(
         outcomes = np.concatenate([matches.outcome for one in found for matches in one.matches.values()])
         holes = int((outcomes == misregistration.WindowOutcome.NODATA).sum())
         raise SolveError(
-            f"{files}: no window could be matched{others}: " + (
+            f"{files}: no window could be matched{others}: "
+            + (
                 f"{holes} of {len(outcomes)} windows contain nodata pixels, for example at gaps of the DEM; make the "
-                "orthoimages with the option fill-gaps of orthorectify, or lower `window`" if 2 * holes > len(outcomes)
+                "orthoimages with the option fill-gaps of orthorectify, or lower `window`"
+                if 2 * holes > len(outcomes)
                 else "the orthoimages show different contents, or their shifts differ by more than `search` from place "
                 "to place; raise `search`, or lower `min_correlation`"
             )
-        )  # fmt: skip
+        )
     return found
 
 
@@ -245,13 +251,18 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
         for state, matches in pair.matches.items():
             count, shift = len(matches.centre), matches.shift_px
             part = MisregistrationRows(
-                first=np.full(count, pair.pair.names[0]), second=np.full(count, pair.pair.names[1]),
+                first=np.full(count, pair.pair.names[0]),
+                second=np.full(count, pair.pair.names[1]),
                 state=np.full(count, state),
                 outcome=np.array([misregistration.WindowOutcome(o).label for o in matches.outcome]),
-                dx_px=shift[:, 0], dy_px=shift[:, 1], shift_px=np.hypot(*shift.T),
-                east_m=shift[:, 0] * pixel_m[0], north_m=-shift[:, 1] * pixel_m[1],
-                correlation=matches.correlation, sigma_px=matches.sigma_px,
-            )  # fmt: skip
+                dx_px=shift[:, 0],
+                dy_px=shift[:, 1],
+                shift_px=np.hypot(*shift.T),
+                east_m=shift[:, 0] * pixel_m[0],
+                north_m=-shift[:, 1] * pixel_m[1],
+                correlation=matches.correlation,
+                sigma_px=matches.sigma_px,
+            )
             parts.append(part)
             places.append(lonlat)
     fields = MisregistrationRows(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
@@ -281,9 +292,14 @@ def _draw_maps(found: Sequence[PairMatches]) -> dict[str, Any]:
             if key not in pictures:
                 pictures[key] = read_picture(ortho.raster, name, len(pictures), LENGTH.picture_px)
             data = BlockMap(
-                {}, lonlat[good], np.full(len(good), Role.TIE), matches.shift_px[good] * pixel_m * [1.0, -1.0],
-                np.full(len(good), ""), pictures=_lay_out(ortho, pictures[key]), arrows="shift",
-            )  # fmt: skip
+                {},
+                lonlat[good],
+                np.full(len(good), Role.TIE),
+                matches.shift_px[good] * pixel_m * [1.0, -1.0],
+                np.full(len(good), ""),
+                pictures=_lay_out(ortho, pictures[key]),
+                arrows="shift",
+            )
             maps.append((state, draw_map(data).svg, int(pair.good.sum()), len(matches.centre)))
         pairs.append((pair.pair.names, maps))
     return {"pairs": pairs, "pictures": [picture for picture in pictures.values() if picture is not None]}
@@ -308,9 +324,11 @@ class REGISTRATION:
     """Limits for the misregistration of orthoimages."""
 
     most_median_px: float = threshold(
-        1.0, "px", "median misregistration of a pair above which the verdict is doubtful", "visible in mosaics and "
-        "change detection"
-    )  # fmt: skip
+        1.0,
+        "px",
+        "median misregistration of a pair above which the verdict is doubtful",
+        "visible in mosaics and change detection",
+    )
 
 
 def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
@@ -320,23 +338,31 @@ def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
     beyond = [(name, pair) for name, pair in told if pair[AFTER]["median_px"] > REGISTRATION.most_median_px]
     if beyond:
         name, worst = max(beyond, key=lambda one: float(one[1][AFTER]["median_px"]))
-        reasons.append(Reason(
-            "misregistration", Level.DOUBTFUL,
-            f"{len(beyond)} of {len(told)} pairs differ by more than {REGISTRATION.most_median_px:g} px (median): most "
-            f"{name}, by {worst[AFTER]['median_px']:.2f} px ({worst[AFTER]['median_m']:.2f} m)",
-            "check the DEM where the arrows are large, and adjust the images together if they were not",
-            tuple(sorted({image for _, pair in beyond for image in (pair["first"], pair["second"])})),
-        ))  # fmt: skip
+        reasons.append(
+            Reason(
+                "misregistration",
+                Level.DOUBTFUL,
+                f"{len(beyond)} of {len(told)} pairs differ by more than {REGISTRATION.most_median_px:g} px "
+                f"(median): most {name}, by {worst[AFTER]['median_px']:.2f} px ({worst[AFTER]['median_m']:.2f} m)",
+                "check the DEM where the arrows are large, and adjust the images together if they were not",
+                tuple(sorted({image for _, pair in beyond for image in (pair["first"], pair["second"])})),
+            )
+        )
     worse = [
         name
         for name, pair in told
         if BEFORE in pair and pair[AFTER]["median_px"] > pair[BEFORE]["median_px"] + EQUALITY.rpc_px
     ]
     if worse:
-        reasons.append(Reason(
-            "misregistration", Level.DOUBTFUL, f"{list_ids(worse)}: the median is larger than before the adjustment",
-            "check that both sets of orthoimages were made with the same DEM, and look into the adjustment's report",
-        ))  # fmt: skip
+        reasons.append(
+            Reason(
+                "misregistration",
+                Level.DOUBTFUL,
+                f"{list_ids(worse)}: the median is larger than before the adjustment",
+                "check that both sets of orthoimages were made with the same DEM, and look into the adjustment's "
+                "report",
+            )
+        )
     before = f" (before {pooled[BEFORE]['median_px']:.2f} px)" if BEFORE in pooled else ""
     after = pooled[AFTER]
     return Verdict.create(

@@ -56,12 +56,18 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     blended = make_mosaic(mosaic, options, stage(context.progress, end, 1.0), context.record) if mosaic else None
     warnings = [
         *planned.warnings,
-        *(f"{name}: the orthoimage is empty: check the pixels and the nodata value of the image"
-          for name, entry in entries.items() if not entry["shown_pixels"]),
-        *(f"{name}: about {entry['unknown_pixels']} pixels have no DEM height and become nodata: `fill_gaps` closes "
-          "small gaps of the DEM; for large ones use another DEM"
-          for name, entry in entries.items() if entry["unknown_pixels"]),
-    ]  # fmt: skip
+        *(
+            f"{name}: the orthoimage is empty: check the pixels and the nodata value of the image"
+            for name, entry in entries.items()
+            if not entry["shown_pixels"]
+        ),
+        *(
+            f"{name}: about {entry['unknown_pixels']} pixels have no DEM height and become nodata: `fill_gaps` closes "
+            "small gaps of the DEM; for large ones use another DEM"
+            for name, entry in entries.items()
+            if entry["unknown_pixels"]
+        ),
+    ]
     if blended and blended["unfilled_pixels"]:
         warnings.append(
             f"{blended['unfilled_pixels']} pixels of the mosaic are nodata: their ground is hidden in all images, or "
@@ -69,14 +75,17 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
         )
     name = label_crs(planned.crs)
     report: Report = {
-        **context.record, "seconds": {"total": round(time.monotonic() - start, 3)},
+        **context.record,
+        "seconds": {"total": round(time.monotonic() - start, 3)},
         "crs": {**context.record["crs"], "map": name},
         "crs_operations": [use.entry() for use in planned.operations],
         "grid": {"crs": name, "wkt": planned.crs, "resolution": planned.resolution},
-        "resampling": options.resampling, "error_px": options.error_px,
+        "resampling": options.resampling,
+        "error_px": options.error_px,
         "images": {key: {"gsd_m": planned.gsd_m[key], **entry} for key, entry in entries.items()},
-        "warnings": warnings, **({"mosaic": blended} if blended else {}),
-    }  # fmt: skip
+        "warnings": warnings,
+        **({"mosaic": blended} if blended else {}),
+    }
     with stage_results(options.folder, report, context) as staged:
         if options.report:
             read = [(key, GdalRaster(entry["output"])) for key, entry in entries.items() if entry["shown_pixels"]]
@@ -162,17 +171,26 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
             begin = time.monotonic()
             # Metadata without the time: from the same files an orthoimage has the same bytes
             lineage = {
-                "HRSI_VERSION": record["version"], "HRSI_ALGORITHM": record["algorithm"],
-                "HRSI_SOURCE": os.path.basename(job.image.path), "HRSI_RPC": rpc_history(job.image.path),
+                "HRSI_VERSION": record["version"],
+                "HRSI_ALGORITHM": record["algorithm"],
+                "HRSI_SOURCE": os.path.basename(job.image.path),
+                "HRSI_RPC": rpc_history(job.image.path),
                 "HRSI_RPC_SHA256": str(job.made_from["rpc"]),
                 "HRSI_TERRAIN": str(terrain.dem.dem or options.terrain_points or f"height {height:g} m"),
-            }  # fmt: skip
+            }
             try:
                 figures = write_orthoimage(
-                    job.path, job.source, job.grid, chunks=chunks, warp=job.warp, form=job.form,
-                    made_from=job.made_from, threads=threads, progress=part,
+                    job.path,
+                    job.source,
+                    job.grid,
+                    chunks=chunks,
+                    warp=job.warp,
+                    form=job.form,
+                    made_from=job.made_from,
+                    threads=threads,
+                    progress=part,
                     lineage=lineage,
-                )  # fmt: skip
+                )
             except Cancelled:
                 raise Cancelled(
                     f"cancelled; {number} of {len(jobs)} orthoimages are finished: run the same command again to "
@@ -188,8 +206,15 @@ def _image_entry(job: OrthoJob, status: str, figures: OrthoFigures | None, secon
     if job.mapping.masks_occlusions:
         found["hidden_share"] = found["hidden_pixels"] / max(1, found["hidden_pixels"] + found["shown_pixels"])
     return {
-        "path": job.image.path, "output": job.path, "status": status, "columns": job.grid.columns,
-        "rows": job.grid.rows, "bounds": list(job.grid.bounds), "nodata": job.warp.nodata,
-        "source_pixels_per_pixel": job.warp.scale, "jitter": job.mapping.jitter is not None,
-        "seconds": round(seconds, 3), **found,
-    }  # fmt: skip
+        "path": job.image.path,
+        "output": job.path,
+        "status": status,
+        "columns": job.grid.columns,
+        "rows": job.grid.rows,
+        "bounds": list(job.grid.bounds),
+        "nodata": job.warp.nodata,
+        "source_pixels_per_pixel": job.warp.scale,
+        "jitter": job.mapping.jitter is not None,
+        "seconds": round(seconds, 3),
+        **found,
+    }

@@ -59,14 +59,19 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
             view.image.id: _image_entry(view, geometry) for view, geometry in zip(views, geometries, strict=True)
         },
         "pairs": [
-            {"first": pair.first, "second": pair.second, "overlap_first": pair.overlap[0],
-             "overlap_second": pair.overlap[1], "convergence_deg": pair.convergence_deg,
-             "base_to_height": pair.base_to_height}
+            {
+                "first": pair.first,
+                "second": pair.second,
+                "overlap_first": pair.overlap[0],
+                "overlap_second": pair.overlap[1],
+                "convergence_deg": pair.convergence_deg,
+                "base_to_height": pair.base_to_height,
+            }
             for pair in pairs
         ],
         "crs_operations": _list_operations(options.crs, views),
         "warnings": warnings,
-    }  # fmt: skip
+    }
     left_out = ("footprint", "rpc_ignored", "exact_camera", "map_evidence")
     rows = [
         {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
@@ -104,11 +109,17 @@ def _list_operations(crs: str | None, views: Sequence[ViewDirection]) -> list[di
 
 def _operation_entry(operation: CrsOperation, use: OperationUse | None, missing: bool = False) -> dict[str, Any]:
     return {
-        "name": operation.name, "code": operation.code or None, "accuracy_m": operation.accuracy_m,
-        "sigma_plan_m": operation.sigma_m[0], "sigma_height_m": operation.sigma_m[1], "area": operation.area or None,
-        "grid": ", ".join(operation.grids) or None, "taken": use is not None, "missing": missing,
+        "name": operation.name,
+        "code": operation.code or None,
+        "accuracy_m": operation.accuracy_m,
+        "sigma_plan_m": operation.sigma_m[0],
+        "sigma_height_m": operation.sigma_m[1],
+        "area": operation.area or None,
+        "grid": ", ".join(operation.grids) or None,
+        "taken": use is not None,
+        "missing": missing,
         "advice": how_to_get_grids(", ".join(operation.grids), is_geoid=False) if missing else None,
-    }  # fmt: skip
+    }
 
 
 def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
@@ -124,17 +135,23 @@ def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
         "map_evidence": map_evidence(view.image),
         "samples": view.image.size[0] if view.image.size else None,
         "lines": view.image.size[1] if view.image.size else None,
-        "lon": lon, "lat": lat, "height_m": height,
-        "gsd_sample_m": geometry.gsd_sample_m, "gsd_line_m": geometry.gsd_line_m,
-        "incidence_deg": geometry.incidence_deg, "azimuth_deg": geometry.azimuth_deg,
+        "lon": lon,
+        "lat": lat,
+        "height_m": height,
+        "gsd_sample_m": geometry.gsd_sample_m,
+        "gsd_line_m": geometry.gsd_line_m,
+        "incidence_deg": geometry.incidence_deg,
+        "azimuth_deg": geometry.azimuth_deg,
         "sun_azimuth_deg": None if sun is None else sun.angles.azimuth_deg,
         "sun_elevation_deg": None if sun is None else sun.angles.elevation_deg,
         "sun_source": "" if sun is None else sun.source,
-        "rpc_height_min_m": rpc.height_range[0], "rpc_height_max_m": rpc.height_range[1],
-        "err_bias_m": rpc.err_bias, "err_rand_m": rpc.err_rand,
+        "rpc_height_min_m": rpc.height_range[0],
+        "rpc_height_max_m": rpc.height_range[1],
+        "err_bias_m": rpc.err_bias,
+        "err_rand_m": rpc.err_rand,
         "exact_camera": exact and {"source": exact.source, **exact.compare_rpc(rpc, *rpc.height_range)},
         "footprint": geometry.footprint.tolist(),
-    }  # fmt: skip
+    }
 
 
 def summarise(report: Report) -> str:

@@ -64,9 +64,13 @@ def run(options: RunOptions, context: Context) -> Report:
         check_output_dir(folder, options.overwrite, [REPORT_FILE, *FOLDERS.values()], context.inputs)
         earlier = {}
     report: Report = {
-        **context.record, "seconds": {}, "document": dict(project.texts), "folder": folder,
-        "steps": dict(earlier.get("steps") or {}), "warnings": [],
-    }  # fmt: skip
+        **context.record,
+        "seconds": {},
+        "document": dict(project.texts),
+        "folder": folder,
+        "steps": dict(earlier.get("steps") or {}),
+        "warnings": [],
+    }
     results: dict[str, Report] = {}
     with only_writer(folder if options.output_dir is None else None):
         for number, step in enumerate(FOLDERS):
@@ -96,9 +100,14 @@ def summarise(report: Report) -> str:
 
 
 def _do_step(
-    step: str, project: Project, images: tuple[str, ...], results: dict[str, Report], report: Report,
-    options: RunOptions, context: Context,
-) -> None:  # fmt: skip
+    step: str,
+    project: Project,
+    images: tuple[str, ...],
+    results: dict[str, Report],
+    report: Report,
+    options: RunOptions,
+    context: Context,
+) -> None:
     """Run a step, or keep its earlier result; its entry is added to ``report``, its own report to ``results``."""
     entries, folder = report["steps"], os.path.join(report["folder"], FOLDERS[step])
     algorithm, past = algorithm_of(step, images), read_report(os.path.join(folder, REPORT_FILE))
@@ -143,9 +152,13 @@ def _do_step(
         return
     files = [path for path in sorted(Path(folder).iterdir()) if path.is_file() and not path.name.startswith(".")]
     entries[step] = {
-        "status": MADE, "algorithm": algorithm, "digest": mark, "told": _tell_result(made),
-        "verdict": made.get("verdict"), "files": {path.name: path.stat().st_size for path in files},
-    }  # fmt: skip
+        "status": MADE,
+        "algorithm": algorithm,
+        "digest": mark,
+        "told": _tell_result(made),
+        "verdict": made.get("verdict"),
+        "files": {path.name: path.stat().st_size for path in files},
+    }
 
 
 def _digest_step(project: Project, algorithm: str, values: Mapping[str, Any], folder: str) -> str:

@@ -154,9 +154,13 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
 
 
 def report_surface(
-    block: DenseBlock, pairs: Sequence[StereoPair], tiles: MatchedTiles, crs: str, options: SurfaceModelOptions,
+    block: DenseBlock,
+    pairs: Sequence[StereoPair],
+    tiles: MatchedTiles,
+    crs: str,
+    options: SurfaceModelOptions,
     context: Context,
-) -> Report:  # fmt: skip
+) -> Report:
     """Return the report of a surface before it is written."""
     grid, name = block.grid, label_crs(block.grid.crs)
     columns = zip(pairs, tiles.biases_m, tiles.sigmas_m, np.max(tiles.error_px, axis=0), strict=True)
@@ -261,9 +265,13 @@ def plan_grid(adjusted: AdjustedBlock, pairs: Sequence[StereoPair], options: Sur
 
 
 def match_tiles(
-    block: DenseBlock, adjusted: AdjustedBlock, windows: Sequence[GridWindow], store: PartStore,
-    options: SurfaceModelOptions, context: Context,
-) -> MatchedTiles:  # fmt: skip
+    block: DenseBlock,
+    adjusted: AdjustedBlock,
+    windows: Sequence[GridWindow],
+    store: PartStore,
+    options: SurfaceModelOptions,
+    context: Context,
+) -> MatchedTiles:
     """Match the tiles that are not stored yet, and store them; return all of them."""
     if stored := len(store):
         context.log(f"continues with {stored} finished tiles in {store.folder}")
@@ -324,8 +332,12 @@ class ReferenceComparison:
         if not len(values):
             return {"compared": 0, "bias_m": None, "nmad_m": None, "le90_m": None}
         bias = float(np.median(values))
-        return {"compared": len(values), "bias_m": bias, "nmad_m": float(robust_sigma(values - bias)),
-                "le90_m": float(np.percentile(np.abs(values), 90.0))}  # fmt: skip
+        return {
+            "compared": len(values),
+            "bias_m": bias,
+            "nmad_m": float(robust_sigma(values - bias)),
+            "le90_m": float(np.percentile(np.abs(values), 90.0)),
+        }
 
 
 def summarise(report: Report) -> str:

@@ -51,15 +51,22 @@ def run(options: TiePointsOptions, context: Context) -> Report:
         ids, track = np.unique(rows.ids, return_inverse=True)
         views = np.bincount(track, minlength=len(ids))
         points = TiePointRows(
-            id=ids, views=views, height=found.ground[:, 2],
+            id=ids,
+            views=views,
+            height=found.ground[:, 2],
             sigma=np.sqrt(np.bincount(track, rows.sigma_px**2, len(ids)) / np.maximum(views, 1)),
             quality=np.bincount(track, rows.quality, len(ids)) / np.maximum(views, 1),
             kind=rows.kind[np.searchsorted(track, np.arange(len(ids)))] if len(ids) else rows.kind,
-        )  # fmt: skip
+        )
         measured = MeasurementRows(
-            id=rows.ids, image=rows.image_ids, sample=rows.xy[:, 0], line=rows.xy[:, 1],
-            sigma=rows.sigma_px, kind=rows.kind, quality=rows.quality,
-        )  # fmt: skip
+            id=rows.ids,
+            image=rows.image_ids,
+            sample=rows.xy[:, 0],
+            line=rows.xy[:, 1],
+            sigma=rows.sigma_px,
+            kind=rows.kind,
+            quality=rows.quality,
+        )
         layers = [
             Layer(TIES_LAYER, "PointZ", WGS84_3D, found.ground, points),
             Layer(MEASUREMENTS_LAYER, "PointZ", WGS84_3D, found.ground[track], measured),
@@ -84,14 +91,22 @@ def _make_report(images: Sequence[Image], found: TiePoints, record: Report) -> R
         **record,
         "images": {image.id: _image_entry(image, rows.xy[rows.image_ids == image.id]) for image in images},
         "pairs": [
-            {"first": pair.first, "second": pair.second, "matches": pair.matches,
-             "offset_px": None if math.isnan(pair.offset_px) else pair.offset_px}
+            {
+                "first": pair.first,
+                "second": pair.second,
+                "matches": pair.matches,
+                "offset_px": None if math.isnan(pair.offset_px) else pair.offset_px,
+            }
             for pair in found.pairs
         ],
-        "ties": {"points": len(ids), "observations": len(rows),
-                 "by_views": {str(count): int(views[count]) for count in range(2, len(views)) if views[count]}},
-        **connection_entries(found), "warnings": list(found.warnings),
-    }  # fmt: skip
+        "ties": {
+            "points": len(ids),
+            "observations": len(rows),
+            "by_views": {str(count): int(views[count]) for count in range(2, len(views)) if views[count]},
+        },
+        **connection_entries(found),
+        "warnings": list(found.warnings),
+    }
 
 
 def _image_entry(image: Image, xy: np.ndarray) -> Report:
@@ -105,6 +120,8 @@ def summarise(report: Report) -> str:
     ties = report["ties"]
     by_views = ", ".join(f"{count} on {views}" for views, count in ties["by_views"].items())
     lines = [f"{ties['points']} tie points ({by_views} images), {ties['observations']} measurements"]
-    lines += [f"{name}: {image['observations']} measurements in {image['cells']} of 64 parts"
-              for name, image in report["images"].items()]  # fmt: skip
+    lines += [
+        f"{name}: {image['observations']} measurements in {image['cells']} of 64 parts"
+        for name, image in report["images"].items()
+    ]
     return "\n".join([*lines, *report["outputs"].values()])

@@ -65,15 +65,21 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
     for path in options.images if options.restore else ():
         found = rpc_files.read_rpc_or_none(path)
         report["images"][image_id(path)] = {
-            "path": path, "output": path, "source": found.source if found else None, "max_difference_px": None
-        }  # fmt: skip
+            "path": path,
+            "output": path,
+            "source": found.source if found else None,
+            "max_difference_px": None,
+        }
     for job in jobs:
         if job.how in WRITERS:
             rpc_files.require_in_place(job.output, job.found.rpc)
         report["images"][image_id(job.path)] = {
-            "path": job.path, "output": job.output, "source": job.found.source, "ignored": list(job.found.ignored),
+            "path": job.path,
+            "output": job.output,
+            "source": job.found.source,
+            "ignored": list(job.found.ignored),
             "max_difference_px": rpc_files.read_back_px(job.output, job.found.rpc),
-        }  # fmt: skip
+        }
     for notice in report["warnings"]:
         context.log(notice)
     advance(context.progress, 1.0, "done")

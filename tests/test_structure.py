@@ -11,7 +11,7 @@ pytestmark = pytest.mark.thorough  # of no feature, and the sources are parsed a
 STALE = 0.02
 #: A limit that is not kept yet: the most that it may be until then, and why.
 NOT_YET = {
-    "product lines without the laboratory": (71_800, "surface models, orthoimages, mosaics were added; cuts next"),
+    "product lines without the laboratory": (74_000, "the formatter lays out calls and signatures: 2300 lines more"),
     "lines of tests": (49_350, "nearly every test has a property of its own; oracles take some over"),
 }
 

@@ -141,7 +141,12 @@ class DriftPrior:
             return ()
         return (
             VarianceComponent(
-                "drift of the images", count, freedom, self.of_block, self.of_block * self.per_px, "px/px",
+                "drift of the images",
+                count,
+                freedom,
+                self.of_block,
+                self.of_block * self.per_px,
+                "px/px",
                 freedom >= REDUNDANCY.estimated,
             ),
-        )  # fmt: skip
+        )

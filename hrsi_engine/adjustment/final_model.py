@@ -101,13 +101,16 @@ def express_as_model(
     camera = add_drift_parameters(model) if name != DRIFTING else model
     order = locate_parameters(camera.parameters, problem.camera.parameters)
     now = replace(
-        problem, model=model, camera=camera,
+        problem,
+        model=model,
+        camera=camera,
         equations=NormalEquations(problem.observations, camera, problem.pattern, problem.options.threads),
-        prior_weight=problem.prior_weight[:, order], guessed=problem.guessed[order],
+        prior_weight=problem.prior_weight[:, order],
+        guessed=problem.guessed[order],
         usual_drift=problem.usual_drift[:, order],
         start=problem.start._replace(values=problem.start.values[:, order]),
         common=tuple(one.reorder(order) for one in problem.common),
-    )  # fmt: skip
+    )
     new_loop = copy(loop)
     new_loop.equations, new_loop.system = now.equations, CameraSystem(now.pattern)
     new_loop.set_prior_weight(loop.prior_weight[:, order], [one.reorder(order) for one in loop.common])
@@ -116,6 +119,8 @@ def express_as_model(
     state = solution.state._replace(values=solution.state.values[:, order])
     cameras = precise.cameras[:, order[:, None], order]
     return (
-        now, new_loop, replace(solution, state=state, normals=normals),
+        now,
+        new_loop,
+        replace(solution, state=state, normals=normals),
         replace(precise, parameters=precise.parameters[:, order], cameras=cameras),
-    )  # fmt: skip
+    )

@@ -63,9 +63,12 @@ class BlockUpdater:
     """
 
     def __init__(
-        self, block: Block, options: AdjustOptions | None = None, progress: Progress = silent,
+        self,
+        block: Block,
+        options: AdjustOptions | None = None,
+        progress: Progress = silent,
         watched: Collection[str] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Adjust a block; raises the errors of `adjust`."""
         self.result, adjuster = run_adjuster(block, options, progress)
         self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution

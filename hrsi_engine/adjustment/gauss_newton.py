@@ -156,9 +156,13 @@ class GaussNewton:
         # The first pass corrects the cameras: before it, residuals are the vendor's bias and are not used for weights.
         reweighting = robustly is not least_squares or bool(self.external)
         ended = descend(
-            begin(), step, lambda at: max(1.0, 2.0 * at.cost / self.count_redundancy(at.weighting)),
-            self.max_iterations, (lambda at: self._reweight(at, robustly)) if reweighting else None, tolerance,
-        )  # fmt: skip
+            begin(),
+            step,
+            lambda at: max(1.0, 2.0 * at.cost / self.count_redundancy(at.weighting)),
+            self.max_iterations,
+            (lambda at: self._reweight(at, robustly)) if reweighting else None,
+            tolerance,
+        )
         return replace(ended.at, converged=ended.converged, status=ended.status)
 
     def _reweight(self, solution: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:

@@ -133,13 +133,22 @@ class Observations:
         new_index = np.cumsum(~dropped) - 1
         point = new_index[self.point[keep]]
         return Observations(
-            self.images, self.rows[keep], self.points[~dropped], point, self.image[keep], self.xy[keep],
-            self.sigma_px[keep], np.searchsorted(point, np.arange((~dropped).sum() + 1)), self.survey[~dropped],
-            self.survey_weight[~dropped], self.contributes[keep], self.camera_of_image,
+            self.images,
+            self.rows[keep],
+            self.points[~dropped],
+            point,
+            self.image[keep],
+            self.xy[keep],
+            self.sigma_px[keep],
+            np.searchsorted(point, np.arange((~dropped).sum() + 1)),
+            self.survey[~dropped],
+            self.survey_weight[~dropped],
+            self.contributes[keep],
+            self.camera_of_image,
             None if self.survey_correlation is None else self.survey_correlation[~dropped],
             None if self.referenced is None else self.referenced[~dropped],
             None if self.alike is None else self.alike[~dropped],
-        )  # fmt: skip
+        )
 
 
 def select_observations(
@@ -195,10 +204,18 @@ def select_points(
     of_reference = np.zeros(len(points), dtype=bool)
     of_reference[point[of_gcps][block.measurements.kind[rows[of_gcps]] == REFERENCE_KIND]] = True
     return Observations(
-        images=block.images, rows=rows, points=points, point=point, image=measurements.image, xy=measurements.xy,
-        sigma_px=measurements.sigma_px, first=np.searchsorted(point, np.arange(len(points) + 1)),
-        survey=np.where(has_survey, survey, np.nan), survey_weight=np.where(has_survey, weight, 0.0),
-        contributes=contributing[measurements.point], camera_of_image=np.arange(len(block.images), dtype=np.int32),
+        images=block.images,
+        rows=rows,
+        points=points,
+        point=point,
+        image=measurements.image,
+        xy=measurements.xy,
+        sigma_px=measurements.sigma_px,
+        first=np.searchsorted(point, np.arange(len(points) + 1)),
+        survey=np.where(has_survey, survey, np.nan),
+        survey_weight=np.where(has_survey, weight, 0.0),
+        contributes=contributing[measurements.point],
+        camera_of_image=np.arange(len(block.images), dtype=np.int32),
         survey_correlation=correlation if correlation.any() else None,
         alike=of_reference if of_reference.any() else None,
-    )  # fmt: skip
+    )

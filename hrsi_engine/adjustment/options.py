@@ -34,16 +34,23 @@ def surface_search_option() -> Any:
     return option(
         100.0,
         "Search distance in plan for the relief of a surface that constrains a block without GCPs; 0: the surface "
-        "constrains heights only", name="surface-search", minimum=0.0, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        "constrains heights only",
+        name="surface-search",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
 
 
 def surface_kind_option() -> Any:
     """Return the option of the kind of a surface."""
     return option(
-        SURFACE_KINDS[0], "Whether the heights of the DEM or surface include trees and buildings (dsm) or not (dtm)",
-        choices=SURFACE_KINDS, advanced=True,
-    )  # fmt: skip
+        SURFACE_KINDS[0],
+        "Whether the heights of the DEM or surface include trees and buildings (dsm) or not (dtm)",
+        choices=SURFACE_KINDS,
+        advanced=True,
+    )
 
 
 @thresholds
@@ -87,8 +94,12 @@ class AdjustOptions:
         4.0,
         "Reject tie point measurements and GCPs whose test statistic exceeds this value (data snooping); 0 rejects "
         "none",
-        name="reject", minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
-    )  # fmt: skip
+        name="reject",
+        minimum=0.0,
+        unit="sigma",
+        advanced=True,
+        metavar="SIGMAS",
+    )
     check_as_ties: bool = option(
         False,
         "Use image points of check points like tie points (their surveyed positions are never used)",
@@ -97,22 +108,27 @@ class AdjustOptions:
     test_sigmas: bool = option(
         True,
         "Test the sigmas of the observations with the residuals, estimate those that fail, and estimate the attitude "
-        "drift; otherwise all remain as given", advanced=True,
-    )  # fmt: skip
+        "drift; otherwise all remain as given",
+        advanced=True,
+    )
     variance_components: bool = option(
         False,
         "Estimate the sigmas of image points by kind and sensor and of GCPs from the residuals, and adjust with them",
         advanced=True,
     )
     variance_groups: str = option(
-        "kind-sensor", "Grouping of image points for the estimation of their sigmas",
-        choices=GROUPING_NAMES, advanced=True,
-    )  # fmt: skip
+        "kind-sensor",
+        "Grouping of image points for the estimation of their sigmas",
+        choices=GROUPING_NAMES,
+        advanced=True,
+    )
     sensor_images: tuple[tuple[str, ...], ...] = option(
         (),
         "Images of one sensor, whose image points have one sigma; groups joined by +; by default images of "
-        "similar resolution", advanced=True, metavar="A+B,C+D,…",
-    )  # fmt: skip
+        "similar resolution",
+        advanced=True,
+        metavar="A+B,C+D,…",
+    )
     cross_validate: bool = option(
         False, "Predict each GCP from an adjustment without it (leave-one-out)", advanced=True
     )
@@ -120,49 +136,70 @@ class AdjustOptions:
         (), "Reference images, whose RPCs stay as they are", advanced=True, metavar="A,B,…"
     )
     shared_images: tuple[tuple[str, ...], ...] = option(
-        (), "Images of one exposure, strip or orbit that get the same correction; groups joined by +", advanced=True,
+        (),
+        "Images of one exposure, strip or orbit that get the same correction; groups joined by +",
+        advanced=True,
         metavar="A+B,C+D,…",
-    )  # fmt: skip
+    )
     dem: HeightSurface | None = None
     sigma_dem_m: float | None = option(
         None,
         "Standard deviation of the heights of `dem`, which then constrain the tie points; by default they are not "
         "used for this",
-        name="sigma-dem", minimum=1e-6, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        name="sigma-dem",
+        minimum=1e-6,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
     surface_search_m: float = surface_search_option()
     surface_kind: str = surface_kind_option()
     laser: LaserPoints | None = None
     laser_reach_m: float = option(
         25.0,
-        "Radius around a laser point within which tie points describe the terrain, and are constrained by its "
-        "height",
-        name="laser-reach", minimum=0.1, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        "Radius around a laser point within which tie points describe the terrain, and are constrained by its height",
+        name="laser-reach",
+        minimum=0.1,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
     sigma_laser_m: float = option(
-        0.1, "Additional standard deviation of every laser height, added to that of its file", name="sigma-laser",
-        minimum=0.0, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        0.1,
+        "Additional standard deviation of every laser height, added to that of its file",
+        name="sigma-laser",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
     reference: ReferencePlaces | None = None
     sigma_shift_px: float | None = option(
         None,
         "A priori standard deviation of the shift of each image; by default 100 px with GCPs, else ERR_BIAS of the "
-        "RPC, the published accuracy of the sensor, or 7 m on the ground", name="sigma-shift", minimum=1e-9, unit="px",
+        "RPC, the published accuracy of the sensor, or 7 m on the ground",
+        name="sigma-shift",
+        minimum=1e-9,
+        unit="px",
         advanced=True,
         metavar="PX",
-    )  # fmt: skip
+    )
     sigma_drift: float | None = option(
         None,
         "A priori standard deviation of the attitude drift of an image; by default 1e-3 with GCPs, else 1e-4; for "
-        "models without drift the published value of the sensor, at least 3e-5; 0: no drift", minimum=0.0,
-        unit="px/px", advanced=True, metavar="X",
-    )  # fmt: skip
+        "models without drift the published value of the sensor, at least 3e-5; 0: no drift",
+        minimum=0.0,
+        unit="px/px",
+        advanced=True,
+        metavar="X",
+    )
     jitter: str = option(
         "none",
         "Remove jitter (vibration of the attitude) along the lines of each image: auto where residuals show "
         "significant waves, none, or LINES between the knots of the curves",
-        advanced=True, metavar="auto|none|LINES",
-    )  # fmt: skip
+        advanced=True,
+        metavar="auto|none|LINES",
+    )
     jitter_estimate: JitterEstimate | None = None
     earlier: JointCameras | None = None
     max_iterations: int = 30

@@ -219,9 +219,12 @@ def cross_validate(
         contributes = weighting.contributes.copy()
         contributes[point] = False
         reduced_block = loop.iterate(
-            solution.state, replace(weighting, contributes=contributes), problem.options.robust,
-            problem.options.tolerance, silent,
-        )  # fmt: skip
+            solution.state,
+            replace(weighting, contributes=contributes),
+            problem.options.robust,
+            problem.options.tolerance,
+            silent,
+        )
         survey = observations.survey[point : point + 1]
         predicted = compute_final_cameras(problem, loop, reduced_block).ground[point : point + 1]
         error[number] = ground_difference_m(survey, predicted)[0]

@@ -23,9 +23,13 @@ UNSURVEYED = (Role.TIE, Role.HELD_OUT)
 
 
 def assemble(
-    images: Sequence[Image], ground_points: Iterable[GroundPoints], image_points: Iterable[ImagePoints],
-    gcp_ids: Sequence[str] | None = None, check_ids: Sequence[str] | None = None, defaults: DefaultSigmas | None = None,
-) -> Block:  # fmt: skip
+    images: Sequence[Image],
+    ground_points: Iterable[GroundPoints],
+    image_points: Iterable[ImagePoints],
+    gcp_ids: Sequence[str] | None = None,
+    check_ids: Sequence[str] | None = None,
+    defaults: DefaultSigmas | None = None,
+) -> Block:
     """Combine images, ground points and measurements to a block.
 
     A known point is a GCP unless its role differs. With ``gcp_ids``, these are the GCPs and all other known points are

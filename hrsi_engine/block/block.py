@@ -150,9 +150,11 @@ class Image:
             return 0.0, self.size[0] - 1.0, 0.0, self.size[1] - 1.0
         rpc = self.rpc
         return (
-            rpc.samp_off - rpc.samp_scale, rpc.samp_off + rpc.samp_scale,
-            rpc.line_off - rpc.line_scale, rpc.line_off + rpc.line_scale,
-        )  # fmt: skip
+            rpc.samp_off - rpc.samp_scale,
+            rpc.samp_off + rpc.samp_scale,
+            rpc.line_off - rpc.line_scale,
+            rpc.line_off + rpc.line_scale,
+        )
 
     @property
     def centre_px(self) -> np.ndarray:
@@ -306,9 +308,13 @@ class Block:
         order = np.lexsort((image, point))
         added = GroundPoints(ids, np.full((len(ids), 3), np.nan), Role.TIE)
         columns = {
-            "point": (len(self.points) + point).astype(self.measurements.point.dtype), "image": image, "xy": ties.xy,
-            "sigma_px": ties.sigma_px, "kind": ties.kind, "quality": ties.quality,
-        }  # fmt: skip
+            "point": (len(self.points) + point).astype(self.measurements.point.dtype),
+            "image": image,
+            "xy": ties.xy,
+            "sigma_px": ties.sigma_px,
+            "kind": ties.kind,
+            "quality": ties.quality,
+        }
         rows = {name: np.concatenate([getattr(self.measurements, name), new[order]]) for name, new in columns.items()}
         return replace(self, points=stack_ground_points([self.points, added]), measurements=Measurements(**rows))
 

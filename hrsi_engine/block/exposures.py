@@ -174,10 +174,12 @@ def _relate_band(images: Sequence[Image], fine: int, band: int) -> _Relation | N
     xy, projected, heights = xy[inside], projected[inside], heights[inside] - heights[inside].mean()
     # Unknowns for each coordinate: its shift, the common scale, and the parallax by height
     zero, unit = np.zeros(len(xy)), np.ones(len(xy))
-    design = np.concatenate([
-        np.column_stack([unit, zero, projected[:, 0], heights, zero]),
-        np.column_stack([zero, unit, projected[:, 1], zero, heights]),
-    ])  # fmt: skip
+    design = np.concatenate(
+        [
+            np.column_stack([unit, zero, projected[:, 0], heights, zero]),
+            np.column_stack([zero, unit, projected[:, 1], zero, heights]),
+        ]
+    )
     right = xy.T.ravel()
     parameters = np.linalg.lstsq(design, right, rcond=None)[0]
     pixel = float(parameters[2])

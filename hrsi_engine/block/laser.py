@@ -61,9 +61,16 @@ class LaserPoints(Columns):
             object.__setattr__(self, "ids", [f"L{number + 1:06d}" for number in range(len(self.ground))])
         number = np.float64, ()
         self._fill(
-            ground=(np.float64, (3,)), ids=(str, ()), track=(str, ()), sigma_m=number, slope=number, misfit_m=number,
-            photons=number, canopy_m=number, doubt=(str, ()),
-        )  # fmt: skip
+            ground=(np.float64, (3,)),
+            ids=(str, ()),
+            track=(str, ()),
+            sigma_m=number,
+            slope=number,
+            misfit_m=number,
+            photons=number,
+            canopy_m=number,
+            doubt=(str, ()),
+        )
 
     def __len__(self) -> int:
         return len(self.ground)

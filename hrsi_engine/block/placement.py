@@ -22,18 +22,24 @@ class FRAME:
     """Limits for the size of an image relative to that of its RPC."""
 
     begin: tuple[float, float] = threshold(
-        (-0.045, 0.1), "", "offset of an RPC's range from the first pixel, over the range, of a complete image",
-        "37 vendor RPCs of complete images: -0.039 to 0.065, 2026-11-28"
-    )  # fmt: skip
+        (-0.045, 0.1),
+        "",
+        "offset of an RPC's range from the first pixel, over the range, of a complete image",
+        "37 vendor RPCs of complete images: -0.039 to 0.065, 2026-11-28",
+    )
     part_share: float = threshold(
-        0.85, "", "samples or lines of an image over those of its RPC, below which it is a part",
-        "28 vendor RPCs with known sizes (13 stated, 15 SkySat by the sensor): 0.886 to 1.084, 2026-11-28"
-    )  # fmt: skip
+        0.85,
+        "",
+        "samples or lines of an image over those of its RPC, below which it is a part",
+        "28 vendor RPCs with known sizes (13 stated, 15 SkySat by the sensor): 0.886 to 1.084, 2026-11-28",
+    )
     part_mean: float = threshold(0.93, "", "… geometric mean of both", "the same 28 RPCs: 0.946 to 1.008, 2026-11-28")
     exact_begin_px: float = threshold(
-        1.0, "px", "largest offset of the range of an RPC that was made for exactly the pixels of its image",
-        "9 vendor RPCs that begin at 0 or -1 have the stated size or, ZY-3, are 2 % smaller, 2026-11-28"
-    )  # fmt: skip
+        1.0,
+        "px",
+        "largest offset of the range of an RPC that was made for exactly the pixels of its image",
+        "9 vendor RPCs that begin at 0 or -1 have the stated size or, ZY-3, are 2 % smaller, 2026-11-28",
+    )
     same_factor: float = threshold(
         0.003, "", "largest difference of the factors along samples and lines", "centres of vendors' RPCs"
     )

@@ -36,16 +36,20 @@ class POINTING:
     """A priori accuracy and attitude drift of sensors without stated accuracy."""
 
     unknown_m: float = threshold(
-        7.0, "m", "standard deviation of the pointing of an unknown sensor",
+        7.0,
+        "m",
+        "standard deviation of the pointing of an unknown sensor",
         "median of the published CE90s, 15 m (`PUBLISHED`)",
-    )  # fmt: skip
+    )
     strip_share: float = threshold(0.65, "", "change of the pointing error along a strip", "Smiley 2009, QuickBird")
     strip_m: float = threshold(100e3, "m", "length of this strip: usual for these satellites")
     smooth_m: float = threshold(7e3, "m", "length up to which the change is linear in time: a second of flight")
     least_drift: float = threshold(
-        3e-5, "px/px", "smallest a priori drift: attitude, and errors of the RPC's fit", "variance components: IKONOS "
-        "2.9e-5, Pleiades 1.9e-5, SPOT 7 2.7e-5 (docs/adjustment.md)"
-    )  # fmt: skip
+        3e-5,
+        "px/px",
+        "smallest a priori drift: attitude, and errors of the RPC's fit",
+        "variance components: IKONOS 2.9e-5, Pleiades 1.9e-5, SPOT 7 2.7e-5 (docs/adjustment.md)",
+    )
 
 
 class SensorAccuracy(NamedTuple):

@@ -104,9 +104,12 @@ class GroundPoints(Columns):
 
     def __post_init__(self) -> None:
         self._fill(
-            ids=(str, ()), ground=(np.float64, (3,)), role=(np.int8, ()), sigma_m=(np.float64, (2,)),
+            ids=(str, ()),
+            ground=(np.float64, (3,)),
+            role=(np.int8, ()),
+            sigma_m=(np.float64, (2,)),
             operation=(np.int16, ()),
-        )  # fmt: skip
+        )
         if self.covariance_m2 is not None:
             covariance = np.array(self.covariance_m2, dtype=np.float64).reshape(len(self), 3, 3)
             object.__setattr__(self, "covariance_m2", covariance)
@@ -244,9 +247,13 @@ class ImagePoints(Columns):
 
     def __post_init__(self) -> None:
         self._fill(
-            ids=(str, ()), image_ids=(str, ()), xy=(np.float64, (2,)), sigma_px=(np.float64, ()), kind=(str, ()),
+            ids=(str, ()),
+            image_ids=(str, ()),
+            xy=(np.float64, (2,)),
+            sigma_px=(np.float64, ()),
+            kind=(str, ()),
             quality=(np.float64, ()),
-        )  # fmt: skip
+        )
 
     def __len__(self) -> int:
         return len(self.ids)

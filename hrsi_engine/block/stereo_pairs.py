@@ -25,9 +25,11 @@ class STEREO:
     """Score of a stereo pair, and selection of pairs for dense matching."""
 
     convergence_deg: tuple[float, ...] = threshold(
-        (2.0, 10.0, 25.0, 45.0), "deg", "convergence angles: score 0 at the first and the last, 1 between the middle "
-        "ones", "Qin 2019, Facciolo et al. 2017"
-    )  # fmt: skip
+        (2.0, 10.0, 25.0, 45.0),
+        "deg",
+        "convergence angles: score 0 at the first and the last, 1 between the middle ones",
+        "Qin 2019, Facciolo et al. 2017",
+    )
     sun_deg: float = threshold(30.0, "deg", "angle between the sun directions that halves the score")
     season_days: float = threshold(60.0, "days", "difference in days of the year that halves the score")
     least_share: float = threshold(0.25, "", "smallest score of a selected pair relative to the best")
@@ -61,9 +63,13 @@ class StereoPair:
 
 
 def choose_stereo_pairs(
-    pairs: Sequence[PairGeometry], incidence_deg: dict[str, float], suns: dict[str, SunAngles | None],
-    times: dict[str, datetime | None], tie_images: dict[str, set[str]], largest: int,
-) -> list[StereoPair]:  # fmt: skip
+    pairs: Sequence[PairGeometry],
+    incidence_deg: dict[str, float],
+    suns: dict[str, SunAngles | None],
+    times: dict[str, datetime | None],
+    tie_images: dict[str, set[str]],
+    largest: int,
+) -> list[StereoPair]:
     """Return the pairs selected for matching, the best first.
 
     pairs : geometry of the pairs
@@ -77,14 +83,19 @@ def choose_stereo_pairs(
 
 
 def _score_pair(
-    pair: PairGeometry, incidence_deg: dict[str, float], suns: dict[str, SunAngles | None],
-    times: dict[str, datetime | None], tie_images: dict[str, set[str]],
-) -> StereoPair:  # fmt: skip
+    pair: PairGeometry,
+    incidence_deg: dict[str, float],
+    suns: dict[str, SunAngles | None],
+    times: dict[str, datetime | None],
+    tie_images: dict[str, set[str]],
+) -> StereoPair:
     names = sorted((pair.first, pair.second), key=lambda name: incidence_deg[name])
     first, second = (suns[name] for name in names)
-    sun = None if first is None or second is None else float(
-        np.degrees(np.arccos(np.clip(first.direction @ second.direction, -1.0, 1.0)))
-    )  # fmt: skip
+    sun = (
+        None
+        if first is None or second is None
+        else float(np.degrees(np.arccos(np.clip(first.direction @ second.direction, -1.0, 1.0))))
+    )
     season = _days_between(*(times[name] for name in names))
     ties = [tie_images.get(name, set()) for name in names]
     similarity = len(ties[0] & ties[1]) / np.sqrt(len(ties[0]) * len(ties[1])) if all(ties) else None

@@ -37,9 +37,18 @@ def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
 
 @njit(**OPTIONS)
 def project_point(
-    rpcs: Arrays, i: int, lon: float, lat: float, height: float, east: float, north: float, terms: np.ndarray,
-    computed: np.ndarray, by_ground: np.ndarray, a: int,
-) -> None:  # fmt: skip
+    rpcs: Arrays,
+    i: int,
+    lon: float,
+    lat: float,
+    height: float,
+    east: float,
+    north: float,
+    terms: np.ndarray,
+    computed: np.ndarray,
+    by_ground: np.ndarray,
+    a: int,
+) -> None:
     """Write sample, line to ``computed[a]`` and their derivatives by metres east, north, up to ``by_ground[a]``.
 
     rpcs : `rpc_tables`; i : index of the RPC
@@ -112,9 +121,16 @@ def normalise_tables(rpcs: Arrays) -> Arrays:
 
 @njit(**OPTIONS)
 def invert_points(
-    normalised: Arrays, rpc_index: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray,
-    closure_px: float, steps: int, place: np.ndarray, least_px: np.ndarray,
-) -> None:  # fmt: skip
+    normalised: Arrays,
+    rpc_index: np.ndarray,
+    target: np.ndarray,
+    height: np.ndarray,
+    scale_px: np.ndarray,
+    closure_px: float,
+    steps: int,
+    place: np.ndarray,
+    least_px: np.ndarray,
+) -> None:
     """Compute the ground positions of image points at given heights, by Newton's iteration from the domain centre.
 
     It ends at ``closure_px``, or if a step does not reduce the error, or after a number of ``steps``.

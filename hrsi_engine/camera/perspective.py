@@ -23,9 +23,11 @@ class PERSPECTIVE:
     """Limits for the distance of a perspective camera in orbit."""
 
     distance_m: tuple[float, ...] = threshold(
-        (2e5, 2e7), "m", "smallest and largest distance of the projection centre, which pushbroom images lack along "
-        "the track", "lowest orbit; affine"
-    )  # fmt: skip
+        (2e5, 2e7),
+        "m",
+        "smallest and largest distance of the projection centre, which pushbroom images lack along the track",
+        "lowest orbit; affine",
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -218,10 +218,14 @@ class RPC:
             RPC with new OFF and SCALE; the sign of a negative step is in the numerator, since SCALE has to be positive.
         """
         return replace(
-            self, samp_off=(self.samp_off - first[0]) / step[0], line_off=(self.line_off - first[1]) / step[1],
-            samp_scale=self.samp_scale / abs(step[0]), line_scale=self.line_scale / abs(step[1]),
-            samp_num=self.samp_num * np.sign(step[0]), line_num=self.line_num * np.sign(step[1]),
-        )  # fmt: skip
+            self,
+            samp_off=(self.samp_off - first[0]) / step[0],
+            line_off=(self.line_off - first[1]) / step[1],
+            samp_scale=self.samp_scale / abs(step[0]),
+            line_scale=self.line_scale / abs(step[1]),
+            samp_num=self.samp_num * np.sign(step[0]),
+            line_num=self.line_num * np.sign(step[1]),
+        )
 
     # ---- evaluation --------------------------------------------------------------------------------------------
 

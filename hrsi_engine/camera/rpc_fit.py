@@ -80,9 +80,13 @@ class RpcFit:
 
 
 def fit_rpc(
-    ground: np.ndarray, image: np.ndarray, *, weights: np.ndarray | None = None, ridge: float = FIT.ridges[0],
+    ground: np.ndarray,
+    image: np.ndarray,
+    *,
+    weights: np.ndarray | None = None,
+    ridge: float = FIT.ridges[0],
     common_denominator: bool = False,
-) -> RpcFit:  # fmt: skip
+) -> RpcFit:
     """Return the RPC that maps ground points to image points with the smallest residuals (least squares).
 
     With few points (fewer than 45) only the lower terms are estimated, with points at one height no terms in height;
@@ -242,9 +246,15 @@ def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
         return None
     return replace(
         rpc,
-        samp_off=sample[0], samp_scale=sample[1], samp_num=sample[2], samp_den=sample[3],
-        line_off=line[0], line_scale=line[1], line_num=line[2], line_den=line[3],
-    )  # fmt: skip
+        samp_off=sample[0],
+        samp_scale=sample[1],
+        samp_num=sample[2],
+        samp_den=sample[3],
+        line_off=line[0],
+        line_scale=line[1],
+        line_num=line[2],
+        line_den=line[3],
+    )
 
 
 _Part = tuple[float, float, np.ndarray, np.ndarray]  # OFF, SCALE, numerator, denominator of an image coordinate
@@ -289,9 +299,12 @@ def make_virtual_grid(
 
 
 def _make_virtual_points(
-    rpc: RPC, correct: Correct, domain_px: tuple[float, float, float, float], heights: tuple[float, float],
+    rpc: RPC,
+    correct: Correct,
+    domain_px: tuple[float, float, float, float],
+    heights: tuple[float, float],
     shape: tuple[int, int, int],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     image, (ground, converged) = make_virtual_grid(rpc, domain_px, heights, shape)
     if np.count_nonzero(converged) < 0.5 * len(image):
         raise SolveError(

@@ -136,9 +136,16 @@ class RPCStack:
 
         place, least_error = np.empty((len(rpc_index), 2)), np.empty(len(rpc_index))
         invert_points(
-            self._normalised_tables, rpc_index, target, height=height, scale_px=scale_px, closure_px=EQUALITY.rounding,
-            steps=ITERATIONS.most, place=place, least_px=least_error,
-        )  # fmt: skip
+            self._normalised_tables,
+            rpc_index,
+            target,
+            height=height,
+            scale_px=scale_px,
+            closure_px=EQUALITY.rounding,
+            steps=ITERATIONS.most,
+            place=place,
+            least_px=least_error,
+        )
         return place, least_error
 
     def _normalise(self, rpc_index: np.ndarray, ground: np.ndarray) -> np.ndarray:

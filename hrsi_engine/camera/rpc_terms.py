@@ -313,9 +313,15 @@ class Solver:
         return np.asarray(self._affine[:, :1] + self._affine[:, 1:3] @ target + self._affine[:, 3:] * height)
 
     def _iterate_by_newton(
-        self, lonlat: np.ndarray, error: np.ndarray, places: np.ndarray, target: np.ndarray, height: np.ndarray,
-        limit: float, iterations: int,
-    ) -> None:  # fmt: skip
+        self,
+        lonlat: np.ndarray,
+        error: np.ndarray,
+        places: np.ndarray,
+        target: np.ndarray,
+        height: np.ndarray,
+        limit: float,
+        iterations: int,
+    ) -> None:
         """Improve ``lonlat`` and ``error`` in place at ``places`` by Newton's iteration with the analytic Jacobian.
 
         Every point keeps its best position, so that further iterations cannot increase its error. Points leave the

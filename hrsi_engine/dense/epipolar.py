@@ -65,7 +65,7 @@ def cubic_terms(x: np.ndarray) -> np.ndarray:
 
 def rectify_tile(
     images: tuple[Image, Image], grid: MapGrid, window: GridWindow, heights_m: tuple[float, float], plane: np.ndarray
-) -> RectifiedTile:  # fmt: skip
+) -> RectifiedTile:
     """Return the rectification of a pair over a window of the map grid.
 
     heights_m : lowest and highest ellipsoidal height of its ground
@@ -116,6 +116,4 @@ def rectify_tile(
     terms = cubic_terms((place - middle[:, None]) / scale[:, None])
     polynomials, *_ = np.linalg.lstsq(terms.T, np.column_stack([column, row, height]), rcond=None)
     error = float(singular[3] / np.sqrt(len(height)) / across)
-    return RectifiedTile(
-        left, right, (int(size[0]), int(size[1])), (low, high), error, middle, scale, polynomials
-    )  # fmt: skip
+    return RectifiedTile(left, right, (int(size[0]), int(size[1])), (low, high), error, middle, scale, polynomials)

@@ -150,6 +150,7 @@ def fuse_heights(heights: np.ndarray, sigmas: np.ndarray) -> FusedHeights:
     exists = count > 0
     none = np.float32(np.nan)
     return FusedHeights(
-        np.where(exists, height, none).astype(np.float32), np.where(exists, sigma, none).astype(np.float32),
+        np.where(exists, height, none).astype(np.float32),
+        np.where(exists, sigma, none).astype(np.float32),
         count.astype(np.float32),
-    )  # fmt: skip
+    )

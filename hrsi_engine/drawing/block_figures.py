@@ -69,17 +69,19 @@ def draw_image_card(card: ImageCard, typical_px: float) -> str:
             f'<path class="scale" d="{make_arrow_path(CARD_MARGIN, y, length * per_px, 0.0)}"/>'
             f'<text x="{CARD_MARGIN + length * per_px + 8.0:.1f}" y="{y + 4.0:.1f}">{length:g} px</text>'
         )
-    return "".join([
-        f'<svg class="card" viewBox="{box}" role="img" aria-label="{label}"><rect class="ground" {frame}/>',
-        f'<use href="#{html.escape(card.picture)}" transform="{matrix}"/>' if card.picture else "",
-        f'<rect class="frame" {frame}/><g class="field">',
-        *_draw_mean_residuals(card, float(width), float(height), per_px),
-        '</g><g class="vectors">',
-        *_draw_residuals(card, place, per_px),
-        "</g>",
-        key,
-        "</svg>",
-    ])  # fmt: skip
+    return "".join(
+        [
+            f'<svg class="card" viewBox="{box}" role="img" aria-label="{label}"><rect class="ground" {frame}/>',
+            f'<use href="#{html.escape(card.picture)}" transform="{matrix}"/>' if card.picture else "",
+            f'<rect class="frame" {frame}/><g class="field">',
+            *_draw_mean_residuals(card, float(width), float(height), per_px),
+            '</g><g class="vectors">',
+            *_draw_residuals(card, place, per_px),
+            "</g>",
+            key,
+            "</svg>",
+        ]
+    )
 
 
 def _draw_mean_residuals(card: ImageCard, width: float, height: float, per_px: float) -> Iterable[str]:

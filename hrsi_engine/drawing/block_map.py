@@ -25,9 +25,11 @@ _MOST_LABELS = 30  # names of images are drawn up to this number; more would cov
 _CELL, _LARGEST_DOT = 20.0, 4.5  # side of a cell of tie points, and largest radius of its dot, SVG units
 #: Marks of points: one shape for each role, so that roles can be distinguished without colour.
 POINT_MARKS = {
-    "gcp": '<path class="dot" d="M0-6L5.2 3H-5.2z"/>', "check": '<path class="dot" d="M-3.8-3.8h7.6v7.6h-7.6z"/>',
-    "tie": '<circle class="dot" r="2.6"/>', "held_out": '<circle class="dot" r="2.6"/>',
-}  # fmt: skip
+    "gcp": '<path class="dot" d="M0-6L5.2 3H-5.2z"/>',
+    "check": '<path class="dot" d="M-3.8-3.8h7.6v7.6h-7.6z"/>',
+    "tie": '<circle class="dot" r="2.6"/>',
+    "held_out": '<circle class="dot" r="2.6"/>',
+}
 _GRID = 9  # nodes along each axis, to which the polynomials of the graticule are fitted
 
 
@@ -162,11 +164,15 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
     return MapDrawing(
         svg + "\n".join(parts) + "\n</svg>",
         {
-            "width": _WIDTH, "height": round(view.height, 1), "unitsPerMetre": view.units_per_metre,
-            "origin": [view.frame.lon_deg, view.frame.lat_deg], "toDegrees": to_degrees, "toDrawing": to_drawing,
+            "width": _WIDTH,
+            "height": round(view.height, 1),
+            "unitsPerMetre": view.units_per_metre,
+            "origin": [view.frame.lon_deg, view.frame.lat_deg],
+            "toDegrees": to_degrees,
+            "toDrawing": to_drawing,
             "cells": figures,
         },
-    )  # fmt: skip
+    )
 
 
 def _fit_polynomials(view: _MapView) -> tuple[list[list[float]], list[list[float]]]:

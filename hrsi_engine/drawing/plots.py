@@ -144,9 +144,13 @@ def draw_line_profile(image: str, axis: str, entry: Mapping[str, Any], waves: Se
 
 
 def _draw_plot(
-    label: str, ticks: Mapping[str, float], top: float, bottom: float,
-    curve: tuple[np.ndarray, np.ndarray], dots: tuple[np.ndarray, np.ndarray],
-) -> str:  # fmt: skip
+    label: str,
+    ticks: Mapping[str, float],
+    top: float,
+    bottom: float,
+    curve: tuple[np.ndarray, np.ndarray],
+    dots: tuple[np.ndarray, np.ndarray],
+) -> str:
     """Return a curve and dots with axes as SVG: ``ticks`` along x, values near both ends along y."""
     frame = PlotFrame(150.0, 40.0, (float(curve[0][0]), float(curve[0][-1])), (bottom, top))
     parts = []

@@ -79,9 +79,13 @@ class Descent(Generic[T]):
 
 
 def descend(
-    start: T, step: Callable[[T, float], Step[T]], variance: Callable[[T], float], largest: int,
-    weighed: Callable[[T], T] | None = None, tolerance: float = 0.0,
-) -> Descent[T]:  # fmt: skip
+    start: T,
+    step: Callable[[T, float], Step[T]],
+    variance: Callable[[T], float],
+    largest: int,
+    weighed: Callable[[T], T] | None = None,
+    tolerance: float = 0.0,
+) -> Descent[T]:
     """Return the local minimum that is reached from a place.
 
     start : first place; its cost must be finite

@@ -34,9 +34,11 @@ def load_opencv() -> Any:
 
 
 def filter_separable(
-    image: np.ndarray, along_row: Sequence[float] | np.ndarray, along_column: Sequence[float] | np.ndarray,
+    image: np.ndarray,
+    along_row: Sequence[float] | np.ndarray,
+    along_column: Sequence[float] | np.ndarray,
     border: str = "mirror",
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the correlation with a separable kernel; both factors have odd length and are (anti)symmetric.
 
     The type, float32 or float64, is that of the image; the kernel is centred at the pixel.

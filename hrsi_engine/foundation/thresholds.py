@@ -71,13 +71,17 @@ class REDUNDANCY:
 
     tested: float = threshold(1e-3, "", "smallest share of an error in its residual that is tested")
     estimated: float = threshold(
-        4.0, "", "smallest redundancy of a group whose standard deviation is tested or estimated (to a third)",
+        4.0,
+        "",
+        "smallest redundancy of a group whose standard deviation is tested or estimated (to a third)",
         "1 / sqrt(2 r) of a variance component with redundancy r",
-    )  # fmt: skip
+    )
     stated: float = threshold(
-        6.0, "observations", "weight of a stated or common standard deviation in the estimate of a single one",
+        6.0,
+        "observations",
+        "weight of a stated or common standard deviation in the estimate of a single one",
         "inverse chi² prior (Gelman et al. 2013, section 5.4)",
-    )  # fmt: skip
+    )
     common: float = threshold(
         20.0, "observations", "weight of the standard deviation of a sensor or a source in that of its parts"
     )

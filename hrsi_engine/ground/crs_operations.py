@@ -241,9 +241,11 @@ class CrsOperations:
             return operation
         sigma_m = motion.accuracy_m / COORDINATES_OF_ACCURACY**0.5
         return operation._replace(
-            name=f"{operation.name} + {motion.name} in {motion.epoch:g}", accuracy_m=motion.accuracy_m, is_null=False,
+            name=f"{operation.name} + {motion.name} in {motion.epoch:g}",
+            accuracy_m=motion.accuracy_m,
+            is_null=False,
             sigma_m=(sigma_m, float(np.hypot(operation.sigma_m[1], sigma_m if motion.is_3d else 0.0))),
-        )  # fmt: skip
+        )
 
     # ---- record of the operations used ---------------------------------------------------------------------------
 

@@ -29,9 +29,11 @@ class GEOID:
         200.0, "m", "largest undulation: the geoid lies within 110 m of the ellipsoid, a local datum deviates from it"
     )
     substitute_sigma_m: float = threshold(
-        1.0, "m", "standard deviation of the difference of two geoid models, or of a model and a levelling network, if "
-        "a grid is missing"
-    )  # fmt: skip
+        1.0,
+        "m",
+        "standard deviation of the difference of two geoid models, or of a model and a levelling network, if "
+        "a grid is missing",
+    )
     smallest_difference_m: float = threshold(5.0, "m", "smallest significant difference: canopy, coarse DEM")
     undulation_share: float = threshold(0.25, "", "relative tolerance for a difference equal to the undulation")
 

@@ -87,17 +87,24 @@ class OperationUse(NamedTuple):
         """
         operation, better = self.operation, self.better
         return {
-            "source": self.source, "crs": self.crs, "name": operation.name, "code": operation.code or None,
-            "accuracy_m": operation.accuracy_m, "sigma_plan_m": round(operation.sigma_m[0], 4),
-            "sigma_height_m": round(operation.sigma_m[1], 4), "grid": ", ".join(operation.grids) or None,
-            "points": self.points, "area": operation.area or None, "ballpark": operation.is_ballpark,
+            "source": self.source,
+            "crs": self.crs,
+            "name": operation.name,
+            "code": operation.code or None,
+            "accuracy_m": operation.accuracy_m,
+            "sigma_plan_m": round(operation.sigma_m[0], 4),
+            "sigma_height_m": round(operation.sigma_m[1], 4),
+            "grid": ", ".join(operation.grids) or None,
+            "points": self.points,
+            "area": operation.area or None,
+            "ballpark": operation.is_ballpark,
             "plate_fixed_as_wgs84": self.treats_plate_as_wgs84,
             "missing_operation": None if better is None else better.name,
             "missing_grid": None if better is None else ", ".join(better.grids),
             "loss_m": None if np.isnan(self.loss_m) else round(self.loss_m, 4),
             "geoid": None if self.geoid is None else self.geoid.name,
             "geoid_stands_for": self.geoid.stands_for if self.geoid is not None and self.geoid.stands_for else None,
-        }  # fmt: skip
+        }
 
 
 def read_entry(entry: Mapping[str, Any], points: int) -> OperationUse:
@@ -112,19 +119,31 @@ def read_entry(entry: Mapping[str, Any], points: int) -> OperationUse:
         raise ValueError("accuracies")
     grids, missing = (tuple((entry[name] or "").split(", ")) for name in ("grid", "missing_grid"))
     operation = CrsOperation(
-        str(entry["name"]), str(entry["code"] or ""), accuracy_m, sigma_m=sigma_m, grids=grids,
-        area=str(entry["area"] or ""), bounds=WORLD,
-        is_ballpark=bool(entry["ballpark"]), is_null=False,
-    )  # fmt: skip
+        str(entry["name"]),
+        str(entry["code"] or ""),
+        accuracy_m,
+        sigma_m=sigma_m,
+        grids=grids,
+        area=str(entry["area"] or ""),
+        bounds=WORLD,
+        is_ballpark=bool(entry["ballpark"]),
+        is_null=False,
+    )
     best_m = None if accuracy_m is None else accuracy_m - loss_m
     better = operation._replace(name=str(entry["missing_operation"]), accuracy_m=best_m, grids=missing)
     geoid = Geoid(str(entry["geoid"]), "", str(entry["geoid_stands_for"] or ""))
     return OperationUse(
-        str(entry["source"]), str(entry["crs"]), 0, operation=operation, points=points,
+        str(entry["source"]),
+        str(entry["crs"]),
+        0,
+        operation=operation,
+        points=points,
         better=better if entry["missing_operation"] else None,
-        loss_m=loss_m, geoid=geoid if entry["geoid"] else None, geoid_grids=(),
+        loss_m=loss_m,
+        geoid=geoid if entry["geoid"] else None,
+        geoid_grids=(),
         treats_plate_as_wgs84=bool(entry["plate_fixed_as_wgs84"]),
-    )  # fmt: skip
+    )
 
 
 def with_geoid(flat: CrsOperation, geoid: Geoid) -> CrsOperation:

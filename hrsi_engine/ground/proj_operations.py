@@ -102,10 +102,16 @@ def _describe(operation: Any, crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> 
         name = re.sub("Ballpark geographic offset from (.+) to WGS 84", r"\1 taken for WGS 84", name)
     area = operation.area_of_use
     return CrsOperation(
-        name or title, ", ".join(codes), stated, sigma_m=_estimate_sigmas(stated, is_null, title, crs, flat),
+        name or title,
+        ", ".join(codes),
+        stated,
+        sigma_m=_estimate_sigmas(stated, is_null, title, crs, flat),
         grids=tuple(grid.short_name for step in steps for grid in step.grids),
-        area=area.name if area else "", bounds=area.bounds if area else WORLD, is_ballpark=is_ballpark, is_null=is_null,
-    )  # fmt: skip
+        area=area.name if area else "",
+        bounds=area.bounds if area else WORLD,
+        is_ballpark=is_ballpark,
+        is_null=is_null,
+    )
 
 
 def _estimate_sigmas(
@@ -166,9 +172,11 @@ Rectangle = tuple[float, float, float, float]  # low x, low y, high x, high y
 
 
 def choose_operations(
-    xy: np.ndarray, operations: Sequence[CrsOperation], areas: Sequence[Sequence[Rectangle]],
+    xy: np.ndarray,
+    operations: Sequence[CrsOperation],
+    areas: Sequence[Sequence[Rectangle]],
     excluded: Mapping[int, np.ndarray],
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the index of the operation for each point ``(n,)`` by PROJ's rule, -1 if none is available.
 
     ``xy (n, 2 or 3)`` and the ``areas`` of use of the ``operations`` have the same coordinates; ``excluded`` are masks

@@ -138,12 +138,14 @@ def _adjust_linescan(
     centre = camera.position(np.array([np.interp(0.0, lines, times)]))[0]
     size = np.round((np.array(camera.size) - offset) / scale).astype(int).tolist()
     return replace(
-        camera, size=(size[0], size[1]), line_times=np.column_stack([(lines - offset[1]) / scale, times]),
+        camera,
+        size=(size[0], size[1]),
+        line_times=np.column_stack([(lines - offset[1]) / scale, times]),
         position=lambda time: (camera.position(time) - centre) @ rotation.T + centre + translation,
         velocity=lambda time: camera.velocity(time) @ rotation.T,
         attitude=lambda time: rotation @ camera.attitude(time),
         look=lambda sample: camera.look(scale * sample + offset[0]),
-    )  # fmt: skip
+    )
 
 
 def find_exact_camera(path: str, size: tuple[int, int] | None) -> LinescanCamera | None:
@@ -275,8 +277,10 @@ def _read_csm(path: str) -> LinescanCamera | None:
     if model != _CSM_LINE_SCANNER:
         raise InputError(f"{path}: is a CSM state of {model[:60]}: only that of {_CSM_LINE_SCANNER} is read")
     if np.any(state["m_currentParameterValue"]) or np.any(state["m_opticalDistCoeffs"]):
-        raise InputError(f"{path}: has corrections or lens distortion in addition to its poses, which are not read: "
-                         "write them into positions and quaternions (ASP: bundle_adjust, jitter_solve)")  # fmt: skip
+        raise InputError(
+            f"{path}: has corrections or lens distortion in addition to its poses, which are not read: "
+            "write them into positions and quaternions (ASP: bundle_adjust, jitter_solve)"
+        )
     positions, velocities = (np.reshape(state[key], (-1, 3)) for key in ("m_positions", "m_velocities"))
     quaternions = np.reshape(state["m_quaternions"], (-1, 4))
     times = state["m_t0Ephem"] + state["m_dtEphem"] * np.arange(len(positions))
@@ -288,20 +292,30 @@ def _read_csm(path: str) -> LinescanCamera | None:
     focal = np.array([state["m_zDirection"], state["m_zDirection"], state["m_focalLength"]])
 
     def look(sample: np.ndarray) -> np.ndarray:
-        detector = np.column_stack([
-            (sample + 0.5) * state["m_detectorSampleSumming"] + state["m_startingDetectorSample"],
-            np.full(len(sample), state["m_startingDetectorLine"]),
-        ])  # fmt: skip
+        detector = np.column_stack(
+            [
+                (sample + 0.5) * state["m_detectorSampleSumming"] + state["m_startingDetectorSample"],
+                np.full(len(sample), state["m_startingDetectorLine"]),
+            ]
+        )
         plane = np.linalg.solve(to_detector[:, 1:], (detector - origin).T).T
         return -np.column_stack([plane, np.ones(len(sample))]) * focal
 
     return LinescanCamera(
-        "CSM state", (state["m_nSamples"], state["m_nLines"]), lines, position=CubicSpline(times, positions),
-        velocity=CubicSpline(times, velocities), attitude=_turn(turns, quaternions), look=look, through_air=False,
-    )  # fmt: skip
+        "CSM state",
+        (state["m_nSamples"], state["m_nLines"]),
+        lines,
+        position=CubicSpline(times, positions),
+        velocity=CubicSpline(times, velocities),
+        attitude=_turn(turns, quaternions),
+        look=look,
+        through_air=False,
+    )
 
 
 _READERS: tuple[tuple[bytes, Callable[[str], LinescanCamera | None]], ...] = (
-    (b"<EPHEMLIST", _read_isd), (b"<Corrected_Attitudes", _read_dimap), (b'"m_quaternions"', _read_csm),
+    (b"<EPHEMLIST", _read_isd),
+    (b"<Corrected_Attitudes", _read_dimap),
+    (b'"m_quaternions"', _read_csm),
     (b"USGS_ASTRO_", _read_csm),
-)  # fmt: skip
+)

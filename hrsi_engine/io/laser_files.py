@@ -104,10 +104,17 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
                 text = np.char.add(np.char.add(text, np.where(text == "", f"{field} ", f", {field} ")), number)
         track = text
     return LaserPoints(
-        placed.ground, ids=None if ids is None or (ids == "").any() else ids, track=track,
-        sigma_m=np.where(sigma > 0.0, sigma, np.nan), slope=sources["slope"], misfit_m=sources["misfit"],
-        photons=sources["photons"], canopy_m=sources["canopy"], source=table.source, operations=placed.operations,
-    )  # fmt: skip
+        placed.ground,
+        ids=None if ids is None or (ids == "").any() else ids,
+        track=track,
+        sigma_m=np.where(sigma > 0.0, sigma, np.nan),
+        slope=sources["slope"],
+        misfit_m=sources["misfit"],
+        photons=sources["photons"],
+        canopy_m=sources["canopy"],
+        source=table.source,
+        operations=placed.operations,
+    )
 
 
 def read_parquet(path: str, selection: Mapping[str, str] | None = None) -> PointTable:
@@ -122,8 +129,10 @@ def read_parquet(path: str, selection: Mapping[str, str] | None = None) -> Point
     try:
         file = parquet.ParquetFile(path)
         if file.metadata.num_rows > FILE_BUDGETS.array_values:
-            raise InputError(f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
-                             "obtain it again")  # fmt: skip
+            raise InputError(
+                f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
+                "obtain it again"
+            )
         # The file's description of its geometry
         try:
             geo = json.loads((file.schema_arrow.metadata or {}).get(b"geo", b"{}"))
@@ -253,8 +262,10 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
             count = len(arrays["height"])
             damaged = [name for name, values in arrays.items() if len(values) != count]
             if damaged:
-                raise InputError(f"{path}, {place}: {', '.join(sorted(damaged))} have another length than the heights: "
-                                 "obtain it again")  # fmt: skip
+                raise InputError(
+                    f"{path}, {place}: {', '.join(sorted(damaged))} have another length than the heights: "
+                    "obtain it again"
+                )
             yield beam, arrays
 
 
@@ -278,12 +289,16 @@ def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]
                 doubt[compare(arrays[name_of_array], limit) & (doubt == "")] = reason
         canopy = arrays["heights"][:, -3] if arrays.get("heights", empty).ndim == 2 else arrays.get("canopy", empty)
         columns = {
-            "ground": ground, "sigma_m": arrays.get("sigma", np.full(len(ground), product.stated_sigma_m)),
-            "slope": arrays.get("slope", empty), "misfit_m": arrays.get("misfit", empty),
-            "photons": arrays.get("photons", empty), "canopy_m": canopy, "doubt": doubt,
+            "ground": ground,
+            "sigma_m": arrays.get("sigma", np.full(len(ground), product.stated_sigma_m)),
+            "slope": arrays.get("slope", empty),
+            "misfit_m": arrays.get("misfit", empty),
+            "photons": arrays.get("photons", empty),
+            "canopy_m": canopy,
+            "doubt": doubt,
             "track": np.full(len(ground), name),
             "ids": np.char.add(f"{beam}-", np.arange(len(ground)).astype(str)),
-        }  # fmt: skip
+        }
         for column, values in columns.items():
             parts.setdefault(column, []).append(values[finite])
     combined = {column: np.concatenate(values) for column, values in parts.items()}

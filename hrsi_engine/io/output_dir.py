@@ -78,9 +78,12 @@ def _images_of(report: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 @contextmanager
 def stage_folder(
-    path: str, inputs: Iterable[str], overwrite: bool = False, transaction: Transaction | None = None,
+    path: str,
+    inputs: Iterable[str],
+    overwrite: bool = False,
+    transaction: Transaction | None = None,
     discarded: Iterable[str] = (),
-) -> Iterator[Path]:  # fmt: skip
+) -> Iterator[Path]:
     """Yield a temporary folder; its files move into ``path`` together when the block ends without an exception.
 
     path : the output folder; created if it is missing

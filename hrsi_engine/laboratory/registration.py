@@ -198,9 +198,12 @@ def summarise_residuals(residual: np.ndarray, unit: float = 1.0) -> ResidualSumm
         return None
     mean_abs, std = np.abs(values).mean(axis=0), values.std(axis=0, ddof=1 if len(values) > 1 else 0)
     return ResidualSummary(
-        len(values), (float(mean_abs[0]), float(mean_abs[1])), (float(std[0]), float(std[1])),
-        float(np.hypot(*std)), float(np.hypot(*values.T).max()),
-    )  # fmt: skip
+        len(values),
+        (float(mean_abs[0]), float(mean_abs[1])),
+        (float(std[0]), float(std[1])),
+        float(np.hypot(*std)),
+        float(np.hypot(*values.T).max()),
+    )
 
 
 GROUPS: dict[str, tuple[str, ...]] = {

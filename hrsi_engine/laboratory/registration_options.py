@@ -6,9 +6,13 @@ from ..foundation.options import option, options
 
 #: The form of a transformation (`registration.FORMS`), and whether the RPCs carry the points first.
 REGISTRATION_MODELS = {
-    "shift": ("shift", False), "conformal": ("conformal", False), "affine": ("affine", False),
-    "projective": ("projective", False), "rpc-shift": ("shift", True), "rpc-affine": ("affine", True),
-}  # fmt: skip
+    "shift": ("shift", False),
+    "conformal": ("conformal", False),
+    "affine": ("affine", False),
+    "projective": ("projective", False),
+    "rpc-shift": ("shift", True),
+    "rpc-affine": ("affine", True),
+}
 
 
 @options

@@ -161,11 +161,16 @@ def write_ground_points(path: str, points: GroundPoints) -> None:
 def write_laser_points(path: str, points: LaserPoints) -> None:
     """Write laser points as CSV, in the names of SlideRule: h_mean, h_sigma, rms_misfit …; and their track."""
     columns = {
-        "id": points.ids, "lon": points.ground[:, 0].round(9), "lat": points.ground[:, 1].round(9),
-        "h_mean": points.ground[:, 2].round(4), "h_sigma": points.sigma_m.round(4),
-        "rms_misfit": points.misfit_m.round(4), "n_fit_photons": points.photons, "dh_fit_dx": points.slope.round(5),
+        "id": points.ids,
+        "lon": points.ground[:, 0].round(9),
+        "lat": points.ground[:, 1].round(9),
+        "h_mean": points.ground[:, 2].round(4),
+        "h_sigma": points.sigma_m.round(4),
+        "rms_misfit": points.misfit_m.round(4),
+        "n_fit_photons": points.photons,
+        "dh_fit_dx": points.slope.round(5),
         "track": points.track,
-    }  # fmt: skip
+    }
     write_csv(path, list(columns), zip(*(column.tolist() for column in columns.values()), strict=True))
 
 

@@ -63,10 +63,13 @@ class ExternalMatchJob:
 
 
 def refine_given_matches(
-    images: Sequence[Image], given_points: ImagePoints, options: TieOptions | None = None,
-    progress: Progress = silent, *,
+    images: Sequence[Image],
+    given_points: ImagePoints,
+    options: TieOptions | None = None,
+    progress: Progress = silent,
+    *,
     scheduler: Scheduler | None = None,
-) -> TiePoints:  # fmt: skip
+) -> TiePoints:
     """Measure given matches (tracks, accurate to a few pixels) again, test them, and return the resulting tracks.
 
     Raises `InputError` if no match is between two images with pixels, `Cancelled` if ``progress`` returns False.
@@ -77,7 +80,8 @@ def refine_given_matches(
         raise InputError(
             f"{given_points.source}: contains no match between two images of the block that have pixels: check the "
             "image "
-            "names")  # fmt: skip
+            "names"
+        )
     label = "measuring matches of"
     parts = [
         WorkPart(f"given-{k}", measure_external_matches, job, keep=False, label=f"{label} {job.reference.id}")

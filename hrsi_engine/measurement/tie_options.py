@@ -41,19 +41,30 @@ class TieOptions:
     """
 
     margin_px: float = option(
-        128.0, "Largest error of the RPCs in the search for tie points; it is increased where nothing is found",
-        name="search-margin", minimum=0.0, unit="px", advanced=True, metavar="PX",
-    )  # fmt: skip
+        128.0,
+        "Largest error of the RPCs in the search for tie points; it is increased where nothing is found",
+        name="search-margin",
+        minimum=0.0,
+        unit="px",
+        advanced=True,
+        metavar="PX",
+    )
     cells: int = option(
-        12, "Every image is divided into N x N cells, over which tie points are spread evenly", minimum=1, maximum=1000,
-        advanced=True, metavar="N",
-    )  # fmt: skip
+        12,
+        "Every image is divided into N x N cells, over which tie points are spread evenly",
+        minimum=1,
+        maximum=1000,
+        advanced=True,
+        metavar="N",
+    )
     per_cell: int = option(
         AUTOMATIC_CELLS,
         f"Tie points of a cell; 0 takes {TIE_SEARCH.full_per_cell} for images up to 2048 px, which are matched "
-        f"everywhere, else {TIE_SEARCH.sampled_per_cell} from a small window in the cell", minimum=0, advanced=True,
+        f"everywhere, else {TIE_SEARCH.sampled_per_cell} from a small window in the cell",
+        minimum=0,
+        advanced=True,
         metavar="N",
-    )  # fmt: skip
+    )
     dense: bool = option(
         False,
         "Match all of every image, with small windows first, and keep all tie points, for a terrain model from "
@@ -63,14 +74,21 @@ class TieOptions:
     most_partners: int = option(
         8,
         "Average number of images that each image is matched with: all that overlap if these are few, else those "
-        "with the best test matches, in spanning trees of the block", name="partners",
-            minimum=1, advanced=True, metavar="N",
-    )  # fmt: skip
+        "with the best test matches, in spanning trees of the block",
+        name="partners",
+        minimum=1,
+        advanced=True,
+        metavar="N",
+    )
     smallest_overlap: float = option(
-        0.02, "Smallest overlap of two images that are matched, as a share of the image", name="min-overlap",
-        minimum=0.0, maximum=1.0,
-        advanced=True, metavar="SHARE",
-    )  # fmt: skip
+        0.02,
+        "Smallest overlap of two images that are matched, as a share of the image",
+        name="min-overlap",
+        minimum=0.0,
+        maximum=1.0,
+        advanced=True,
+        metavar="SHARE",
+    )
     match: TileMatchOptions = TileMatchOptions()
     match_sampled: TileMatchOptions = TileMatchOptions(features=0, most_points=24, windows_px=(31,), bands=("fine",))
     match_linked: TileMatchOptions = TileMatchOptions(features=0, most_points=150, windows_px=(31,))

@@ -125,12 +125,13 @@ def find_tie_points(
     count = {pair: len(rows) for pair, rows in joining.group_by_pair(matches).items()}
     summaries = tuple(
         PairSummary(
-            images[pair.first].id, images[pair.second].id,
+            images[pair.first].id,
+            images[pair.second].id,
             count.get((pair.first, pair.second), 0) + count.get((pair.second, pair.first), 0),
             float("nan") if pair.estimate is None else float(np.hypot(*pair.estimate.geometry.bias_px)),
         )
         for pair in search.pairs
-    )  # fmt: skip
+    )
     holds = summarise_connections(images, search.usable, links, search.count_trials(), search.reasons)
     # Warn of images without tie points, and of overlapping pairs without matches
     tied = set(points.image_ids.tolist())
@@ -156,9 +157,11 @@ def find_tie_points(
 
 
 def find_overlapping_pairs(
-    images: Sequence[Image], options: TieOptions | None = None, surface: HeightSurface | None = None,
+    images: Sequence[Image],
+    options: TieOptions | None = None,
+    surface: HeightSurface | None = None,
     earlier: Collection[str] = (),
-) -> list[tuple[str, str]]:  # fmt: skip
+) -> list[tuple[str, str]]:
     """Return the ids of pairs of images that may show common ground, before any pixel is read.
 
     Parameters are those of `find_tie_points`. Raises `InputError` if fewer than two images have pixels, or no two of

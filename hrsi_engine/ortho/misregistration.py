@@ -118,9 +118,13 @@ def window_centres(columns: int, rows: int, options: MisregistrationOptions) -> 
 
 
 def measure_shifts(
-    first: Read, second: Read, centres: np.ndarray, options: MisregistrationOptions,
-    tell: Callable[[float], None] | None = None, threads: int = 1,
-) -> WindowShifts:  # fmt: skip
+    first: Read,
+    second: Read,
+    centres: np.ndarray,
+    options: MisregistrationOptions,
+    tell: Callable[[float], None] | None = None,
+    threads: int = 1,
+) -> WindowShifts:
     """Match windows of two orthoimages.
 
     first, second : functions that read a part of the common area; centres : (n, 2) column, row of the window centres
@@ -246,9 +250,14 @@ def shift_statistics(shift_px: np.ndarray, pixel_m: float) -> dict[str, float | 
     nmad = robust_sigma(shift_px - middle, axis=0)
     length = np.hypot(*shift_px.T)
     figures = (
-        len(shift_px), *middle.tolist(), *nmad.tolist(), float(np.median(length)), float(np.percentile(length, 90.0)),
-        float(np.median(length)) * pixel_m, float(np.percentile(length, 90.0)) * pixel_m,
-    )  # fmt: skip
+        len(shift_px),
+        *middle.tolist(),
+        *nmad.tolist(),
+        float(np.median(length)),
+        float(np.percentile(length, 90.0)),
+        float(np.median(length)) * pixel_m,
+        float(np.percentile(length, 90.0)) * pixel_m,
+    )
     return dict(zip(STATISTICS, figures, strict=True))
 
 

@@ -16,9 +16,14 @@ class MisregistrationOptions:
         48, "Side of a window, even", name="window", minimum=16, maximum=512, unit="px", metavar="PX"
     )
     search_px: int = option(
-        8, "Largest difference of the shift of a window from the common shift of the pair", name="search", minimum=1,
-        maximum=256, unit="px", metavar="PX",
-    )  # fmt: skip
+        8,
+        "Largest difference of the shift of a window from the common shift of the pair",
+        name="search",
+        minimum=1,
+        maximum=256,
+        unit="px",
+        metavar="PX",
+    )
     min_correlation: float = option(
         0.6, "Smallest correlation of windows that are used", minimum=0.0, maximum=1.0, advanced=True
     )

@@ -36,9 +36,11 @@ class POINT_SURFACE:
     width: float = threshold(0.33, "", "sigma of the Gaussian weights over the distance of the farthest")
     slope_sigma: float = threshold(0.3, "m/m", "a priori standard deviation of the ground's slope")
     scatters: tuple[float, ...] = threshold(
-        (16.0, 8.0, 4.0, 2.0, 1.0, 1.0), "", "scales of the robust weights in turn, relative to the scatter",
-        "Blake 1987"
-    )  # fmt: skip
+        (16.0, 8.0, 4.0, 2.0, 1.0, 1.0),
+        "",
+        "scales of the robust weights in turn, relative to the scatter",
+        "Blake 1987",
+    )
     batch: int = threshold(16384, "nodes", "number of nodes computed together (memory)")
     least_scatter_m: float = threshold(0.1, "m", "smallest robust standard deviation of heights about planes")
 

@@ -31,9 +31,13 @@ def _find_exit(position: float, slope: float, index: int, side: int) -> float:
 
 @njit(**OPTIONS)
 def _is_hidden(
-    cells: np.ndarray, highest: np.ndarray, side: int, start: tuple[float, float], slope: tuple[float, float],
+    cells: np.ndarray,
+    highest: np.ndarray,
+    side: int,
+    start: tuple[float, float],
+    slope: tuple[float, float],
     clearance_m: float,
-) -> bool:  # fmt: skip
+) -> bool:
     """Return whether the ray from a point of the surface meets the surface again; arguments as in `mark_occlusions`."""
     (x, y), (dx, dy) = start, slope
     rows, columns = cells.shape[0] - 1, cells.shape[1] - 1
@@ -72,9 +76,15 @@ def _is_hidden(
 
 @njit(**OPTIONS)
 def mark_occlusions(
-    occlusion: np.ndarray, lattice: np.ndarray, spacing: int, first: tuple[int, int], cells: np.ndarray,
-    highest: np.ndarray, side: int, clearance_m: float,
-) -> None:  # fmt: skip
+    occlusion: np.ndarray,
+    lattice: np.ndarray,
+    spacing: int,
+    first: tuple[int, int],
+    cells: np.ndarray,
+    highest: np.ndarray,
+    side: int,
+    clearance_m: float,
+) -> None:
     """Set the pixels ``occlusion (rows, columns)`` whose line of sight meets the surface.
 
     lattice : (4, m, n) column and row in ``cells``, and their changes by a metre of height towards the sensor, at nodes

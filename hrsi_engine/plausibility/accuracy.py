@@ -43,9 +43,12 @@ class ACCURACY:
     biased_ce90: float = threshold(2.0, "CE90", "shift of an image that is reported as a bias of its RPC")
     most_biased_ce90: float = threshold(10.5, "CE90", "largest shift common to all points that is a bias of the RPC")
     unwritten_sigmas: float = threshold(
-        30.0, "sigma", "shift beyond which, and beyond `most_biased_ce90`, no refined RPC is written", "ten times the "
-        "published CE90 of Pleiades, 26 sigma of its simulated RPCs (tests/plausibility/test_biased_rpcs.py)"
-    )  # fmt: skip
+        30.0,
+        "sigma",
+        "shift beyond which, and beyond `most_biased_ce90`, no refined RPC is written",
+        "ten times the "
+        "published CE90 of Pleiades, 26 sigma of its simulated RPCs (tests/plausibility/test_biased_rpcs.py)",
+    )
     impossible_shift_sigmas: float = threshold(15.0, "sigma", "largest possible shift by an RPC, or …", SIMULATED)
     impossible_shift_m: float = threshold(500.0, "m", "… in metres; the larger of the two applies", SIMULATED)
     misfit_px: float = threshold(

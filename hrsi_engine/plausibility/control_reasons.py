@@ -98,13 +98,15 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     if sigma > 0.0 and abs(lift) >= MISTAKE.height_sigmas * sigma:
         reasons.append(
             Reason(
-                "height-offset", Level.DOUBTFUL,
+                "height-offset",
+                Level.DOUBTFUL,
                 f"the heights of the ground points seem to be {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'} "
                 f"(standard deviation {sigma:.0f} m), according to images from different directions",
                 "check the height datum (`height_datum`) and the unit of the heights",
-                control.image_ids(control.images), control.point_ids(control.points),
+                control.image_ids(control.images),
+                control.point_ids(control.points),
             )
-        )  # fmt: skip
+        )
     return reasons
 
 
@@ -158,8 +160,10 @@ def _iterate_hypotheses(control: ControlMeasurements, control_fit: ControlFit) -
         for mistake, change in RPC_MISTAKES:
             block = control.block
             chosen = control.images if image_subset is None else image_subset
-            images = [replace(image, rpc=change(image.rpc)) if index in chosen else image
-                      for index, image in enumerate(block.images)]  # fmt: skip
+            images = [
+                replace(image, rpc=change(image.rpc)) if index in chosen else image
+                for index, image in enumerate(block.images)
+            ]
             rays = compute_sightlines(images, control.image, control.xy)
             yield MistakeHypothesis(mistake, fit_control(control, rays=rays), images=image_subset)
     suspects = misfitting if len(misfitting) > 1 else control.images
@@ -180,9 +184,11 @@ def _iterate_hypotheses(control: ControlMeasurements, control_fit: ControlFit) -
         survey = control.block.points.ground[points[owners]]
         is_exchanged = owners != np.arange(len(points))
         mistake = Mistake(
-            "ids-permuted", _describe_point_exchange(control.block.points.ids[points], owners),
-            "correct the ids of these points", 4.0,
-        )  # fmt: skip
+            "ids-permuted",
+            _describe_point_exchange(control.block.points.ids[points], owners),
+            "correct the ids of these points",
+            4.0,
+        )
         yield MistakeHypothesis(
             mistake, fit_control(control, survey[np.searchsorted(points, control.point)]), points=points[is_exchanged]
         )
@@ -216,12 +222,14 @@ def _make_mistake_reason(control: ControlMeasurements, given: ControlFit, found:
     images = control.images if found.images is None else found.images
     where = "" if found.images is None else f" on image {list_ids(control.image_ids(images))}"
     return Reason(
-        found.mistake.code, Level.UNUSABLE,
+        found.mistake.code,
+        Level.UNUSABLE,
         f"{found.mistake.what}{where}: the median distance of the ground points from their positions by the RPCs is "
         f"{_format_median_distance(given, images)}, and {_format_median_distance(found.fit, images)} after correction",
         found.mistake.advice,
-        control.image_ids(images), control.point_ids(points),
-    )  # fmt: skip
+        control.image_ids(images),
+        control.point_ids(points),
+    )
 
 
 def _list_rivals(rivals: list[MistakeHypothesis]) -> str:
@@ -281,9 +289,13 @@ def _find_mistake_of_points(
     mistake = next(iter(fitting.values()))
     ids = control.point_ids(disagreement.points)
     return Reason(
-        mistake.code, _choose_level(control, disagreement.points), f"ground point {list_ids(ids)}: {mistake.what}",
-        mistake.advice, control.image_ids(np.unique(control.image[rows])), ids,
-    )  # fmt: skip
+        mistake.code,
+        _choose_level(control, disagreement.points),
+        f"ground point {list_ids(ids)}: {mistake.what}",
+        mistake.advice,
+        control.image_ids(np.unique(control.image[rows])),
+        ids,
+    )
 
 
 def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
@@ -307,11 +319,14 @@ def _make_disagreement_reason(control: ControlMeasurements, apart: InconsistentP
         off = f"{abs(up):.3g} m {'above' if up > 0.0 else 'below'}"
     if apart.group:
         return Reason(
-            "control-outliers", _choose_level(control, apart.points),
+            "control-outliers",
+            _choose_level(control, apart.points),
             f"{count} ({list_ids(ids)}) have a common offset of {off} from the others: two surveys contradict each "
             "other",
-            "find the correct survey (datum, base station, epoch), and remove the other one", images, ids,
-        )  # fmt: skip
+            "find the correct survey (datum, base station, epoch), and remove the other one",
+            images,
+            ids,
+        )
     message = f"{count} ({list_ids(ids)}) contradict the others, by at least {apart.gap:.0f} times their scatter"
     advice = "check measurements, coordinates and ids of these points"
     return Reason("control-outliers", _choose_level(control, apart.points), message, advice, images, ids)
@@ -326,7 +341,8 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals:
     points = np.unique(control.point[rows & (far | ~given.belongs)])
     alike = given.belongs[rows].mean() > CONTROL_FIT.agreeing_share
     return Reason(
-        "control-implausible", Level.UNUSABLE,
+        "control-implausible",
+        Level.UNUSABLE,
         "the median distance of the ground points from their positions by the RPCs of "
         f"{list_ids(control.image_ids(wrong))} is {_format_median_distance(given, wrong)}, too much for an error of "
         f"these RPCs (about {sigma:.3g} m); "
@@ -334,8 +350,9 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals:
         + (f" (equal for all points: {_format_shifts(control, wrong)})" if alike else ""),
         "check CRS, columns and ids of ground and image points, and that the RPC belongs to these pixels: a crop and "
         "its scene have different RPCs",
-        control.image_ids(wrong), control.point_ids(points),
-    )  # fmt: skip
+        control.image_ids(wrong),
+        control.point_ids(points),
+    )
 
 
 def _find_large_shifts(

@@ -57,12 +57,14 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
         pair_text = ", ".join(f"{surveyed!r} is measured as {name!r}" for surveyed, name in list(pairs.items())[:4])
         return [
             Reason(
-                "control-unmeasured", Level.DOUBTFUL if has_gcps or not gcps else Level.UNUSABLE,
+                "control-unmeasured",
+                Level.DOUBTFUL if has_gcps or not gcps else Level.UNUSABLE,
                 f"{len(pairs)} surveyed points are not used, because ids are compared as text: {pair_text}"
                 f"{' …' if len(pairs) > 4 else ''}; the measurements are at their surveyed positions",
-                "use the same ids in both files", points=tuple(pairs),
+                "use the same ids in both files",
+                points=tuple(pairs),
             )
-        ]  # fmt: skip
+        ]
     if has_gcps or not gcps:
         return []
     ids = tuple(unmeasured.ids[unmeasured.role == Role.GCP].tolist())

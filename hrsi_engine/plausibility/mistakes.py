@@ -71,9 +71,13 @@ def _exchange_fields(rpc: RPC, names: tuple[str, str]) -> RPC:
 
 
 SCALES = (
-    (2.0, "twice as large"), (3.0, "three times as large"), (4.0, "four times as large"), (0.5, "half as large"),
-    (1.0 / 3.0, "a third as large"), (0.25, "a quarter as large"),
-)  # fmt: skip
+    (2.0, "twice as large"),
+    (3.0, "three times as large"),
+    (4.0, "four times as large"),
+    (0.5, "half as large"),
+    (1.0 / 3.0, "a third as large"),
+    (0.25, "a quarter as large"),
+)
 
 #: Input errors of image coordinates; each with the function that corrects them for ``xy (n, 2)`` of an image.
 PIXEL_MISTAKES: tuple[tuple[Mistake, UndoPixels], ...] = (
@@ -95,10 +99,12 @@ PIXEL_MISTAKES: tuple[tuple[Mistake, UndoPixels], ...] = (
 )  # fmt: skip
 #: Input errors of RPC fields; each with the function that corrects them.
 RPC_MISTAKES: tuple[tuple[Mistake, Callable[[RPC], RPC]], ...] = tuple(
-    (Mistake("rpc-order", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
-     partial(_exchange_fields, names=names))
+    (
+        Mistake("rpc-order", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
+        partial(_exchange_fields, names=names),
+    )
     for names in (("line_scale", "samp_scale"), ("lat_scale", "long_scale"))
-)  # fmt: skip
+)
 
 
 # ---- ground coordinates --------------------------------------------------------------------------------------------
@@ -145,11 +151,14 @@ def _iterate_angular_units(ground: np.ndarray, expected: np.ndarray) -> Iterator
     whole_degrees, digits = np.floor(size + 1e-9), 100.0 * (size - np.floor(size + 1e-9))
     minutes = np.floor(digits + 1e-7)
     for unit, degrees in (
-        ("in radians", np.degrees(size)), ("in gon", 0.9 * size),
+        ("in radians", np.degrees(size)),
+        ("in gon", 0.9 * size),
         ("degrees and minutes (43.3150 for 43° 31.50')", whole_degrees + digits / 60.0),
-        ("degrees, minutes and seconds (43.3130 for 43° 31' 30\")",
-         whole_degrees + minutes / 60.0 + (digits - minutes) * 100.0 / 3600.0),
-    ):  # fmt: skip
+        (
+            "degrees, minutes and seconds (43.3130 for 43° 31' 30\")",
+            whole_degrees + minutes / 60.0 + (digits - minutes) * 100.0 / 3600.0,
+        ),
+    ):
         converted = np.column_stack([sign * degrees, ground[:, 2]])
         if np.abs(wrap_degrees(np.median(converted[:, :2], axis=0) - expected[:2])).max() < 1.0:
             yield (

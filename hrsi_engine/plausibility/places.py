@@ -29,9 +29,11 @@ class PLACEMENT:
 
     far_outside: float = threshold(0.5, "", "distance of a point outside an image, over its size, that is an error")
     bent_px: float = threshold(
-        0.01, "px", "curvature of rays beyond which the order of RPC00A is tested", "60 vendor RPCs of 12 sensors: "
-        "medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25"
-    )  # fmt: skip
+        0.01,
+        "px",
+        "curvature of rays beyond which the order of RPC00A is tested",
+        "60 vendor RPCs of 12 sensors: medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25",
+    )
     straight_share: float = threshold(0.05, "", "largest remaining share of it in the right order")
     several_points: int = threshold(4, "points", "fewest points or heights that are tested together")
     range_slack_m: float = threshold(50.0, "m", "tolerance of the RPC's height range")
@@ -108,9 +110,11 @@ def list_placement_reasons(doubts: Mapping[str, PlacementDoubt]) -> list[Reason]
         return []
     worst = max(gross, key=lambda name: gross[name].offset_px)
     advice = "use the RPC of these pixels: make the image again with 'crop', or write their RPC into it (write-rpc)"
-    message = f"image {list_ids(gross)}: {gross[worst]}" if len(gross) == 1 else (
-        f"images {list_ids(gross)} may not have the RPCs of their pixels; {worst}: {gross[worst]}"
-    )  # fmt: skip
+    message = (
+        f"image {list_ids(gross)}: {gross[worst]}"
+        if len(gross) == 1
+        else (f"images {list_ids(gross)} may not have the RPCs of their pixels; {worst}: {gross[worst]}")
+    )
     return [Reason("rpc-placement", Level.DOUBTFUL, message, advice, tuple(gross))]
 
 
@@ -182,21 +186,26 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
             Reason("height-unit", Level.DOUBTFUL, f"{text}; as feet they are inside", "give metres", images, ids)
             if in_feet
             else Reason(
-                "height-offset", Level.DOUBTFUL, text,
-                "check unit and height datum (`height_datum`) of the heights", images, ids,
+                "height-offset",
+                Level.DOUBTFUL,
+                text,
+                "check unit and height datum (`height_datum`) of the heights",
+                images,
+                ids,
             )
-        )  # fmt: skip
+        )
     which = np.unique(measured.point[rows])
     heights = points.ground[which, 2]
     if len(which) >= PLACEMENT.several_points and np.ptp(heights) == 0.0:
         reasons.append(
             Reason(
-                "heights-alike", Level.UNUSABLE if contradicted else Level.DOUBTFUL,
+                "heights-alike",
+                Level.UNUSABLE if contradicted else Level.DOUBTFUL,
                 f"all {len(which)} ground points have the same height, {heights[0]:g} m: the heights are missing",
                 "name the field with the heights, or a DEM",
                 points=tuple(points.ids[which].tolist()),
             )
-        )  # fmt: skip
+        )
     return reasons
 
 
@@ -266,13 +275,15 @@ def find_duplicate_images(block: Block) -> list[Reason]:
             twins.add((int(pair) // len(block.images), int(pair) % len(block.images)))
     return [
         Reason(
-            "duplicate-images", Level.DOUBTFUL,
+            "duplicate-images",
+            Level.DOUBTFUL,
             f"images {block.images[a].id} and {block.images[b].id} are the same scene: their rays are used twice and "
             "do not determine heights",
-            "remove one of them", (block.images[a].id, block.images[b].id),
+            "remove one of them",
+            (block.images[a].id, block.images[b].id),
         )
         for a, b in sorted(twins)
-    ]  # fmt: skip
+    ]
 
 
 # ---- surveyed coordinates alone --------------------------------------------------------------------------------------

@@ -31,10 +31,12 @@ class TIE_CHECK:
 
     sample_per_pair: int = threshold(60, "points", "largest number of points of a pair that are tested")
     least_slope: float = threshold(
-        0.005, "m/m", "smallest difference in slope of rays with a height: 500 m of relief separate such rays by 2.5 "
-        "m; with 0.02 every twentieth pair of correct blocks failed", "blocks of adjust_speed of 60 to 90 images, "
-        "2026-11-23"
-    )  # fmt: skip
+        0.005,
+        "m/m",
+        "smallest difference in slope of rays with a height: 500 m of relief separate such rays by 2.5 "
+        "m; with 0.02 every twentieth pair of correct blocks failed",
+        "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
+    )
     miss_px: float = threshold(4.0, "px", "largest distance of the rays of a correct point, or …", SIMULATED)
     miss_sigmas: float = threshold(6.0, "sigma", "… in standard deviations of the measurement, or …", SIMULATED)
     miss_drift: float = threshold(3e-4, "px/px", "… by drift over half an image (the largest of these)", SIMULATED)
@@ -84,9 +86,13 @@ class PairSample:
         rows = is_selected[self.pair]
         number = np.cumsum(is_selected) - 1
         return replace(
-            self, point=self.point[rows], image=self.image[rows], xy=self.xy[rows], sigma_px=self.sigma_px[rows],
+            self,
+            point=self.point[rows],
+            image=self.image[rows],
+            xy=self.xy[rows],
+            sigma_px=self.sigma_px[rows],
             pair=number[self.pair[rows]],
-        )  # fmt: skip
+        )
 
 
 def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSample | None:
@@ -114,10 +120,15 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     height = surveyed_heights[np.isfinite(surveyed_heights)] if len(surveyed_heights) else np.empty(0)
     middle = float(np.median(height)) if len(height) else float(np.median([i.middle_height_m for i in block.images]))
     return PairSample(
-        block, accuracies, measured.point[rows], np.column_stack([measured.image[rows], measured.image[rows + 1]]),
+        block,
+        accuracies,
+        measured.point[rows],
+        np.column_stack([measured.image[rows], measured.image[rows + 1]]),
         np.stack([measured.xy[rows], measured.xy[rows + 1]], axis=1),
-        np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]), pair[is_sampled], middle,
-    )  # fmt: skip
+        np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]),
+        pair[is_sampled],
+        middle,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +151,12 @@ class PairConsistency:
 
 
 def check_pairs(
-    pairs: PairSample, image: np.ndarray | None = None, xy: np.ndarray | None = None, stretch: float = 1.0,
+    pairs: PairSample,
+    image: np.ndarray | None = None,
+    xy: np.ndarray | None = None,
+    stretch: float = 1.0,
     shifted: bool = False,
-) -> PairConsistency:  # fmt: skip
+) -> PairConsistency:
     """Test the intersection of the rays of each pair, with the given or other images and coordinates.
 
     ``stretch`` is the scale of corrected coordinates: below 1 it reduces the tolerance. With ``shifted``, images may be
@@ -333,7 +347,7 @@ def _find_best_mistake(
 
 def _iterate_hypotheses(
     pairs: PairSample, consistency: PairConsistency, suspects: np.ndarray
-) -> Iterator[tuple[Mistake, np.ndarray, float]]:  # fmt: skip
+) -> Iterator[tuple[Mistake, np.ndarray, float]]:
     """Yield every input error, corrected on all or on suspected images, with the images and the share of wrong points.
 
     An error on all images makes many pairs fail; one on few images is tested in the pairs of these images only.
@@ -359,9 +373,10 @@ def _iterate_hypotheses(
                 owner_ids = [pairs.block.images[index].id for index in owners]
                 text = ", ".join(f"{a} are of {b}" for a, b in zip(names, owner_ids, strict=True))
                 mistake = Mistake(
-                    "ids-permuted", f"image ids of measurements are exchanged: those on {text}",
+                    "ids-permuted",
+                    f"image ids of measurements are exchanged: those on {text}",
                     "correct the field 'image', or exchange the RPCs",
-                )  # fmt: skip
+                )
                 touched = np.isin(pairs.ends, group).any(axis=1)
                 sample = pairs.select(touched)
                 image = sample.image.copy()

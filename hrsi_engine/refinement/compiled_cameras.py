@@ -35,9 +35,14 @@ register(*pseudo_rays.CORRECTION_FORMULAS, *pseudo_rays.RAY_FORMULAS)
 
 @njit(**OPTIONS)
 def _linearise_polynomials(
-    points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
+    points: np.ndarray,
+    place: np.ndarray,
+    observed: Arrays,
+    ground: np.ndarray,
+    rpcs: Arrays,
+    formula: Arrays,
     arrays: Arrays,
-) -> None:  # fmt: skip
+) -> None:
     """Write the equations of `image_space.ImagePolynomial`, or of `object_coordinates.GroundPolynomial` (3 powers)."""
     first, image, xy, _ = observed
     constants, coefficients, powers = formula
@@ -64,9 +69,14 @@ def _linearise_polynomials(
 
 @njit(**OPTIONS)
 def _linearise_ground_corrections(
-    points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
+    points: np.ndarray,
+    place: np.ndarray,
+    observed: Arrays,
+    ground: np.ndarray,
+    rpcs: Arrays,
+    formula: Arrays,
     arrays: Arrays,
-) -> None:  # fmt: skip
+) -> None:
     """Write the equations of `object_space.GroundCorrection`."""
     first, image, xy, _ = observed
     constants, coefficients, _ = formula
@@ -91,9 +101,14 @@ def _linearise_ground_corrections(
 
 @njit(**OPTIONS)
 def _linearise_pseudo_sensors(
-    points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
+    points: np.ndarray,
+    place: np.ndarray,
+    observed: Arrays,
+    ground: np.ndarray,
+    rpcs: Arrays,
+    formula: Arrays,
     arrays: Arrays,
-) -> None:  # fmt: skip
+) -> None:
     """Write the equations of `pseudo_sensor.PseudoSensor`; its rays replace the RPCs."""
     first, image, xy, rays = observed
     constants, coefficients, parameters = formula
@@ -105,9 +120,21 @@ def _linearise_pseudo_sensors(
         row = first[point]
         for a in range(place[number], place[number + 1]):
             linearise_by_rays(
-                parameters, constants, coefficients, image[row], rays, xy, row, position, axes,
-                residual, by_ground, by_quantity, terms, a,
-            )  # fmt: skip
+                parameters,
+                constants,
+                coefficients,
+                image[row],
+                rays,
+                xy,
+                row,
+                position,
+                axes,
+                residual,
+                by_ground,
+                by_quantity,
+                terms,
+                a,
+            )
             residual[a, 0] = xy[row, 0] - residual[a, 0]
             residual[a, 1] = xy[row, 1] - residual[a, 1]
             row += 1
@@ -115,9 +142,15 @@ def _linearise_pseudo_sensors(
 
 @njit(**OPTIONS)
 def _draw_rays(
-    rpcs: Arrays, constants: np.ndarray, lower: np.ndarray, middle: np.ndarray, upper: np.ndarray, xy: np.ndarray,
-    rows: np.ndarray, rays: np.ndarray,
-) -> None:  # fmt: skip
+    rpcs: Arrays,
+    constants: np.ndarray,
+    lower: np.ndarray,
+    middle: np.ndarray,
+    upper: np.ndarray,
+    xy: np.ndarray,
+    rows: np.ndarray,
+    rays: np.ndarray,
+) -> None:
     """Write the rays ``(n, 18)`` of the image points ``rows`` of one image, from their ground at three heights."""
     scratch, computed, by_ground = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
     for a in range(len(rows)):
@@ -130,9 +163,15 @@ def _draw_rays(
 
 @njit(**OPTIONS)
 def _place_ray_end(
-    rpcs: Arrays, constants: np.ndarray, lon: float, lat: float, height: float, scratch: np.ndarray,
-    computed: np.ndarray, by_ground: np.ndarray,
-) -> Any:  # fmt: skip
+    rpcs: Arrays,
+    constants: np.ndarray,
+    lon: float,
+    lat: float,
+    height: float,
+    scratch: np.ndarray,
+    computed: np.ndarray,
+    by_ground: np.ndarray,
+) -> Any:
     """Return one end of a ray in the sensor frame, with its derivatives by sample and line."""
     east, north = ellipsoid.metres_of_a_degree(lat, height)
     project_point(rpcs, 0, lon, lat, height, east, north, scratch, computed, by_ground, 0)

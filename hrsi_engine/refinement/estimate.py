@@ -78,9 +78,12 @@ class Control(Columns):
         if not np.ndim(self.ids):
             object.__setattr__(self, "ids", [str(number + 1) for number in range(len(self.ground))])
         self._fill(
-            ground=(np.float64, (3,)), xy=(np.float64, (2,)), ids=(str, ()), sigma_px=(np.float64, ()),
+            ground=(np.float64, (3,)),
+            xy=(np.float64, (2,)),
+            ids=(str, ()),
+            sigma_px=(np.float64, ()),
             sigma_m=(np.float64, (2,)),
-        )  # fmt: skip
+        )
 
     def __len__(self) -> int:
         return len(self.ground)
@@ -225,11 +228,18 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     not_below = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, 1e-9), vectors)
     left_out = np.linalg.solve(not_below, whitened[:, :, None])
     return Estimate(
-        values=minimum.values, covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T,
-        residual_px=minimum.residual, left_out_px=np.linalg.solve(minimum.roots, left_out)[:, :, 0],
-        roots=minimum.roots, share=share, sigma0=sigma0, redundancy=redundancy,
-        iterations=iterations, converged=status == CONVERGED, status=status,
-    )  # fmt: skip
+        values=minimum.values,
+        covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T,
+        residual_px=minimum.residual,
+        left_out_px=np.linalg.solve(minimum.roots, left_out)[:, :, 0],
+        roots=minimum.roots,
+        share=share,
+        sigma0=sigma0,
+        redundancy=redundancy,
+        iterations=iterations,
+        converged=status == CONVERGED,
+        status=status,
+    )
 
 
 def iterate_least_squares(

@@ -67,9 +67,14 @@ class ImagePolynomial:
         )
 
     def linearise(
-        self, constants: np.ndarray, which: ImageIndex, values: np.ndarray, ground: np.ndarray,
-        computed: np.ndarray, by_ground: np.ndarray,
-    ) -> Equations:  # fmt: skip
+        self,
+        constants: np.ndarray,
+        which: ImageIndex,
+        values: np.ndarray,
+        ground: np.ndarray,
+        computed: np.ndarray,
+        by_ground: np.ndarray,
+    ) -> Equations:
         """Return the equations of points of many images, from positions and derivatives by their RPCs (overwritten).
 
         ``constants`` and ``values (images, …)`` are those of the images, ``which`` the index of each point's image.
@@ -144,9 +149,15 @@ class ImagePolynomial:
 
 
 def correct_in_image(
-    powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: ImageIndex,
-    computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
-) -> None:  # fmt: skip
+    powers: np.ndarray,
+    constants: np.ndarray,
+    coefficients: np.ndarray,
+    i: ImageIndex,
+    computed: np.ndarray,
+    by_ground: np.ndarray,
+    terms: np.ndarray,
+    a: RowIndex,
+) -> None:
     """Add the correction of image i to its projected points; one formula for compiled loops and NumPy.
 
     powers : (m, 2); constants : (images, 3) centre (px) and `Image.camera_pixel`; coefficients : (images, 2, m)

@@ -54,14 +54,16 @@ _SHIFTS = [(axis, 0) for axis in range(3)]
 OBJECT_SPACE_TABLE = {
     "object-shift": ModelEntry("a shift of the ground coordinates", "correction", (_SHIFTS, 1)),
     "object-scale-shift": ModelEntry(
-        "a shift and a scale of each ground coordinate", "correction",
+        "a shift and a scale of each ground coordinate",
+        "correction",
         (_SHIFTS + [(axis, axis + 1) for axis in range(3)], 2),
     ),
     "object-affine": ModelEntry(
-        "an affine transformation of the ground coordinates", "correction",
+        "an affine transformation of the ground coordinates",
+        "correction",
         (_SHIFTS + [(axis, by) for axis in range(3) for by in range(1, 4)], 4),
     ),
-}  # fmt: skip
+}
 _TILT, _ALL = ("xs", "ys", "psi_x", "psi_y"), ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
 #: Corrections of a pseudo sensor: quantities, whether linear in the image, fewest GCPs, factor of the drifts' sigmas.
 PSEUDO_SENSOR_TABLE = {
@@ -129,9 +131,15 @@ QUANTITY = {
 }  # fmt: skip
 #: Names of the arguments that a correction is proportional to.
 ARGUMENT = {
-    "s": "sample", "l": "line", "x": "longitude", "y": "latitude", "z": "height",
-    "east": "east", "north": "north", "up": "up",
-}  # fmt: skip
+    "s": "sample",
+    "l": "line",
+    "x": "longitude",
+    "y": "latitude",
+    "z": "height",
+    "east": "east",
+    "north": "north",
+    "up": "up",
+}
 WHOLE = {"scale": ("scale of the image, less 1", "px/px"), "rotation": ("rotation in the image", "rad")}
 
 

@@ -52,15 +52,30 @@ class GroundPolynomial:
         )
 
     def linearise(
-        self, constants: np.ndarray, image_of_point: ImageIndex, values: np.ndarray, ground: np.ndarray,
-        computed: np.ndarray, by_ground: np.ndarray,
-    ) -> Equations:  # fmt: skip
+        self,
+        constants: np.ndarray,
+        image_of_point: ImageIndex,
+        values: np.ndarray,
+        ground: np.ndarray,
+        computed: np.ndarray,
+        by_ground: np.ndarray,
+    ) -> Equations:
         """As `image_space.ImagePolynomial.linearise`."""
         terms, (lon, lat, height) = np.empty((len(ground), len(self.powers))), ground.T
         correct_by_ground(
-            self.powers, constants, self.coefficients(values), image_of_point, lon, lat, height,
-            *ellipsoid.metres_of_a_degree(lat, height), computed, by_ground, terms, ALL_ROWS,
-        )  # fmt: skip
+            self.powers,
+            constants,
+            self.coefficients(values),
+            image_of_point,
+            lon,
+            lat,
+            height,
+            *ellipsoid.metres_of_a_degree(lat, height),
+            computed,
+            by_ground,
+            terms,
+            ALL_ROWS,
+        )
         by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, 2 * terms.shape[1])
         return Equations(computed, by_values, by_ground)
 
@@ -93,10 +108,20 @@ class GroundPolynomial:
 
 
 def correct_by_ground(
-    powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: ImageIndex,
-    lon: Number, lat: Number, height: Number, east: Number, north: Number,
-    computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
-) -> None:  # fmt: skip
+    powers: np.ndarray,
+    constants: np.ndarray,
+    coefficients: np.ndarray,
+    i: ImageIndex,
+    lon: Number,
+    lat: Number,
+    height: Number,
+    east: Number,
+    north: Number,
+    computed: np.ndarray,
+    by_ground: np.ndarray,
+    terms: np.ndarray,
+    a: RowIndex,
+) -> None:
     """Add the correction of image i to its projected points; one formula for compiled loops and NumPy.
 
     powers : (m, 3); constants : (images, 7); coefficients : (images, 2, m)

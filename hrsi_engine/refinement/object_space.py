@@ -32,10 +32,13 @@ class OBJECT_SPACE_PRIORS:
     """A priori standard deviations of corrections in object space."""
 
     height_share: float = threshold(
-        0.1, "", "a priori standard deviation of corrections in height over those in position: an image determines "
+        0.1,
+        "",
+        "a priori standard deviation of corrections in height over those in position: an image determines "
         "corrections across its rays only, and without priors both grow along the rays beyond the validity range of "
-        "the RPC", "thesis, SPOT 5 rotated by up to 100 mrad, and IKONOS, 2026-11-22"
-    )  # fmt: skip
+        "the RPC",
+        "thesis, SPOT 5 rotated by up to 100 mrad, and IKONOS, 2026-11-22",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +82,15 @@ class GroundCorrection:
             computed, by_ground = image.rpc.project_with_metric_jacobian(shift_ground)
             by_frame = np.empty((len(ground), 2, 3))
             rotate_derivatives(
-                constants, coefficients, 0, corrected_axes=ellipsoid.axes(*shift_ground.T[:2]),
+                constants,
+                coefficients,
+                0,
+                corrected_axes=ellipsoid.axes(*shift_ground.T[:2]),
                 given_axes=ellipsoid.axes(lon, lat),
-                by_ground=by_ground, by_frame=by_frame, a=ALL_ROWS,
-            )  # fmt: skip
+                by_ground=by_ground,
+                by_frame=by_frame,
+                a=ALL_ROWS,
+            )
             by_values = by_frame[:, :, self.entries[:, 0]] * terms[:, self.entries[:, 1]][:, None, :]
             return Equations(computed, by_values, by_ground)
 
@@ -151,9 +159,15 @@ def move_position(
 
 
 def rotate_derivatives(
-    constants: np.ndarray, coefficients: np.ndarray, i: int, corrected_axes: Any, given_axes: Any,
-    by_ground: np.ndarray, by_frame: np.ndarray, a: RowIndex,
-) -> None:  # fmt: skip
+    constants: np.ndarray,
+    coefficients: np.ndarray,
+    i: int,
+    corrected_axes: Any,
+    given_axes: Any,
+    by_ground: np.ndarray,
+    by_frame: np.ndarray,
+    a: RowIndex,
+) -> None:
     """Transform derivatives by the corrected position to those by the frame's coordinates and by the given position.
 
     constants, coefficients, i : as in `move_position`

@@ -192,9 +192,15 @@ def _in_frame(constants: np.ndarray, i: int, axes: Any, east: Number, north: Num
 
 
 def draw_ray(
-    constants: np.ndarray, i: int, line: Number, lower: Any, middle: Triple[Number], upper: Any, rays: np.ndarray,
+    constants: np.ndarray,
+    i: int,
+    line: Number,
+    lower: Any,
+    middle: Triple[Number],
+    upper: Any,
+    rays: np.ndarray,
     a: RowIndex,
-) -> None:  # fmt: skip
+) -> None:
     """Write the ray of an image point to row ``a`` (or all rows) of ``rays (n, 18)``.
 
     ``lower`` and ``upper`` are the results of `place_in_frame` at the ends, ``middle`` is the position halfway.
@@ -317,14 +323,23 @@ def intersect_frame_height(
     xy = cos * flat_x + sin * flat_y + bow * rays[row, 12], cos * flat_y - sin * flat_x + bow * rays[row, 13]
     along_x, along_y = cos * x + sin * y, cos * y - sin * x
     x_by = (
-        cos, sin, along_x, drop * (cos * by_roll[0] + sin * by_roll[1]), drop * (cos * by_pitch[0] + sin * by_pitch[1]),
-        drop * (cos * by_yaw[0] + sin * by_yaw[1]), cos * flat_y - sin * flat_x,
-    )  # fmt: skip
+        cos,
+        sin,
+        along_x,
+        drop * (cos * by_roll[0] + sin * by_roll[1]),
+        drop * (cos * by_pitch[0] + sin * by_pitch[1]),
+        drop * (cos * by_yaw[0] + sin * by_yaw[1]),
+        cos * flat_y - sin * flat_x,
+    )
     y_by = (
-        -sin, cos, along_y, drop * (cos * by_roll[1] - sin * by_roll[0]),
-        drop * (cos * by_pitch[1] - sin * by_pitch[0]), drop * (cos * by_yaw[1] - sin * by_yaw[0]),
+        -sin,
+        cos,
+        along_y,
+        drop * (cos * by_roll[1] - sin * by_roll[0]),
+        drop * (cos * by_pitch[1] - sin * by_pitch[0]),
+        drop * (cos * by_yaw[1] - sin * by_yaw[0]),
         -cos * flat_x - sin * flat_y,
-    )  # fmt: skip
+    )
     by_z = bow_by_z * rays[row, 12] - along_x, bow_by_z * rays[row, 13] - along_y
 
     # derivatives by the image point: through its ray, and through the terms of the corrections
@@ -341,10 +356,21 @@ def intersect_frame_height(
 
 
 def linearise_by_rays(
-    quantities: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, xy: np.ndarray,
-    row: RowIndex, position: Triple[Number], axes: tuple[Triple[Number], Triple[Number], Triple[Number]],
-    computed: np.ndarray, by_ground: np.ndarray, by_quantity: np.ndarray, terms: np.ndarray, a: RowIndex,
-) -> None:  # fmt: skip
+    quantities: np.ndarray,
+    constants: np.ndarray,
+    coefficients: np.ndarray,
+    i: int,
+    rays: np.ndarray,
+    xy: np.ndarray,
+    row: RowIndex,
+    position: Triple[Number],
+    axes: tuple[Triple[Number], Triple[Number], Triple[Number]],
+    computed: np.ndarray,
+    by_ground: np.ndarray,
+    by_quantity: np.ndarray,
+    terms: np.ndarray,
+    a: RowIndex,
+) -> None:
     """Write the observation equations of an image point; one formula for compiled loops and NumPy.
 
     quantities : (q,) the quantities that are corrected
@@ -400,6 +426,10 @@ def linearise_by_rays(
 
 #: Functions that compiled loops call.
 CORRECTION_FORMULAS = (
-    _rotate, _differentiate_tangents, _rotate_direction, _rotate_ray, intersect_frame_height,
+    _rotate,
+    _differentiate_tangents,
+    _rotate_direction,
+    _rotate_ray,
+    intersect_frame_height,
     linearise_by_rays,
-)  # fmt: skip
+)

@@ -89,10 +89,21 @@ class PseudoSensor:
             by_quantity, terms = np.empty((count, 2, len(quantities))), np.empty((count, structure.terms))
             lon, lat, height = ground.T
             linearise_by_rays(
-                quantities, constants, self.coefficients(values)[None], i=0, rays=rays, xy=observed_px, row=ALL_ROWS,
-                position=ellipsoid.geocentric(lon, lat, height), axes=ellipsoid.axes(lon, lat),
-                computed=computed, by_ground=by_ground, by_quantity=by_quantity, terms=terms, a=ALL_ROWS,
-            )  # fmt: skip
+                quantities,
+                constants,
+                self.coefficients(values)[None],
+                i=0,
+                rays=rays,
+                xy=observed_px,
+                row=ALL_ROWS,
+                position=ellipsoid.geocentric(lon, lat, height),
+                axes=ellipsoid.axes(lon, lat),
+                computed=computed,
+                by_ground=by_ground,
+                by_quantity=by_quantity,
+                terms=terms,
+                a=ALL_ROWS,
+            )
             by_coefficient = by_quantity[:, :, :, None] * terms[:, None, None, :]
             by_coefficient = by_coefficient.reshape(count, 2, len(quantities) * structure.terms)
             return Equations(computed, by_coefficient @ structure.mixing, by_ground)

@@ -85,12 +85,17 @@ class Refinement:
 
 
 def refine_rpc(
-    image: Image | RPC | HasRpc, ground: np.ndarray, xy: np.ndarray, *, ids: np.ndarray | None = None,
+    image: Image | RPC | HasRpc,
+    ground: np.ndarray,
+    xy: np.ndarray,
+    *,
+    ids: np.ndarray | None = None,
     sigma_px: np.ndarray | float = DefaultSigmas.sigma_image_px,
     sigma_m: np.ndarray | tuple[float, float] = (DefaultSigmas.sigma_gcp_xy_m, DefaultSigmas.sigma_gcp_h_m),
-    model: str = RefineOptions.model, leave_out: bool = RefineOptions.leave_out,
+    model: str = RefineOptions.model,
+    leave_out: bool = RefineOptions.leave_out,
     models: Mapping[str, RefinementModel] = MODELS,
-) -> Refinement:  # fmt: skip
+) -> Refinement:
     """Return an image's RPC refined from ground control points.
 
     Parameters

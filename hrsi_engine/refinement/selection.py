@@ -48,14 +48,19 @@ class SELECTION:
 
     expected_error: float = threshold(2.0, "sigma", "RMS prediction error of a good model", "accuracy_blunders.md")
     significance: float = threshold(
-        0.05, "", "significance level at which a model with more parameters predicts better",
+        0.05,
+        "",
+        "significance level at which a model with more parameters predicts better",
         "Breiman et al. 1984, one standard error rule",
-    )  # fmt: skip
+    )
     large_error: float = threshold(5.0, "sigma", "largest RMS prediction error of a model that explains the GCPs")
     drift_measurements: int = threshold(
-        25_000, "measurements", "most per image for an estimate of the drift: with more, treated as independent, small "
-        "common errors are estimated as drift (115 109 tie points tilt a pair by 60 m in height)", "SPOT 7, 2026-11-22"
-    )  # fmt: skip
+        25_000,
+        "measurements",
+        "most per image for an estimate of the drift: with more, treated as independent, small "
+        "common errors are estimated as drift (115 109 tie points tilt a pair by 60 m in height)",
+        "SPOT 7, 2026-11-22",
+    )
     many_gcps: int = threshold(50, "GCPs", "fewest for all terms of the generic method", "thesis, section 4.3")
 
 

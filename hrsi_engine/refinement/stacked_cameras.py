@@ -21,9 +21,13 @@ from .object_coordinates import GroundPolynomial
 
 
 def linearise_images(
-    model: RefinementModel, images: Sequence[Image], image_index: np.ndarray, xy: np.ndarray, values: np.ndarray,
+    model: RefinementModel,
+    images: Sequence[Image],
+    image_index: np.ndarray,
+    xy: np.ndarray,
+    values: np.ndarray,
     ground: np.ndarray,
-) -> Equations:  # fmt: skip
+) -> Equations:
     """Return the linearised equations of points that were observed at ``xy (n, 2)``; see `RefinementModel.equations`.
 
     model, images, which, values, ground : see the module

@@ -2,7 +2,10 @@
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "residuals": "Residuals",
-    "verdict": "Evidence Verdict",
-})  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "residuals": "Residuals",
+        "verdict": "Evidence Verdict",
+    },
+)

@@ -44,19 +44,26 @@ def make_record(result: Adjustment) -> dict[str, Any]:
     names = [image.id for image in block.images]
     pairs = [[names[a], names[b], int(n)] for a, b, n in zip(common.row, common.col, common.data, strict=True)]
     return {
-        "schema": 1, "model": result.model.name, "sigma0": result.sigma0, "parameters": list(result.model.parameters),
+        "schema": 1,
+        "model": result.model.name,
+        "sigma0": result.sigma0,
+        "parameters": list(result.model.parameters),
         "images": [
             {
-                "id": image.id, "path": os.path.abspath(image.path) if os.path.exists(image.path) else image.path,
+                "id": image.id,
+                "path": os.path.abspath(image.path) if os.path.exists(image.path) else image.path,
                 **item_entry(image.path),
                 "rpc": {part.name: np.asarray(getattr(image.rpc, part.name)).tolist() for part in fields(image.rpc)},
-                "values": values.tolist(), "covariance": normal.tolist() if ids_known[k] else None,
+                "values": values.tolist(),
+                "covariance": normal.tolist() if ids_known[k] else None,
             }
-            for k,
-            (image, values, normal) in enumerate(zip(result.block.images, result.values, covariance, strict=True))
+            for k, (image, values, normal) in enumerate(
+                zip(result.block.images, result.values, covariance, strict=True)
+            )
         ],
-        "pairs": pairs, "layers": POINT_LAYERS,
-    }  # fmt: skip
+        "pairs": pairs,
+        "layers": POINT_LAYERS,
+    }
 
 
 def joint_arrays(joint: JointCameras) -> dict[str, np.ndarray]:

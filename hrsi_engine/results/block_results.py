@@ -98,9 +98,12 @@ class BlockResult:
 
 
 def assemble_result(
-    judged: JudgedBlock, record: Mapping[str, Any], entries: Mapping[str, Any], report_path: str = "",
+    judged: JudgedBlock,
+    record: Mapping[str, Any],
+    entries: Mapping[str, Any],
+    report_path: str = "",
     with_items: bool = False,
-) -> BlockResult:  # fmt: skip
+) -> BlockResult:
     """Return the results of an adjustment.
 
     record : the report's entries on the run: version, options, inputs
@@ -112,7 +115,9 @@ def assemble_result(
     images = adjustment.block.images
     with one_thread_calls():  # many small matrices, for which BLAS threads only cost time
         report = {
-            **record, "verdict": judged.verdict.entry(), "seconds": {},
+            **record,
+            "verdict": judged.verdict.entry(),
+            "seconds": {},
             "crs": {**record["crs"], "residuals": f"EPSG:{residuals_epsg(adjustment)}"},
             **judged.figures,
             **statistics.statistic_entries(adjustment, residuals),
@@ -120,7 +125,7 @@ def assemble_result(
             "line_profiles": describe_line_profiles(images, evidence.profiles, evidence.waves),
             "warnings": [*judged.warnings, *selection_warnings(selection)],
             **entries,
-        }  # fmt: skip
+        }
         report = add_image_facts(report, adjustment, residuals, refined)
         pairs = list(zip(images, refined, strict=True))
         delivered = [replace(image, rpc=new.rpc) for image, new in pairs]
@@ -160,24 +165,30 @@ def state_accuracy_by_standards(result: Adjustment, left: Residuals) -> dict[str
         nssda_plan = NSSDA_PLAN * 0.5 * (east + north)
     points = int(max(plan.sum(), np.isfinite(error[:, 2]).sum()))
     return {
-        "points_in_plan": int(plan.sum()), "points_in_height": int(np.isfinite(error[:, 2]).sum()),
+        "points_in_plan": int(plan.sum()),
+        "points_in_height": int(np.isfinite(error[:, 2]).sum()),
         **{
             f"mean_{name}_m": float(np.nanmean(values)) if np.isfinite(values).any() else None
             for name, values in zip(("east", "north", "height"), error.T, strict=True)
         },
         "asprs": {
-            "rmse_h_m": total_h, "rmse_v_m": total_v, "rmse_3d_m": _join(total_h, total_v),
-            "found_rmse_h_m": plan_m, "found_rmse_v_m": height,
-            "survey_rmse_h_m": survey_plan_m, "survey_rmse_v_m": of_survey[2],
+            "rmse_h_m": total_h,
+            "rmse_v_m": total_v,
+            "rmse_3d_m": _join(total_h, total_v),
+            "found_rmse_h_m": plan_m,
+            "found_rmse_v_m": height,
+            "survey_rmse_h_m": survey_plan_m,
+            "survey_rmse_v_m": of_survey[2],
             "points_required": ACCURACY_STATEMENT.asprs_points,
             "enough_points": points >= ACCURACY_STATEMENT.asprs_points,
         },
         "nssda": {
-            "horizontal_m": nssda_plan, "vertical_m": None if height is None else NSSDA_HEIGHT * height,
+            "horizontal_m": nssda_plan,
+            "vertical_m": None if height is None else NSSDA_HEIGHT * height,
             "points_required": ACCURACY_STATEMENT.nssda_points,
             "enough_points": points >= ACCURACY_STATEMENT.nssda_points,
         },
-    }  # fmt: skip
+    }
 
 
 def _join(first: float | None, second: float | None) -> float | None:

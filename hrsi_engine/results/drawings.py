@@ -71,7 +71,8 @@ def report_figures(
     cards = _make_cards(result, visible)
     pictures = _read_pictures(result.block.images, [card.image for card in cards])
     return ReportFigures(
-        map=_make_map(result, left, visible, images, pictures), points=_point_columns(result, left, visible),
+        map=_make_map(result, left, visible, images, pictures),
+        points=_point_columns(result, left, visible),
         pictures=list(pictures.values()),
         cards=[
             replace(card, picture=part.name, picture_size=part.covers) if (part := pictures.get(card.image)) else card
@@ -83,7 +84,7 @@ def report_figures(
             for axis, values in normalise_residuals(result).items()
         },
         surfaces=draw_surfaces(result),
-    )  # fmt: skip
+    )
 
 
 # ---- points ----------------------------------------------------------------------------------------------------
@@ -127,23 +128,29 @@ def _point_columns(result: Adjustment, left: Residuals, selection: _PointSelecti
         "images": [image.id for image in block.images],
         "roles": [role.label for role in Role],
         "points": {
-            "id": block.points.ids[points].tolist(), "role": block.points.role[points].tolist(),
-            "lon": np.round(place[:, 0], 7).tolist(), "lat": np.round(place[:, 1], 7).tolist(),
+            "id": block.points.ids[points].tolist(),
+            "role": block.points.role[points].tolist(),
+            "lon": np.round(place[:, 0], 7).tolist(),
+            "lat": np.round(place[:, 1], 7).tolist(),
             "height": _round_numbers(place[:, 2], 2),
-            "east": _round_numbers(left.ground_m[points, 0]), "north": _round_numbers(left.ground_m[points, 1]),
+            "east": _round_numbers(left.ground_m[points, 0]),
+            "north": _round_numbers(left.ground_m[points, 1]),
             "up": _round_numbers(left.ground_m[points, 2]),
             "residual": _round_numbers(_point_rms(block, selection)[points]),
             "sigma": _round_numbers(np.hypot(*result.ground_sigma_m[points, :2].T)),
-            "rays": block.rays_per_point()[points].tolist(), "flag": worst[points].tolist(),
+            "rays": block.rays_per_point()[points].tolist(),
+            "flag": worst[points].tolist(),
         },
         "measurements": {
-            "point": selection.number[rows.point[indices]].tolist(), "image": rows.image[indices].tolist(),
-            "sample": _round_numbers(rows.xy[indices, 0], 2), "line": _round_numbers(rows.xy[indices, 1], 2),
+            "point": selection.number[rows.point[indices]].tolist(),
+            "image": rows.image[indices].tolist(),
+            "sample": _round_numbers(rows.xy[indices, 0], 2),
+            "line": _round_numbers(rows.xy[indices, 1], 2),
             "dx": _round_numbers(selection.residual_px[indices, 0]),
             "dy": _round_numbers(selection.residual_px[indices, 1]),
             "flag": flag[indices].tolist(),
         },
-    }  # fmt: skip
+    }
 
 
 def _round_numbers(values: np.ndarray, digits: int = 3) -> list[float | None]:
@@ -161,25 +168,34 @@ def _point_rms(block: Block, selection: _PointSelection) -> np.ndarray:
 
 
 def _make_map(
-    result: Adjustment, left: Residuals, selection: _PointSelection, images: Sequence[Image],
+    result: Adjustment,
+    left: Residuals,
+    selection: _PointSelection,
+    images: Sequence[Image],
     pictures: Mapping[str, Picture],
-) -> BlockMap:  # fmt: skip
+) -> BlockMap:
     """Return footprints, points with their residuals, and a field of tie points by cells if they are many."""
     block, place = result.block, result.positions
     height = result.middle[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
     is_crowded = len(ties) > REPORT_PAGE.most_known
     field = TieField(
-        place[ties, :2], _point_rms(block, selection)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
+        place[ties, :2],
+        _point_rms(block, selection)[ties],
+        np.hypot(*result.ground_sigma_m[ties, :2].T),
         block.rays_per_point()[ties],
-    )  # fmt: skip
+    )
     residual = left.ground_m[selection.points]
     return BlockMap(
         footprints={image.id: area for image, area in zip(images, compute_footprints(images, height), strict=True)},
-        lonlat=place[selection.points, :2], roles=block.points.role[selection.points], residual_en_m=residual[:, :2],
-        ids=block.points.ids[selection.points], residual_h_m=residual[:, 2], ties=field if is_crowded else None,
+        lonlat=place[selection.points, :2],
+        roles=block.points.role[selection.points],
+        residual_en_m=residual[:, :2],
+        ids=block.points.ids[selection.points],
+        residual_h_m=residual[:, 2],
+        ties=field if is_crowded else None,
         pictures=_lay_out([image for image in images if image.id in pictures], pictures, height),
-    )  # fmt: skip
+    )
 
 
 # ---- images ----------------------------------------------------------------------------------------------------
@@ -232,11 +248,16 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _Point
         errors = np.sqrt(np.maximum(square / count - means**2, 0.0) / (count - 1))
     plotted = part[vectors]
     return ImageCard(
-        image=image.id, extent=np.array([[first_sample, first_line], [last_sample, last_line]]),
-        xy=rows.xy[plotted], residual_px=visible.residual_px[plotted], groups=groups[vectors],
-        points=visible.number[rows.point[plotted]], total=len(part),
-        means=means, mean_sigmas=errors,
-    )  # fmt: skip
+        image=image.id,
+        extent=np.array([[first_sample, first_line], [last_sample, last_line]]),
+        xy=rows.xy[plotted],
+        residual_px=visible.residual_px[plotted],
+        groups=groups[vectors],
+        points=visible.number[rows.point[plotted]],
+        total=len(part),
+        means=means,
+        mean_sigmas=errors,
+    )
 
 
 def _sum_cells(cell: np.ndarray, weights: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
@@ -316,9 +337,13 @@ def _make_chips(result: Adjustment, visible: _PointSelection, outline: Outline |
         chip = TargetChip(grey, low.astype(np.float64), nothing, np.empty(0, dtype=bool), curves, xy, xy - residual)
         chips.append(
             PointChip(
-                id=str(block.points.ids[point]), image=image.id, role=Role(role[row]).label,
-                point=int(visible.number[point]), residual_px=residual, outlier=bool(outlier[row]),
+                id=str(block.points.ids[point]),
+                image=image.id,
+                role=Role(role[row]).label,
+                point=int(visible.number[point]),
+                residual_px=residual,
+                outlier=bool(outlier[row]),
                 chip=chip,
             )
-        )  # fmt: skip
+        )
     return chips

@@ -112,12 +112,15 @@ def _cross_validation(result: Adjustment) -> dict[str, Any] | None:
         return None
     east, north, height = (rmse(outcome.error_m[:, axis]) for axis in range(3))
     return {
-        "points": len(outcome.ids), "rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height,
+        "points": len(outcome.ids),
+        "rmse_east_m": east,
+        "rmse_north_m": north,
+        "rmse_height_m": height,
         "errors_m": {
             name: [None if np.isnan(value) else float(value) for value in error]
             for name, error in zip(outcome.ids, outcome.error_m, strict=True)
         },
-    }  # fmt: skip
+    }
 
 
 def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:

@@ -53,10 +53,13 @@ def add_image_facts(
     for index, image in enumerate(images):
         names = ("gsd_sample_m", "gsd_line_m", "incidence_deg", "azimuth_deg")
         report["images"][image.id] |= {
-            **describe_acquisition(image), **{name: getattr(geometry.get(index), name, None) for name in names},
-            "tie_points": tie_counts[index], "tie_before_rmse_px": before_px[index], "tie_rmse_px": after_px[index],
+            **describe_acquisition(image),
+            **{name: getattr(geometry.get(index), name, None) for name in names},
+            "tie_points": tie_counts[index],
+            "tie_before_rmse_px": before_px[index],
+            "tie_rmse_px": after_px[index],
             "correction": corrections[index],
-        }  # fmt: skip
+        }
         if result.jitter is not None and image.id in result.jitter.curves:
             curve = result.jitter.curves[image.id]
             names = ("rms_sample_px", "rms_line_px", "sigma_sample_px", "sigma_line_px")
@@ -140,11 +143,16 @@ def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[d
     for first, second in listed_pairs:
         count, pair = int(common.get((first, second), 0)), geometries.get((first, second))
         overlap = (None, None) if pair is None else pair.overlap
-        outcome.append({
-            "first": views[first].image.id, "second": views[second].image.id, "tie_points": count,
-            "tie_rmse_px": float(np.sqrt(square_px[first, second] / (2 * count))) if count else None,
-            "overlap_first": overlap[0], "overlap_second": overlap[1],
-            "convergence_deg": getattr(pair, "convergence_deg", None),
-            "base_to_height": getattr(pair, "base_to_height", None),
-        })  # fmt: skip
+        outcome.append(
+            {
+                "first": views[first].image.id,
+                "second": views[second].image.id,
+                "tie_points": count,
+                "tie_rmse_px": float(np.sqrt(square_px[first, second] / (2 * count))) if count else None,
+                "overlap_first": overlap[0],
+                "overlap_second": overlap[1],
+                "convergence_deg": getattr(pair, "convergence_deg", None),
+                "base_to_height": getattr(pair, "base_to_height", None),
+            }
+        )
     return outcome

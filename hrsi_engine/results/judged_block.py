@@ -49,9 +49,11 @@ class JudgedBlock:
 
 
 def judge_block(
-    adjustment: Adjustment, warnings: Sequence[str] = (), reasons: Sequence[Reason] = (),
+    adjustment: Adjustment,
+    warnings: Sequence[str] = (),
+    reasons: Sequence[Reason] = (),
     lap: Callable[[str], None] = lambda part: None,
-) -> JudgedBlock:  # fmt: skip
+) -> JudgedBlock:
     """Return an adjusted block with its residuals, refined RPCs, figures, warnings and verdict.
 
     warnings : those found before; reasons : those found in the inputs
@@ -75,8 +77,13 @@ def judge_block(
             for image, new in zip(images, refined, strict=True)
             if new.fit_max_px > RPC_AGREEMENT.warned_px
         ]
-        texts = [*warnings, *adjustment.warnings, *rejection_warnings(adjustment),
-                 *different_rpcs, *describe_residual_fields(evidence)]  # fmt: skip
+        texts = [
+            *warnings,
+            *adjustment.warnings,
+            *rejection_warnings(adjustment),
+            *different_rpcs,
+            *describe_residual_fields(evidence),
+        ]
     messages = tuple(reason.message for reason in verdict.reasons)
     return JudgedBlock(evidence, figures, verdict, tuple(text for text in texts if not text.startswith(messages)))
 

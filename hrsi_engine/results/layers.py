@@ -19,9 +19,11 @@ RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
 
 def block_layers(
-    result: Adjustment, left: Residuals, delivered: Sequence[Image] = (),
+    result: Adjustment,
+    left: Residuals,
+    delivered: Sequence[Image] = (),
     selection: tables.LayerSelection | None = None,
-) -> list[Layer]:  # fmt: skip
+) -> list[Layer]:
     """Return the layers of ``block.gpkg``.
 
     result : the adjustment; left : its residuals

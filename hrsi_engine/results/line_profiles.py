@@ -33,7 +33,7 @@ def describe_line_profiles(
             "observations": len(profile.line),
             "waves": describe_waves(image, waves[index]),
             **axes,
-        }  # fmt: skip
+        }
     return texts
 
 
@@ -46,14 +46,17 @@ def describe_waves(image: Image, waves: Sequence[Wave]) -> list[dict[str, Any]]:
     pixel_m = dict(zip(WAVE_AXES, measure_pixel_m(image.rpc, middle), strict=True))
     return [
         {
-            "axis": wave.axis, "period_lines": wave.period_lines,
+            "axis": wave.axis,
+            "period_lines": wave.period_lines,
             "period_s": wave.period_lines / rate if rate else None,
-            "amplitude_px": wave.amplitude_px, "sigma_px": wave.sigma_px,
+            "amplitude_px": wave.amplitude_px,
+            "sigma_px": wave.sigma_px,
             "amplitude_m": wave.amplitude_px * pixel_m[wave.axis],
-            "phase_rad": wave.phase_rad, "false_alarm": wave.false_alarm,
+            "phase_rad": wave.phase_rad,
+            "false_alarm": wave.false_alarm,
         }
         for wave in waves
-    ]  # fmt: skip
+    ]
 
 
 def _describe_axis(profile: LineProfile, axis: str) -> dict[str, Any] | None:

@@ -116,11 +116,14 @@ def compute_residuals(result: Adjustment) -> Residuals:
         on_ground = outwards @ covariance[is_single] @ outwards.swapaxes(1, 2)
         sigma_m[rows.point[rows_here[is_single]], :2] = np.sqrt(on_ground.diagonal(axis1=1, axis2=2))
     return Residuals(
-        ground_m=ground_residuals_m(kept_block, result.model, result.values, result.ground), ground_sigma_m=sigma_m,
-        measured_px=np.where(at_survey[:, None], at_known, result.residual_px), measured_sigma_px=sigma_px,
-        at_known_px=at_known, before_px=survey_residuals_px(block, result.model, np.zeros_like(result.values)),
+        ground_m=ground_residuals_m(kept_block, result.model, result.values, result.ground),
+        ground_sigma_m=sigma_m,
+        measured_px=np.where(at_survey[:, None], at_known, result.residual_px),
+        measured_sigma_px=sigma_px,
+        at_known_px=at_known,
+        before_px=survey_residuals_px(block, result.model, np.zeros_like(result.values)),
         tie_before_px=_tie_residuals_before(result),
-    )  # fmt: skip
+    )
 
 
 def state_known_sigmas_px(result: Adjustment, left: Residuals) -> np.ndarray:

@@ -57,9 +57,11 @@ def describe_item(image: Image, refined: RefitRPC, report: Mapping[str, Any], fo
     retained = (
         {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
     )
-    links = [] if source is None else [
-        {"rel": "derived_from", "href": href_of(source.source, folder), "type": "application/geo+json"}
-    ]  # fmt: skip
+    links = (
+        []
+        if source is None
+        else [{"rel": "derived_from", "href": href_of(source.source, folder), "type": "application/geo+json"}]
+    )
     # Time of acquisition; if it is not known, an interval up to the run's date
     times = (
         {"datetime": entry["acquired"]}
@@ -78,25 +80,35 @@ def describe_item(image: Image, refined: RefitRPC, report: Mapping[str, Any], fo
     properties: dict[str, Any] = {}
     if rpc.err_bias is not None and rpc.err_rand is not None:
         item = float(np.hypot(rpc.err_bias, rpc.err_rand))
-        properties = {"accuracy:geometric_x_stddev": item, "accuracy:geometric_y_stddev": item,
-                "accuracy:geometric_rmse": float(np.sqrt(2.0)) * item}  # fmt: skip
+        properties = {
+            "accuracy:geometric_x_stddev": item,
+            "accuracy:geometric_y_stddev": item,
+            "accuracy:geometric_rmse": float(np.sqrt(2.0)) * item,
+        }
     properties = {key: round(value, 4) for key, value in properties.items() if np.isfinite(value)}
     block, accuracy_from = block_accuracy(report)
     valid = {f"hrsi:{name.lower()}_m": round(value, 4) for name, value in block.items() if value is not None}
     accuracy = properties | valid | ({"hrsi:accuracy_from": accuracy_from} if valid else {})
     return {
-        "type": "Feature", "stac_version": STAC_VERSION, "stac_extensions": list(STAC_EXTENSIONS.values()),
+        "type": "Feature",
+        "stac_version": STAC_VERSION,
+        "stac_extensions": list(STAC_EXTENSIONS.values()),
         "id": image.id,
-        "geometry": mapping(outline), "bbox": list(_bounding_box(outline)),
+        "geometry": mapping(outline),
+        "bbox": list(_bounding_box(outline)),
         "properties": {
-            **times, "created": report["date"],
-            **({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **retained,
+            **times,
+            "created": report["date"],
+            **({"platform": image.sensor} if image.sensor else {}),
+            "gsd": round(compute_gsd_m(image), 3),
+            **retained,
             **angles,
-            **_processing_properties(image, report), **accuracy,
+            **_processing_properties(image, report),
+            **accuracy,
             **json_members(rpc, STAC_NAMES),
         },
         "links": links,
-    }  # fmt: skip
+    }
 
 
 def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str, Any]:
@@ -150,8 +162,10 @@ def _orient_outline(outline: Polygon) -> Polygon | MultiPolygon:
     outline = translate(orient(outline), -360.0 * np.floor((outline.bounds[0] + 180.0) / 360.0))
     if outline.bounds[2] <= 180.0:
         return outline
-    parts = [outline.intersection(box(-180.0, -90.0, 180.0, 90.0)),
-             translate(outline.intersection(box(180.0, -90.0, 540.0, 90.0)), -360.0)]  # fmt: skip
+    parts = [
+        outline.intersection(box(-180.0, -90.0, 180.0, 90.0)),
+        translate(outline.intersection(box(180.0, -90.0, 540.0, 90.0)), -360.0),
+    ]
     return MultiPolygon([orient(part) for part in parts if part.geom_type == "Polygon"])
 
 

@@ -28,18 +28,26 @@ def describe_surface(one: SurfaceOutcome) -> dict[str, Any]:
     match, sigma = one.match, np.sqrt(one.covariance_m2.diagonal())
     squares, axes = np.linalg.eigh(one.covariance_m2[:2, :2])
     return {
-        "images": list(one.images), "holds_plan": not one.open, "why_not": one.open or None,
-        "displacement_m": match.displacement_m.tolist(), "sigma_m": sigma.tolist(), "left_m": one.left_m.tolist(),
+        "images": list(one.images),
+        "holds_plan": not one.open,
+        "why_not": one.open or None,
+        "displacement_m": match.displacement_m.tolist(),
+        "sigma_m": sigma.tolist(),
+        "left_m": one.left_m.tolist(),
         "ellipse": {
-            "semi_major_m": float(np.sqrt(squares[1])), "semi_minor_m": float(np.sqrt(squares[0])),
+            "semi_major_m": float(np.sqrt(squares[1])),
+            "semi_minor_m": float(np.sqrt(squares[0])),
             "azimuth_deg": float(np.degrees(np.arctan2(axes[0, 1], axes[1, 1])) % 180.0),
         },
-        "points": match.points, "independent_cells": match.cells, "score_m": match.scatter_m,
+        "points": match.points,
+        "independent_cells": match.cells,
+        "score_m": match.scatter_m,
         "score_before_m": match.before_m if np.isfinite(match.before_m) else None,
         "second_m": None if match.second_m is None else match.second_m.tolist(),
         "second_ratio": match.second_ratio if np.isfinite(match.second_ratio) else None,
-        "pointing_m": one.pointing_m, "beyond_pointing": one.beyond_pointing,
-    }  # fmt: skip
+        "pointing_m": one.pointing_m,
+        "beyond_pointing": one.beyond_pointing,
+    }
 
 
 def compute_surface_residuals(result: Adjustment, one: SurfaceOutcome) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -58,9 +66,11 @@ def surface_residuals_table(result: Adjustment) -> Table:
     points = np.concatenate([one.points for one in result.surfaces])
     valid = np.flatnonzero(np.isfinite(adjusted).all(axis=1) & np.isfinite(after_m))
     rows = SurfaceResidualRows(
-        id=result.block.points.ids[points[valid]], residual_before_m=before_m[valid], residual_height_m=after_m[valid],
+        id=result.block.points.ids[points[valid]],
+        residual_before_m=before_m[valid],
+        residual_height_m=after_m[valid],
         holds=np.repeat([not one.open for one in result.surfaces], [len(one.points) for one in result.surfaces])[valid],
-    )  # fmt: skip
+    )
     return Table(adjusted[valid], rows)
 
 
@@ -76,10 +86,15 @@ def draw_surfaces(result: Adjustment) -> list[SurfacePicture]:
         limit_m = SIGNIFICANCE.sigmas * one.match.scatter_m
         places_m = ground_difference_m(following, np.broadcast_to(following[0], following.shape))[:, :2]
         maps = [_average_residuals(places_m, np.clip(values, -limit_m, limit_m)) for values in (before_m, after_m)]
-        outcome.append(SurfacePicture(
-            one.images, _picture(square, np.nanmin(square), np.nanmax(square)),
-            [_picture(values, -limit_m, limit_m) for values in maps], float(np.abs(one.match.offsets_m).max()), limit_m,
-        ))  # fmt: skip
+        outcome.append(
+            SurfacePicture(
+                one.images,
+                _picture(square, np.nanmin(square), np.nanmax(square)),
+                [_picture(values, -limit_m, limit_m) for values in maps],
+                float(np.abs(one.match.offsets_m).max()),
+                limit_m,
+            )
+        )
     return outcome
 
 

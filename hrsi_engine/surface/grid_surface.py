@@ -63,9 +63,13 @@ class GridSurface:
     """
 
     def __init__(
-        self, shape: tuple[int, int], read: ReadCells, to_grid: Convert, to_lonlat: Convert | None = None,
+        self,
+        shape: tuple[int, int],
+        read: ReadCells,
+        to_grid: Convert,
+        to_lonlat: Convert | None = None,
         operations: tuple[OperationUse, ...] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         if min(shape) < 2:
             raise ValueError(f"a grid of {shape} cells has no area; 2 x 2 are needed")
         self.shape, self.operations = shape, operations
@@ -188,9 +192,12 @@ class GridSurface:
 
         size = last - first + 1
         return GridSurface(
-            (int(size[1]), int(size[0])), read, lambda lonlat: self._to_grid(lonlat) - first,
-            lambda grid: to_lonlat(grid + first), self.operations,
-        )  # fmt: skip
+            (int(size[1]), int(size[0])),
+            read,
+            lambda lonlat: self._to_grid(lonlat) - first,
+            lambda grid: to_lonlat(grid + first),
+            self.operations,
+        )
 
     def _find_tile(self, grid: np.ndarray) -> tuple[int, int]:
         cell = np.clip(np.nan_to_num(grid), 0, np.array([self.shape[1] - 2, self.shape[0] - 2])).astype(int)

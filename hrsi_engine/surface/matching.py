@@ -102,9 +102,13 @@ class SurfaceMatcher:
     """Matches points, with variances ``(n,)`` of their heights, with a surface; arguments as of `match_surface`."""
 
     def __init__(
-        self, ground: np.ndarray, surface: HeightSurface, kind: str = "dsm", variance_m2: np.ndarray | None = None,
+        self,
+        ground: np.ndarray,
+        surface: HeightSurface,
+        kind: str = "dsm",
+        variance_m2: np.ndarray | None = None,
         noise_m: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.noise_m = noise_m
         self.surface, self.kind, self.cell_m = surface, kind, cell_size_m(surface, ground[0])
         place_m = ground_difference_m(ground, np.broadcast_to(ground[0], ground.shape))[:, :2]
@@ -155,10 +159,13 @@ class SurfaceMatcher:
         rivals = [one for one in inside if one.is_apart_from(best, apart_m)] if inside else minima
         second = next(iter(rivals), None)
         return replace(
-            best, before_m=float(scores[np.argmin(np.abs(offsets).sum(axis=1))]), offsets_m=offsets, scores_m=scores,
+            best,
+            before_m=float(scores[np.argmin(np.abs(offsets).sum(axis=1))]),
+            offsets_m=offsets,
+            scores_m=scores,
             second_m=None if second is None else second.displacement_m,
             second_ratio=np.inf if second is None else second.scatter_m / best.scatter_m,
-        )  # fmt: skip
+        )
 
     def refine(self, start_m: np.ndarray, reach_m: float) -> SurfaceMatch | None:
         """Return the least-squares displacement near a start ``(3,)``; None if too few points have heights.
@@ -172,8 +179,10 @@ class SurfaceMatcher:
             sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
             facets = self._heights(d[:2] + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
             miss = facets[0] - self.height - d[2]
-            slope, wide = (np.column_stack([h[1] - h[2], h[3] - h[4]]) / (2.0 * k * self.cell_m)
-                           for k, h in ((1, facets[:5]), (2, facets[[0, 5, 6, 7, 8]])))  # fmt: skip
+            slope, wide = (
+                np.column_stack([h[1] - h[2], h[3] - h[4]]) / (2.0 * k * self.cell_m)
+                for k, h in ((1, facets[:5]), (2, facets[[0, 5, 6, 7, 8]]))
+            )
             is_valid = np.isfinite(miss) & (np.hypot(*slope.T) < SURFACE_MATCHING.steepest)
             if is_valid.sum() < SAMPLES.trend:
                 return None

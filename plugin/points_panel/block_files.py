@@ -193,7 +193,9 @@ class BlockFiles:
             return True
         buttons = QMessageBox.StandardButton
         answer = QMessageBox.question(
-            self.dock, tr("HRSI Points"), tr("Save the measurements of this block first?"),
+            self.dock,
+            tr("HRSI Points"),
+            tr("Save the measurements of this block first?"),
             buttons.Save | buttons.Discard | buttons.Cancel,
-        )  # fmt: skip
+        )
         return answer == buttons.Discard or (answer == buttons.Save and bool(self.save()))

@@ -111,9 +111,11 @@ class NewBlockDialog(QDialog):
         points["gcps"] = name_fields(points["gcps"], chosen)
         crs = self.crs.crs()
         return {
-            "images": QgsFileWidget.splitFilePaths(self.images.filePath()), **points,
-            "ground_crs": crs_text(crs) if crs.isValid() else None, "height_datum": self.datum.currentText(),
-        }  # fmt: skip
+            "images": QgsFileWidget.splitFilePaths(self.images.filePath()),
+            **points,
+            "ground_crs": crs_text(crs) if crs.isValid() else None,
+            "height_datum": self.datum.currentText(),
+        }
 
 
 _HIGHEST_M = 10_000.0  # largest height
@@ -131,8 +133,11 @@ class NewPointDialog(QDialog):
         self.dem, self.datum = QComboBox(), QComboBox()
         self.dem.addItem(tr("no DEM: as typed"), "")
         layers, kinds = QgsProject.instance().mapLayers().values(), QgsMapLayer.LayerType
-        dems = [one for one in layers if one.type() == kinds.PointCloudLayer
-                or (one.type() == kinds.RasterLayer and one.bandCount() == 1)]  # fmt: skip
+        dems = [
+            one
+            for one in layers
+            if one.type() == kinds.PointCloudLayer or (one.type() == kinds.RasterLayer and one.bandCount() == 1)
+        ]
         for layer in sorted(dems, key=lambda one: str(one.name()).lower()):
             self.dem.addItem(layer.name(), layer.source())
         self.datum.addItems(HEIGHT_DATUMS)
@@ -146,10 +151,14 @@ class NewPointDialog(QDialog):
         box.rejected.connect(self.reject)
         form = QFormLayout(self)
         for label, widget in (
-            (tr("Name"), self.name), (tr("Role"), self.role), (tr("Height from"), self.dem),
-            (tr("Heights of the DEM refer to"), self.datum), (tr("Ellipsoidal height (m)"), self.height),
-            (tr("Sigma east, north (m)"), self.sigma_xy), (tr("Sigma height (m)"), self.sigma_h),
-        ):  # fmt: skip
+            (tr("Name"), self.name),
+            (tr("Role"), self.role),
+            (tr("Height from"), self.dem),
+            (tr("Heights of the DEM refer to"), self.datum),
+            (tr("Ellipsoidal height (m)"), self.height),
+            (tr("Sigma east, north (m)"), self.sigma_xy),
+            (tr("Sigma height (m)"), self.sigma_h),
+        ):
             form.addRow(label, widget)
         form.addWidget(box)
         for chooser in (self.dem, self.datum):

@@ -148,9 +148,12 @@ def _colour_of(marker: Marker) -> QColor:
 
 
 def _draw_crosses(
-    painter: QPainter, colour: QColor, places: Sequence[tuple[float, float]],
-    residuals_px: Sequence[tuple[float, float] | None], turn: np.ndarray,
-) -> None:  # fmt: skip
+    painter: QPainter,
+    colour: QColor,
+    places: Sequence[tuple[float, float]],
+    residuals_px: Sequence[tuple[float, float] | None],
+    turn: np.ndarray,
+) -> None:
     """Draw crosses on the screen, and their residuals, at once: one by one is slow for some hundred.
 
     turn : (2, 2) directions of sample and line on the screen, as rows

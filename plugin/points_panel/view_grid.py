@@ -234,8 +234,14 @@ class ViewGrid(QWidget):
             is_off = self.session.points[name].role == "off"
             markers.append(
                 Marker(
-                    name, row.predicted, measured, residual, is_suspicious=bool(row.suspicion), is_off=is_off,
-                    is_chosen=is_chosen, proposed=None if proposal is None else proposal.xy,
+                    name,
+                    row.predicted,
+                    measured,
+                    residual,
+                    is_suspicious=bool(row.suspicion),
+                    is_off=is_off,
+                    is_chosen=is_chosen,
+                    proposed=None if proposal is None else proposal.xy,
                 )
-            )  # fmt: skip
+            )
         return markers

@@ -64,9 +64,12 @@ class BlockRun:
     """
 
     def __init__(
-        self, context: Context, output: BlockOutput | None = None, points: PointFiles | None = None,
+        self,
+        context: Context,
+        output: BlockOutput | None = None,
+        points: PointFiles | None = None,
         searching: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.context, self.output, self.points = context, output, points or PointFiles()
         self.warnings: list[str] = []
         self.reasons: list[Reason] = []
@@ -111,9 +114,12 @@ class BlockRun:
     # ---- read and search ---------------------------------------------------------------------------------------------
 
     def open_images(
-        self, paths: Sequence[str], growth: BlockGrowthOptions | None = None, tie_points: str | None = None,
+        self,
+        paths: Sequence[str],
+        growth: BlockGrowthOptions | None = None,
+        tie_points: str | None = None,
         shared_images: Sequence[Sequence[str]] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Open the images, and the earlier block that they join; raise `InputError` if the results have no place.
 
         growth : options of that block; None: every image is a camera of its own
@@ -195,9 +201,12 @@ class BlockRun:
     # ---- check -------------------------------------------------------------------------------------------------------
 
     def check(
-        self, options: AdjustOptions, hold_out: float | None = None, surface: SurfaceFile | None = None,
+        self,
+        options: AdjustOptions,
+        hold_out: float | None = None,
+        surface: SurfaceFile | None = None,
         laser: LaserFile | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Check the inputs for an adjustment with ``options``.
 
         hold_out : share of the tie points that are held out; None: as they were read

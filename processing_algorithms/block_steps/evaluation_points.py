@@ -138,9 +138,13 @@ class EvaluationPoints:
         return self.tracks > 0 and all(maker.used is not None for maker in self.makers.values())
 
     def find_tracks(
-        self, search: SearchOptions, images: Sequence[Image], surface: HeightSurface | None, folder: str,
+        self,
+        search: SearchOptions,
+        images: Sequence[Image],
+        surface: HeightSurface | None,
+        folder: str,
         context: Context,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Find tie points in the images, and add the warnings of the search."""
         ties, discarded = find_ties(images, search, surface, folder, context)
         self.found, self.discarded = [ties.image_points], (*self.discarded, *discarded)
@@ -173,9 +177,12 @@ class EvaluationPoints:
 
 
 def read_evaluation_points(
-    options: EvaluateOptions, images: Sequence[Image], surface: GridSurface | None,
-    files: Mapping[str, Sequence[str]], context: Context,
-) -> EvaluationPoints:  # fmt: skip
+    options: EvaluateOptions,
+    images: Sequence[Image],
+    surface: GridSurface | None,
+    files: Mapping[str, Sequence[str]],
+    context: Context,
+) -> EvaluationPoints:
     """Return the block of all tracks and known points that evaluate the RPCs, with warnings for the user.
 
     Points from which one of the sets was estimated, whose RPC ``files`` are given, are excluded. If no tracks remain,

@@ -45,9 +45,13 @@ GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: purposes for whi
 
 
 def read_block(
-    images: Sequence[Image], points: PointFiles, dem: GridSurface | None = None, tie_points: str | None = None,
-    ties: Sequence[ImagePoints] = (), known: Sequence[GroundPoints] = (),
-) -> tuple[Block, list[str]]:  # fmt: skip
+    images: Sequence[Image],
+    points: PointFiles,
+    dem: GridSurface | None = None,
+    tie_points: str | None = None,
+    ties: Sequence[ImagePoints] = (),
+    known: Sequence[GroundPoints] = (),
+) -> tuple[Block, list[str]]:
     """Read point files and assemble the block with tie points and known points; return it with warnings for the user.
 
     Ground positions are used from the layer of GCPs only: a layer of image points may be one that HRSI wrote, with
@@ -71,11 +75,13 @@ def read_block(
             require_gcp_rows(str(spec).partition("|")[0])
         read = partial(read_points, surface_operations=of_dem) if purpose == GCPS else read_image_points
         tables = read(
-            spec if purpose == GCPS else measurements_of(spec), ground_crs=points.ground_crs,
-            height_datum=points.height_datum, epoch=points.gcp_epoch,
+            spec if purpose == GCPS else measurements_of(spec),
+            ground_crs=points.ground_crs,
+            height_datum=points.height_datum,
+            epoch=points.gcp_epoch,
             image_ids=[image.id for image in images],
             surface=None if dem is None else partial(surface_heights, dem),
-        )  # fmt: skip
+        )
         if tables.ground is not None and purpose == GCPS:
             ground.append(tables.ground)
         elif tables.ground is not None:
@@ -221,9 +227,12 @@ class EarlierBlock:
 
 
 def open_joined_images(
-    paths: Sequence[str], growth: BlockGrowthOptions, tie_points: str | None, shared_images: Sequence[Sequence[str]],
+    paths: Sequence[str],
+    growth: BlockGrowthOptions,
+    tie_points: str | None,
+    shared_images: Sequence[Sequence[str]],
     context: Context,
-) -> tuple[list[Image], EarlierBlock]:  # fmt: skip
+) -> tuple[list[Image], EarlierBlock]:
     """Return the images of a block, those of an earlier block that they join first, and that earlier block.
 
     The log names images that are tiles or bands of one exposure and are adjusted as one camera.
@@ -243,8 +252,10 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
     if options.add_to is None:
         return EarlierBlock()
     record = read_record(options.add_to)
-    require_ids([*(one.path for one in record.images), *(image.path for image in images)],
-                [*(one.id for one in record.images), *(image.id for image in images)])  # fmt: skip
+    require_ids(
+        [*(one.path for one in record.images), *(image.path for image in images)],
+        [*(one.id for one in record.images), *(image.id for image in images)],
+    )
     if options.earlier_cameras != FREE:
         # The cameras before any adjustment, and their joint estimate from the earlier one
         source = os.path.join(record.folder, CAMERAS_FILE)

@@ -106,9 +106,11 @@ def with_surface(
 
 
 def add_height_control(
-    options: AdjustOptions, surface: HeightSurface | None, laser: LaserPoints | None,
+    options: AdjustOptions,
+    surface: HeightSurface | None,
+    laser: LaserPoints | None,
     reference: ReferencePlaces | None = None,
-) -> AdjustOptions:  # fmt: skip
+) -> AdjustOptions:
     """Return the options of an adjustment with laser points, places of a reference, and a DEM that constrains heights.
 
     ``surface`` is that DEM. It is used if its standard deviation is given, or with laser points or places; then the
@@ -183,11 +185,15 @@ def describe_laser(result: Adjustment, options: LaserFile) -> tuple[Report, list
     holds = found.reason == ""
     used, residual, left_out = int(holds.sum()), found.residual_m[holds], Counter(found.reason[~holds].tolist())
     entry = {
-        "path": options.laser, "height_datum": options.laser_datum, "points": len(found.reason), "used": used,
-        "ties": int(found.ties[holds].sum()), "median_m": float(np.median(residual)) if residual.size else None,
+        "path": options.laser,
+        "height_datum": options.laser_datum,
+        "points": len(found.reason),
+        "used": used,
+        "ties": int(found.ties[holds].sum()),
+        "median_m": float(np.median(residual)) if residual.size else None,
         "rmse_m": float(np.sqrt(np.mean(residual**2))) if residual.size else None,
         "left_out": dict(left_out.most_common()),
-    }  # fmt: skip
+    }
     warnings = []
     if used < SAMPLES.fewest:
         why = f"; most of the others: {left_out.most_common(1)[0][0]}" if left_out else ""

@@ -114,9 +114,15 @@ def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
 
 
 def plan_results(
-    output: BlockOutput, images: Sequence[Image], block: Block | None, warnings: Sequence[str],
-    reasons: Sequence[Reason], context: Context, pairs: int | None = None, together: bool = True,
-) -> Report:  # fmt: skip
+    output: BlockOutput,
+    images: Sequence[Image],
+    block: Block | None,
+    warnings: Sequence[str],
+    reasons: Sequence[Reason],
+    context: Context,
+    pairs: int | None = None,
+    together: bool = True,
+) -> Report:
     """Return the report of a dry run: the files, the counts and the verdict of the checks before an adjustment.
 
     block : as far as it is known before tie points are found; None if nothing is known
@@ -222,9 +228,13 @@ def _set_aside_other_rpcs(pairs: Pairs, names: Mapping[str, str], output_dir: st
 
 
 def _write_new_files(
-    pairs: Pairs, targets: Mapping[str, str], how: str, curves: dict[str, JitterCurve], items: Mapping[str, str],
+    pairs: Pairs,
+    targets: Mapping[str, str],
+    how: str,
+    curves: dict[str, JitterCurve],
+    items: Mapping[str, str],
     context: Context,
-) -> None:  # fmt: skip
+) -> None:
     """Write refined RPCs to new files by image id; curves of images that are resampled are removed from ``curves``."""
     for part, (image, new) in _tell_writing(pairs, context):
         _, write = NEW_FILES[how if image.has_file else WITHOUT_PIXELS]

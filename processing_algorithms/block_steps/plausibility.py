@@ -88,7 +88,9 @@ def ground_reasons(result: Adjustment, surface: HeightSurface | None, sigma_dem_
     in_place = bool((role == Role.GCP).any()) or result.plan is not None
     holds = any(one.source == "DEM" and one.left_out < one.observations and one.share > 0.5 for one in result.heights)
     return find_relief_reasons(
-        result.ground[chosen], surface,
+        result.ground[chosen],
+        surface,
         0.0 if in_place else max(accuracy.sigma_m for accuracy in estimate_accuracies(result.block.images)),
-        float(np.hypot(of_points, sigma_dem_m or 0.0)), holds,
-    )  # fmt: skip
+        float(np.hypot(of_points, sigma_dem_m or 0.0)),
+        holds,
+    )

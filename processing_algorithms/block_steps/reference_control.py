@@ -29,9 +29,11 @@ class REFERENCE_SIGMA:
 
     pixels: float = threshold(2.0, "px", "standard deviation in its pixels, at most that of satellite images")
     satellite_m: float = threshold(
-        5.0, "m", "standard deviation of free satellite orthoimages (minimum)", "Sentinel-2: 12.5 m for 95 %; Landsat: "
-        "12 m CE90"
-    )  # fmt: skip
+        5.0,
+        "m",
+        "standard deviation of free satellite orthoimages (minimum)",
+        "Sentinel-2: 12.5 m for 95 %; Landsat: 12 m CE90",
+    )
     satellite_pixels: float = threshold(
         0.5, "px", "standard deviation of free satellite orthoimages in their pixels, at least", "Landsat: 30 m pixels"
     )
@@ -57,9 +59,13 @@ class FromReference(NamedTuple):
 
 
 def find_reference_control(
-    images: Sequence[Image], options: ReferenceImage, surface: HeightSurface | None, sigma_dem_m: float | None,
-    context: Context, epoch: float | None = None,
-) -> FromReference:  # fmt: skip
+    images: Sequence[Image],
+    options: ReferenceImage,
+    surface: HeightSurface | None,
+    sigma_dem_m: float | None,
+    context: Context,
+    epoch: float | None = None,
+) -> FromReference:
     """Match the images that have pixels with a reference orthoimage.
 
     surface : heights of the points; None raises `InputError`
@@ -98,13 +104,18 @@ def find_reference_control(
     known = [shift for shift in shifts if shift is not None]
     warnings += checks.describe_shifts(known)
     entries: Report = {
-        "path": path, "gsd_m": reference.gsd_m, "places": len(control.ground),
-        "sigma_xy_m": accuracy.sigma_xy_m, "sigma_h_m": accuracy.sigma_h_m, "used": True,
-        "wrong_parts": [part._asdict() for part in wrong_parts], "far": checks.describe_far_shifts(known),
+        "path": path,
+        "gsd_m": reference.gsd_m,
+        "places": len(control.ground),
+        "sigma_xy_m": accuracy.sigma_xy_m,
+        "sigma_h_m": accuracy.sigma_h_m,
+        "used": True,
+        "wrong_parts": [part._asdict() for part in wrong_parts],
+        "far": checks.describe_far_shifts(known),
         "images": {
             found.image_id: _image_entry(found, shift) for found, shift in zip(control.images, shifts, strict=True)
         },
-    }  # fmt: skip
+    }
     excessive = any(shift.is_excessive for shift in known)
     return FromReference(
         with_pixels,
@@ -121,12 +132,17 @@ def _image_entry(found: Any, shift: Any) -> Report:
     used, agreement = found.used, found.agreement
     bias = [None, None] if agreement is None else agreement.coefficients[:, 0].tolist()
     return {
-        "matched": len(used), "used": int(used.sum()), "working_pixel_px": found.step,
-        "bias_sample_px": bias[0], "bias_line_px": bias[1],
+        "matched": len(used),
+        "used": int(used.sum()),
+        "working_pixel_px": found.step,
+        "bias_sample_px": bias[0],
+        "bias_line_px": bias[1],
         "spread_px": None if agreement is None else agreement.spread_px,
-        "east_m": None if shift is None else shift.east_m, "north_m": None if shift is None else shift.north_m,
-        "limit_m": None if shift is None else shift.limit_m, "refusal": found.refusal or None,
-    }  # fmt: skip
+        "east_m": None if shift is None else shift.east_m,
+        "north_m": None if shift is None else shift.north_m,
+        "limit_m": None if shift is None else shift.limit_m,
+        "refusal": found.refusal or None,
+    }
 
 
 def reference_points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
@@ -141,9 +157,11 @@ def reference_points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
         np.concatenate([ids[part.places[used]] for part, used in rows]),
         np.concatenate([np.full(int(used.sum()), part.image_id) for part, used in rows]),
         np.concatenate([part.xy[used] for part, used in rows]),
-        sigma_px=np.concatenate([part.sigma_px[used] for part, used in rows]), kind=REFERENCE_KIND,
-        quality=np.concatenate([part.score[used] for part, used in rows]), source=found.entries["path"],
-    )  # fmt: skip
+        sigma_px=np.concatenate([part.sigma_px[used] for part, used in rows]),
+        kind=REFERENCE_KIND,
+        quality=np.concatenate([part.score[used] for part, used in rows]),
+        source=found.entries["path"],
+    )
     return ground, image_points
 
 
@@ -158,12 +176,14 @@ def reference_reasons(entries: Report) -> list[Reason]:
     if any(image["used"] for image in entry["images"].values()):
         return [
             Reason(
-                "reference-not-found", Level.DOUBTFUL, f"{entry['path']}: {told}",
+                "reference-not-found",
+                Level.DOUBTFUL,
+                f"{entry['path']}: {told}",
                 "check the georeference of the reference; the block was adjusted to it",
             )
             for told in entry["far"][:1]
             if entry["used"]
-        ]  # fmt: skip
+        ]
     return [
         Reason(
             "reference-not-found",
@@ -175,9 +195,15 @@ def reference_reasons(entries: Report) -> list[Reason]:
 
 
 def read_reference_block(
-    images: Sequence[Image], files: PointFiles, dem: GridSurface | None, tie_points: str | None,
-    ties: Sequence[ImagePoints], reference: ReferenceImage, sigma_dem_m: float | None, context: Context,
-) -> tuple[Block, ReferencePlaces | None, list[str], Report]:  # fmt: skip
+    images: Sequence[Image],
+    files: PointFiles,
+    dem: GridSurface | None,
+    tie_points: str | None,
+    ties: Sequence[ImagePoints],
+    reference: ReferenceImage,
+    sigma_dem_m: float | None,
+    context: Context,
+) -> tuple[Block, ReferencePlaces | None, list[str], Report]:
     """Read a block with the GCPs of the reference among its points; also return them as places, warnings, entries.
 
     If surveyed GCPs contradict the reference, it is not used. If the RPCs differ from it by more than both accuracies
@@ -201,9 +227,11 @@ def read_reference_block(
     differ = checks.contradiction(found.images, found.control, gcps, found.accuracy) if gcps else None
     if differ is not None:
         found.entries["surveyed_gcps"] = {
-            "measurements": differ.points, "east_m": differ.east_m, "north_m": differ.north_m,
+            "measurements": differ.points,
+            "east_m": differ.east_m,
+            "north_m": differ.north_m,
             "limit_m": differ.limit_m,
-        }  # fmt: skip
+        }
     places: ReferencePlaces | None = None
     if differ is not None and differ.is_excessive and np.isfinite(differ.limit_m):
         found.entries["used"] = False

@@ -32,9 +32,13 @@ UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, until t
 
 
 def find_ties(
-    images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, output_dir: str, context: Context,
+    images: Sequence[Image],
+    options: SearchOptions,
+    surface: HeightSurface | None,
+    output_dir: str,
+    context: Context,
     earlier: Collection[str] = (),
-) -> tuple[TiePoints, tuple[str, ...]]:  # fmt: skip
+) -> tuple[TiePoints, tuple[str, ...]]:
     """Find the tie points of a block by the options; also return the folder that is needed for this run only.
 
     Finished parts are stored in that folder, on the disk or in an object store, until the caller discards it. Images
@@ -51,9 +55,14 @@ def find_ties(
         found = refine_given_matches(images, given, options.search, context.progress, scheduler=scheduler)
     else:
         found = find_tie_points(
-            images, options.search, context.progress, surface=surface, scheduler=scheduler, keeper=finished,
+            images,
+            options.search,
+            context.progress,
+            surface=surface,
+            scheduler=scheduler,
+            keeper=finished,
             earlier=earlier,
-        )  # fmt: skip
+        )
     for pair in found.pairs:
         context.log(f"{pair.first} - {pair.second}: {pair.matches} matches")
     for hold in found.holds:
@@ -77,20 +86,26 @@ def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
     if pairs:
         return join_image_points(pairs)
     return ImagePoints(
-        join_names([table.ids for table in tracks]), join_names([table.image_ids for table in tracks]),
-        np.concatenate([table.xy for table in tracks]), source=tracks[0].source,
-    )  # fmt: skip
+        join_names([table.ids for table in tracks]),
+        join_names([table.image_ids for table in tracks]),
+        np.concatenate([table.xy for table in tracks]),
+        source=tracks[0].source,
+    )
 
 
 def connection_entries(found: TiePoints) -> Report:
     """Return the report's entries on the connection of each image: reliable links, images of its part, pairs tried."""
     return {
         "held": {
-            hold.image: {"links": hold.links, "images": hold.images, "pairs_tried": hold.tried,
-                         "reason": hold.reason or None}
+            hold.image: {
+                "links": hold.links,
+                "images": hold.images,
+                "pairs_tried": hold.tried,
+                "reason": hold.reason or None,
+            }
             for hold in found.holds
         }
-    }  # fmt: skip
+    }
 
 
 FIRST_LETTER = "T"  # of tie point ids: a number follows

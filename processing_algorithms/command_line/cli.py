@@ -208,10 +208,12 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
                 listener.log(text)
 
     context = Context(
-        report_progress, tell,
-        command="" if origin.given else shlex.join(["hrsi", algorithm.name, *words]), record=dict(origin.record),
+        report_progress,
+        tell,
+        command="" if origin.given else shlex.join(["hrsi", algorithm.name, *words]),
+        record=dict(origin.record),
         dry_run=line.dry_run,
-    )  # fmt: skip
+    )
     try:
         for message in origin.messages:
             context.log(message)

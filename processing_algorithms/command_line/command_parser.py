@@ -139,10 +139,12 @@ def json_usage(algorithm: Algorithm) -> dict[str, Any]:
     changed = [{"kind": one.kind.value, "help": spell_arguments(one.help, listed), "short": SHORT.get(one.key),
                 "positional": one.kind in POSITIONAL_KINDS, "metavar": value_name(one)} for one in listed]  # fmt: skip
     return {
-        "name": algorithm.name, "summary": algorithm.summary, "examples": list(algorithm.examples),
+        "name": algorithm.name,
+        "summary": algorithm.summary,
+        "examples": list(algorithm.examples),
         "description": " ".join(spell_arguments(algorithm.help, listed).split()),
         "options": [{**vars(one), **said} for one, said in zip(listed, changed, strict=True)],
-    }  # fmt: skip
+    }
 
 
 def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[Param]) -> None:

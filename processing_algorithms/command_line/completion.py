@@ -77,9 +77,12 @@ def _bash_script(registry: Mapping[str, Algorithm]) -> str:
                 given = " ".join([*offer.words, *["FILES"] * offer.files, *["FOLDERS"] * offer.folders]) or "NOTHING"
                 values.append(f'    "{name} --{param.name}") echo {shlex.quote(given)} ;;')
     return read_template("hrsi.bash").format(
-        options="\n".join(options), values="\n".join(values), commands=" ".join([*registry, *COMMANDS]),
-        algorithms=" ".join(registry), shells=" ".join(SHELLS),
-    )  # fmt: skip
+        options="\n".join(options),
+        values="\n".join(values),
+        commands=" ".join([*registry, *COMMANDS]),
+        algorithms=" ".join(registry),
+        shells=" ".join(SHELLS),
+    )
 
 
 # ---- zsh -------------------------------------------------------------------------------------------------------------

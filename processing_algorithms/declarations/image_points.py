@@ -28,7 +28,9 @@ class TiePointsOptions:
 
 
 TIE_POINTS = Algorithm(
-    name="tie-points", title="Find tie points", group="Image points",
+    name="tie-points",
+    title="Find tie points",
+    group="Image points",
     summary="Automatic tie points of a block",
     help=(
         "Finds points that are visible in two or more images of a block. Overlaps are computed at the height of the "
@@ -44,7 +46,7 @@ TIE_POINTS = Algorithm(
         "hrsi tie-points block/image_*.tif --dem block/dem.tif --height-datum ellipsoidal --csv --output-dir ties",
     ),
     layers=(f"{TIES_FILE}|layername={TIES_LAYER}",),
-)  # fmt: skip
+)
 
 
 GCPS_FILE, GCPS_LAYER = "gcps.gpkg", "gcps"
@@ -60,14 +62,19 @@ class GcpsFromReferenceOptions:
     height_datum: str = groups.height_datum_option()
     strict_datum: bool = groups.strict_datum_option()
     sigma_dem: float | None = option(
-        None, "Standard deviation of the heights of the DEM; by default from its cell size", minimum=1e-6, unit="m",
+        None,
+        "Standard deviation of the heights of the DEM; by default from its cell size",
+        minimum=1e-6,
+        unit="m",
         metavar="M",
-    )  # fmt: skip
+    )
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
 
 
 GCPS_FROM_REFERENCE = Algorithm(
-    name="gcps-from-reference", title="GCPs from reference image", group="Image points",
+    name="gcps-from-reference",
+    title="GCPs from reference image",
+    group="Image points",
     summary="GCPs by matching raw images to a reference orthoimage and DEM",
     help=(
         "Finds textured windows of an orthoimage in raw images with sub-pixel accuracy: RPC and DEM predict the "
@@ -85,7 +92,7 @@ GCPS_FROM_REFERENCE = Algorithm(
         "--dem block/dem.tif --height-datum ellipsoidal --output-dir control",
     ),
     layers=(f"{GCPS_FILE}|layername={GCPS_LAYER}",),
-)  # fmt: skip
+)
 
 
 AUTOMATIC_KIND = "auto"
@@ -118,7 +125,9 @@ class MeasureTargetsOptions:
 
 
 MEASURE_TARGETS = Algorithm(
-    name="measure-targets", title="Measure targets", group="Image points",
+    name="measure-targets",
+    title="Measure targets",
+    group="Image points",
     summary="Sub-pixel centre or corner near given positions, or from edge points measured by hand",
     help=(
         "Measures targets near approximate positions. A centre is that of an ellipse or rectangle through the "
@@ -135,6 +144,6 @@ MEASURE_TARGETS = Algorithm(
         "--height-datum ellipsoidal --output-dir targets",
     ),
     layers=(f"{TARGETS_FILE}|layername={TARGETS_LAYER}",),
-)  # fmt: skip
+)
 
 ALGORITHMS = (TIE_POINTS, GCPS_FROM_REFERENCE, MEASURE_TARGETS)

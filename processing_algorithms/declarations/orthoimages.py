@@ -36,9 +36,14 @@ class OrthorectifyOptions:
     )
     ground_crs: str | None = groups.ground_crs_option()
     fill_gaps: int = option(
-        0, "Largest width of gaps of the DEM that are interpolated; 0 leaves them nodata", minimum=0, maximum=1000,
-        unit="cells", advanced=True, metavar="N",
-    )  # fmt: skip
+        0,
+        "Largest width of gaps of the DEM that are interpolated; 0 leaves them nodata",
+        minimum=0,
+        maximum=1000,
+        unit="cells",
+        advanced=True,
+        metavar="N",
+    )
     visibility: bool = option(
         False,
         "Ground that the DEM hides from the sensor becomes nodata (true orthoimages); the DEM is a surface model with "
@@ -55,18 +60,23 @@ class OrthorectifyOptions:
         None,
         "Multispectral image of the exposure of the panchromatic image, or a folder with those of all: each pair "
         "becomes one pan-sharpened orthoimage; several files are separated by semicolons",
-        kind=Kind.FILE, metavar="FILE|DIR", advanced=True,
-    )  # fmt: skip
+        kind=Kind.FILE,
+        metavar="FILE|DIR",
+        advanced=True,
+    )
     crs: str | None = option(
         None,
         "CRS of the orthoimages; by default the UTM zone at the centre of the block, or UPS beyond 84 degrees north "
-        "and 80 south", kind=Kind.CRS,
-    )  # fmt: skip
+        "and 80 south",
+        kind=Kind.CRS,
+    )
     resolution: float | None = option(
         None,
         "Pixel size, in units of the CRS (degrees for EPSG:4326); by default the finest pixel of the block on the "
-        "ground, rounded", minimum=1e-9, metavar="R",
-    )  # fmt: skip
+        "ground, rounded",
+        minimum=1e-9,
+        metavar="R",
+    )
     extent: str = option(
         "each",
         "each: the area of each image; union or overlap: of all images; or a box in the CRS of the orthoimages, or in "
@@ -76,9 +86,13 @@ class OrthorectifyOptions:
     )
     resampling: str = option("cubic", "GDAL's resampling kernel", choices=RESAMPLING_NAMES)
     error_px: float = option(
-        0.05, "Largest error of a pixel's position in the image; 0 computes every pixel exactly", minimum=0.0,
-        maximum=10.0, unit="px", metavar="PX",
-    )  # fmt: skip
+        0.05,
+        "Largest error of a pixel's position in the image; 0 computes every pixel exactly",
+        minimum=0.0,
+        maximum=10.0,
+        unit="px",
+        metavar="PX",
+    )
     nodata: str | None = option(
         None,
         "Value of pixels outside the image, or mask for a mask band; by default that of the image, else a mask if the "
@@ -95,7 +109,9 @@ class OrthorectifyOptions:
 
 
 ORTHORECTIFY = Algorithm(
-    name="orthorectify", title="Orthorectify block", group="Orthoimages",
+    name="orthorectify",
+    title="Orthorectify block",
+    group="Orthoimages",
     summary="Orthoimages from (refined) RPCs and a DEM, all on one map grid",
     help=(
         "Makes an orthoimage of every image with the GDAL warper, as cloud-optimised GeoTIFF; all bands, data type "
@@ -116,7 +132,7 @@ ORTHORECTIFY = Algorithm(
         "hrsi orthorectify adjusted/image_*.tif --dem block/dem.tif --height-datum ellipsoidal "
         "--extent overlap --output-dir ortho",
     ),
-)  # fmt: skip
+)
 
 
 SHIFTS_FILE, SHIFTS_LAYERS = "misregistration.gpkg", ("misregistration_utm", "misregistration_wgs84")
@@ -164,9 +180,11 @@ class SurfaceModelOptions:
 
     result: str = option(help="Output directory of an adjustment", kind=Kind.RESULT, metavar="RESULT")
     resolution: float | None = option(
-        None, "Cell size, in units of the CRS; by default the finest pixel of the block on the ground, rounded",
-        minimum=1e-9, metavar="R",
-    )  # fmt: skip
+        None,
+        "Cell size, in units of the CRS; by default the finest pixel of the block on the ground, rounded",
+        minimum=1e-9,
+        metavar="R",
+    )
     crs: str | None = option(
         None, "CRS of the map, projected; by default the UTM zone (or UPS) at the centre of the block", kind=Kind.CRS
     )
@@ -178,12 +196,15 @@ class SurfaceModelOptions:
     extent: str | None = option(
         None,
         "A box in the CRS of the map, or in the CRS in brackets after it; by default the ground that the chosen pairs "
-        "show", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
-    )  # fmt: skip
+        "show",
+        kind=Kind.EXTENT,
+        metavar="W,S,E,N [CRS]",
+    )
     reference: str | None = option(
-        None, "DEM with which the surface is compared: bias, NMAD, LE90, and a raster of the differences",
+        None,
+        "DEM with which the surface is compared: bias, NMAD, LE90, and a raster of the differences",
         kind=Kind.RASTER,
-    )  # fmt: skip
+    )
     reference_datum: str = option("layer", "Height datum of the reference", advanced=True, metavar=groups.DATUMS)
     dense: SurfaceOptions = nest_options(SurfaceOptions)
     dem: groups.DemOptions = nest_options(groups.DemOptions)
@@ -195,7 +216,9 @@ class SurfaceModelOptions:
 
 
 SURFACE_MODEL = Algorithm(
-    name="surface-model", title="Surface model", group="Orthoimages",
+    name="surface-model",
+    title="Surface model",
+    group="Orthoimages",
     summary="Digital surface model (DSM) of an adjusted block by dense matching",
     help=(
         "Matches the best pairs of an adjusted block at every pixel and intersects the rays of their refined RPCs. "
@@ -210,6 +233,6 @@ SURFACE_MODEL = Algorithm(
     images_made="Surface model",
     are_maps=True,
     examples=("hrsi surface-model adjusted --output-dir surface",),
-)  # fmt: skip
+)
 
 ALGORITHMS = (SURFACE_MODEL, ORTHORECTIFY, ORTHO_CHECK)

@@ -15,9 +15,11 @@ class InitOptions:
         ".", "Folder of images, points, DEM and other data, as delivered", kind=Kind.RESULT, metavar="FOLDER"
     )
     height_datum: str | None = option(
-        None, "Answer to the question on heights without datum: ellipsoidal, egm96, egm2008 or the file of a geoid "
-        "grid; by default evidence decides", metavar="DATUM",
-    )  # fmt: skip
+        None,
+        "Answer to the question on heights without datum: ellipsoidal, egm96, egm2008 or the file of a geoid "
+        "grid; by default evidence decides",
+        metavar="DATUM",
+    )
     output: str | None = option(
         None, "Project file to be written; by default project.toml in the folder", metavar="PROJECT.toml"
     )
@@ -25,7 +27,9 @@ class InitOptions:
 
 
 INIT = Algorithm(
-    name="init", title="New block from a folder", group="Project",
+    name="init",
+    title="New block from a folder",
+    group="Project",
     summary="Project file for run from the images, points and DEM of a folder",
     help=(
         "Opens all files of a folder and decides what each is: image, RPC, control or check points, measurements, tie "
@@ -36,7 +40,7 @@ INIT = Algorithm(
     ),
     options=InitOptions,
     examples=("hrsi init block --output block/project.toml --overwrite",),
-)  # fmt: skip
+)
 
 
 @options(kw_only=True)
@@ -57,7 +61,9 @@ class RunOptions:
 
 
 RUN = Algorithm(
-    name="run", title="Run project", group="Project",
+    name="run",
+    title="Run project",
+    group="Project",
     summary="All steps of a project: triangulate, surface model, orthorectify, check, evaluate",
     help=(
         "Reads images, points, DEM and the options of each step from a project file and runs the steps in order: "
@@ -69,6 +75,6 @@ RUN = Algorithm(
     options=RunOptions,
     module=f"{__name__.partition('.declarations.')[0]}.run_project",
     examples=("hrsi run block/project.toml --output-dir project",),
-)  # fmt: skip
+)
 
 ALGORITHMS = (INIT, RUN)

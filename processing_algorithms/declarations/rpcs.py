@@ -27,8 +27,10 @@ class EvaluateOptions:
     tracks: str = option(
         AUTOMATIC_TRACKS,
         f"Points measured in two or more images: {AUTOMATIC_TRACKS} finds them in the images, {NO_TRACKS} uses none, "
-        "FILE reads them", kind=Kind.POINTS, metavar=f"{AUTOMATIC_TRACKS}|{NO_TRACKS}|FILE",
-    )  # fmt: skip
+        "FILE reads them",
+        kind=Kind.POINTS,
+        metavar=f"{AUTOMATIC_TRACKS}|{NO_TRACKS}|FILE",
+    )
     used_points: str | None = option(
         None,
         "Image points that the adjustment of these RPCs used (block.gpkg): tracks near one of them are not evaluated",
@@ -36,16 +38,23 @@ class EvaluateOptions:
         metavar="FILE",
     )
     apart_px: float = option(
-        10.0, "Smallest distance of a track from `used_points`, on each of its images",
-        name="apart", minimum=0.0, unit="px",
-        advanced=True, metavar="PX",
-    )  # fmt: skip
+        10.0,
+        "Smallest distance of a track from `used_points`, on each of its images",
+        name="apart",
+        minimum=0.0,
+        unit="px",
+        advanced=True,
+        metavar="PX",
+    )
     reject: float = option(
         6.0,
         "Reject tracks whose residual exceeds this multiple of sigma for every set of RPCs, as wrong matches; 0 "
         "rejects none",
-        minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
-    )  # fmt: skip
+        minimum=0.0,
+        unit="sigma",
+        advanced=True,
+        metavar="SIGMAS",
+    )
     points: groups.PointFiles = nest_options(groups.PointFiles)
     dem: groups.DemOptions = nest_options(groups.DemOptions)
     surface: groups.SurfaceFile = nest_options(groups.SurfaceFile)
@@ -57,7 +66,9 @@ class EvaluateOptions:
 
 
 EVALUATE = Algorithm(
-    name="evaluate", title="Evaluate RPCs", group="RPC",
+    name="evaluate",
+    title="Evaluate RPCs",
+    group="RPC",
     summary="Accuracy of one or more sets of RPCs with tracks, ground points and a DEM",
     help=(
         "Compares sets of RPCs with the same points: those of the images, refined ones, those of another program "
@@ -77,14 +88,20 @@ EVALUATE = Algorithm(
     ),
     main=("rpcs", "tracks", "gcps", "image-points", "check-ids", "height-datum", "dem", "dem-datum"),
     layers=(f"{EVALUATION_FILE}|layername=images",),
-)  # fmt: skip
+)
 
 
 #: Ending of the output of an image, by way of writing; None is the image itself.
 OUTPUT_ENDINGS: dict[str, str | None] = {
-    "copy": ".tif", "in-place": None, "vrt": ".vrt", "sidecar": "_RPC.TXT", "rpb": ".RPB", "xml": ".xml",
-    "geom": ".geom", "json": ".json",
-}  # fmt: skip
+    "copy": ".tif",
+    "in-place": None,
+    "vrt": ".vrt",
+    "sidecar": "_RPC.TXT",
+    "rpb": ".RPB",
+    "xml": ".xml",
+    "geom": ".geom",
+    "json": ".json",
+}
 
 
 @options(kw_only=True)
@@ -108,7 +125,9 @@ class WriteRpcOptions:
 
 
 WRITE_RPC = Algorithm(
-    name="write-rpc", title="Write RPC", group="RPC",
+    name="write-rpc",
+    title="Write RPC",
+    group="RPC",
     summary="Write an RPC into a GeoTIFF, a sidecar or a VRT; `restore` restores the original",
     help=(
         "Writes the RPC of any file that HRSI reads (or that of the image) for one or more images. copy writes a "
@@ -125,7 +144,7 @@ WRITE_RPC = Algorithm(
         "hrsi write-rpc block/image_1.tif --rpc adjusted/image_1.tif --write sidecar --output-dir rpcs",
         "hrsi write-rpc block/image_1.tif --rpc adjusted/image_1.tif --write vrt --output-dir virtual",
     ),
-)  # fmt: skip
+)
 
 
 #: GDAL's kernels that do not displace features: average uses complete pixels and displaces by up to 0.4 of them, mode
@@ -145,13 +164,17 @@ class CropOptions:
     extent: str | None = option(
         None,
         "Box on the ground, in degrees or in the CRS in brackets after it: the smallest window that contains it is "
-        "cut, within the image", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
-    )  # fmt: skip
+        "cut, within the image",
+        kind=Kind.EXTENT,
+        metavar="W,S,E,N [CRS]",
+    )
     factor: float | None = option(
         None,
         "Size of the result relative to the window or image: 0.5 halves the number of samples and lines. Both are "
-        "rounded to whole pixels, and the RPC is scaled accordingly", minimum=1e-3, maximum=64.0,
-    )  # fmt: skip
+        "rounded to whole pixels, and the RPC is scaled accordingly",
+        minimum=1e-3,
+        maximum=64.0,
+    )
     resampling: str = option("cubic", "GDAL's resampling kernel; only with `factor`", choices=KERNELS)
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     format: str = option(
@@ -164,7 +187,9 @@ class CropOptions:
 
 
 CROP = Algorithm(
-    name="crop", title="Crop or resample", group="RPC",
+    name="crop",
+    title="Crop or resample",
+    group="RPC",
     summary="Window, overview or resampled copy of images, with the exact RPC",
     help=(
         "Cuts a window out of an image, or resamples the image or window to another pixel size, and writes the RPC of "
@@ -180,7 +205,7 @@ CROP = Algorithm(
         "hrsi crop block/image_1.tif --window 40,60,100,80 --output-dir cropped",
         "hrsi crop block/image_1.tif block/image_2.tif --factor 0.5 --format cog --output-dir halves",
     ),
-)  # fmt: skip
+)
 
 
 @options(kw_only=True)
@@ -233,13 +258,16 @@ class RpcInfoOptions:
     crs: str | None = option(
         None,
         "List the coordinate operations between this CRS and WGS84 in the area of the images: the one that is used, "
-        "and those whose grid is missing (EPSG:code or WKT)", kind=Kind.CRS,
-    )  # fmt: skip
+        "and those whose grid is missing (EPSG:code or WKT)",
+        kind=Kind.CRS,
+    )
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
 
 
 RPC_INFO = Algorithm(
-    name="rpc-info", title="RPC information", group="RPC",
+    name="rpc-info",
+    title="RPC information",
+    group="RPC",
     summary="Footprint, GSD, incidence and azimuth, convergence and B/H of pairs, overlaps, check of the RPCs",
     help=(
         "Reports footprint, GSD along line and sample, incidence angle and azimuth of each image. The incidence angle "
@@ -255,7 +283,7 @@ RPC_INFO = Algorithm(
         "hrsi rpc-info block/image_*.tif --crs EPSG:23030",
     ),
     layers=(f"{RPC_INFO_FILE}|layername=images",),
-)  # fmt: skip
+)
 
 
 POINTS_FILE = "points.gpkg"
@@ -267,16 +295,21 @@ class ProjectOptions:
 
     images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
     points: str | None = option(
-        None, "Ground points: a vector layer or CSV; by default lines on standard input", kind=Kind.POINTS, piped=True,
+        None,
+        "Ground points: a vector layer or CSV; by default lines on standard input",
+        kind=Kind.POINTS,
+        piped=True,
         metavar=groups.POINTS,
-    )  # fmt: skip
+    )
     ground_crs: str | None = groups.ground_crs_option()
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
 
 
 PROJECT = Algorithm(
-    name="project", title="Project ground points", group="RPC",
+    name="project",
+    title="Project ground points",
+    group="RPC",
     summary="Ground points to image coordinates, for a point file or as a filter",
     help=(
         "Computes the positions of ground points in one or more images. Points are read from a vector layer or CSV, "
@@ -290,7 +323,7 @@ PROJECT = Algorithm(
         "echo 2.35 48.85 60 | hrsi project block/image_1.tif",
     ),
     layers=(f"{POINTS_FILE}|layername=image_points",),
-)  # fmt: skip
+)
 
 
 @options(kw_only=True)
@@ -299,9 +332,12 @@ class LocalizeOptions:
 
     images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
     points: str | None = option(
-        None, "Image points: a vector layer or CSV; by default lines on standard input", kind=Kind.POINTS, piped=True,
+        None,
+        "Image points: a vector layer or CSV; by default lines on standard input",
+        kind=Kind.POINTS,
+        piped=True,
         metavar=groups.POINTS,
-    )  # fmt: skip
+    )
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
 
@@ -393,8 +429,10 @@ class HandOverOptions:
     extent: str | None = option(
         None,
         "Region of interest: a box on the ground, in degrees or in the CRS in brackets after it; by default the "
-        "common area of the chosen pairs", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
-    )  # fmt: skip
+        "common area of the chosen pairs",
+        kind=Kind.EXTENT,
+        metavar="W,S,E,N [CRS]",
+    )
     dem: groups.DemOptions = nest_options(groups.DemOptions)
     height_datum: str = groups.height_datum_option()
     most_pairs: int = option(8, "Largest number of stereo pairs; the best ones are chosen", minimum=1)
@@ -406,7 +444,9 @@ class HandOverOptions:
 
 
 HAND_OVER = Algorithm(
-    name="hand-over", title="Hand over to another program", group="RPC",
+    name="hand-over",
+    title="Hand over to another program",
+    group="RPC",
     summary="A project folder for another program from an adjusted block, ready to run",
     help=(
         "Writes a folder in which the target program runs with one printed command. It contains the images with their "
@@ -418,7 +458,7 @@ HAND_OVER = Algorithm(
     options=HandOverOptions,
     images_made="Images with refined RPCs",
     examples=("hrsi hand-over adjusted --to cars --output-dir project",),
-)  # fmt: skip
+)
 
 
 ALGORITHMS = (EVALUATE, WRITE_RPC, CROP, JOIN_STRIP, HAND_OVER, RPC_INFO, PROJECT, LOCALIZE, FIT_RPC)

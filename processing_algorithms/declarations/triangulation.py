@@ -37,7 +37,9 @@ class TriangulateOptions:
 
 
 TRIANGULATE = Algorithm(
-    name="triangulate", title="Triangulate block", group="Triangulation",
+    name="triangulate",
+    title="Triangulate block",
+    group="Triangulation",
     summary="Refined RPCs of a block from tie points and GCPs, with residual layers and a report",
     help=(
         "Finds tie points between overlapping images, reads GCPs from a vector layer or CSV, corrects all RPCs in one "
@@ -55,7 +57,7 @@ TRIANGULATE = Algorithm(
     main=("gcps", "image-points", "tie-points", "dem", "dem-datum", "height-datum", "gcp-ids", "model"),
     layers=BLOCK_LAYERS,
     images_made="Refined images",
-)  # fmt: skip
+)
 
 
 @options(kw_only=True)
@@ -81,7 +83,9 @@ class AdjustAlgorithmOptions:
 
 
 ADJUST = Algorithm(
-    name="adjust", title="Adjust block", group="Triangulation",
+    name="adjust",
+    title="Adjust block",
+    group="Triangulation",
     summary="Bundle block adjustment from existing image points",
     help=(
         "Corrects the RPCs of all images of a block in one adjustment, from GCPs, tie points or both, and reports the "
@@ -97,7 +101,7 @@ ADJUST = Algorithm(
     main=("gcps", "image-points", "tie-points", "dem", "height-datum", "gcp-ids", "check-ids", "model"),
     layers=BLOCK_LAYERS,
     images_made="Refined images",
-)  # fmt: skip
+)
 
 
 @options(kw_only=True)
@@ -110,15 +114,19 @@ class RefineAlgorithmOptions:
     refinement: RefineOptions = nest_options(RefineOptions)
     compare: bool = option(False, "Add a table of all models with the same GCPs and check points")
     coefficient_covariance: str | None = option(
-        None, "Covariance matrix of the normalised coefficients of the RPC, for the direct methods: a text file of 78 "
+        None,
+        "Covariance matrix of the normalised coefficients of the RPC, for the direct methods: a text file of 78 "
         "lines with 78 numbers, sample numerator, sample denominator, line numerator, line denominator",
-        kind=Kind.FILE, advanced=True,
-    )  # fmt: skip
+        kind=Kind.FILE,
+        advanced=True,
+    )
     output: groups.BlockOutput = nest_options(groups.BlockOutput)
 
 
 REFINE_RPC = Algorithm(
-    name="refine-rpc", title="Refine RPC", group="Triangulation",
+    name="refine-rpc",
+    title="Refine RPC",
+    group="Triangulation",
     summary="Refined RPCs of single images from ground control points",
     help=(
         "Corrects the RPC of each image separately, from the GCPs measured in it. auto chooses the model with the "
@@ -134,6 +142,6 @@ REFINE_RPC = Algorithm(
     main=("gcps", "image-points", "gcp-ids", "check-ids", "height-datum", "model", "compare", "write"),
     layers=BLOCK_LAYERS,
     images_made="Refined images",
-)  # fmt: skip
+)
 
 ALGORITHMS = (TRIANGULATE, ADJUST, REFINE_RPC)

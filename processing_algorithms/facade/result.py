@@ -52,9 +52,12 @@ class Result:
     """
 
     def __init__(
-        self, report: Report, folder: str | os.PathLike[str] | None = None, kept: TemporaryDirectory[str] | None = None,
+        self,
+        report: Report,
+        folder: str | os.PathLike[str] | None = None,
+        kept: TemporaryDirectory[str] | None = None,
         given: Sequence[Any] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.report = report
         self._located: Any = next((table for table in given if type(table).__name__ == "GeoDataFrame"), None)
         self.folder = None if folder is None else Path(folder)
@@ -250,8 +253,10 @@ class Result:
         """Return the display in a notebook: the verdict, its reasons, and control and check points."""
         parts = [f"<p><b>{html.escape(self.algorithm)}</b> {html.escape(self._headline())}</p>"]
         if self.reasons:
-            told = (f"{html.escape(self._spell_text(r['message']))} <i>{html.escape(self._spell_text(r['advice']))}</i>"
-                    for r in self.reasons)  # fmt: skip
+            told = (
+                f"{html.escape(self._spell_text(r['message']))} <i>{html.escape(self._spell_text(r['advice']))}</i>"
+                for r in self.reasons
+            )
             parts.append(f"<ul>{''.join(f'<li>{text}</li>' for text in told)}</ul>")
         rows = [(role, self.report[role]) for role in ("control", "check") if self.report.get(role, {}).get("points")]
         if rows:
@@ -340,9 +345,15 @@ def _draw_map(axis: Any, footprints: Any, place: np.ndarray, residual: np.ndarra
     rms = float(np.sqrt(np.mean(length[known] ** 2))) if known.any() else 0.0
     if known.any():
         arrows = axis.quiver(
-            *place[known, :2].T, residual[known, 0], -residual[known, 1], color="0.3", angles="uv",
-            scale=float(np.quantile(length[known], 0.9)) / ARROW_SHARE, scale_units="width", width=0.002,
-        )  # fmt: skip
+            *place[known, :2].T,
+            residual[known, 0],
+            -residual[known, 1],
+            color="0.3",
+            angles="uv",
+            scale=float(np.quantile(length[known], 0.9)) / ARROW_SHARE,
+            scale_units="width",
+            width=0.002,
+        )
         axis.quiverkey(arrows, 0.85, 1.03, float(f"{rms:.1g}"), f"{rms:.1g} px", labelpos="E")
     axis.set_title(f"{title}: RMS {rms:.2g} px", loc="left")
     axis.set_xlabel("longitude")

@@ -91,7 +91,10 @@ def add_colour(job: OrthoJob, image: Image, plan: BlockPlan, options: Orthorecti
         "weights": list(weights),
     }
     return replace(
-        job, path=os.path.join(options.folder.output_dir, job.image.id + SHARPENED_ENDING), source=source,
-        warp=replace(job.warp, nodata=nodata), made_from=made_from,
+        job,
+        path=os.path.join(options.folder.output_dir, job.image.id + SHARPENED_ENDING),
+        source=source,
+        warp=replace(job.warp, nodata=nodata),
+        made_from=made_from,
         pansharpening=replace(sharpening, weights=weights),
-    )  # fmt: skip
+    )

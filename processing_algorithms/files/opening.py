@@ -112,8 +112,11 @@ def window_area(text: str | None, argument: str) -> Area | None:
 
 def ground_warnings(images: Sequence[ImagePixels], grounds: Sequence[np.ndarray]) -> list[str]:
     """Return a warning for each image with an RPC in which some or all points ``(n, 3)`` have no ground position."""
-    lost = {image.id: int(np.isnan(ground).any(axis=1).sum()) for image, ground in zip(images, grounds, strict=True)
-            if image.rpc is not None}  # fmt: skip
+    lost = {
+        image.id: int(np.isnan(ground).any(axis=1).sum())
+        for image, ground in zip(images, grounds, strict=True)
+        if image.rpc is not None
+    }
     return [f"{name}: {count} points have no position on the terrain" for name, count in lost.items() if count]
 
 

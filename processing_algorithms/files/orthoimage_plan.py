@@ -295,12 +295,17 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
         warp = Warp(options.resampling, mapping.source_pixels_per_pixel(), choose_nodata(options.nodata, source))
         # All data on which the pixels and the file depend
         made_from = {
-            "terrain": plan.terrain.identity, "crs": grid.crs,
-            "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows], "resampling": warp.resampling,
-            "nodata": str(warp.nodata), "error_px": options.error_px, "format": form.name,
-            "compression": form.compression, "versions": {name: used[name] for name in DECISIVE},
+            "terrain": plan.terrain.identity,
+            "crs": grid.crs,
+            "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows],
+            "resampling": warp.resampling,
+            "nodata": str(warp.nodata),
+            "error_px": options.error_px,
+            "format": form.name,
+            "compression": form.compression,
+            "versions": {name: used[name] for name in DECISIVE},
             **identify_image(image, mapping),
-        }  # fmt: skip
+        }
         if options.visibility:
             made_from["visibility"] = True
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
@@ -309,9 +314,13 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
 
 
 def make_mapping(
-    image: Image, source: OrthoSource, plan: BlockPlan, grid: map_grids.MapGrid, options: OrthorectifyOptions,
+    image: Image,
+    source: OrthoSource,
+    plan: BlockPlan,
+    grid: map_grids.MapGrid,
+    options: OrthorectifyOptions,
     jitter_files: dict[str, JitterFile],
-) -> OrthoMapping:  # fmt: skip
+) -> OrthoMapping:
     """Return the mapping of an image, with its jitter; warnings are added to the plan, opened files to the dict."""
     jitter, path = None, find_jitter_file(image.path)
     if path is not None:
@@ -396,9 +405,13 @@ def recipe_of(job: OrthoJob, options: OrthorectifyOptions) -> OrthoRecipe:
     named = replace(options, images=(), terrain=replace(terrain, dem=dem, height_datum=datum), terrain_points=points)
     used = versions()
     return OrthoRecipe(
-        job.key, path_elsewhere(job.image.path), replace(job.mapping, surface=ConstantHeight(0.0)), named, job.warp,
+        job.key,
+        path_elsewhere(job.image.path),
+        replace(job.mapping, surface=ConstantHeight(0.0)),
+        named,
+        job.warp,
         {name: used[name] for name in DECISIVE},
-    )  # fmt: skip
+    )
 
 
 def _elsewhere(path: str | None) -> str | None:

@@ -92,20 +92,24 @@ def plan_mosaic(jobs: Sequence[OrthoJob], plan: BlockPlan, options: Orthorectify
     incidence = [ViewDirection(job.image, plan.terrain.surface).geometry().incidence_deg for job in jobs]
     used = versions()
     made_from = {
-        "orthoimages": [job.key for job in jobs], "format": first.form.name, "compression": first.form.compression,
+        "orthoimages": [job.key for job in jobs],
+        "format": first.form.name,
+        "compression": first.form.compression,
         "versions": {name: used[name] for name in DECISIVE},
-    }  # fmt: skip
+    }
     return MosaicPlan(jobs, grid, incidence, os.path.join(options.folder.output_dir, MOSAIC_FILE), made_from)
 
 
 def make_mosaic(plan: MosaicPlan, options: OrthorectifyOptions, progress: Progress, record: Report) -> Report:
     """Make the mosaic and its seamlines unless they exist; return the entry of the report."""
     entry = {
-        "output": plan.path, "seamlines": plan.seamlines, "columns": plan.grid.columns, "rows": plan.grid.rows,
-        "bounds": list(plan.grid.bounds), "incidence_deg": {
-            job.image.id: angle for job, angle in zip(plan.jobs, plan.incidence_deg, strict=True)
-        },
-    }  # fmt: skip
+        "output": plan.path,
+        "seamlines": plan.seamlines,
+        "columns": plan.grid.columns,
+        "rows": plan.grid.rows,
+        "bounds": list(plan.grid.bounds),
+        "incidence_deg": {job.image.id: angle for job, angle in zip(plan.jobs, plan.incidence_deg, strict=True)},
+    }
     if plan.is_finished:
         return {**entry, "status": "kept", **_select_counts(read_figures(plan.path))}
     threads = thread_count()
@@ -128,10 +132,17 @@ def make_mosaic(plan: MosaicPlan, options: OrthorectifyOptions, progress: Progre
         }
         parts = ((window, labels.read(_enlarge(window, plan.grid, BLEND_REACH))) for window in windows)
         figures = write_orthoimage(
-            plan.path, sources[0].pixels, plan.grid, chunks=calls.answers(mosaic.make_chunk, parts), warp=mosaic.warp,
-            form=plan.jobs[0].form, made_from=plan.made_from, threads=threads,
-            progress=stage(progress, LABELLED_SHARE, 1.0), lineage=lineage,
-        )  # fmt: skip
+            plan.path,
+            sources[0].pixels,
+            plan.grid,
+            chunks=calls.answers(mosaic.make_chunk, parts),
+            warp=mosaic.warp,
+            form=plan.jobs[0].form,
+            made_from=plan.made_from,
+            threads=threads,
+            progress=stage(progress, LABELLED_SHARE, 1.0),
+            lineage=lineage,
+        )
     levels = {job.image.id: level.tolist() for job, level in zip(plan.jobs, mosaic.levels, strict=True)}
     return {**entry, "status": "made", **_select_counts(figures.summary()), "gain_offset": levels}
 
@@ -218,8 +229,10 @@ def _make_seamlines(plan: MosaicPlan, labels: LabelFile) -> Layer:
     code = pyproj.CRS.from_wkt(plan.grid.crs).to_epsg()
     if code is None:
         to_wgs84 = operations_of(plan.grid.crs).to_wgs84
-        polygons = [transform(lambda x, y: to_wgs84(np.array([x, y, np.zeros(len(x))]).T)[:, :2].T, polygon)
-                    for polygon in polygons]  # fmt: skip
+        polygons = [
+            transform(lambda x, y: to_wgs84(np.array([x, y, np.zeros(len(x))]).T)[:, :2].T, polygon)
+            for polygon in polygons
+        ]
     fields = SeamlineRows(
         id=np.array([plan.jobs[number].image.id for number in numbers]),
         path=np.array([plan.jobs[number].path for number in numbers]),

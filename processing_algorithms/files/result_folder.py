@@ -43,9 +43,13 @@ NOTHING_WRONG, INPUTS_CHECKED = "nothing wrong was found", "the inputs were chec
 
 
 def plan(
-    context: Context, folder: str | None, names: Sequence[str], counts: Mapping[str, int], warnings: Sequence[str] = (),
+    context: Context,
+    folder: str | None,
+    names: Sequence[str],
+    counts: Mapping[str, int],
+    warnings: Sequence[str] = (),
     verdict: Mapping[str, Any] | None = None,
-) -> Report:  # fmt: skip
+) -> Report:
     """Return the report of a dry run: files that would be written, counts, and the result of the checks.
 
     folder : the output directory; None if the result would only be printed
@@ -72,9 +76,13 @@ def check_folder(options: ResultFolder | OptionalFolder, context: Context) -> No
 
 
 def plan_folder(
-    options: ResultFolder | OptionalFolder, file: str, counts: Mapping[str, int], warnings: Sequence[str],
-    context: Context, page: bool = False,
-) -> Report:  # fmt: skip
+    options: ResultFolder | OptionalFolder,
+    file: str,
+    counts: Mapping[str, int],
+    warnings: Sequence[str],
+    context: Context,
+    page: bool = False,
+) -> Report:
     """Return the report of a dry run that would write a report, one more file and, with ``page``, a page."""
     names = [REPORT_FILE, file, *([PAGE_FILE] if page else [])] if options.output_dir else []
     return plan(context, options.output_dir, names, counts, warnings)
@@ -94,9 +102,14 @@ def stage_results(options: ResultFolder, report: Report, context: Context, **set
 
 
 def write_folder(
-    options: ResultFolder | OptionalFolder, report: Report, file: str, layers: Sequence[Layer], context: Context,
-    page: str = "", **pictures: Any,
-) -> None:  # fmt: skip
+    options: ResultFolder | OptionalFolder,
+    report: Report,
+    file: str,
+    layers: Sequence[Layer],
+    context: Context,
+    page: str = "",
+    **pictures: Any,
+) -> None:
     """Write ``report.json``, a GeoPackage of layers and a ``page`` (a template) into the output directory, if any."""
     if options.output_dir:
         with stage_folder(options.output_dir, context.inputs, options.overwrite) as folder:

@@ -23,9 +23,13 @@ Filled = TypeVar("Filled")
 _ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
 #: Modules of the engine that a run needs, imported when it begins.
 _WHEN_RUN = (
-    "io.rasters.images", "foundation.json_values", "io.safety.transactions", "io.catalogue.deliveries",
-    "io.catalogue.lineage", "foundation.workers.threads",
-)  # fmt: skip
+    "io.rasters.images",
+    "foundation.json_values",
+    "io.safety.transactions",
+    "io.catalogue.deliveries",
+    "io.catalogue.lineage",
+    "foundation.workers.threads",
+)
 POSITIONS_CRS = "EPSG:4979"  #: CRS of all ground positions in results: longitude, latitude, ellipsoidal height
 SCHEMA = 1  #: version of the format of reports
 #: Folder of quick-looks in that of a result, and ends of their names: by the given and by the refined RPCs.
@@ -156,11 +160,20 @@ def _declare_param(part: Field[Any], said: Option) -> Param:
     else:
         kind = Kind.CHOICE if said.choices else KIND_OF_TYPE[str(part.type).removesuffix(" | None")]
     return Param(
-        name=said.name or part.name.replace("_", "-"), kind=kind, help=said.help,
-        default=None if required else part.default, choices=said.choices, unit=said.unit, required=required,
-        advanced=said.advanced, minimum=said.minimum, maximum=said.maximum, metavar=said.metavar, piped=said.piped,
+        name=said.name or part.name.replace("_", "-"),
+        kind=kind,
+        help=said.help,
+        default=None if required else part.default,
+        choices=said.choices,
+        unit=said.unit,
+        required=required,
+        advanced=said.advanced,
+        minimum=said.minimum,
+        maximum=said.maximum,
+        metavar=said.metavar,
+        piped=said.piped,
         argument=part.name,
-    )  # fmt: skip
+    )
 
 
 def fill_options(options: type[Filled], values: Mapping[str, Any]) -> Filled:
@@ -299,15 +312,18 @@ class Algorithm:
         # Only with an output directory is there a report with a list of inputs
         named = self.files_by_option(options) if options.get("output_dir") else None
         record = {
-            "schema": SCHEMA, "algorithm": self.name,
+            "schema": SCHEMA,
+            "algorithm": self.name,
             **lineage.run_record(context.command or self.command(given), named),
             "options": {key: _plain_value(value) for key, value in given.items()},
             "settings": settings_of(made) | settings_of(fill_options(Common, options)),
             **context.record,
             "crs": {
-                "positions": POSITIONS_CRS, "heights": "ellipsoidal", "input_heights": options.get("height_datum"),
+                "positions": POSITIONS_CRS,
+                "heights": "ellipsoidal",
+                "input_heights": options.get("height_datum"),
             },
-        }  # fmt: skip
+        }
         context = replace(context, inputs=self.inputs(options), record=lineage.without_secrets_in(record))
         try:
             target = options.get("output_dir")

@@ -40,8 +40,12 @@ def hold_out_option() -> Any:
     return option(
         0.1,
         "Share of the tie points that the adjustment does not use and that check its result, in blocks with more than "
-        f"{HOLD_OUT.fewest_tracks}; 0 uses all", minimum=0.0, maximum=0.5, advanced=True, metavar="SHARE",
-    )  # fmt: skip
+        f"{HOLD_OUT.fewest_tracks}; 0 uses all",
+        minimum=0.0,
+        maximum=0.5,
+        advanced=True,
+        metavar="SHARE",
+    )
 
 
 def band_option(help: str = "Band of the image") -> Any:
@@ -176,9 +180,11 @@ class LaserFile:
         metavar=POINTS,
     )
     laser_datum: str = option(
-        "ellipsoidal", "Height datum of laser points in a layer; heights of granules are ellipsoidal",
-        advanced=True, metavar=DATUMS,
-    )  # fmt: skip
+        "ellipsoidal",
+        "Height datum of laser points in a layer; heights of granules are ellipsoidal",
+        advanced=True,
+        metavar=DATUMS,
+    )
 
 
 @options
@@ -198,8 +204,12 @@ class SurfaceFile:
     sigma_surface: float | None = option(
         None,
         "Standard deviation of the heights of the surface, four fifths of it common to all heights; by default a "
-        "value for its cell size", minimum=1e-6, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        "value for its cell size",
+        minimum=1e-6,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
 
 
 @options(kw_only=True)
@@ -229,12 +239,16 @@ class PointFiles:
     gcps: str | None = option(
         None,
         "Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,… if its fields have other "
-        "names", kind=Kind.POINTS, metavar=POINTS,
-    )  # fmt: skip
+        "names",
+        kind=Kind.POINTS,
+        metavar=POINTS,
+    )
     image_points: str | None = option(
-        None, "Image measurements of the points; ground positions in this file are not used", kind=Kind.POINTS,
+        None,
+        "Image measurements of the points; ground positions in this file are not used",
+        kind=Kind.POINTS,
         metavar="FILE",
-    )  # fmt: skip
+    )
     gcp_ids: tuple[str, ...] | None = option(
         None, "Ids of the GCPs; all other points with known position are check points", metavar="A,B,…"
     )
@@ -249,8 +263,10 @@ class PointFiles:
         None,
         "Year of the images (2015.4), for the plate motion between WGS84 and the datum of points and DEM (ETRS89, "
         "GDA2020, NAD83); by default the two are treated as equal, and the error is included in the accuracy",
-        minimum=EARLIEST_EPOCH, advanced=True, metavar="YEAR",
-    )  # fmt: skip
+        minimum=EARLIEST_EPOCH,
+        advanced=True,
+        metavar="YEAR",
+    )
     strict_datum: bool = strict_datum_option()
     sigmas: DefaultSigmas = nest_options(DefaultSigmas)
 
@@ -285,15 +301,19 @@ class WorkerOptions:
     scheduler_ca: str | None = option(
         None,
         "Certificates (PEM) of the authority of a scheduler at tls://HOST:PORT; this and the next two default to the "
-        "Dask configuration (distributed.comm.tls)", kind=Kind.FILE, advanced=True,
-    )  # fmt: skip
+        "Dask configuration (distributed.comm.tls)",
+        kind=Kind.FILE,
+        advanced=True,
+    )
     scheduler_certificate: str | None = option(
         None, "Client certificate (PEM) for a scheduler at tls://HOST:PORT", kind=Kind.FILE, advanced=True
     )
     scheduler_key: str | None = option(
-        None, "Private key (PEM) of the client certificate, if it is not in the same file",
-        kind=Kind.FILE, advanced=True,
-    )  # fmt: skip
+        None,
+        "Private key (PEM) of the client certificate, if it is not in the same file",
+        kind=Kind.FILE,
+        advanced=True,
+    )
 
     @property
     def certificates(self) -> Certificates:
@@ -309,15 +329,19 @@ class SearchOptions:
     matches: str | None = option(
         None,
         "Matches of another program instead of a search: .h5 of hloc, a COLMAP database, matches as text; each is "
-        "measured again by least-squares matching and tested like matches of HRSI", kind=Kind.POINTS, advanced=True,
+        "measured again by least-squares matching and tested like matches of HRSI",
+        kind=Kind.POINTS,
+        advanced=True,
         metavar="FILE",
-    )  # fmt: skip
+    )
     workers: WorkerOptions = nest_options(WorkerOptions)
     work_dir: str | None = option(
         None,
         "Directory for finished parts, which later runs use again; by default a folder in the output directory, which "
-        "is removed at the end of a run", advanced=True, metavar="DIR",
-    )  # fmt: skip
+        "is removed at the end of a run",
+        advanced=True,
+        metavar="DIR",
+    )
     threads: int = threads_option()
 
 
@@ -327,9 +351,13 @@ class ReferenceImage:
 
     reference: str | None = option(None, "Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER)
     reference_sigma: float | None = option(
-        None, "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size, at "
-        "most 5 m or half a pixel", minimum=1e-6, unit="m", metavar="M",
-    )  # fmt: skip
+        None,
+        "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size, at "
+        "most 5 m or half a pixel",
+        minimum=1e-6,
+        unit="m",
+        metavar="M",
+    )
     reference_band: int | None = option(
         None, "Band of the reference; by default the mean of all", minimum=1, advanced=True, metavar="N"
     )

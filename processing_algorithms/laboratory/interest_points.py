@@ -83,10 +83,13 @@ def _image_entry(image: ImagePixels, points: InterestPoints, sun: SunReading | N
     lower, right = points.xy[:, 1] >= image.raster.size[1] / 2.0, points.xy[:, 0] >= image.raster.size[0] / 2.0
     quarters = np.bincount(2 * lower + right, minlength=4)
     entry: Report = {
-        "path": image.path, "points": len(points), "kinds": dict(sorted(Counter(points.kind.tolist()).items())),
+        "path": image.path,
+        "points": len(points),
+        "kinds": dict(sorted(Counter(points.kind.tolist()).items())),
         "strong_centres": int(np.sum(points.is_centre & (points.quality >= STRONG_QUALITY))),
-        "quarters": dict(zip(QUARTERS, quarters.tolist(), strict=True)), "sun": None,
-    }  # fmt: skip
+        "quarters": dict(zip(QUARTERS, quarters.tolist(), strict=True)),
+        "sun": None,
+    }
     if sun is not None:
         elevation = None if np.isnan(sun.angles.elevation_deg) else sun.angles.elevation_deg
         entry["sun"] = {"azimuth_deg": sun.angles.azimuth_deg, "elevation_deg": elevation, "source": sun.source}

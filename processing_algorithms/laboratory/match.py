@@ -91,29 +91,49 @@ def _make_layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: 
     made = found.positions
     ids = np.char.add("M", np.char.zfill(np.arange(1, len(found) + 1).astype(str), len(str(max(len(found), 1)))))
     fields = CorrespondenceRows(
-        id=ids, first_sample=made.first[:, 0], first_line=made.first[:, 1],
-        second_sample=made.second[:, 0], second_line=made.second[:, 1], kind=found.kind,
-        sigma=made.sigma_px, quality=made.correlation, residual_px=made.residual_px,
-        epipolar_px=made.epipolar_px, generation=found.generation,
+        id=ids,
+        first_sample=made.first[:, 0],
+        first_line=made.first[:, 1],
+        second_sample=made.second[:, 0],
+        second_line=made.second[:, 1],
+        kind=found.kind,
+        sigma=made.sigma_px,
+        quality=made.correlation,
+        residual_px=made.residual_px,
+        epipolar_px=made.epipolar_px,
+        generation=found.generation,
         father=np.where(found.father >= 0, ids[found.father], "") if len(found) else ids,
-    )  # fmt: skip
+    )
     # As image points: the sigma of a correspondence is shared between both images
     count = len(found)
     points = ImagePoints(
-        np.tile(ids, 2), np.repeat([image.id for image in images], count), np.concatenate([made.first, made.second]),
-        np.tile(made.sigma_px, 2) / np.sqrt(2.0), np.tile(found.kind, 2), np.tile(made.correlation, 2), "match",
-    )  # fmt: skip
+        np.tile(ids, 2),
+        np.repeat([image.id for image in images], count),
+        np.concatenate([made.first, made.second]),
+        np.tile(made.sigma_px, 2) / np.sqrt(2.0),
+        np.tile(found.kind, 2),
+        np.tile(made.correlation, 2),
+        "match",
+    )
     measured = MatchedPointRows(
-        id=points.ids, image=points.image_ids, sample=points.xy[:, 0], line=points.xy[:, 1],
-        sigma=points.sigma_px, kind=points.kind, quality=points.quality,
-    )  # fmt: skip
+        id=points.ids,
+        image=points.image_ids,
+        sample=points.xy[:, 0],
+        line=points.xy[:, 1],
+        sigma=points.sigma_px,
+        kind=points.kind,
+        quality=points.quality,
+    )
     return [
         Layer(MATCH_LAYER, "None" if images[0].rpc is None else "PointZ", WGS84_3D, ground[0], fields),
         Layer(
-            POINTS_LAYER, "None" if any(image.rpc is None for image in images) else "PointZ", WGS84_3D,
-            np.concatenate(ground), measured,
+            POINTS_LAYER,
+            "None" if any(image.rpc is None for image in images) else "PointZ",
+            WGS84_3D,
+            np.concatenate(ground),
+            measured,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def summarise(report: Report) -> str:

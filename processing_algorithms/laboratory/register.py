@@ -60,15 +60,19 @@ def run(options: RegisterOptions, context: Context) -> Report:
     everything = result.registrations["all"]
     ratios = {name: result.ratio(name) for name in ("alone", "together")}
     report: Report = {
-        **context.record, "model": options.registration.model, "first": first,
-        "second": second, "points": len(points["ids"]), "unit": "m" if options.gsd else "px",
+        **context.record,
+        "model": options.registration.model,
+        "first": first,
+        "second": second,
+        "points": len(points["ids"]),
+        "unit": "m" if options.gsd else "px",
         "alone": {kind: asdict(row) for kind, row in result.alone.items()},
         "together": {kind: asdict(row) for kind, row in result.together.items()},
         "center_over_corner": ratios if any(ratios.values()) else None,
         "matrix": everything.matrix.tolist(),
         "outliers": points["ids"][~everything.used].tolist(),
         "warnings": [*lost, *_warnings(points, everything.unknowns)],
-    }  # fmt: skip
+    }
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
         if options.report:
@@ -100,10 +104,17 @@ def _match(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
         raise InputError(f"{options.image_points}: no id is measured on both {first} and {second}: check the ids")
     a, b = (np.array([row[name] for name in ids]) for row in rows)
     sigma = np.hypot(table.sigma_px[a], table.sigma_px[b])
-    return first, second, {
-        "ids": np.array(ids, dtype=str), "first": table.xy[a], "second": table.xy[b], "kind": table.kind[a],
-        "sigma": np.where(np.isfinite(sigma), np.maximum(sigma, 0.02), 1.0),
-    }  # fmt: skip
+    return (
+        first,
+        second,
+        {
+            "ids": np.array(ids, dtype=str),
+            "first": table.xy[a],
+            "second": table.xy[b],
+            "kind": table.kind[a],
+            "sigma": np.where(np.isfinite(sigma), np.maximum(sigma, 0.02), 1.0),
+        },
+    )
 
 
 def _rows_by_id(table: ImagePoints, image: str) -> dict[str, int]:
@@ -143,11 +154,16 @@ def _carry(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
 def _layer(points: Mapping[str, np.ndarray], result: MethodComparison, unit: float) -> Layer:
     residual = result.registrations["all"].residual_px * unit
     fields = RegisteredPointRows(
-        id=points["ids"], kind=points["kind"].astype(str), used=result.registrations["all"].used,
-        first_sample=points["first"][:, 0], first_line=points["first"][:, 1],
-        second_sample=points["second"][:, 0], second_line=points["second"][:, 1],
-        residual_x=residual[:, 0], residual_y=residual[:, 1],
-    )  # fmt: skip
+        id=points["ids"],
+        kind=points["kind"].astype(str),
+        used=result.registrations["all"].used,
+        first_sample=points["first"][:, 0],
+        first_line=points["first"][:, 1],
+        second_sample=points["second"][:, 0],
+        second_line=points["second"][:, 1],
+        residual_x=residual[:, 0],
+        residual_y=residual[:, 1],
+    )
     return Layer(LAYER, "None", 4326, residual, fields)
 
 

@@ -50,9 +50,12 @@ class CurrentResiduals:
     """Residuals (px) by point and image, with the present cameras; ``now`` has those of edited points."""
 
     def __init__(
-        self, watched: ListedMeasurements, left: np.ndarray, edited: Collection[str],
+        self,
+        watched: ListedMeasurements,
+        left: np.ndarray,
+        edited: Collection[str],
         now: dict[Key, tuple[float, float]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._watched, self._left, self._edited, self._now = watched, left, frozenset(edited), now
 
     def get(self, key: Key, default: tuple[float, float]) -> tuple[float, float]:

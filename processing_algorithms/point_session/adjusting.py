@@ -62,16 +62,27 @@ def adjust_block(
     statistics, outlying = find_outliers(result, residuals)
     keys = list_keys(block)
     return AdjustmentView(
-        model=result.model, corrections={image.id: result.values[index] for index, image in enumerate(block.images)},
-        residual_px={keys[row]: (float(residuals.measured_px[row, 0]), float(residuals.measured_px[row, 1]))
-                     for row in rows.tolist()},
+        model=result.model,
+        corrections={image.id: result.values[index] for index, image in enumerate(block.images)},
+        residual_px={
+            keys[row]: (float(residuals.measured_px[row, 0]), float(residuals.measured_px[row, 1]))
+            for row in rows.tolist()
+        },
         residual_m={str(names[row]): tuple(residuals.ground_m[row].tolist()) for row in block.known.nonzero()[0]},
         statistics={keys[row]: float(statistics[row]) for row in rows.tolist()},
-        image_suspicions={keys[row]: describe_outlier(keys[row][1], statistics[row])
-                          for row in rows[outlying[rows]].tolist()},
-        point_suspicions=suspects, verdict=judged.verdict, check=judged.figures["check"], warnings=judged.warnings,
-        unchecked_gcps=count_unchecked_gcps(result), result=result, left=residuals, follower=follower, listed=listed,
-    )  # fmt: skip
+        image_suspicions={
+            keys[row]: describe_outlier(keys[row][1], statistics[row]) for row in rows[outlying[rows]].tolist()
+        },
+        point_suspicions=suspects,
+        verdict=judged.verdict,
+        check=judged.figures["check"],
+        warnings=judged.warnings,
+        unchecked_gcps=count_unchecked_gcps(result),
+        result=result,
+        left=residuals,
+        follower=follower,
+        listed=listed,
+    )
 
 
 def count_unchecked_gcps(result: Adjustment) -> int | None:
@@ -116,10 +127,13 @@ def follow(session: PointSession) -> CurrentView:
         residual_m = dict(_ground_residuals(watched.block, model, new.values, new.ground))
         residual_m |= dict(_ground_residuals(now, model, new.values, new.edited_ground))
     return CurrentView(
-        model, {image.id: new.values[index] for index, image in enumerate(adjusted.result.block.images)},
+        model,
+        {image.id: new.values[index] for index, image in enumerate(adjusted.result.block.images)},
         CurrentResiduals(watched, left, edited, dict(zip(keys_now, map(tuple, left_now.tolist()), strict=True))),
-        residual_m, statistics, suspicions,
-    )  # fmt: skip
+        residual_m,
+        statistics,
+        suspicions,
+    )
 
 
 def _ground_residuals(

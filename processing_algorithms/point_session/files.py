@@ -51,11 +51,13 @@ def image_points(session: PointSession, names: Collection[str] | None = None) ->
     keys = [key for key in session.measured if names is None or key[0] in names]
     rows = [session.measured[key] for key in keys]
     return ImagePoints(
-        [name for name, _ in keys], [image for _, image in keys],
+        [name for name, _ in keys],
+        [image for _, image in keys],
         np.array([[row.sample, row.line] for row in rows]).reshape(-1, 2),
-        np.array([row.sigma for row in rows], dtype=np.float64), np.array([row.kind for row in rows], dtype=str),
+        np.array([row.sigma for row in rows], dtype=np.float64),
+        np.array([row.kind for row in rows], dtype=str),
         np.array([row.quality for row in rows], dtype=np.float64),
-    )  # fmt: skip
+    )
 
 
 def images_layer(session: PointSession) -> Layer:
@@ -84,13 +86,20 @@ def point_layers(session: PointSession) -> list[Layer]:
     index = {name: row for row, name in enumerate(known.ids.tolist())}
     at = np.array([index.get(name, -1) for name in ids.tolist()], dtype=np.int64)
     ground = GroundPointRows(
-        id=known.ids, role=ROLE_LABELS[known.role], height=known.ground[:, 2],
-        sigma_east_m=unknown, sigma_north_m=unknown, sigma_height_m=unknown,
+        id=known.ids,
+        role=ROLE_LABELS[known.role],
+        height=known.ground[:, 2],
+        sigma_east_m=unknown,
+        sigma_north_m=unknown,
+        sigma_height_m=unknown,
         rays=np.bincount(at[at >= 0], minlength=len(known)),
         # The survey, for any geometry of the layer
-        survey_lon=known.ground[:, 0], survey_lat=known.ground[:, 1], survey_height=known.ground[:, 2],
-        sigma_xy=known.sigma_m[:, 0], sigma_h=known.sigma_m[:, 1],
-    )  # fmt: skip
+        survey_lon=known.ground[:, 0],
+        survey_lat=known.ground[:, 1],
+        survey_height=known.ground[:, 2],
+        sigma_xy=known.sigma_m[:, 0],
+        sigma_h=known.sigma_m[:, 1],
+    )
     place = np.vstack([known.ground, np.full((1, 3), np.nan)])[at]
     roles = np.append(ROLE_LABELS[known.role], "tie")[at]
     nothing = np.full(len(ids), np.nan)
@@ -159,9 +168,12 @@ def _read_tie_list(path: str) -> set[str]:
 
 
 def new_session(
-    images: Sequence[str], gcps: str = "", image_points: str = "", ground_crs: str | None = None,
+    images: Sequence[str],
+    gcps: str = "",
+    image_points: str = "",
+    ground_crs: str | None = None,
     height_datum: str = "layer",
-) -> PointSession:  # fmt: skip
+) -> PointSession:
     """Return a session of image files and, if given, files of ground and image points."""
     opened = _open_images(images)
     ids = [image.id for image in opened]
@@ -176,9 +188,12 @@ def new_session(
     if gcps and session.points:
         find_photos(session, gcps)
     session.sources = {
-        "images": [os.path.abspath(path) for path in images], "gcps": gcps, "image_points": image_points,
-        "ground_crs": ground_crs, "height_datum": height_datum,
-    }  # fmt: skip
+        "images": [os.path.abspath(path) for path in images],
+        "gcps": gcps,
+        "image_points": image_points,
+        "ground_crs": ground_crs,
+        "height_datum": height_datum,
+    }
     return session
 
 
@@ -262,9 +277,12 @@ def _open_images(paths: Sequence[str]) -> list[Image]:
 
 
 def _make_session(
-    images: Sequence[Image], ground: GroundPoints | None, image: ImagePoints | None, path: str,
+    images: Sequence[Image],
+    ground: GroundPoints | None,
+    image: ImagePoints | None,
+    path: str,
     listed_ties: Collection[str] = (),
-) -> PointSession:  # fmt: skip
+) -> PointSession:
     """Return a session; measurements of points that are not in its list become tie points."""
     points = [] if ground is None else _survey_points(ground, listed_ties)
     if image is None:
@@ -272,11 +290,14 @@ def _make_session(
     own = np.isin(image.ids, [point.id for point in points])
     measured = {
         (str(image.ids[row]), str(image.image_ids[row])): ImageMeasurement(
-            float(image.xy[row, 0]), float(image.xy[row, 1]), float(image.sigma_px[row]), str(image.kind[row]),
+            float(image.xy[row, 0]),
+            float(image.xy[row, 1]),
+            float(image.sigma_px[row]),
+            str(image.kind[row]),
             float(image.quality[row]),
         )
         for row in np.flatnonzero(own)
-    }  # fmt: skip
+    }
     unknown = sorted({name for _, name in measured} - {one.id for one in images})
     if unknown:
         raise InputError(f"{image.source} names the image {unknown[0]!r}, which is not in the block: add it")

@@ -50,10 +50,14 @@ class PointSession:
     """
 
     def __init__(
-        self, images: Sequence[Image] = (), points: Sequence[SurveyPoint] = (),
-        measured: Mapping[Key, ImageMeasurement] | None = None, ties: ImagePoints | None = None, path: str = "",
+        self,
+        images: Sequence[Image] = (),
+        points: Sequence[SurveyPoint] = (),
+        measured: Mapping[Key, ImageMeasurement] | None = None,
+        ties: ImagePoints | None = None,
+        path: str = "",
         model: str = "",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.images: dict[str, Image] = {image.id: image for image in images}
         self.points: dict[str, SurveyPoint] = {point.id: point for point in points}
         self.measured: dict[Key, ImageMeasurement] = dict(measured or {})
@@ -364,9 +368,11 @@ class PointSession:
         self._edit(title, points={name: point if name == point.id else old for name, old in self.points.items()})
 
     def _edit(
-        self, title: str, measured: Mapping[Key, ImageMeasurement | None] | None = None,
+        self,
+        title: str,
+        measured: Mapping[Key, ImageMeasurement | None] | None = None,
         points: Mapping[str, SurveyPoint] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         new = measured or {}
         back = Change({key: self.measured.get(key) for key in new}, None if points is None else self.points)
         self.history.do(Edit(title, back, Change(new, points)))

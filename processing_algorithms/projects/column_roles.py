@@ -174,17 +174,24 @@ def find_measurement_columns(
     pairs = [(k, k + 1) for k in table.numeric if k + 1 in table.numeric and not {k, k + 1} & {image, name}]
     if name is None or not pairs:
         return None
-    rated = [(_rate_pair(table, pair, name, places[image], images, known), pair)
-             for first, second in pairs for pair in ((first, second), (second, first))]  # fmt: skip
+    rated = [
+        (_rate_pair(table, pair, name, places[image], images, known), pair)
+        for first, second in pairs
+        for pair in ((first, second), (second, first))
+    ]
     cost, (sample, line) = min(rated)
     roles = {image: "image", name: "id", sample: "sample", line: "line"}
     return [roles.get(k, UNUSED) for k in columns] if np.isfinite(cost) else None
 
 
 def _rate_pair(
-    table: TextTable, pair: tuple[int, int], name: int, places: np.ndarray, images: Mapping[str, Image],
+    table: TextTable,
+    pair: tuple[int, int],
+    name: int,
+    places: np.ndarray,
+    images: Mapping[str, Image],
     known: Mapping[str, np.ndarray],
-) -> float:  # fmt: skip
+) -> float:
     """Return how badly two columns are sample and line: px from known points, else m between images; inf if never."""
     ids, row = np.unique(table.columns[name], return_inverse=True)
     measured = {number: one for number, one in enumerate(images) if (places == number).any()}
@@ -210,8 +217,10 @@ def _place_images(texts: Sequence[str], image_ids: Sequence[str]) -> np.ndarray:
     """Return the place of the image that each text names in a list of ids, -1 for others."""
     unique = sorted(set(texts))
     ids = matching_names(NameColumn(np.array(unique), np.arange(len(unique), dtype=np.int32)), image_ids)
-    place = {text: image_ids.index(one) if one in image_ids else -1
-             for text, one in zip(unique, np.asarray(ids).tolist(), strict=True)}  # fmt: skip
+    place = {
+        text: image_ids.index(one) if one in image_ids else -1
+        for text, one in zip(unique, np.asarray(ids).tolist(), strict=True)
+    }
     return np.array([place[text] for text in texts])
 
 

@@ -193,9 +193,12 @@ def _read_rpc(path: str) -> tuple[bool, str]:
 
 
 def _add_points(
-    content: FolderContent, paths: Sequence[str], images: Mapping[str, Image], region: np.ndarray,
+    content: FolderContent,
+    paths: Sequence[str],
+    images: Mapping[str, Image],
+    region: np.ndarray,
     crs_names: Sequence[str],
-) -> None:  # fmt: skip
+) -> None:
     """Add laser points, point clouds and point files."""
     rpc_files = dict(_rpc_files(paths))
     for path, fault in rpc_files.items():

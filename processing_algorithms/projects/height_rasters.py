@@ -88,8 +88,11 @@ def find_heights(path: str, facts: RasterFacts, region: np.ndarray) -> HeightRas
     """
     candidates = [("", facts)]
     if facts.kind is RasterKind.UNPLACED and facts.centre is not None:
-        candidates = [(crs, found) for crs in list_local_crs(region.mean(axis=0), np.array(facts.centre))
-                      if (found := find_raster_kind(path, crs)) is not None]  # fmt: skip
+        candidates = [
+            (crs, found)
+            for crs in list_local_crs(region.mean(axis=0), np.array(facts.centre))
+            if (found := find_raster_kind(path, crs)) is not None
+        ]
     for crs, found in candidates:
         if found.surface is None or (sampled := _sample_heights(found.surface, region)) is None:
             continue

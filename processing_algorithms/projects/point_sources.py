@@ -32,11 +32,15 @@ ID_FIELD = re.compile(r"id|nr|no|num|name|nom|punkt|point|pt|mat", re.IGNORECASE
 HEIGHT_FIELD = re.compile(r"^(h|z|alt|elev|höhe|hoehe|cota|quota|haut)|[_ ](h|z|alt|elev)$", re.IGNORECASE)
 #: Words of files and fields that state a height datum, and the value of the option.
 DATUM_WORDS = (
-    ("egm2008", r"egm_?(20)?08"), ("egm96", r"egm_?(19)?96|srtm|\.hgt$"),
+    ("egm2008", r"egm_?(20)?08"),
+    ("egm96", r"egm_?(19)?96|srtm|\.hgt$"),
     ("ellipsoidal", r"ellip|(?<![a-z])(hae|h?_?ell)(?![a-z])"),
-    ("egm2008", r"(?<![a-z])(msl|ortho_?h|orthometric|geoid|above_sea|nhn|dhhn|navd|ign69|ngf|evrf|odn)|"
-                r"cop(ernicus)?.?(dem|dsm|glo)|aw3d|nasadem"),
-)  # fmt: skip
+    (
+        "egm2008",
+        r"(?<![a-z])(msl|ortho_?h|orthometric|geoid|above_sea|nhn|dhhn|navd|ign69|ngf|evrf|odn)|"
+        r"cop(ernicus)?.?(dem|dsm|glo)|aw3d|nasadem",
+    ),
+)
 HEIGHT_UNKNOWN, HEIGHT_MISSING = "the height datum is not known", "have no height"  #: words of warnings of the reader
 
 
@@ -218,10 +222,15 @@ def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSo
     notes += [f"columns {spec.partition('|columns=')[2]}"] if "|columns=" in spec and not notes else []
     notes += [f"CRS {crs} ({pyproj.CRS(crs).name}) by the place of the images"] if crs else []
     return PointSource(
-        path, [spec], crs, datum=datum, ground=tables.ground,
-        measured=[tables.image] if tables.image is not None else [], notes=notes,
+        path,
+        [spec],
+        crs,
+        datum=datum,
+        ground=tables.ground,
+        measured=[tables.image] if tables.image is not None else [],
+        notes=notes,
         has_heights=HEIGHT_MISSING not in told,
-    )  # fmt: skip
+    )
 
 
 def _complete(spec: str, tables: PointTables, images: Mapping[str, Image], crs: str) -> tuple[str, PointTables]:
@@ -321,11 +330,18 @@ class PointRoles:
 
 def _pair_positions(source: PointSource, others: Sequence[PointSource]) -> np.ndarray:
     """Return the positions ``(2, n, 3)`` of points with one id in a file and in other files."""
-    known = {str(name): xyz for one in others if one.ground is not None
-             for name, xyz in zip(one.ground.ids, one.ground.ground, strict=True)}  # fmt: skip
+    known = {
+        str(name): xyz
+        for one in others
+        if one.ground is not None
+        for name, xyz in zip(one.ground.ids, one.ground.ground, strict=True)
+    }
     ground = source.ground
-    pairs = [(xyz, known[str(name)]) for name, xyz in zip(ground.ids, ground.ground, strict=True)
-             if str(name) in known] if ground is not None else []  # fmt: skip
+    pairs = (
+        [(xyz, known[str(name)]) for name, xyz in zip(ground.ids, ground.ground, strict=True) if str(name) in known]
+        if ground is not None
+        else []
+    )
     return np.array(pairs).reshape(-1, 2, 3).swapaxes(0, 1)
 
 

@@ -25,14 +25,19 @@ from ..interface.options import check_options, suggestion
 
 #: Steps in their order, and the folder of each in the output directory.
 FOLDERS = {
-    "triangulate": "triangulated", "surface-model": "surface", "orthorectify": "orthoimages", "ortho-check": "check",
+    "triangulate": "triangulated",
+    "surface-model": "surface",
+    "orthorectify": "orthoimages",
+    "ortho-check": "check",
     "evaluate": "evaluation",
-}  # fmt: skip
+}
 SINGLE = "refine-rpc"  #: replaces `triangulate` if there is one image
 TEXTS = {
-    "title": "Title of the report", "client": "Who the report is for", "place": "Where the images were taken",
+    "title": "Title of the report",
+    "client": "Who the report is for",
+    "place": "Where the images were taken",
     "output_dir": "Directory for the results",
-}  # fmt: skip
+}
 SHARED = (
     "images", "gcps", "image_points", "gcp_ids", "check_ids", "ground_crs", "height_datum", "gcp_epoch", "dem",
     "dem_datum",
@@ -183,16 +188,23 @@ def _check_step(step: str, project: Project, images: tuple[str, ...], folder: st
     except HrsiError as error:
         return {"status": FAILED, "algorithm": name, "told": str(error), "exit_code": error.exit_code}
     counts = ", ".join(f"{count} {what}" for what, count in report["counts"].items())
-    return {"status": PLANNED, "algorithm": name, "told": counts, "verdict": report["verdict"],
-            "warnings": [] if without_terrain else report["warnings"]}  # fmt: skip
+    return {
+        "status": PLANNED,
+        "algorithm": name,
+        "told": counts,
+        "verdict": report["verdict"],
+        "warnings": [] if without_terrain else report["warnings"],
+    }
 
 
 def judge_plan(entries: Mapping[str, Report]) -> Report:
     """Return the worst verdict of some steps with all their reasons; a failed step is a failure."""
     judged = [entry["verdict"] for entry in entries.values() if entry.get("verdict")]
     faults = {name: entry["told"] for name, entry in entries.items() if entry["status"] == FAILED}
-    failed = [f"{', '.join(name for name in faults if faults[name] == fault)} failed: {fault}"
-              for fault in dict.fromkeys(faults.values())]  # fmt: skip
+    failed = [
+        f"{', '.join(name for name in faults if faults[name] == fault)} failed: {fault}"
+        for fault in dict.fromkeys(faults.values())
+    ]
     levels = [*(verdict["level"] for verdict in judged), *([Level.UNUSABLE.label] if failed else [])]
     level = max(levels, key=LEVELS.index, default=Level.DOUBTFUL.label)
     reasons = [reason for verdict in judged for reason in verdict["reasons"]]

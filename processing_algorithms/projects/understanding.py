@@ -67,8 +67,11 @@ def understand(content: FolderContent, height_datum: str | None = None) -> Under
     points = decide_roles(content.sources)
     content.roles += [FileRole(path, *role) for path, role in points.roles.items()]
     made.decisions += points.notes
-    made.decisions += [f"{os.path.basename(one.path)}: image, not used: {one.reason}" for one in content.roles
-                       if one.role == BROKEN_IMAGE]  # fmt: skip
+    made.decisions += [
+        f"{os.path.basename(one.path)}: image, not used: {one.reason}"
+        for one in content.roles
+        if one.role == BROKEN_IMAGE
+    ]
     made.shared["images"] = [image.path for image in content.images]
     measured = {name for one in content.sources for name in one.measured_ids}
     surveyed = {name for one in points.control for name in one.ground_ids}
@@ -150,9 +153,12 @@ def _decide_datums(made: Understanding, points: PointRoles, dem: HeightRaster | 
 
 
 def _weigh_evidence(
-    made: Understanding, surveys: Sequence[PointSource], dem: HeightRaster | None, datums: dict[str, str | None],
+    made: Understanding,
+    surveys: Sequence[PointSource],
+    dem: HeightRaster | None,
+    datums: dict[str, str | None],
     names: Mapping[str, str],
-) -> None:  # fmt: skip
+) -> None:
     """Replace unknown datums by evidence: heights of points and DEM against each other, then both against rays."""
     surveyed = np.concatenate([np.empty((0, 3)), *(one.ground.ground for one in surveys if one.ground is not None)])
     ids = [str(name) for one in surveys if one.ground is not None for name in one.ground.ids]
@@ -176,8 +182,10 @@ def _weigh_evidence(
             share = float(np.nanmedian((heights["height_datum"] - heights["dem_datum"]) / geoid[1]))
             if abs(abs(share) - 1.0) < GEOID.undulation_share:
                 datums.update(zip(names, (ELLIPSOIDAL, geoid[0])[:: 1 if share > 0.0 else -1], strict=True))
-                made.decisions.append(" and ".join(f"{names[key]}: heights {datums[key]}" for key in names)
-                                      + ", by their difference, the undulation")  # fmt: skip
+                made.decisions.append(
+                    " and ".join(f"{names[key]}: heights {datums[key]}" for key in names)
+                    + ", by their difference, the undulation"
+                )
 
     compare()
     rays = _find_rays(made, surveyed, dem) if None in datums.values() else None

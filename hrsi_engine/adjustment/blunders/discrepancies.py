@@ -101,11 +101,15 @@ class Discrepancies:
         """
         gain = self.s[np.ix_(subset, excluded)] @ (self.invert_subset(excluded) if inverse is None else inverse)
         return Discrepancies(
-            self.points, self.point[subset], self.kind[subset], self.row[subset], self.axis[subset],
+            self.points,
+            self.point[subset],
+            self.kind[subset],
+            self.row[subset],
+            self.axis[subset],
             self.u[subset] - gain @ self.u[excluded],
             self.s[np.ix_(subset, subset)] - gain @ self.s[np.ix_(excluded, subset)],
             self.sigma[subset],
-        )  # fmt: skip
+        )
 
     def select_gcps(self, gcps: np.ndarray, excluded: np.ndarray, inverse: np.ndarray) -> Discrepancies:
         """Return the discrepancies of some GCPs (indices into ``points``, ascending), which are renumbered from 0.
@@ -172,13 +176,15 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
         for column, values in zip(
             columns,
             (
-                np.full(len(weighted_rows), number), np.r_[[PLAN, PLAN, HEIGHT], np.full(2 * k, IMAGE)][weighted_rows],
+                np.full(len(weighted_rows), number),
+                np.r_[[PLAN, PLAN, HEIGHT], np.full(2 * k, IMAGE)][weighted_rows],
                 np.r_[[-1, -1, -1], np.repeat(rows, 2)][weighted_rows],
                 np.r_[[0, 1, 2], np.tile([0, 1], k)][weighted_rows],
-                weighted @ residual, unit,
+                weighted @ residual,
+                unit,
             ),
             strict=True,
-        ):  # fmt: skip
+        ):
             column.append(values)
     point, kind, row, axis, u, sigma = (np.concatenate(column) for column in columns)
     by_unknown = _stack_by_unknown(by_cameras, unknowns, loop.prior_weight.size)

@@ -269,8 +269,13 @@ def describe_suspect(problem: Problem, control: Discrepancies, suspect: Suspect)
             "all are used: check them, or measure more GCPs"
         )
     return Finding(
-        id=name, what={"image": image or "", "height": "height"}.get(suspect.what, "ground"),
-        statistic=suspect.statistic, left_out=suspect.is_clear, message=message, size=size, unit=unit,
+        id=name,
+        what={"image": image or "", "height": "height"}.get(suspect.what, "ground"),
+        statistic=suspect.statistic,
+        left_out=suspect.is_clear,
+        message=message,
+        size=size,
+        unit=unit,
         group=tuple(str(one) for one in ids[list(suspect.group)]),
         rivals=tuple(str(one) for one in ids[list(suspect.rivals)]),
-    )  # fmt: skip
+    )

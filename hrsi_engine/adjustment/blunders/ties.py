@@ -44,13 +44,16 @@ class RAYS:
 
     credit: float = threshold(0.05, "", "odds of a chance agreement up to which two rays are accepted (see the module)")
     least_sigma_px: float = threshold(
-        0.025, "px", "smallest sigma of a measurement in its test: an error of 0.1 px has no effect", "rendered strip "
-        "of 20 frames: 2 % of its tie points fail at 4 sigma of 0.01 px, with errors from 0.04 px"
-    )  # fmt: skip
+        0.025,
+        "px",
+        "smallest sigma of a measurement in its test: an error of 0.1 px has no effect",
+        "rendered strip of 20 frames: 2 % of its tie points fail at 4 sigma of 0.01 px, with errors from 0.04 px",
+    )
     false_share: float = threshold(
-        0.002, "", "probability of a rejection in an error-free block, and false discovery rate of the rejected tie "
-        "points"
-    )  # fmt: skip
+        0.002,
+        "",
+        "probability of a rejection in an error-free block, and false discovery rate of the rejected tie points",
+    )
 
 
 @thresholds
@@ -138,10 +141,18 @@ def check_ties(
             "nt,ntc->nc", _list_terms(observations, rows), trends[observations.image[rows]]
         )
         rows = rows.reshape(-1, length)
-        groups.append((rows, PointRays(
-            detrended.reshape(-1, length, 2), linear.by_ground.reshape(-1, length, 2, 3),
-            np.minimum(all_in.image[rows] / variance, RAYS.least_sigma_px**-2), all_in.points, points,
-        )))  # fmt: skip
+        groups.append(
+            (
+                rows,
+                PointRays(
+                    detrended.reshape(-1, length, 2),
+                    linear.by_ground.reshape(-1, length, 2, 3),
+                    np.minimum(all_in.image[rows] / variance, RAYS.least_sigma_px**-2),
+                    all_in.points,
+                    points,
+                ),
+            )
+        )
     probability = np.concatenate([group.test_worst_rays(freedom) for _, group in groups])
     # the limit in sigmas that detects the wrong tie points; those that are not suspicious are assumed to be correct
     ordered, tests = np.sort(probability), max(int(ties.sum()), 1)

@@ -61,9 +61,15 @@ class NumpyElimination:
         return [take_whole_block(self.observations)]
 
     def eliminate_points(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
-        contributes: np.ndarray, sums: Normals,
-    ) -> None:  # fmt: skip
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        ground: np.ndarray,
+        priors: PointPriors,
+        contributes: np.ndarray,
+        sums: Normals,
+    ) -> None:
         """Add the part to the sums ``blocks (b, t t, q q)`` and ``right (cameras, q t)``; write its points' results."""
         observations, pattern, p = self.observations, self.pattern, sums.right.shape[1]
         sums.residual[:] = linear.residual
@@ -82,9 +88,14 @@ class NumpyElimination:
             self._subtract(chunk, linear, contributing, lower[chunk.points], sums, blocks)
 
     def _subtract(
-        self, chunk: Chunk, linear: Linearisation, weight: np.ndarray, lower: np.ndarray, sums: Normals,
+        self,
+        chunk: Chunk,
+        linear: Linearisation,
+        weight: np.ndarray,
+        lower: np.ndarray,
+        sums: Normals,
         blocks: np.ndarray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Subtract W V^-1 W' and W V^-1 m of a chunk from the sums; ``lower (k, 3, 3)`` are the L^-1 of its points."""
         p = sums.right.shape[1]
         count, length = chunk.rows.shape
@@ -133,9 +144,14 @@ class NumpyElimination:
         return np.einsum("mij,mj->mi", np.linalg.inv(matrix), right)
 
     def substitute_back(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        normals: Normals,
+        step: np.ndarray,
         steps: np.ndarray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Write the steps in metres to ``steps (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
         weighted_change = (
             np.einsum("ncp,np->nc", _compose_derivatives(linear), step[self.observations.camera]) * weight[:, None]
@@ -145,9 +161,14 @@ class NumpyElimination:
         steps[:] = np.einsum("mij,mj->mi", normals.inverse, right)
 
     def compute_cofactors(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        normals: Normals,
+        cameras: np.ndarray,
         cofactors: Cofactors,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Write the part's cofactors from those of the coefficients, ``cameras (blocks, t t, q q)``."""
         cofactors.points[:] = normals.inverse
         by_values = _compose_derivatives(linear)

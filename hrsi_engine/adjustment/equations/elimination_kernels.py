@@ -130,10 +130,19 @@ def _add_pair(
 
 @njit(**OPTIONS)
 def _add_pairs_of_point(
-    begin: int, row0: int, count: int, weight: np.ndarray, camera: np.ndarray, terms: np.ndarray,
-    by_quantity: np.ndarray | None, u: np.ndarray, s: np.ndarray, start: np.ndarray, columns: np.ndarray,
+    begin: int,
+    row0: int,
+    count: int,
+    weight: np.ndarray,
+    camera: np.ndarray,
+    terms: np.ndarray,
+    by_quantity: np.ndarray | None,
+    u: np.ndarray,
+    s: np.ndarray,
+    start: np.ndarray,
+    columns: np.ndarray,
     blocks: np.ndarray,
-) -> None:  # fmt: skip
+) -> None:
     """Add all pairs of a point's image points to the blocks; ``s (q q,)`` is overwritten."""
     q = u.shape[1]
     for a in range(count):
@@ -165,10 +174,20 @@ def _add_pairs_of_point(
 
 @njit(**OPTIONS)
 def eliminate_points(
-    rows: Arrays, longest: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, ground: np.ndarray,
-    prior: Arrays, contributes: np.ndarray, start: np.ndarray, columns: np.ndarray,
-    blocks: np.ndarray, right: np.ndarray, results: Arrays,
-) -> None:  # fmt: skip
+    rows: Arrays,
+    longest: int,
+    camera: np.ndarray,
+    linear: Arrays,
+    by_quantity: np.ndarray | None,
+    ground: np.ndarray,
+    prior: Arrays,
+    contributes: np.ndarray,
+    start: np.ndarray,
+    columns: np.ndarray,
+    blocks: np.ndarray,
+    right: np.ndarray,
+    results: Arrays,
+) -> None:
     """Add points to ``blocks (b, t t, q q)`` and ``right (cameras, q t)``; write the results of each point.
 
     ``results`` : residual (n, 2), inverse (m, 3, 3), point right-hand sides (m, 3) of the whole block. Only points that
@@ -225,9 +244,15 @@ def solve_points(rows: Arrays, linear: Arrays, ground: np.ndarray, prior: Arrays
 
 @njit(**OPTIONS)
 def substitute_back(
-    rows: Arrays, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
-    point_right: np.ndarray, step: np.ndarray, result: np.ndarray,
-) -> None:  # fmt: skip
+    rows: Arrays,
+    camera: np.ndarray,
+    linear: Arrays,
+    by_quantity: np.ndarray | None,
+    inverse: np.ndarray,
+    point_right: np.ndarray,
+    step: np.ndarray,
+    result: np.ndarray,
+) -> None:
     """Write the points' steps (m, 3) in metres for the cameras' ``step (cameras, q t)`` of the coefficients."""
     points, place, first, weight = rows
     _, by_ground, terms = linear
@@ -262,9 +287,17 @@ def substitute_back(
 
 @njit(**OPTIONS)
 def compute_cofactors(
-    rows: Arrays, longest: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
-    start: np.ndarray, columns: np.ndarray, cofactors: np.ndarray, results: Arrays,
-) -> None:  # fmt: skip
+    rows: Arrays,
+    longest: int,
+    camera: np.ndarray,
+    linear: Arrays,
+    by_quantity: np.ndarray | None,
+    inverse: np.ndarray,
+    start: np.ndarray,
+    columns: np.ndarray,
+    cofactors: np.ndarray,
+    results: Arrays,
+) -> None:
     """Write cofactors of the points (m, 3, 3) and of the computed image points (n, 2, 2).
 
     Over all image points of a point, with Q the ``cofactors (b, t t, q q)`` of the cameras::
@@ -321,9 +354,18 @@ def compute_cofactors(
 
 @njit(**OPTIONS)
 def _compute_point_cofactors(
-    point: int, begin: int, row0: int, count: int, weight: np.ndarray, inverse: np.ndarray, by_ground: np.ndarray,
-    q: np.ndarray, pull: np.ndarray, half: np.ndarray, results: Arrays,
-) -> None:  # fmt: skip
+    point: int,
+    begin: int,
+    row0: int,
+    count: int,
+    weight: np.ndarray,
+    inverse: np.ndarray,
+    by_ground: np.ndarray,
+    q: np.ndarray,
+    pull: np.ndarray,
+    half: np.ndarray,
+    results: Arrays,
+) -> None:
     """Write the cofactors of one point and its image points; see `compute_cofactors`."""
     out_points, out_computed = results
     for a in range(2 * count):
@@ -370,14 +412,30 @@ class NumbaElimination(NumpyElimination):
         ]
 
     def eliminate_points(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
-        contributes: np.ndarray, sums: Normals,
-    ) -> None:  # fmt: skip
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        ground: np.ndarray,
+        priors: PointPriors,
+        contributes: np.ndarray,
+        sums: Normals,
+    ) -> None:
         eliminate_points(
-            self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity, ground,
-            _arrays_of(priors), contributes, self.pattern.start, self.pattern.columns, sums.blocks, sums.right,
+            self._rows(part, weight),
+            self._most,
+            self.observations.camera,
+            _arrays(linear),
+            linear.by_quantity,
+            ground,
+            _arrays_of(priors),
+            contributes,
+            self.pattern.start,
+            self.pattern.columns,
+            sums.blocks,
+            sums.right,
             (sums.residual, sums.inverse, sums.point_right),
-        )  # fmt: skip
+        )
 
     def solve_points(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
@@ -387,22 +445,46 @@ class NumbaElimination(NumpyElimination):
         return steps
 
     def substitute_back(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        normals: Normals,
+        step: np.ndarray,
         steps: np.ndarray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         substitute_back(
-            self._rows(part, weight), self.observations.camera, _arrays(linear), linear.by_quantity, normals.inverse,
-            normals.point_right, step, steps,
-        )  # fmt: skip
+            self._rows(part, weight),
+            self.observations.camera,
+            _arrays(linear),
+            linear.by_quantity,
+            normals.inverse,
+            normals.point_right,
+            step,
+            steps,
+        )
 
     def compute_cofactors(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        normals: Normals,
+        cameras: np.ndarray,
         results: Cofactors,
-    ) -> None:  # fmt: skip
+    ) -> None:
         compute_cofactors(
-            self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity,
-            normals.inverse, self.pattern.start, self.pattern.columns, cameras, tuple(results),
-        )  # fmt: skip
+            self._rows(part, weight),
+            self._most,
+            self.observations.camera,
+            _arrays(linear),
+            linear.by_quantity,
+            normals.inverse,
+            self.pattern.start,
+            self.pattern.columns,
+            cameras,
+            tuple(results),
+        )
 
     def _rows(self, part: Portion, weight: np.ndarray) -> tuple[np.ndarray, ...]:
         return part.points, part.place, self.observations.first, weight

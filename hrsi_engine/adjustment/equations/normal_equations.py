@@ -60,9 +60,15 @@ class NormalEquations:
     drawn_from : image points of the complete block, if these are a part: its compiled loops are used for the part, too
     """
 
-    def __init__(self, observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0,
-        cameras: Cameras | None = None, drawn_from: int = 0,
-    ) -> None:  # fmt: skip
+    def __init__(
+        self,
+        observations: Observations,
+        model: RefinementModel,
+        pattern: Pattern,
+        threads: int = 0,
+        cameras: Cameras | None = None,
+        drawn_from: int = 0,
+    ) -> None:
         self.observations, self.pattern = observations, pattern
         self._elimination: NumpyElimination
         if is_wanted(max(observations.count, drawn_from) >= COMPILED_LOOPS.from_points):
@@ -98,11 +104,13 @@ class NormalEquations:
         size = len(structure.mixing)
         sums = [
             Normals(
-                by_point[0], allocate_zeros((pattern.blocks, structure.terms**2, structure.size**2)),
-                np.zeros((pattern.cameras, size)), *by_point[1:],
+                by_point[0],
+                allocate_zeros((pattern.blocks, structure.terms**2, structure.size**2)),
+                np.zeros((pattern.cameras, size)),
+                *by_point[1:],
             )
             for _ in range(threads)
-        ]  # fmt: skip
+        ]
 
         def add(part: Portion, thread: int) -> None:
             self._elimination.eliminate_points(

@@ -46,9 +46,11 @@ class HEIGHTS:
     """Limits for the test of observed heights."""
 
     dem_whole: float = threshold(
-        0.8, "", "part of a DEM's standard deviation that is an error common to all cells", "GLO-30: 4 m LE90 with "
-        "noise of 1 to 3 m"
-    )  # fmt: skip
+        0.8,
+        "",
+        "part of a DEM's standard deviation that is an error common to all cells",
+        "GLO-30: 4 m LE90 with noise of 1 to 3 m",
+    )
     alike_m: float = threshold(100.0, "m", "side of cells whose heights are one observation in the jitter estimate")
     least_plan_m: float = threshold(0.1, "m", "smallest error in plan of a point in a DEM")
     least_common_m: float = threshold(1e-3, "m", "sigma of the common error of surveyed heights, here independent")
@@ -212,9 +214,11 @@ class HeightObservations:
             miss = rows.height - ground[rows.point, 2] + held_by * (1.0 / by_rays - 1.0)
             count = len(rows.sigma_m)
             one = SourceFit(
-                source, rows, np.bincount(rows.of, rows.share * miss, count),
+                source,
+                rows,
+                np.bincount(rows.of, rows.share * miss, count),
                 np.bincount(rows.of, rows.share**2 * q / by_rays, count),
-            )  # fmt: skip
+            )
             if self.estimate:
                 one.sigma_factor = estimate_sigma_factor(one)
             one.weigh_by_fit(np.ones(count, dtype=bool))
@@ -277,10 +281,15 @@ def _summarise_source(
     used_m, left_out_m = differences[is_used], differences[~is_used]
     cofactor = np.bincount(rows.of, rows.share**2 * of_points[rows.point] + rows.share * of_cameras[rows.point], count)
     return HeightAgreement(
-        source=one.source.name, observations=count, left_out=int((~is_used).sum()),
+        source=one.source.name,
+        observations=count,
+        left_out=int((~is_used).sum()),
         determines=float(np.sum(np.minimum(one.weights * cofactor, 1.0))),
         rmse_m=float(np.sqrt(np.mean(used_m**2))) if used_m.size else float("nan"),
         left_out_median_m=float(np.median(left_out_m)) if left_out_m.size else float("nan"),
-        sigma_m=float(one.sigma_factor * np.median(rows.sigma_m)), sigma_factor=one.sigma_factor,
-        share=one.weight / total if total > 0.0 else float("nan"), alone_m=one.offset_m, groups=tuple(one.groups),
-    )  # fmt: skip
+        sigma_m=float(one.sigma_factor * np.median(rows.sigma_m)),
+        sigma_factor=one.sigma_factor,
+        share=one.weight / total if total > 0.0 else float("nan"),
+        alone_m=one.offset_m,
+        groups=tuple(one.groups),
+    )

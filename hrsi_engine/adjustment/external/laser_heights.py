@@ -184,9 +184,16 @@ class LaserHeights:
         sigma = np.sqrt(own**2 + self.sigma_m**2 + between + rough + place)
         of, column = np.nonzero((there & (planes.share > 0.0))[even])
         return _TiesOfPoints(
-            self.usable[kept[even]], self.usable[kept[~even]], placed[index[even][of, column]], of,
-            planes.share[even][of, column], planes.slope[even], sigma[even], ground[placed].mean(axis=0), placed,
-        )  # fmt: skip
+            self.usable[kept[even]],
+            self.usable[kept[~even]],
+            placed[index[even][of, column]],
+            of,
+            planes.share[even][of, column],
+            planes.slope[even],
+            sigma[even],
+            ground[placed].mean(axis=0),
+            placed,
+        )
 
 
 class _TiesOfPoints(NamedTuple):

@@ -133,18 +133,28 @@ class PlanObservations:
         # scatter of single places; the other parts are shared
         own_m = ORTHOIMAGE_ERRORS.independent * self.places.sigma_m * east.sigma_factor
         return PlanAgreement(
-            source=self.name, observations=len(self.points), left_out=int((~used).sum()), determines=determines,
+            source=self.name,
+            observations=len(self.points),
+            left_out=int((~used).sum()),
+            determines=determines,
             rmse_m=float(np.sqrt(np.mean(left**2))) if left.size else float("nan"),
-            sigma_m=float(np.linalg.norm([self.overall_m, self.common_m, own_m])), sigma_factor=east.sigma_factor,
-            share=weight / (weight + rpcs_m**-2) if rpcs_m > 0.0 else 0.0, alone_m=(east.offset_m, north.offset_m),
+            sigma_m=float(np.linalg.norm([self.overall_m, self.common_m, own_m])),
+            sigma_factor=east.sigma_factor,
+            share=weight / (weight + rpcs_m**-2) if rpcs_m > 0.0 else 0.0,
+            alone_m=(east.offset_m, north.offset_m),
             groups=tuple(
                 PlanGroup(
-                    one.name, one.observations, one.offset_m, other.offset_m, max(one.sigma_m, other.sigma_m),
-                    one.wrong or other.wrong, one.left_out or other.left_out,
+                    one.name,
+                    one.observations,
+                    one.offset_m,
+                    other.offset_m,
+                    max(one.sigma_m, other.sigma_m),
+                    one.wrong or other.wrong,
+                    one.left_out or other.left_out,
                 )
                 for one, other in zip(east.groups, north.groups, strict=True)
             ),
-        )  # fmt: skip
+        )
 
     def _away_m(self, ground: np.ndarray) -> np.ndarray:
         """Return place - point, metres east and north ``(k, 2)``."""

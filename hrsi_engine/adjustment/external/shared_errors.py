@@ -260,13 +260,22 @@ def compare_groups(
     ]
     for one_group, wrong, sure in zip(group_offsets, off[:said].tolist(), left_out, strict=True):
         one = judged[one_group.source]
-        one.groups.append(SourceGroup(
-            one.source.groups[one_group.group], one_group.observations, one_group.offset_m - middle,
-            float(np.hypot(np.sqrt(one_group.variance), one.source.overall_m)), wrong or sure, sure,
-        ))  # fmt: skip
+        one.groups.append(
+            SourceGroup(
+                one.source.groups[one_group.group],
+                one_group.observations,
+                one_group.offset_m - middle,
+                float(np.hypot(np.sqrt(one_group.variance), one.source.overall_m)),
+                wrong or sure,
+                sure,
+            )
+        )
     for number, one in enumerate(judged):
-        wrong_groups = [one_group.group for one_group, sure in zip(group_offsets, left_out, strict=True)
-                        if sure and one_group.source == number]  # fmt: skip
+        wrong_groups = [
+            one_group.group
+            for one_group, sure in zip(group_offsets, left_out, strict=True)
+            if sure and one_group.source == number
+        ]
         if wrong_groups:  # if all large groups are wrong, small ones are too
             all_wrong = one.source.can_be_biased_as_a_whole and len(wrong_groups) == len(one.groups)
             one.weigh_by_fit(~np.isin(one.rows.group, wrong_groups) & (not all_wrong))

@@ -77,9 +77,15 @@ class SurfacePlan:
 
     @classmethod
     def match_points(
-        cls, images: Sequence[Image], surface: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float,
-        kind: str, search_m: float,
-    ) -> SurfacePlan | None:  # fmt: skip
+        cls,
+        images: Sequence[Image],
+        surface: HeightSurface,
+        points: np.ndarray,
+        ground: np.ndarray,
+        sigma_m: float,
+        kind: str,
+        search_m: float,
+    ) -> SurfacePlan | None:
         """Return the relief under ``points (k,)`` of ``ground (m, 3)``, after its search; None if there is no match."""
         positions = ground[points]
         first = match_surface(positions, surface, search_m, kind, SURFACE_FIT.noise_share * sigma_m)
@@ -88,9 +94,19 @@ class SurfacePlan:
         relief_m = float(robust_sigma(positions[:, 2] - np.median(positions[:, 2])))
         pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
         return cls(
-            tuple(image.id for image in images), surface, points, sigma_m, kind, search_m, pointing_m, positions, first,
-            relief_m, cell_size_m(surface, positions[0]), first,
-        )  # fmt: skip
+            tuple(image.id for image in images),
+            surface,
+            points,
+            sigma_m,
+            kind,
+            search_m,
+            pointing_m,
+            positions,
+            first,
+            relief_m,
+            cell_size_m(surface, positions[0]),
+            first,
+        )
 
     @property
     def why_open(self) -> str:
@@ -188,6 +204,14 @@ class SurfacePlan:
     def summarise(self, points: np.ndarray) -> SurfaceOutcome:
         """Return the surface's result for the part; ``points (m, 3)`` are the positions of all points of the block."""
         return SurfaceOutcome(
-            self.images, self.first, self.last.displacement_m, self.covariance_m2, self.why_open, self.pointing_m,
-            self._beyond(self.pointing_m), self.surface, points[self.points], self.before,
-        )  # fmt: skip
+            self.images,
+            self.first,
+            self.last.displacement_m,
+            self.covariance_m2,
+            self.why_open,
+            self.pointing_m,
+            self._beyond(self.pointing_m),
+            self.surface,
+            points[self.points],
+            self.before,
+        )

@@ -109,9 +109,12 @@ def choose_spacings(result: Adjustment, choice: str) -> tuple[dict[int, float], 
     if not np.isfinite(shortest).any():
         return {}, np.inf
     strongest = max(
-        ((wave.amplitude_px * size, wave.period_lines * size) for image_waves, size in zip(waves, pixel, strict=True)
-         for wave in image_waves)
-    )[1]  # fmt: skip
+        (
+            (wave.amplitude_px * size, wave.period_lines * size)
+            for image_waves, size in zip(waves, pixel, strict=True)
+            for wave in image_waves
+        )
+    )[1]
     # A wave of one image also appears in those with common points, and the spectrum does not show which one has it
     rows, count = result.block.measurements, len(result.block.points)
     incidence = sparse.csr_matrix((np.ones(len(rows)), (rows.image, rows.point)), (len(images), count))

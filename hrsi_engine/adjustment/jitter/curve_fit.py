@@ -195,16 +195,23 @@ class _Posterior:
         """Return x with the least cost, whose three parameters are changed equally on some axes."""
         moves = np.hstack([np.diag(self.steps) * (axis in axes) for axis in (0, 1)])
         found = optimize.minimize(
-            lambda parts: self.compute_cost(x + parts @ moves), np.zeros(3), method="Nelder-Mead",
-            options={"initial_simplex": np.vstack([np.zeros(3), np.eye(3)]), "xatol": np.inf,
-                     "fatol": JITTER_PRIORS.settled_likelihood},
-        )  # fmt: skip
+            lambda parts: self.compute_cost(x + parts @ moves),
+            np.zeros(3),
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": np.vstack([np.zeros(3), np.eye(3)]),
+                "xatol": np.inf,
+                "fatol": JITTER_PRIORS.settled_likelihood,
+            },
+        )
         return np.asarray(x + found.x @ moves)
 
     def find_modes(self) -> list[np.ndarray]:
         """Return the minima of the cost, the least first: a sine and a vibration that varies can both be likely."""
-        starts = [self.typical + np.tile([0.0, np.log(damping) - self.typical[1], 0.0], 2)
-                  for damping in JITTER_PRIORS.dampings]  # fmt: skip
+        starts = [
+            self.typical + np.tile([0.0, np.log(damping) - self.typical[1], 0.0], 2)
+            for damping in JITTER_PRIORS.dampings
+        ]
         minima = [self.minimise(start, (0, 1)) for start in starts]
         costs = np.array([self.compute_cost(minimum) for minimum in minima])
         modes = list[np.ndarray]()

@@ -64,9 +64,13 @@ class _Place:
 
 
 def estimate_jitter(
-    problem: Problem, solution: Solution, measured: Measurements, spacing: Mapping[int, float], period: float,
+    problem: Problem,
+    solution: Solution,
+    measured: Measurements,
+    spacing: Mapping[int, float],
+    period: float,
     priors: np.ndarray | None = None,
-) -> JitterEstimate:  # fmt: skip
+) -> JitterEstimate:
     """Return the jitter curves of some exposures.
 
     problem, solution : the adjustment, whose measurements may contain earlier corrections
@@ -166,9 +170,13 @@ def _linearise_points(
     values, ground = solution.state
     images, weight = observations.images, 1.0 / measured.sigma_px[observations.rows]
     at = linearise_images(
-        camera, images, observations.image, observations.xy, values[observations.camera_of_image],
+        camera,
+        images,
+        observations.image,
+        observations.xy,
+        values[observations.camera_of_image],
         ground[observations.point],
-    )  # fmt: skip
+    )
     start, splines = np.zeros((observations.count, 2), dtype=np.int64), np.zeros((observations.count, 4))
     exposures = number_exposures(images).tolist()
     for image, exposure, rows in zip(images, exposures, observations.by_image, strict=True):
@@ -177,9 +185,12 @@ def _linearise_points(
             start[rows] = (place.start + cell)[:, None] + [0, place.spline.size]
             splines[rows] = factors * weight[rows, None] / image.camera_pixel
     return _PointTerms(
-        weight[:, None] * (measured.xy[observations.rows] - at.computed), weight[:, None, None] * at.by_ground,
-        weight[:, None, None] * at.by_values, start, splines,
-    )  # fmt: skip
+        weight[:, None] * (measured.xy[observations.rows] - at.computed),
+        weight[:, None, None] * at.by_ground,
+        weight[:, None, None] * at.by_values,
+        start,
+        splines,
+    )
 
 
 def _form_rows(
@@ -234,9 +245,10 @@ def _form_rows(
             points.append(np.repeat(points_of_kind, count))
     drifts = _form_drift_rows(problem, solution, first_camera, unknowns)
     return EquationRows(
-        sparse.vstack([*matrices, drifts.matrix]).tocsr(), np.concatenate([*rights, drifts.right]),
+        sparse.vstack([*matrices, drifts.matrix]).tocsr(),
+        np.concatenate([*rights, drifts.right]),
         np.concatenate([*points, drifts.point]),
-    )  # fmt: skip
+    )
 
 
 def _form_drift_rows(problem: Problem, solution: Solution, first_camera: int, unknowns: int) -> EquationRows:

@@ -43,9 +43,11 @@ class WAVES:
     """Limits for the search for waves in residuals along the lines, and for their significance."""
 
     least_redundancy: float = threshold(
-        0.25, "", "smallest redundancy number of a residual that is examined", "two images have 0.5 across, three "
-        "along the track 0.67 in the middle one, 0.17 in the others"
-    )  # fmt: skip
+        0.25,
+        "",
+        "smallest redundancy number of a residual that is examined",
+        "two images have 0.5 across, three along the track 0.67 in the middle one, 0.17 in the others",
+    )
     shortest_lines: float = threshold(100.0, "lines", "shortest period of a wave")
     longest_share: float = threshold(
         0.6667, "", "longest period relative to the observed lines; the RPC correction absorbs longer waves"
@@ -53,9 +55,11 @@ class WAVES:
     outlier: float = threshold(5.0, "sigma", "deviation, wave included, beyond which a residual is left out")
     oversampling: int = threshold(5, "", "frequencies computed in the width of a peak", "loss of height below 2 %")
     scanned_share: float = threshold(
-        0.85, "", "smallest height of a peak in the transform over its exact height", "0.97 by frequencies, 0.94 by "
-        "cells"
-    )  # fmt: skip
+        0.85,
+        "",
+        "smallest height of a peak in the transform over its exact height",
+        "0.97 by frequencies, 0.94 by cells",
+    )
     cells_in_period: int = threshold(8, "cells", "cells in the shortest period (amplitude reduced by 3 %)", "sinc")
     least_free: float = threshold(
         0.05, "", "smallest part of a sine's square that trend and earlier waves leave", "half of it for a free sine"
@@ -217,9 +221,12 @@ def estimate_spectrum(profile: LineProfile, axis: str) -> Spectrum | None:
         return None
     trend = cells.make_trend()
     return Spectrum(
-        frequencies, *_scan_powers(cells, trend, frequencies), float(cells.weight.sum()),
-        len(cells.value) - trend.shape[1], float(np.var(cells.line)),
-    )  # fmt: skip
+        frequencies,
+        *_scan_powers(cells, trend, frequencies),
+        float(cells.weight.sum()),
+        len(cells.value) - trend.shape[1],
+        float(np.var(cells.line)),
+    )
 
 
 def find_waves(profile: LineProfile, tests: int = 1) -> tuple[Wave, ...]:

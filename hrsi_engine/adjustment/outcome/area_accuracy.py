@@ -41,9 +41,11 @@ class AREA_ACCURACY:
     """Limit beyond which a predicted accuracy is that of the RPCs, not of the images."""
 
     determined_gsds: float = threshold(
-        1000.0, "GSD", "largest CE90 of a determined plan, and LE90 over B/H of determined heights", "KOMPSAT-3 "
-        "(48.5 m CE90, 0.7 m) at B/H 0.42: LE90 125 m, 425 GSD"
-    )  # fmt: skip
+        1000.0,
+        "GSD",
+        "largest CE90 of a determined plan, and LE90 over B/H of determined heights",
+        "KOMPSAT-3 (48.5 m CE90, 0.7 m) at B/H 0.42: LE90 125 m, 425 GSD",
+    )
 
 
 def describe_parts(
@@ -91,13 +93,22 @@ def describe_parts(
             limits_m["le90_m"] = limits_m["ce90_m"] * base_to_height
         parts.append(
             DatumPart(
-                tuple(image.id for image in images), part.gcps, part.ties,
+                tuple(image.id for image in images),
+                part.gcps,
+                part.ties,
                 float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
-                (east, north, height), area["ce90_m"], area["le90_m"], len(eligible),
-                tuple(ids[left_out].tolist()), widened, contradiction, gsd_m, base_to_height,
+                (east, north, height),
+                area["ce90_m"],
+                area["le90_m"],
+                len(eligible),
+                tuple(ids[left_out].tolist()),
+                widened,
+                contradiction,
+                gsd_m,
+                base_to_height,
                 tuple(name for name, limit_m in limits_m.items() if (area[name] or 0.0) > limit_m),
             )
-        )  # fmt: skip
+        )
     return tuple(parts)
 
 

@@ -47,8 +47,9 @@ class RESULT_WARNINGS:
 
 
 WHAT_STANDS_OUT = {
-    "DEM": "trees, buildings, or errors of the DEM", "laser": "canopy, clouds, or ground that has changed",
-}  # fmt: skip
+    "DEM": "trees, buildings, or errors of the DEM",
+    "laser": "canopy, clouds, or ground that has changed",
+}
 
 
 @dataclass(eq=False)
@@ -94,9 +95,13 @@ def assemble_adjustment(
     by_rpcs = problem.height_observations.by_rpcs if problem.height_observations else None
     horizontal, height, correlated = (max(sums["sigma0"], 1.0) * one for one in round_findings.survey_factors)
     warnings = (
-        *problem.warnings, *round_findings.warnings, *_warn_of_weak_parameters(problem, loop, prior_share),
-        *_warn_of_heights(heights), *_warn_of_plan(plan), *_warn_of_parallel_rays(parts),
-    )  # fmt: skip
+        *problem.warnings,
+        *round_findings.warnings,
+        *_warn_of_weak_parameters(problem, loop, prior_share),
+        *_warn_of_heights(heights),
+        *_warn_of_plan(plan),
+        *_warn_of_parallel_rays(parts),
+    )
     return Adjustment(
         block=block, model=problem.model, values=cameras.values[camera],
         values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own_covariance]),
@@ -123,10 +128,16 @@ def assemble_adjustment(
 
 
 def _scale_covariances(
-    problem: Problem, round_findings: RoundFindings, solution: Solution, precise: Precision, cameras: FinalCameras,
-    sigma0: float, points_per_error: np.ndarray, placed: np.ndarray,
+    problem: Problem,
+    round_findings: RoundFindings,
+    solution: Solution,
+    precise: Precision,
+    cameras: FinalCameras,
+    sigma0: float,
+    points_per_error: np.ndarray,
+    placed: np.ndarray,
     shared_shifts: tuple[np.ndarray, np.ndarray] | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
     """Return the covariances in m² from which sigmas, ellipses and predicted accuracies are derived.
 
     They are those of the block's points ``(points, 3, 3)``, NaN without position or with a survey rejected as wrong;
@@ -223,16 +234,27 @@ def _join_cameras(
     blocks /= scale[pattern.rows][:, None, None]
     gcps = np.array([part.gcps for part in problem.parts])[_number_parts(problem)]
     return JointCameras(
-        tuple(image.id for image in observations.images), observations.camera_of_image,
-        tuple(problem.camera.parameters), solution.state.values, pattern.rows, pattern.columns, blocks, fixed, squares,
+        tuple(image.id for image in observations.images),
+        observations.camera_of_image,
+        tuple(problem.camera.parameters),
+        solution.state.values,
+        pattern.rows,
+        pattern.columns,
+        blocks,
+        fixed,
+        squares,
         gcps,
-    )  # fmt: skip
+    )
 
 
 def _describe_measurements(
-    problem: Problem, round_findings: RoundFindings, solution: Solution, precise: Precision, residual: np.ndarray,
+    problem: Problem,
+    round_findings: RoundFindings,
+    solution: Solution,
+    precise: Precision,
+    residual: np.ndarray,
     placed: np.ndarray,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Return the fields of an `Adjustment` that have a row for each measurement of the block.
 
     ``residual (n, 2)`` are those by the final cameras; ``placed (n,)`` is True if a measurement's point has a position.
@@ -311,10 +333,11 @@ def _count_sums(problem: Problem, loop: GaussNewton, solution: Solution, precise
     observed, positions = _count_observations(problem, solution)
     redundancy = compute_redundancy(problem, loop, solution, precise.parameters, precise.cameras)
     return {
-        "observations": observed, "redundancy": redundancy,
+        "observations": observed,
+        "redundancy": redundancy,
         "unknowns": positions + len(precise.parameters) * len(problem.model.parameters),
         "sigma0": float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0,
-    }  # fmt: skip
+    }
 
 
 def _number_parts(problem: Problem) -> np.ndarray:
@@ -357,7 +380,7 @@ def _judge_heights(
         return (), None
     agreements, judged = heights.summarise_sources(
         solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
-    )  # fmt: skip
+    )
     laser = problem.laser
     if laser is None:
         return agreements, None

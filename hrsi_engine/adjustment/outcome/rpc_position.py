@@ -65,10 +65,11 @@ def keep_rpc_position(
     steps = np.stack([move(uncertain[:, :, k]) for k in range(3)], axis=2)
     pairs = uncertain[loop.pattern.rows], uncertain[loop.pattern.columns]
     return replace(shift, converged=solution.converged, status=solution.status), replace(
-        precise, cameras=precise.cameras + pairs[0] @ pairs[1].swapaxes(1, 2),
+        precise,
+        cameras=precise.cameras + pairs[0] @ pairs[1].swapaxes(1, 2),
         points=precise.points + steps @ steps.swapaxes(1, 2),
         parameters=precise.parameters + np.sum(uncertain**2, axis=2),
-    )  # fmt: skip
+    )
 
 
 def _describe_translation(problem: Problem, loop: GaussNewton, part: Part) -> tuple[np.ndarray, np.ndarray] | None:

@@ -45,9 +45,12 @@ class IMAGE_ALIGNMENT:
 
 
 def align_images(
-    observations: Observations, model: RefinementModel, shift_weight: np.ndarray, prior_weight: np.ndarray,
+    observations: Observations,
+    model: RefinementModel,
+    shift_weight: np.ndarray,
+    prior_weight: np.ndarray,
     threads: int = 0,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return values of a model ``(cameras, p)`` with which the rays of tie points intersect; zero without tie points.
 
     Surveys are not used: a wrong one would distort the alignment.

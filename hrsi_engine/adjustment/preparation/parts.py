@@ -61,9 +61,12 @@ def find_parts(observations: Observations, earlier: JointPrior | None) -> tuple[
 
 
 def warn_of_parts(
-    observations: Observations, parts: Sequence[Part], options: AdjustOptions, weak: Sequence[str],
+    observations: Observations,
+    parts: Sequence[Part],
+    options: AdjustOptions,
+    weak: Sequence[str],
     surfaces: Sequence[SurfacePlan],
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Return the warnings about the block before its adjustment, including those of ``weak`` geometry.
 
     They list images without common points with others, and parts of the block whose plan position follows from their

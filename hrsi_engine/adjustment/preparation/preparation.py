@@ -177,9 +177,11 @@ class Preparation:
         drifts = [
             find_common_drift(observations, self.camera, part.images, free, sigma, only_ties)
             for part in self.parts
-            if part.ties and not part.gcps and not part.places
+            if part.ties
+            and not part.gcps
+            and not part.places
             and not is_datum[observations.camera_of_image[part.images]].any()
-        ]  # fmt: skip
+        ]
         return tuple(drift for drift in drifts if drift is not None)
 
     # ---- starting values ---------------------------------------------------------------------------------------------
@@ -248,10 +250,17 @@ class Preparation:
             if part.gcps or not len(points):
                 continue
             images = [observations.images[index] for index in part.images]
-            matches.append(SurfacePlan.match_points(
-                images, options.dem, points, self.by_rpcs, options.sigma_dem_m, options.surface_kind,
-                options.surface_search_m,
-            ))  # fmt: skip
+            matches.append(
+                SurfacePlan.match_points(
+                    images,
+                    options.dem,
+                    points,
+                    self.by_rpcs,
+                    options.sigma_dem_m,
+                    options.surface_kind,
+                    options.surface_search_m,
+                )
+            )
         self.surfaces = tuple(match for match in matches if match is not None)
         self._displace_points()
 

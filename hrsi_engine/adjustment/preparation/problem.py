@@ -60,9 +60,14 @@ class Problem:
     def loop(self) -> GaussNewton:
         """Return Gauss-Newton iterations for the problem."""
         return GaussNewton(
-            self.equations, self.pattern, self.prior_weight, np.diff(self.observations.first),
-            self.options.max_iterations, self.position_observations, self.earlier,
-        )  # fmt: skip
+            self.equations,
+            self.pattern,
+            self.prior_weight,
+            np.diff(self.observations.first),
+            self.options.max_iterations,
+            self.position_observations,
+            self.earlier,
+        )
 
     @property
     def position_observations(self) -> tuple[PositionObservations, ...]:
@@ -81,9 +86,10 @@ class Problem:
             return None
         points = np.flatnonzero(observations.referenced)
         return PlanObservations(
-            options.reference.select(self.block.points.ids[observations.points[points]]), points,
+            options.reference.select(self.block.points.ids[observations.points[points]]),
+            points,
             options.test_sigmas or options.variance_components,
-        )  # fmt: skip
+        )
 
     @cached_property
     def height_observations(self) -> HeightObservations | None:
@@ -144,10 +150,11 @@ class Problem:
         surveyed = self.observations.survey_weight > 0.0
         fresh = PointPriors.from_surveys(self.observations, self.start.ground, survey)
         priors = PointPriors(
-            np.where(surveyed, fresh.target, points.target), np.where(surveyed, fresh.weight, points.weight),
+            np.where(surveyed, fresh.target, points.target),
+            np.where(surveyed, fresh.weight, points.weight),
             np.where(surveyed, fresh.observed, points.observed),
             np.where(surveyed.any(axis=1)[:, None], fresh.mixed, points.mixed) if points.correlated else fresh.mixed,
-        )  # fmt: skip
+        )
         return Weighting(
             image,
             priors,

@@ -38,9 +38,11 @@ class COMMON_DRIFT:
     """Limits for parts of a block with common drifts, and for image points with correlated errors."""
 
     patch_px: float = threshold(
-        300.0, "px", "side of the cells within which image points have correlated matching errors", "Kahramanmaras, "
-        "two Pleiades pairs, 2026-11-25"
-    )  # fmt: skip
+        300.0,
+        "px",
+        "side of the cells within which image points have correlated matching errors",
+        "Kahramanmaras, two Pleiades pairs, 2026-11-25",
+    )
 
 
 GRID = 5  # grid points along each axis of an image, for the fit of its drifts to a deformation of the ground
@@ -152,9 +154,13 @@ class CommonDrift:
 
 
 def find_common_drift(
-    observations: Observations, model: RefinementModel, images: np.ndarray, free: np.ndarray, sigma: np.ndarray,
+    observations: Observations,
+    model: RefinementModel,
+    images: np.ndarray,
+    free: np.ndarray,
+    sigma: np.ndarray,
     only_ties: bool,
-) -> CommonDrift | None:  # fmt: skip
+) -> CommonDrift | None:
     """Return the common drifts of a part of a block, or None if there are none.
 
     ``images`` are its images, ``free (cameras, p)`` is the mask of drift parameters, and ``sigma (cameras, p)`` their a
@@ -168,14 +174,17 @@ def find_common_drift(
     for index, by_values, by_fields in _derive_fields(observations, model, images):
         place = int(np.searchsorted(camera, observations.camera_of_image[index]))
         equations.setdefault(place, []).append((by_values * sigma[place], by_fields))
-    modes = np.concatenate([
-        # the a priori likeliest of all corrections that fit the deformation
-        np.linalg.lstsq(
-            np.concatenate([by_values for by_values, _ in equations[place]]),
-            np.concatenate([by_fields for _, by_fields in equations[place]]), rcond=1e-9,
-        )[0][is_selected]
-        for place, is_selected in enumerate(is_free)
-    ])  # fmt: skip
+    modes = np.concatenate(
+        [
+            # the a priori likeliest of all corrections that fit the deformation
+            np.linalg.lstsq(
+                np.concatenate([by_values for by_values, _ in equations[place]]),
+                np.concatenate([by_fields for _, by_fields in equations[place]]),
+                rcond=1e-9,
+            )[0][is_selected]
+            for place, is_selected in enumerate(is_free)
+        ]
+    )
     basis, size, _ = np.linalg.svd(modes, full_matrices=False)
     basis = basis[:, size > REDUNDANCY.tested * size[0]]
     points = patches = 0  # their ratio: image points per independent error

@@ -35,13 +35,19 @@ class PARALLAX:
     """Limits for the agreement of tie measurements before the adjustment."""
 
     quantile: float = threshold(
-        0.3, "", "share of correct parallaxes that is assumed for each image pair: (1 - 0.4)² = 0.36 with 40 % wrong "
-        "measurements", "least quantile of squares (Rousseeuw and Leroy 1987)"
-    )  # fmt: skip
+        0.3,
+        "",
+        "share of correct parallaxes that is assumed for each image pair: (1 - 0.4)² = 0.36 with 40 % wrong "
+        "measurements",
+        "least quantile of squares (Rousseeuw and Leroy 1987)",
+    )
     planes_tried: int = threshold(
-        80, "planes", "planes tried for each image pair: one of them has three correct parallaxes with 98 % "
-        "probability if 36 % are correct", "probability: 1 - (1 - 0.36³)^80"
-    )  # fmt: skip
+        80,
+        "planes",
+        "planes tried for each image pair: one of them has three correct parallaxes with 98 % "
+        "probability if 36 % are correct",
+        "probability: 1 - (1 - 0.36³)^80",
+    )
 
 
 PARALLEL = 1e-9  # sine of the angle below which rays count as parallel

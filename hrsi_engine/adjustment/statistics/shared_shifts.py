@@ -65,9 +65,11 @@ class PASS_POINTING:
     """Limits for the pointing error common to the frames of one pass."""
 
     own_share: float = threshold(
-        0.15, "", "sigma of a frame's own pointing error relative to that of the pass", "SkySat over Miami University "
-        "0.05; views 12 degrees apart see a common error 0.1 differently; 2026-11-25"
-    )  # fmt: skip
+        0.15,
+        "",
+        "sigma of a frame's own pointing error relative to that of the pass",
+        "SkySat over Miami University 0.05; views 12 degrees apart see a common error 0.1 differently; 2026-11-25",
+    )
 
 
 def propagate_pointing(
@@ -113,9 +115,13 @@ def propagate_jitter(
     """
     observations, size, (values, ground) = loop.equations.observations, len(jitter.samples), solution.state
     linearised = linearise_images(
-        camera, observations.images, observations.image, observations.xy, values[observations.camera_of_image],
+        camera,
+        observations.images,
+        observations.image,
+        observations.xy,
+        values[observations.camera_of_image],
         ground[observations.point],
-    )  # fmt: skip
+    )
     shift = np.zeros((observations.count, 2, size))
     for image, rows in zip(observations.images, observations.by_image, strict=True):
         if image.id in jitter.curves:

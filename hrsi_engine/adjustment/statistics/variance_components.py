@@ -300,12 +300,17 @@ def list_components(
     given = groups.find_median_sigmas(observations)
     return tuple(
         VarianceComponent(
-            name, int(sums[k, 2]), float(sums[k, 1]), float(sigmas.factor[k]), float(sigmas.factor[k] * given[k]),
-            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= REDUNDANCY.estimated and sigmas.free[k]),
+            name,
+            int(sums[k, 2]),
+            float(sums[k, 1]),
+            float(sigmas.factor[k]),
+            float(sigmas.factor[k] * given[k]),
+            "m" if name in SURVEY_GROUPS else "px",
+            bool(sums[k, 1] >= REDUNDANCY.estimated and sigmas.free[k]),
         )
         for k, name in enumerate(groups.names)
         if sums[k, 2] > 0
-    )  # fmt: skip
+    )
 
 
 def describe_wrong_sigmas(
@@ -316,9 +321,10 @@ def describe_wrong_sigmas(
     For ``cautious`` groups, sigmas that are too large are intended and not reported.
     """
     wrong_components = [
-        part for part in components_found
+        part
+        for part in components_found
         if part.estimated and (part.factor >= 1.5 or (part.factor <= 0.67 and part.group not in cautious))
-    ]  # fmt: skip
+    ]
     wrong_components.sort(key=lambda part: -abs(np.log(part.factor)))
     said = [
         f"{part.group}: the given sigma is {'too small' if part.factor > 1.0 else 'too large'}: from the residuals it "

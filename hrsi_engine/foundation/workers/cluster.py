@@ -77,8 +77,11 @@ def _connect(address: str, certificates: Certificates) -> Any:
     """Return a client of the scheduler at an address; raise `InputError` if it cannot be reached."""
     from distributed import Client, Security
 
-    for argument, file in (("scheduler_ca", certificates.authority), ("scheduler_certificate", certificates.own),
-                           ("scheduler_key", certificates.key)):  # fmt: skip
+    for argument, file in (
+        ("scheduler_ca", certificates.authority),
+        ("scheduler_certificate", certificates.own),
+        ("scheduler_key", certificates.key),
+    ):
         if file is not None and not os.path.isfile(file):
             raise InputError(f"`{argument}` {file}: no such file: name a file in PEM format")
     encrypted = address.startswith(("tls://", "wss://"))

@@ -64,9 +64,12 @@ Scheduler = Callable[[Graph, Sequence[str], Done], None]
 
 
 def run_parts(
-    parts: Sequence[WorkPart], missing_keys: Sequence[str], scheduler: Scheduler, keeper: ResultStore | None = None,
+    parts: Sequence[WorkPart],
+    missing_keys: Sequence[str],
+    scheduler: Scheduler,
+    keeper: ResultStore | None = None,
     progress: Progress = silent,
-) -> dict[str, PartResult]:  # fmt: skip
+) -> dict[str, PartResult]:
     """Return the results of the wanted parts; stored ones are loaded, the others are run with the parts that they need.
 
     Parts that were finished before a cancellation remain stored.

@@ -57,12 +57,15 @@ def read_record(folder: str) -> BlockRecord:
         result = read_json(path, "report")
         images = tuple(
             ImageRecord(
-                str(image["id"]), str(image["path"]), image.get("item"), RPC(**image["rpc"]),
+                str(image["id"]),
+                str(image["path"]),
+                image.get("item"),
+                RPC(**image["rpc"]),
                 np.array(image["values"], dtype=np.float64),
                 None if image["covariance"] is None else np.array(image["covariance"], dtype=np.float64),
             )
             for image in result["images"]
-        )  # fmt: skip
+        )
         return BlockRecord(folder, str(result["model"]), images)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: is no record of a block ({error!r}): adjust that block again") from None

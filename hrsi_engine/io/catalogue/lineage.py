@@ -115,9 +115,12 @@ def file_entry(path: str, complete: bool = True) -> dict[str, Any]:
             state.update(block)
     digest = state.hexdigest()
     return {
-        "path": path, "size": status.st_size, "modified": _iso_time(status.st_mtime),
-        "sha256": digest if complete else None, "sampled_sha256": None if complete else digest,
-    }  # fmt: skip
+        "path": path,
+        "size": status.st_size,
+        "modified": _iso_time(status.st_mtime),
+        "sha256": digest if complete else None,
+        "sampled_sha256": None if complete else digest,
+    }
 
 
 def _iso_time(time: float | None) -> str | None:
@@ -175,9 +178,12 @@ def _crs_name(crs: osr.SpatialReference | None) -> str | None:
 
 #: Packages whose versions are found without importing them, by the names of their distributions.
 _DISTRIBUTIONS = {
-    "scipy": ("scipy",), "numba": ("numba",), "dask": ("dask",), "jinja2": ("Jinja2",),
+    "scipy": ("scipy",),
+    "numba": ("numba",),
+    "dask": ("dask",),
+    "jinja2": ("Jinja2",),
     "opencv": ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless", "opencv"),
-}  # fmt: skip
+}
 
 
 @cache

@@ -25,8 +25,14 @@ from ..rpc_files.fields import STAC_NAMES
 ITEM, COLLECTION_OF_ITEMS = "Feature", "FeatureCollection"
 _SCHEMES = {"s3": "/vsis3/", "gs": "/vsigs/", "az": "/vsiaz/", "oss": "/vsioss/"}
 #: Media types and endings of images, and roles of assets that are no images.
-_IMAGE_TYPES = ("image/tiff", "image/vnd.stac.geotiff", "image/jp2", "application/vnd.nitf", "image/nitf",
-                "application/vnd.gdal.vrt")  # fmt: skip
+_IMAGE_TYPES = (
+    "image/tiff",
+    "image/vnd.stac.geotiff",
+    "image/jp2",
+    "application/vnd.nitf",
+    "image/nitf",
+    "application/vnd.gdal.vrt",
+)
 _IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".vrt")
 _NO_IMAGES = {"thumbnail", "overview", "metadata", "mask", "data-mask", "cloud", "snow-ice", "water-mask"}
 

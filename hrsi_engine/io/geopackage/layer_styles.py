@@ -20,20 +20,33 @@ from .typed_rows import write_titles
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: length of the 90th percentile; image residuals are closer together
 MOST_ON_MAP = 1500  #: most points or arrows that one map shows; more cannot be distinguished
 LAYER_COLORS = {
-    "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
+    "gcp": "21,101,168,255",
+    "check": "26,127,75,255",
+    "outlier": "215,25,28,255",
+    "tie": "120,130,140,255",
     "held_out": "152,78,163,255",
-}  # fmt: skip
+}
 
 #: Colours of the reasons why laser points are not used.
 REASON_COLORS = (
-    "215,25,28,255", "253,141,60,255", "152,78,163,255", "166,86,40,255", "247,129,191,255", "90,90,90,255",
-)  # fmt: skip
+    "215,25,28,255",
+    "253,141,60,255",
+    "152,78,163,255",
+    "166,86,40,255",
+    "247,129,191,255",
+    "90,90,90,255",
+)
 
 #: Colours from points below a surface to points above it.
 SURFACE_COLORS = (
-    "33,102,172,255", "103,169,207,255", "209,229,240,255", "150,150,150,255", "253,219,199,255", "239,138,98,255",
+    "33,102,172,255",
+    "103,169,207,255",
+    "209,229,240,255",
+    "150,150,150,255",
+    "253,219,199,255",
+    "239,138,98,255",
     "178,24,43,255",
-)  # fmt: skip
+)
 
 LayerColumns = Mapping[str, np.ndarray]
 
@@ -88,30 +101,35 @@ def _residuals(fields: LayerColumns, width_m: float) -> Style:
     on_ground = _typical(fields["residual_east_m"], fields["residual_north_m"], ground & is_good)
     in_image = _typical(fields["residual_sample_px"], fields["residual_line_px"], image & is_good)
     return _render_style(
-        "residuals.qml.j2", "Residual arrows (observed - computed)",
-        **_arrows("ground", on_ground, GROUND_ARROW_MM, "m"), **_arrows("image", in_image, IMAGE_ARROW_MM, "px"),
+        "residuals.qml.j2",
+        "Residual arrows (observed - computed)",
+        **_arrows("ground", on_ground, GROUND_ARROW_MM, "m"),
+        **_arrows("image", in_image, IMAGE_ARROW_MM, "px"),
         image_shares=shares(int(np.sum(image)), width_m),
         has_ground=bool(np.any(ground & np.isfinite(fields["residual_east_m"]))),
-    )  # fmt: skip
+    )
 
 
 def _image_points(fields: LayerColumns, width_m: float) -> Style:
     is_good = ~np.isin(fields["flag"], ("outlier", "rejected"))
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], is_good)
     return _render_style(
-        "image_points.qml.j2", "Image residuals", image_shares=shares(len(is_good), width_m),
+        "image_points.qml.j2",
+        "Image residuals",
+        image_shares=shares(len(is_good), width_m),
         **_arrows("image", typical, IMAGE_ARROW_MM, "px"),
-    )  # fmt: skip
+    )
 
 
 def _misregistration(fields: LayerColumns, width_m: float) -> Style:
     is_before = fields["state"] == "before"
     typical = _typical(fields["east_m"], fields["north_m"], is_before if is_before.any() else ~is_before)
     return _render_style(
-        "misregistration.qml.j2", "Shifts between orthoimages (second - first)",
+        "misregistration.qml.j2",
+        "Shifts between orthoimages (second - first)",
         **_arrows("ground", typical, GROUND_ARROW_MM, "m"),
         has_before=bool(is_before.any()),
-    )  # fmt: skip
+    )
 
 
 def _ground_points(fields: LayerColumns, width_m: float) -> Style:
@@ -128,9 +146,12 @@ def _interest_points(fields: LayerColumns, width_m: float) -> Style:
     kind = fields.get("kind", np.empty(0, dtype=str))
     corner, strong = kind == "corner", kind == "super"
     return _render_style(
-        "interest_points.qml.j2", "Corners and gravity centres", corner_shares=shares(int(corner.sum()), width_m),
-        super_shares=shares(int(strong.sum()), width_m), centre_shares=shares(int(np.sum(~corner & ~strong)), width_m),
-    )  # fmt: skip
+        "interest_points.qml.j2",
+        "Corners and gravity centres",
+        corner_shares=shares(int(corner.sum()), width_m),
+        super_shares=shares(int(strong.sum()), width_m),
+        centre_shares=shares(int(np.sum(~corner & ~strong)), width_m),
+    )
 
 
 def _thin_points(color: str, size_mm: float) -> Callable[[LayerColumns, float], Style]:
@@ -149,10 +170,12 @@ def _laser_points(fields: LayerColumns, width_m: float) -> Style:
     reason = fields.get("reason", np.empty(0, dtype=str))
     is_used, reasons = reason == "", sorted(set(reason[reason != ""].tolist()))
     return _render_style(
-        "laser_points.qml.j2", "Laser points: used, and left out with the reason",
-        used_shares=shares(int(is_used.sum()), width_m), out_shares=shares(int((~is_used).sum()), width_m),
+        "laser_points.qml.j2",
+        "Laser points: used, and left out with the reason",
+        used_shares=shares(int(is_used.sum()), width_m),
+        out_shares=shares(int((~is_used).sum()), width_m),
         reasons=[(cause, REASON_COLORS[number % len(REASON_COLORS)]) for number, cause in enumerate(reasons)],
-    )  # fmt: skip
+    )
 
 
 def _surface_residuals(fields: LayerColumns, width_m: float) -> Style:
@@ -160,10 +183,12 @@ def _surface_residuals(fields: LayerColumns, width_m: float) -> Style:
     typical = _typical(above, np.zeros(len(above)), np.ones(len(above), dtype=bool))
     bounds = [-1.0, -0.5, -0.2, 0.2, 0.5, 1.0]
     return _render_style(
-        "surface_residuals.qml.j2", "Tie points above and below the surface",
-        steps=[*zip([None, *bounds], [*bounds, None], SURFACE_COLORS, strict=True)], typical=typical,
+        "surface_residuals.qml.j2",
+        "Tie points above and below the surface",
+        steps=[*zip([None, *bounds], [*bounds, None], SURFACE_COLORS, strict=True)],
+        typical=typical,
         point_shares=shares(len(above), width_m),
-    )  # fmt: skip
+    )
 
 
 #: Fields that a style needs: other algorithms write layers of the same names with positions alone.

@@ -98,9 +98,12 @@ def default_styles(layers: Sequence[Layer]) -> dict[str, Style]:
 
 
 def write_geopackage(
-    path: str, layers: Sequence[Layer], styles: Mapping[str, Style] | None = None, progress: Progress = silent,
+    path: str,
+    layers: Sequence[Layer],
+    styles: Mapping[str, Style] | None = None,
+    progress: Progress = silent,
     lineage: Mapping[str, str] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Write layers with styles by layer name (default: those of `layer_styles`), replacing the file in one step.
 
     path : the file; layers : its layers; styles : by layer name; by default those of `layer_styles`
@@ -267,10 +270,11 @@ def _geometries(layer: Layer, rows: slice) -> list[bytes | None]:
         # A header with the envelope, then WKB
         boxed = zip(layer.coordinates[rows], layer.boxes[rows].tolist(), strict=True)
         return [
-            None if polygon.is_empty
+            None
+            if polygon.is_empty
             else struct.pack("<2sBBi4d", b"GP", 0, 3, layer.crs, west, east, south, north) + bytes(polygon.wkb)
             for polygon, (west, south, east, north) in boxed
-        ]  # fmt: skip
+        ]
     # GeoPackage geometries of points: a header of 8 bytes without envelope, then ISO WKB.
     # Source: OGC 12-128r18, clause 2.1.3.
     xyz = np.asarray(layer.coordinates[rows], dtype=np.float64)
@@ -316,9 +320,14 @@ def create_style_table(dataset: gdal.Dataset) -> None:
     """Create the table in which QGIS looks for the styles of a file's layers, with the columns that QGIS gives it."""
     table = dataset.CreateLayer("layer_styles", None, ogr.wkbNone, ["FID=id"])
     for name, width in (
-        ("f_table_catalog", 256), ("f_table_schema", 256), ("f_table_name", 256), ("f_geometry_column", 256),
-        ("styleName", 30), ("styleQML", 0), ("styleSLD", 0),
-    ):  # fmt: skip
+        ("f_table_catalog", 256),
+        ("f_table_schema", 256),
+        ("f_table_name", 256),
+        ("f_geometry_column", 256),
+        ("styleName", 30),
+        ("styleQML", 0),
+        ("styleSLD", 0),
+    ):
         definition = ogr.FieldDefn(name, ogr.OFTString)
         definition.SetWidth(width)
         table.CreateField(definition)

@@ -34,30 +34,40 @@ class FILE_BUDGETS:
     """Largest sizes that readers accept: bytes by the kind of file, values of an array, characters of a text."""
 
     description_bytes: int = threshold(
-        32 * MIB, "byte", "largest RPC file, list of images, and directory of an archive",
+        32 * MIB,
+        "byte",
+        "largest RPC file, list of images, and directory of an archive",
         "the largest vendor XML known has about 2 MB; a file in an archive takes 1 kB of memory",
-    )  # fmt: skip
+    )
     text_bytes: int = threshold(
-        256 * MIB, "byte", "largest text of points, journal, report and file of STAC items",
+        256 * MIB,
+        "byte",
+        "largest text of points, journal, report and file of STAC items",
         "some millions of points; ten thousand images with 10 kB each",
-    )  # fmt: skip
+    )
     gcp_rows: int = threshold(
-        600_000, "rows", "most rows of a text file of GCPs, without tie points",
+        600_000,
+        "rows",
+        "most rows of a text file of GCPs, without tie points",
         "surveys have hundreds, matches with a reference about 1e5; image points and tie points may have more",
-    )  # fmt: skip
+    )
     binary_bytes: int = threshold(
-        2048 * MIB, "byte", "largest file of matches or results, sum of a spreadsheet's parts, and column of texts",
+        2048 * MIB,
+        "byte",
+        "largest file of matches or results, sum of a spreadsheet's parts, and column of texts",
         "NumPy gives every row of a column the width of the longest text",
-    )  # fmt: skip
+    )
     line_characters: int = threshold(4 * MIB, "characters", "longest line of a text file")
     text_characters: int = threshold(4096, "characters", "longest id or image name", "paths and signed addresses fit")
     delivery_files: int = threshold(
         200_000, "files", "most files of a folder or archive that is looked through", "all of an archive of orders"
     )
     delivery_in_vain: int = threshold(
-        5_000, "files", "most files of a folder or archive that are opened although they are no images with RPCs",
-        "each takes 1 ms; the limit grows with the images found, which may have masks and browse images"
-    )  # fmt: skip
+        5_000,
+        "files",
+        "most files of a folder or archive that are opened although they are no images with RPCs",
+        "each takes 1 ms; the limit grows with the images found, which may have masks and browse images",
+    )
     archive_images: int = threshold(
         20_000, "files", "most files of an archive that may be images", "each takes GDAL 0.1 ms to find and 1 to open"
     )
@@ -74,10 +84,15 @@ class FILE_BUDGETS:
 
 #: Most bytes of files that are read as a whole, by their content.
 MOST_BYTES = {
-    "RPC": FILE_BUDGETS.description_bytes, "points": FILE_BUDGETS.text_bytes, "matches": FILE_BUDGETS.binary_bytes,
-    "report": FILE_BUDGETS.text_bytes, "items": FILE_BUDGETS.text_bytes, "names": FILE_BUDGETS.description_bytes,
-    "journal": FILE_BUDGETS.text_bytes, "result": FILE_BUDGETS.binary_bytes,
-}  # fmt: skip
+    "RPC": FILE_BUDGETS.description_bytes,
+    "points": FILE_BUDGETS.text_bytes,
+    "matches": FILE_BUDGETS.binary_bytes,
+    "report": FILE_BUDGETS.text_bytes,
+    "items": FILE_BUDGETS.text_bytes,
+    "names": FILE_BUDGETS.description_bytes,
+    "journal": FILE_BUDGETS.text_bytes,
+    "result": FILE_BUDGETS.binary_bytes,
+}
 
 
 @thresholds
@@ -110,23 +125,27 @@ class RPC_BUDGETS:
     height_m: float = threshold(1e5, "m", "largest height offset and scale")
     least_scale: float = threshold(1e-5, "", "smallest scale, in degrees, metres or pixels", "a metre in degrees")
     denominator: float = threshold(
-        1e3, "", "largest coefficient of a denominator relative to its constant term", "the constant term is 1 in the "
-        "files of all vendors; with larger coefficients the denominator becomes zero"
-    )  # fmt: skip
+        1e3,
+        "",
+        "largest coefficient of a denominator relative to its constant term",
+        "the constant term is 1 in the files of all vendors; with larger coefficients the denominator becomes zero",
+    )
     coefficient: float = threshold(1e9, "", "largest coefficient in size", "about 1e3 in crops with a scene's scales")
 
 
 #: For each number of an RPC: largest magnitude of an offset, or smallest and largest value of a scale.
 RPC_RANGES = {
-    "line_off": (0.0, RPC_BUDGETS.image_px), "samp_off": (0.0, RPC_BUDGETS.image_px),
-    "lat_off": (0.0, RPC_BUDGETS.latitude_deg), "long_off": (0.0, RPC_BUDGETS.longitude_deg),
+    "line_off": (0.0, RPC_BUDGETS.image_px),
+    "samp_off": (0.0, RPC_BUDGETS.image_px),
+    "lat_off": (0.0, RPC_BUDGETS.latitude_deg),
+    "long_off": (0.0, RPC_BUDGETS.longitude_deg),
     "height_off": (0.0, RPC_BUDGETS.height_m),
     "line_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.image_px),
     "samp_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.image_px),
     "lat_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.latitude_deg),
     "long_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.longitude_deg),
     "height_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.height_m),
-}  # fmt: skip
+}
 
 
 def require_gcp_rows(path: str) -> None:
@@ -202,8 +221,14 @@ def list_archive(path: str) -> list[tuple[str, int]]:
                     )
         return members
     except (
-        OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile, tarfile.TarError, NotImplementedError,
-    ) as error:  # fmt: skip
+        OSError,
+        EOFError,
+        ValueError,
+        zlib.error,
+        zipfile.BadZipFile,
+        tarfile.TarError,
+        NotImplementedError,
+    ) as error:
         cause = (str(error).splitlines() or [type(error).__name__])[0].rstrip(
             ":"
         )  # tarfile adds a line for each method

@@ -29,9 +29,12 @@ Told = TypeVar("Told")
 #: number and interval of retries if a server is busy (429, 500, 502, 503, 504). Values that the user has set as GDAL
 #: options, in the environment or in a program, take precedence.
 HTTP_PATIENCE = {
-    "GDAL_HTTP_CONNECTTIMEOUT": "10", "GDAL_HTTP_LOW_SPEED_TIME": "15", "GDAL_HTTP_LOW_SPEED_LIMIT": "10",
-    "GDAL_HTTP_MAX_RETRY": "3", "GDAL_HTTP_RETRY_DELAY": "1",
-}  # fmt: skip
+    "GDAL_HTTP_CONNECTTIMEOUT": "10",
+    "GDAL_HTTP_LOW_SPEED_TIME": "15",
+    "GDAL_HTTP_LOW_SPEED_LIMIT": "10",
+    "GDAL_HTTP_MAX_RETRY": "3",
+    "GDAL_HTTP_RETRY_DELAY": "1",
+}
 
 
 def set_http_patience() -> None:
@@ -222,8 +225,12 @@ def remove_virtual(folder: str) -> None:
 _SOURCE = re.compile(rb"<Source(?:Filename|Dataset)[^>]*>([^<]+)<")
 MOST_OF_VRT = 2**25  # bytes of a VRT that are searched: enough for a mosaic of 100 000 tiles
 DEEPEST_VRT = 4  # levels of nested VRTs
-_KINDS = ((stat.S_ISFIFO, "a named pipe"), (stat.S_ISSOCK, "a socket"),
-          (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"))  # fmt: skip
+_KINDS = (
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
 
 
 def require_plain(path: str) -> None:

@@ -34,8 +34,12 @@ class StacItem:
 
     def sun_text(self) -> str:
         """Return sun angles and acquisition time as text, in the keywords of a delivery's metadata."""
-        names = {"view:sun_azimuth": "sun_azimuth", "view:sun_elevation": "sun_elevation", "datetime": "acquired",
-                 "start_datetime": "acquired"}  # fmt: skip
+        names = {
+            "view:sun_azimuth": "sun_azimuth",
+            "view:sun_elevation": "sun_elevation",
+            "datetime": "acquired",
+            "start_datetime": "acquired",
+        }
         pairs = ((word, self.properties.get(key)) for key, word in names.items())
         return "\n".join(f"{word}={value}" for word, value in pairs if value is not None)
 

@@ -125,10 +125,14 @@ def write_page(
     write_text(
         path,
         page.render(
-            report=json_ready(report), script_data=json_ready(script_data), scripts=scripts, policy=policy,
-            **LIMITS, **drawings,
+            report=json_ready(report),
+            script_data=json_ready(script_data),
+            scripts=scripts,
+            policy=policy,
+            **LIMITS,
+            **drawings,
         ),
-    )  # fmt: skip
+    )
 
 
 def write_text(path: str, text: str) -> None:
@@ -142,11 +146,20 @@ def write_text(path: str, text: str) -> None:
 
 @cache
 def _make_environment() -> Any:
-    return make_environment(TEMPLATES, {
-        "figure": figure, "coded": mark_code, "by_sigma": digits_by_sigma, "duration": duration,
-        "basename": os.path.basename, "crs_name": name_crs, "crs_unit": name_crs_unit, "at": find_entry,
-        "filled": select_used_columns,
-    })  # fmt: skip
+    return make_environment(
+        TEMPLATES,
+        {
+            "figure": figure,
+            "coded": mark_code,
+            "by_sigma": digits_by_sigma,
+            "duration": duration,
+            "basename": os.path.basename,
+            "crs_name": name_crs,
+            "crs_unit": name_crs_unit,
+            "at": find_entry,
+            "filled": select_used_columns,
+        },
+    )
 
 
 def name_crs(code: str) -> str:

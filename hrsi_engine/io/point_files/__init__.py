@@ -12,6 +12,13 @@ from .ogr_layer import measurements_of
 from .table import PointReader, PointTable
 
 __all__ = [
-    "POINT_READERS", "PointReader", "PointTable", "PointTables", "PointsInMemory", "measurements_of",
-    "read_image_points", "read_points", "several_specs",
-]  # fmt: skip
+    "POINT_READERS",
+    "PointReader",
+    "PointTable",
+    "PointTables",
+    "PointsInMemory",
+    "measurements_of",
+    "read_image_points",
+    "read_points",
+    "several_specs",
+]

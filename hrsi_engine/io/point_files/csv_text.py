@@ -247,9 +247,13 @@ def write_csv(path: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -
 def write_measurements(path: str, points: ImagePoints) -> None:
     """Write image points: id, image, sample, line, sigma, kind, and quality if any is known."""
     columns = {
-        "id": points.ids, "image": points.image_ids, "sample": points.xy[:, 0], "line": points.xy[:, 1],
-        "sigma": points.sigma_px, "kind": points.kind,
-    }  # fmt: skip
+        "id": points.ids,
+        "image": points.image_ids,
+        "sample": points.xy[:, 0],
+        "line": points.xy[:, 1],
+        "sigma": points.sigma_px,
+        "kind": points.kind,
+    }
     if np.isfinite(points.quality).any():
         columns["quality"] = points.quality
     write_csv(path, list(columns), zip(*(column.tolist() for column in columns.values()), strict=True))

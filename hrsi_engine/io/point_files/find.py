@@ -43,10 +43,16 @@ POINT_READERS: dict[str, PointReader] = {
 
 
 def read_points(
-    spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", image_ids: Sequence[str] = (),
-    surface: Surface | None = None, adjusted: bool = False, epoch: float | None = None,
+    spec: str,
+    *,
+    ground_crs: str | None = None,
+    height_datum: str = "layer",
+    image_ids: Sequence[str] = (),
+    surface: Surface | None = None,
+    adjusted: bool = False,
+    epoch: float | None = None,
     surface_operations: tuple[OperationUse, ...] = (),
-) -> PointTables:  # fmt: skip
+) -> PointTables:
     """Return the ground points and the image points of a file.
 
     Parameters
@@ -100,9 +106,14 @@ def read_points(
 
 
 def read_image_points(
-    spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", image_ids: Sequence[str] = (),
-    surface: Surface | None = None, epoch: float | None = None,
-) -> PointTables:  # fmt: skip
+    spec: str,
+    *,
+    ground_crs: str | None = None,
+    height_datum: str = "layer",
+    image_ids: Sequence[str] = (),
+    surface: Surface | None = None,
+    epoch: float | None = None,
+) -> PointTables:
     """Return the image points of a file: as `read_points`, but from the column cache of a GeoPackage if it is valid.
 
     Ground points are returned only if they were read with them.

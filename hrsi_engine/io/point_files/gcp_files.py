@@ -252,13 +252,19 @@ def read_envi_points(path: str, _layer: str = "") -> PointTable:
     height = values[2] if width == 5 else np.full(len(rows), np.nan)
     columns = {
         "id": np.array([f"{image}-{number}" for number in range(1, len(rows) + 1)], dtype=str),
-        "image": np.full(len(rows), image), "sample": values[-2] - 1.0, "line": values[-1] - 1.0,
-    }  # fmt: skip
+        "image": np.full(len(rows), image),
+        "sample": values[-2] - 1.0,
+        "line": values[-1] - 1.0,
+    }
     geometry = np.column_stack([values[0], values[1], height])
     return PointTable(
-        path, columns, ("x", "y", "elevation", "image x", "image y"), lambda row: f"line {rows[row][0]}", geometry,
+        path,
+        columns,
+        ("x", "y", "elevation", "image x", "image y"),
+        lambda row: f"line {rows[row][0]}",
+        geometry,
         _find_envi_crs(header),
-    )  # fmt: skip
+    )
 
 
 def _find_envi_crs(header: str) -> str:

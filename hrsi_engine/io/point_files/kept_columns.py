@@ -34,9 +34,13 @@ _NUMBERED = ("id", "image", "kind")  # columns of names: distinct names, and the
 def write_columns(folder: str, points: ImagePoints) -> None:
     """Write measurements next to the finished GeoPackage of a folder, whose `LAYER` has the same rows in this order."""
     columns: dict[str, Any] = {
-        "schema": np.int64(_SCHEMA), "mark": np.array(_database_mark(folder)),
-        "sample": points.xy[:, 0], "line": points.xy[:, 1], "sigma": points.sigma_px, "quality": points.quality,
-    }  # fmt: skip
+        "schema": np.int64(_SCHEMA),
+        "mark": np.array(_database_mark(folder)),
+        "sample": points.xy[:, 0],
+        "line": points.xy[:, 1],
+        "sigma": points.sigma_px,
+        "quality": points.quality,
+    }
     for name, ids in zip(_NUMBERED, (points.ids, points.image_ids, points.kind), strict=True):
         names, number = find_unique_ids(ids)
         columns |= {f"{name}_decode_names": names, name: number.astype(np.int32)}

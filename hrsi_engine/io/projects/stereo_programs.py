@@ -58,11 +58,17 @@ def plan_s2p_project(project: BlockProject) -> PlannedProject:
     names, files = plan_images(project, [images[name] for name in (reference, *partners)], project.copy)
     x, y, w, h = find_window(images[reference], project.area, project.surface)
     configuration = {
-        "out_dir": "out", "temporary_dir": "tmp", "images": [{"img": file} for file in names.values()],
-        "roi": {"x": x, "y": y, "w": w, "h": h}, "exogenous_dem": DEM_FILE, "exogenous_dem_geoid_mode": False,
-        "timeout": 3600, "mgm_timeout": 3600,
-        "dsm_resolution": round(project.gsd_m, 2), "out_crs": f"epsg:{project.epsg}",
-    }  # fmt: skip
+        "out_dir": "out",
+        "temporary_dir": "tmp",
+        "images": [{"img": file} for file in names.values()],
+        "roi": {"x": x, "y": y, "w": w, "h": h},
+        "exogenous_dem": DEM_FILE,
+        "exogenous_dem_geoid_mode": False,
+        "timeout": 3600,
+        "mgm_timeout": 3600,
+        "dsm_resolution": round(project.gsd_m, 2),
+        "out_crs": f"epsg:{project.epsg}",
+    }
     files[DEM_FILE] = partial(write_initial_dem, project)
     files[_S2P_FILE] = json_text(configuration, indent=1) + "\n"
     notice = f"s2p pairs all images with {reference}; chosen pairs that are left out: {left_out}"

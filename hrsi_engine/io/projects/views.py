@@ -115,15 +115,19 @@ def plan_nerf_project(project: BlockProject) -> PlannedProject:
     for view in views:
         sun, time = project.suns[view.image.id], project.times[view.image.id]
         camera = {
-            "img": f"{view.image.id}.tif", "width": view.window.size[0], "height": view.window.size[1],
+            "img": f"{view.image.id}.tif",
+            "width": view.window.size[0],
+            "height": view.window.size[1],
             "window": view.window.bounds,
             "rpc": json_members(view.rpc, RPCM_NAMES),
             "sun_elevation": None if sun is None else sun.elevation_deg,
             "sun_azimuth": None if sun is None else sun.azimuth_deg,
-            "acquisition_date": None if time is None else f"{time:%Y%m%d%H%M%S}", "min_alt": low, "max_alt": high,
+            "acquisition_date": None if time is None else f"{time:%Y%m%d%H%M%S}",
+            "min_alt": low,
+            "max_alt": high,
             "geojson": project.outline | {"center": list(centre[:2])},
             "keypoints": {"2d_coordinates": view.xy.tolist(), "pts3d_indices": view.point.tolist()},
-        }  # fmt: skip
+        }
         files[f"{view.image.id}.json"] = json_text(camera, indent=1) + "\n"
         middle = np.array([view.window.size]) / 2.0
         upper, lower = (to_ecef(view.rpc.localize(middle, height).ground) for height in (high, low))
@@ -230,13 +234,22 @@ def write_shear(one: PerspectiveView, path: str) -> None:
         begin = shear * (one.camera.principal[1] + _CORNER) - one.camera.left
         source.SetGeoTransform((begin, 1.0, -shear, 0.0, 0.0, -1.0))
         stretched = gdal.Translate(
-            "", source, format="VRT", bandList=bands, outputType=gdal.GDT_Byte,
+            "",
+            source,
+            format="VRT",
+            bandList=bands,
+            outputType=gdal.GDT_Byte,
             scaleParams=[[float(low), float(high), 0.0, 255.0]] * len(bands),
-        )  # fmt: skip
+        )
         sheared = gdal.Warp(
-            "", stretched, format="MEM", outputBounds=(0.0, -height, width, 0.0), width=width, height=height,
+            "",
+            stretched,
+            format="MEM",
+            outputBounds=(0.0, -height, width, 0.0),
+            width=width,
+            height=height,
             resampleAlg="cubic",
-        )  # fmt: skip
+        )
         copy = sheared and gdal.GetDriverByName("PNG").CreateCopy(path, sheared)
     if copy is None:
         raise OutputError(f"{path}: cannot be written ({messages.reason})")

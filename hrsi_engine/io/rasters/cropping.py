@@ -53,9 +53,14 @@ def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
     virtual = None
     with gdal_messages() as messages:
         virtual = gdal.Translate(
-            "", source, format="VRT", srcWin=window.bounds, width=window.size[0], height=window.size[1],
+            "",
+            source,
+            format="VRT",
+            srcWin=window.bounds,
+            width=window.size[0],
+            height=window.size[1],
             resampleAlg=resampling,
-        )  # fmt: skip
+        )
     if virtual is None:
         raise InputError(f"{path}: cannot be read ({messages.reason}): obtain the file again")
     virtual.SetMetadata(metadata_of(original, "IMAGERY"), "IMAGERY")  # vendor's text on sensor and time
@@ -127,9 +132,14 @@ def read_lineage(image: Image) -> Lineage:
 
 
 def save_image(
-    source: gdal.Dataset, target_path: str, rpc: RPC, form: OrthoFormat, threads: int, lineage: Lineage,
+    source: gdal.Dataset,
+    target_path: str,
+    rpc: RPC,
+    form: OrthoFormat,
+    threads: int,
+    lineage: Lineage,
     progress: Progress,
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """Write a virtual image with its RPC, as a VRT or, by ``form``, with its own pixels; return notices for the log."""
     if form.name == VRT:
         save_vrt(source, target_path, rpc, lineage)

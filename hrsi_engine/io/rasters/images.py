@@ -130,9 +130,15 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
         raster = GdalRaster(path)
         found = raster.found = rpc_of_dataset(path, raster.dataset)
     image = Image(
-        image_id(path), found.rpc, found.size if raster is None else raster.size, path=path, raster=raster,
-        tile=found.tile, stated_height_m=found.height_m, sensor=found.sensor or ("" if item is None else item.platform),
-    )  # fmt: skip
+        image_id(path),
+        found.rpc,
+        found.size if raster is None else raster.size,
+        path=path,
+        raster=raster,
+        tile=found.tile,
+        stated_height_m=found.height_m,
+        sensor=found.sensor or ("" if item is None else item.platform),
+    )
     return image, found
 
 

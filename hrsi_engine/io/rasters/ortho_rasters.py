@@ -178,9 +178,11 @@ class MosaicSource:
         """Return whether the orthoimage and a box of the mosaic have common pixels."""
         column, row, columns, rows = box
         return (
-            self._left < column + columns and column < self._left + self._size[0]
-            and self._top < row + rows and row < self._top + self._size[1]
-        )  # fmt: skip
+            self._left < column + columns
+            and column < self._left + self._size[0]
+            and self._top < row + rows
+            and row < self._top + self._size[1]
+        )
 
     def read(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
         """Return the grey values ``(bands, rows, columns)``, float32, of a box of the mosaic, and which are valid."""
@@ -218,8 +220,14 @@ class LabelFile:
     """Numbers of the images that the pixels of a mosaic are taken from, from 1; 0: none. A file of tiles on disk."""
 
     def __init__(self, path: str, grid: Grid) -> None:
-        options = ["TILED=YES", f"BLOCKXSIZE={CHUNKS.tile_px}", f"BLOCKYSIZE={CHUNKS.tile_px}", "COMPRESS=LZW",
-                   "BIGTIFF=IF_SAFER", "SPARSE_OK=TRUE"]  # fmt: skip
+        options = [
+            "TILED=YES",
+            f"BLOCKXSIZE={CHUNKS.tile_px}",
+            f"BLOCKYSIZE={CHUNKS.tile_px}",
+            "COMPRESS=LZW",
+            "BIGTIFF=IF_SAFER",
+            "SPARSE_OK=TRUE",
+        ]
         self._dataset = gdal.GetDriverByName("GTiff").Create(path, grid.columns, grid.rows, 1, gdal.GDT_UInt16, options)
         if self._dataset is None:
             raise OutputError(f"{path}: cannot be written: check the folder and its free space")

@@ -159,11 +159,17 @@ def warp_chunk(source: OrthoSource, mapping: Any, columns: int, rows: int, warp:
     size = f"PIXELS={table_columns},LINES={table_rows},BANDS=2,DATATYPE=Float64"
     table = f"MEM:::DATAPOINTER={positions.ctypes.data},{size}"
     nodes = {  # at the centres of every ``step``-th pixel
-        "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
-        "PIXEL_OFFSET": str(0.5 - mapping.first[0]), "LINE_OFFSET": str(0.5 - mapping.first[1]),
-        "PIXEL_STEP": step, "LINE_STEP": step,
+        "X_DATASET": table,
+        "X_BAND": "1",
+        "Y_DATASET": table,
+        "Y_BAND": "2",
+        "SRS": "",
+        "PIXEL_OFFSET": str(0.5 - mapping.first[0]),
+        "LINE_OFFSET": str(0.5 - mapping.first[1]),
+        "PIXEL_STEP": step,
+        "LINE_STEP": step,
         "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
-    }  # fmt: skip
+    }
     target.SetMetadata(nodes, "GEOLOCATION")
     with (
         gdal_messages() as messages,
@@ -249,21 +255,31 @@ def _warp_options(source: OrthoSource, warp: Warp, is_complete: bool) -> gdal.GD
     """
     scale = 1.0 / warp.scale if warp.scale > (1.0 + EQUALITY.negligible) else 1.0
     options = [
-        f"XSCALE={scale!r}", f"YSCALE={scale!r}", "SOURCE_EXTRA=100000", "SRC_FILL_RATIO_HEURISTICS=NO",
+        f"XSCALE={scale!r}",
+        f"YSCALE={scale!r}",
+        "SOURCE_EXTRA=100000",
+        "SRC_FILL_RATIO_HEURISTICS=NO",
         "NUM_THREADS=1",
-    ]  # fmt: skip
+    ]
     if source.masked:
         options.append(f"SRC_ALPHA_MAX={255 if source.data_type == gdal.GDT_Byte else 1}")
     nodata = [value for value in source.nodata if value is not None]
     with_alpha = _with_alpha(source, warp, is_complete)
     return gdal.WarpOptions(
         transformerOptions=[
-            "SRC_METHOD=GEOTRANSFORM", "DST_METHOD=GEOLOC_ARRAY", "GEOLOC_BACKMAP_OVERSAMPLE_FACTOR=0.1",
+            "SRC_METHOD=GEOTRANSFORM",
+            "DST_METHOD=GEOLOC_ARRAY",
+            "GEOLOC_BACKMAP_OVERSAMPLE_FACTOR=0.1",
         ],
-        warpOptions=options, errorThreshold=0.0, resampleAlg=warp.resampling, warpMemoryLimit=2000,
+        warpOptions=options,
+        errorThreshold=0.0,
+        resampleAlg=warp.resampling,
+        warpMemoryLimit=2000,
         srcNodata=" ".join(repr(value) for value in nodata) if len(nodata) == len(source.bands) else None,
-        dstNodata=None if with_alpha or is_complete else repr(warp.nodata), srcAlpha=source.masked, dstAlpha=with_alpha,
-    )  # fmt: skip
+        dstNodata=None if with_alpha or is_complete else repr(warp.nodata),
+        srcAlpha=source.masked,
+        dstAlpha=with_alpha,
+    )
 
 
 SIDE_PX = 1200  # longer side before warping
@@ -292,8 +308,14 @@ def write_quick_look(image: Image, rpc: RPC, height_m: float, path: str) -> None
         resampled = rpc.resample(factor, ((factor[0] - 1.0) / 2.0, (factor[1] - 1.0) / 2.0))
         bytes_.SetMetadata(gdal_metadata(resampled), "RPC")
         warped = gdal.Warp(
-            path, bytes_, dstSRS="EPSG:4326", rpc=True, transformerOptions=[f"RPC_HEIGHT={height_m}"],
-            resampleAlg="bilinear", dstNodata=0, creationOptions=["COMPRESS=DEFLATE", "TILED=YES"],
-        )  # fmt: skip
+            path,
+            bytes_,
+            dstSRS="EPSG:4326",
+            rpc=True,
+            transformerOptions=[f"RPC_HEIGHT={height_m}"],
+            resampleAlg="bilinear",
+            dstNodata=0,
+            creationOptions=["COMPRESS=DEFLATE", "TILED=YES"],
+        )
     if warped is None:
         raise OutputError(f"{path}: GDAL cannot warp {image.path} ({messages.reason})")

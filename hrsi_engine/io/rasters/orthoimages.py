@@ -144,9 +144,17 @@ def file_state(path: str) -> list[Any]:
 
 
 def write_orthoimage(
-    path: str, source: OrthoSource, grid: Grid, chunks: Iterator[OrthoChunk], warp: Warp, form: OrthoFormat,
-    made_from: Mapping[str, Any], threads: int, progress: Progress, lineage: Mapping[str, str] | None = None,
-) -> OrthoFigures:  # fmt: skip
+    path: str,
+    source: OrthoSource,
+    grid: Grid,
+    chunks: Iterator[OrthoChunk],
+    warp: Warp,
+    form: OrthoFormat,
+    made_from: Mapping[str, Any],
+    threads: int,
+    progress: Progress,
+    lineage: Mapping[str, str] | None = None,
+) -> OrthoFigures:
     """Write an orthoimage; return its figures.
 
     path : the file, replaced in one step; source : the image; grid : pixels of the map
@@ -191,9 +199,14 @@ class TileLayout(NamedTuple):
 
 
 def write_tiles(
-    path: str, layout: TileLayout, fill: Callable[[gdal.Dataset, Progress], None], form: OrthoFormat, threads: int,
-    progress: Progress, overviews: str = "AVERAGE",
-) -> None:  # fmt: skip
+    path: str,
+    layout: TileLayout,
+    fill: Callable[[gdal.Dataset, Progress], None],
+    form: OrthoFormat,
+    threads: int,
+    progress: Progress,
+    overviews: str = "AVERAGE",
+) -> None:
     """Write a raster whose properties and pixels ``fill`` writes; a COG is a copy of a hidden file with them.
 
     Raises `OutputError` if it cannot be written, `Cancelled` if ``progress`` returns False.

@@ -113,10 +113,15 @@ def _read_texts(path: str) -> Iterator[tuple[str, str]]:
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     product = re.sub(r"_r\d{1,3}c\d{1,3}$", "", re.sub("^(?:img|rpc|dim)_", "", stem))
     names = (
-        f"{stem}.imd", f"{stem}.xml", f"dim_{product}.xml", f"{stem}_metadata.txt",
-        re.sub(r"_(?:pan|red|grn|blu|nir|rgb|bgrn)_\d+.*$", "", stem) + "_metadata.txt", f"{stem}_metadata.json",
-        f"{stem}.json", f"{stem}.geom",
-    )  # fmt: skip
+        f"{stem}.imd",
+        f"{stem}.xml",
+        f"dim_{product}.xml",
+        f"{stem}_metadata.txt",
+        re.sub(r"_(?:pan|red|grn|blu|nir|rgb|bgrn)_\d+.*$", "", stem) + "_metadata.txt",
+        f"{stem}_metadata.json",
+        f"{stem}.json",
+        f"{stem}.geom",
+    )
     for name in names:
         if name in files:
             with suppress(InputError):  # too large or unreadable: not worth an error

@@ -65,9 +65,16 @@ def find_vertical_crs(crs: str, vertical: str) -> tuple[str, HeightOffsets | Non
 
 
 def write_surface(
-    path: str, grid: Grid, crs: str, names: Sequence[str], tiles: Iterator[tuple[Any, Sequence[np.ndarray]]],
-    form: OrthoFormat, threads: int, progress: Progress, lineage: Mapping[str, str],
-) -> None:  # fmt: skip
+    path: str,
+    grid: Grid,
+    crs: str,
+    names: Sequence[str],
+    tiles: Iterator[tuple[Any, Sequence[np.ndarray]]],
+    form: OrthoFormat,
+    threads: int,
+    progress: Progress,
+    lineage: Mapping[str, str],
+) -> None:
     """Write a surface model, or another raster of heights.
 
     crs : WKT with the vertical reference; grid : its cells

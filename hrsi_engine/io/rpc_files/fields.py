@@ -114,9 +114,12 @@ def gdal_metadata(rpc: RPC) -> dict[str, str]:
 
 
 def rpc_from_entries(
-    where: str, entries: Mapping[str, str], names: Mapping[str, str] = GDAL_NAMES, numbers: Sequence[str] = (),
+    where: str,
+    entries: Mapping[str, str],
+    names: Mapping[str, str] = GDAL_NAMES,
+    numbers: Sequence[str] = (),
     zero_is_unknown: bool = False,
-) -> RPC:  # fmt: skip
+) -> RPC:
     """Return the RPC of texts by their names in a file, or in GDAL's metadata domain; raises as `rpc_from_text`.
 
     names : RPC field name -> its name in the file

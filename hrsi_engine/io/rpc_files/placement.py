@@ -238,8 +238,13 @@ def _compare_with_source(path: str, rpc: RPC, size: Size) -> PlacementDoubt | No
 
 def _read_rectangles(source: Element) -> tuple[float, ...]:
     """Return offset and size of the rectangles in the source and in the VRT; NaN if they are not stated."""
-    texts = [place.get(name) for tag in ("SrcRect", "DstRect") for place in [source.find(tag)] if place is not None
-             for name in ("xOff", "yOff", "xSize", "ySize")]  # fmt: skip
+    texts = [
+        place.get(name)
+        for tag in ("SrcRect", "DstRect")
+        for place in [source.find(tag)]
+        if place is not None
+        for name in ("xOff", "yOff", "xSize", "ySize")
+    ]
     numbers = [parse_finite(text) for text in texts]
     return tuple(float("nan") if number is None else number for number in numbers) if len(texts) == 8 else (np.nan,) * 8
 

@@ -35,8 +35,13 @@ RPB_NAMES = {
     "line_num": "lineNumCoef", "line_den": "lineDenCoef", "samp_num": "sampNumCoef", "samp_den": "sampDenCoef",
 }  # fmt: skip
 #: Marks of files that HRSI wrote, by format: `restore` may remove such files, and a run may replace them.
-MARKS = {"rpb": 'writtenBy = "HRSI";', "rpc-txt": "WRITTEN_BY: HRSI", "geom": "written_by:  HRSI",
-         "rpcm-json": '"written_by": "HRSI"', "isd": "<!-- writtenBy HRSI -->"}  # fmt: skip
+MARKS = {
+    "rpb": 'writtenBy = "HRSI";',
+    "rpc-txt": "WRITTEN_BY: HRSI",
+    "geom": "written_by:  HRSI",
+    "rpcm-json": '"written_by": "HRSI"',
+    "isd": "<!-- writtenBy HRSI -->",
+}
 
 # ---- .RPB ----------------------------------------------------------------------------------------------------------
 
@@ -73,9 +78,11 @@ def rpb_text(rpc: RPC) -> str:
 
 
 RPB = RpcReader(
-    ".RPB", lambda stem: (f"{stem}.rpb",),
-    lambda name, head: name.endswith(".rpb") or (b"lineNumCoef" in head and b"BEGIN_GROUP" in head), read_rpb,
-)  # fmt: skip
+    ".RPB",
+    lambda stem: (f"{stem}.rpb",),
+    lambda name, head: name.endswith(".rpb") or (b"lineNumCoef" in head and b"BEGIN_GROUP" in head),
+    read_rpb,
+)
 
 # ---- _RPC.TXT ------------------------------------------------------------------------------------------------------
 
@@ -143,9 +150,16 @@ GEOM = RpcReader("OTB .geom", lambda stem: (f"{stem}.geom",), lambda name, head:
 # ---- JSON of rpcm --------------------------------------------------------------------------------------------------
 
 _PARTS = {
-    "line": "row", "samp": "col", "lat": "lat", "long": "lon", "height": "alt",
-    "off": "offset", "scale": "scale", "num": "num", "den": "den",
-}  # fmt: skip
+    "line": "row",
+    "samp": "col",
+    "lat": "lat",
+    "long": "lon",
+    "height": "alt",
+    "off": "offset",
+    "scale": "scale",
+    "num": "num",
+    "den": "den",
+}
 RPCM_NAMES = {name: "_".join(_PARTS[part] for part in name.split("_")) for name in (*SCALARS, *POLYNOMIALS)}
 RPCM_NAMES |= {"err_bias": "err_bias", "err_rand": "err_rand"}
 
@@ -210,10 +224,12 @@ def read_orthority(image_path: str, path: str) -> FoundRpc:
 
 
 ORTHORITY = RpcReader(
-    "Orthority RPC", lambda stem: (f"{stem}.yaml", "rpc_param.yaml", "rpc_param.yml"),
-    lambda name, head: name.endswith((".yaml", ".yml")) and b"line_num_coeff" in head, partial(read_orthority, ""),
+    "Orthority RPC",
+    lambda stem: (f"{stem}.yaml", "rpc_param.yaml", "rpc_param.yml"),
+    lambda name, head: name.endswith((".yaml", ".yml")) and b"line_num_coeff" in head,
+    partial(read_orthority, ""),
     read_beside=read_orthority,
-)  # fmt: skip
+)
 
 # ---- ALOS ----------------------------------------------------------------------------------------------------------
 
@@ -231,6 +247,8 @@ def read_alos(path: str) -> FoundRpc:
 
 
 ALOS = RpcReader(
-    "ALOS RPC", lambda stem: (f"rpc{stem.removeprefix('img')}.txt",),
-    lambda name, head: name.startswith("rpc") and re.match(rb"[\d+. -]{66}[\d+.E -]{24}", head) is not None, read_alos,
-)  # fmt: skip
+    "ALOS RPC",
+    lambda stem: (f"rpc{stem.removeprefix('img')}.txt",),
+    lambda name, head: name.startswith("rpc") and re.match(rb"[\d+. -]{66}[\d+.E -]{24}", head) is not None,
+    read_alos,
+)

@@ -248,9 +248,12 @@ def read_numbers(path: str) -> list[float] | None:
 
 
 def set_numbers(
-    path: str, numbers: list[float], keep_original: bool, lineage: Mapping[str, str] | None = None,
+    path: str,
+    numbers: list[float],
+    keep_original: bool,
+    lineage: Mapping[str, str] | None = None,
     original: list[float] | None = None,
-) -> bool:  # fmt: skip
+) -> bool:
     """Write the RPC tag into a TIFF file in place; return False if the directory was moved to the end.
 
     With ``keep_original`` the old doubles (or those of ``original``, if the RPC was next to the image) are stored in

@@ -58,9 +58,12 @@ NO_LINEAGE = Lineage()
 Replace = Callable[[str], AbstractContextManager[str]]
 #: By format of an RPC file that is written: suffix after the image's stem, and a function that returns its content.
 SIDECARS: dict[str, tuple[str, Callable[[RPC], str]]] = {
-    "rpc-txt": ("_RPC.TXT", rpc_txt_text), "rpb": (".RPB", rpb_text), "isd": (".xml", isd_text),
-    "geom": (".geom", geom_text), "rpcm-json": (".json", rpcm_json_text),
-}  # fmt: skip
+    "rpc-txt": ("_RPC.TXT", rpc_txt_text),
+    "rpb": (".RPB", rpb_text),
+    "isd": (".xml", isd_text),
+    "geom": (".geom", geom_text),
+    "rpcm-json": (".json", rpcm_json_text),
+}
 
 
 def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = NO_LINEAGE, replace: Replace = replacing) -> None:
@@ -104,9 +107,13 @@ def write_geotiff_copy(
 
 
 def prepare_geotiff_copy(
-    source_path: str, target_path: str, rpc: RPC, changes: Transaction, progress: Progress = silent,
+    source_path: str,
+    target_path: str,
+    rpc: RPC,
+    changes: Transaction,
+    progress: Progress = silent,
     lineage: Lineage = NO_LINEAGE,
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """Prepare a copy as `write_geotiff_copy` writes it; it is renamed when the changes are committed."""
     _require_other_file(source_path, target_path)
     source = open_raster(source_path)
@@ -146,9 +153,15 @@ def prepare_geotiff_copy(
 
 
 def save_geotiff(
-    source: gdal.Dataset, target_path: str, rpc: RPC, driver: str, options: Sequence[str],
-    progress: Progress = silent, lineage: Lineage = NO_LINEAGE, replace: Replace = replacing,
-) -> tuple[str, ...]:  # fmt: skip
+    source: gdal.Dataset,
+    target_path: str,
+    rpc: RPC,
+    driver: str,
+    options: Sequence[str],
+    progress: Progress = silent,
+    lineage: Lineage = NO_LINEAGE,
+    replace: Replace = replacing,
+) -> tuple[str, ...]:
     """Write a dataset, which may be virtual, with GDAL's ``driver`` GTiff or COG; otherwise as `write_geotiff_copy`."""
     notices: tuple[str, ...] = ()
     # A virtual dataset has the new RPC and metadata, so that the tags are written once

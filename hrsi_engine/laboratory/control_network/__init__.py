@@ -15,8 +15,11 @@ Layers, each importing only those above it::
 
 from ...foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "options": "ControlNetworkOptions",
-    "matching": "ControlNetworkMatch match_windows",
-    "super_points": "AMBIGUOUS FOUND NO_MATCH",
-})  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "options": "ControlNetworkOptions",
+        "matching": "ControlNetworkMatch match_windows",
+        "super_points": "AMBIGUOUS FOUND NO_MATCH",
+    },
+)

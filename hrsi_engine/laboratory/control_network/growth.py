@@ -96,9 +96,13 @@ def agrees_with_neighbours(network: Network, allowed_px: float, first_new: int =
 
 
 def _grow_once(
-    network: Network, first: NetworkWindow, second: NetworkWindow, options: GrowthOptions, stage: GrowthStage,
+    network: Network,
+    first: NetworkWindow,
+    second: NetworkWindow,
+    options: GrowthOptions,
+    stage: GrowthStage,
     last_px: np.ndarray,
-) -> Network:  # fmt: skip
+) -> Network:
     """Return the new nodes of one round; ``last_px`` is updated with the distance of each point from its node."""
     free = np.ones(len(first.xy), dtype=bool)
     free[network.first_row] = False
@@ -121,16 +125,25 @@ def _grow_once(
     selected = similar[find_mutual_best(point[similar], candidate[similar], -correlation[similar])]
     father = node[point[selected]]
     return Network(
-        rows[point[selected]], candidate[selected], father, generation=network.generation[father] + 1,
+        rows[point[selected]],
+        candidate[selected],
+        father,
+        generation=network.generation[father] + 1,
         correlation=correlation[selected],
-        first=first.xy[rows[point[selected]]], second=second.xy[candidate[selected]], matrix=network.matrix,
-    )  # fmt: skip
+        first=first.xy[rows[point[selected]]],
+        second=second.xy[candidate[selected]],
+        matrix=network.matrix,
+    )
 
 
 def _find_candidates(
-    network: Network, first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, node: np.ndarray,
+    network: Network,
+    first: NetworkWindow,
+    second: NetworkWindow,
+    rows: np.ndarray,
+    node: np.ndarray,
     tolerance: Tolerance,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Return index into ``rows`` and row in the second view of every pair within both tolerances."""
     free = np.ones(len(second.xy), dtype=bool)
     free[network.second_row] = False

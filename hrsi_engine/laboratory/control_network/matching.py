@@ -101,9 +101,13 @@ class ControlNetworkMatch:
 
 
 def match_windows(
-    first: Raster, second: Raster, options: ControlNetworkOptions | None = None, first_window: Area | None = None,
-    second_window: Area | None = None, progress: Progress = silent,
-) -> ControlNetworkMatch:  # fmt: skip
+    first: Raster,
+    second: Raster,
+    options: ControlNetworkOptions | None = None,
+    first_window: Area | None = None,
+    second_window: Area | None = None,
+    progress: Progress = silent,
+) -> ControlNetworkMatch:
     """Match two images, or a window of each.
 
     Windows that cannot be matched are a status of the result.
@@ -164,9 +168,13 @@ def _votes_equal(vote: FeatureVote) -> bool:
 
 
 def _match_at_scale(
-    first: Raster, second: Raster, options: ControlNetworkOptions, vote: FeatureVote,
-    areas: tuple[Area, Area], progress: Progress,
-) -> ControlNetworkMatch:  # fmt: skip
+    first: Raster,
+    second: Raster,
+    options: ControlNetworkOptions,
+    vote: FeatureVote,
+    areas: tuple[Area, Area],
+    progress: Progress,
+) -> ControlNetworkMatch:
     """Match two windows whose scale is known, or lies in a range."""
     scale_range = vote.scales
     usual = float(np.sqrt(scale_range[0] * scale_range[1]))
@@ -202,9 +210,13 @@ def _open_window(
 
 
 def match_views(
-    first: NetworkWindow, second: NetworkWindow, options: ControlNetworkOptions,
-    scales: tuple[float, float] = (1.0, 1.0), progress: Progress = silent, similarity: np.ndarray | None = None,
-) -> ControlNetworkMatch:  # fmt: skip
+    first: NetworkWindow,
+    second: NetworkWindow,
+    options: ControlNetworkOptions,
+    scales: tuple[float, float] = (1.0, 1.0),
+    progress: Progress = silent,
+    similarity: np.ndarray | None = None,
+) -> ControlNetworkMatch:
     """Match two windows with their interest points; ``scales`` are those between the windows' own pixels.
 
     ``similarity (2, 3)`` is where features put the points of the first window, if they determine it.
@@ -233,18 +245,26 @@ def match_views(
             continue
         first_xy, second_xy = first.to_image(positions.first), second.to_image(positions.second)
         scaled = {
-            "first": first_xy, "second": second_xy, "sigma_px": positions.sigma_px * second.reduction,
+            "first": first_xy,
+            "second": second_xy,
+            "sigma_px": positions.sigma_px * second.reduction,
             "residual_px": positions.residual_px * second.reduction,
             "epipolar_px": positions.epipolar_px * second.reduction,
-        }  # fmt: skip
+        }
         design = np.column_stack([first_xy, np.ones(len(first_xy))])
         affine = np.linalg.lstsq(design, second_xy, rcond=None)[0].T if len(first_xy) >= 3 else np.full((2, 3), np.nan)
         candidate = ControlNetworkMatch(
-            FOUND, "", positions._replace(**scaled), kind=first.points.kind[refined.first_row],
+            FOUND,
+            "",
+            positions._replace(**scaled),
+            kind=first.points.kind[refined.first_row],
             generation=refined.generation,
-            father=refined.father, network=seed.hypothesis.count, runner_up=seed.runner_up,
-            points=(len(first.xy), len(second.xy)), affine=affine,
-        )  # fmt: skip
+            father=refined.father,
+            network=seed.hypothesis.count,
+            runner_up=seed.runner_up,
+            points=(len(first.xy), len(second.xy)),
+            affine=affine,
+        )
         if best is None or len(candidate) > len(best):
             best = candidate
         if len(best) >= options.least:
@@ -273,10 +293,17 @@ def _make_failure(
             "choose larger windows or others with something that is there once"
         )
     return ControlNetworkMatch(
-        status, message, empty, kind=np.empty(0, dtype="U9"), generation=np.empty(0, dtype=int),
-        father=np.empty(0, dtype=int), network=network,
-        runner_up=runner_up, points=(len(first.xy), len(second.xy)), affine=np.full((2, 3), np.nan),
-    )  # fmt: skip
+        status,
+        message,
+        empty,
+        kind=np.empty(0, dtype="U9"),
+        generation=np.empty(0, dtype=int),
+        father=np.empty(0, dtype=int),
+        network=network,
+        runner_up=runner_up,
+        points=(len(first.xy), len(second.xy)),
+        affine=np.full((2, 3), np.nan),
+    )
 
 
 @thresholds

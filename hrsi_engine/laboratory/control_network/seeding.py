@@ -85,9 +85,13 @@ def split_into_parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
 
 
 def find_seeds(
-    first: NetworkWindow, second: NetworkWindow, options: SeedOptions, attempts: list[SuperPointMatch],
-    progress: Progress = silent, similarity: np.ndarray | None = None,
-) -> Iterator[Seed]:  # fmt: skip
+    first: NetworkWindow,
+    second: NetworkWindow,
+    options: SeedOptions,
+    attempts: list[SuperPointMatch],
+    progress: Progress = silent,
+    similarity: np.ndarray | None = None,
+) -> Iterator[Seed]:
     """Yield first networks, most trustworthy first; every super-point match is noted in ``attempts``.
 
     ``similarity (2, 3)`` is where features put the first window's points, if they determine it.

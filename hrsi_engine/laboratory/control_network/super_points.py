@@ -190,9 +190,13 @@ class RootPairs:
 
 
 def bound_root_pairs(
-    first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float, scales: tuple[float, ...],
+    first: np.ndarray,
+    second: np.ndarray,
+    tolerance: Tolerance,
+    reach_px: float,
+    scales: tuple[float, ...],
     progress: Progress = silent,
-) -> RootPairs:  # fmt: skip
+) -> RootPairs:
     """Return two sets of super points with the bounds of all pairs of roots; arguments as `match_super_points`."""
     reach_px = min(reach_px, max(float(np.hypot(*np.ptp(first, axis=0))), 1.0))
     bounds = []
@@ -203,9 +207,13 @@ def bound_root_pairs(
 
 
 def match_super_points(
-    first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float = np.inf,
-    scales: tuple[float, ...] = (1.0,), progress: Progress = silent,
-) -> SuperPointMatch:  # fmt: skip
+    first: np.ndarray,
+    second: np.ndarray,
+    tolerance: Tolerance,
+    reach_px: float = np.inf,
+    scales: tuple[float, ...] = (1.0,),
+    progress: Progress = silent,
+) -> SuperPointMatch:
     """Return the pair of control networks with the most correspondences.
 
     first, second : (m, 2) and (n, 2) super points; reach_px : leaves farther from their root do not count;

@@ -53,9 +53,13 @@ class NetworkWindow:
 
 
 def read_network_window(
-    raster: Raster, area: Area, detectors: Sequence[str], options: DetectionOptions, reduction: float = 1.0,
+    raster: Raster,
+    area: Area,
+    detectors: Sequence[str],
+    options: DetectionOptions,
+    reduction: float = 1.0,
     progress: Progress = silent,
-) -> NetworkWindow:  # fmt: skip
+) -> NetworkWindow:
     """Return a window of an image with its interest points; the window must lie within the image.
 
     reduction : by how much the pixels are enlarged first, averaged over their area
@@ -90,9 +94,13 @@ class PATCHES:
 
 
 def correlate_patches(
-    first: NetworkWindow, second: NetworkWindow, first_xy: np.ndarray, second_xy: np.ndarray, A: np.ndarray,
+    first: NetworkWindow,
+    second: NetworkWindow,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    A: np.ndarray,
     half_px: int = PATCHES.half_px,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the correlation coefficient ``(n,)`` of each patch with its image under ``A`` (n, 2, 2).
 
     0 where too few pixels of the patch are usable.

@@ -14,8 +14,11 @@ Windows, the structure tensor and gravity centres are those of `measurement.inte
 
 from ...foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "options": "DETECTOR_SETS CornerOptions DetectionOptions",
-    "detectors": "DETECTORS Detector detect_interest_points clip_to_image",
-    "points": "InterestPoints select_best_per_cell",
-})  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "options": "DETECTOR_SETS CornerOptions DetectionOptions",
+        "detectors": "DETECTORS Detector detect_interest_points clip_to_image",
+        "points": "InterestPoints select_best_per_cell",
+    },
+)

@@ -87,9 +87,13 @@ class CornerDetector:
         return partial(self._find, statistics=statistics, options=thresholds, cache=cache)
 
     def _thresholds(
-        self, raster: Raster, region: Area, statistics: ImageStatistics, options: CornerOptions,
+        self,
+        raster: Raster,
+        region: Area,
+        statistics: ImageStatistics,
+        options: CornerOptions,
         cache: dict[tuple[int, int, int, int], CornerPeaks],
-    ) -> CornerOptions:  # fmt: skip
+    ) -> CornerOptions:
         """Return the options with TA and TB set from the strengths of the local maxima in sample windows.
 
         The peaks of small images are kept in ``cache``, to be found only once.
@@ -115,19 +119,28 @@ class CornerDetector:
         )
 
     def _find(
-        self, window: DetectionWindow, statistics: ImageStatistics, options: CornerOptions,
+        self,
+        window: DetectionWindow,
+        statistics: ImageStatistics,
+        options: CornerOptions,
         cache: dict[tuple[int, int, int, int], CornerPeaks],
-    ) -> InterestPoints:  # fmt: skip
+    ) -> InterestPoints:
         peaks = cache.pop(window.core.bounds, None) or find_corner_peaks(window, statistics, options, self.strength)
         strong = peaks.strength > (options.interest_threshold or 0.0)
         xy, strength, sigma_px = (column[strong] for column in peaks)
         threshold, unknown = options.super_threshold or 0.0, np.full(len(xy), np.nan)
         quality = strength / (strength + max(threshold, 1e-30))  # 0.5 at TA
         return InterestPoints(
-            xy, np.where(strength > threshold, SUPER, CORNER).astype("U9"), sigma_px[:, None, None] ** 2 * np.eye(2),
-            strength.astype(np.float64), quality.astype(np.float64), np.full((len(xy), 2), np.nan), unknown, unknown,
+            xy,
+            np.where(strength > threshold, SUPER, CORNER).astype("U9"),
+            sigma_px[:, None, None] ** 2 * np.eye(2),
+            strength.astype(np.float64),
+            quality.astype(np.float64),
+            np.full((len(xy), 2), np.nan),
             unknown,
-        )  # fmt: skip
+            unknown,
+            unknown,
+        )
 
 
 @dataclass(frozen=True)
@@ -154,12 +167,16 @@ def _tabulate_centres(centres: list[GravityCentre]) -> InterestPoints:
     if not centres:
         return make_empty_points()
     return InterestPoints(
-        np.array([c.xy for c in centres]), np.array([c.kind for c in centres], dtype="U9"),
-        np.array([c.covariance_px2 for c in centres]), np.array([abs(c.contrast) for c in centres]),
-        DETECTION.shape_chance * np.array([c.quality for c in centres]), np.array([c.size_px for c in centres]),
-        np.array([c.azimuth_rad for c in centres]), np.array([c.contrast for c in centres]),
+        np.array([c.xy for c in centres]),
+        np.array([c.kind for c in centres], dtype="U9"),
+        np.array([c.covariance_px2 for c in centres]),
+        np.array([abs(c.contrast) for c in centres]),
+        DETECTION.shape_chance * np.array([c.quality for c in centres]),
+        np.array([c.size_px for c in centres]),
+        np.array([c.azimuth_rad for c in centres]),
+        np.array([c.contrast for c in centres]),
         np.array([c.rmse_px for c in centres]),
-    )  # fmt: skip
+    )
 
 
 def _tabulate_blobs(blobs: Blobs, window: DetectionWindow) -> InterestPoints:
@@ -168,9 +185,16 @@ def _tabulate_blobs(blobs: Blobs, window: DetectionWindow) -> InterestPoints:
     size, azimuth, uneven = blobs.ellipse()
     contrast = blobs.grey_contrast(window.grey)
     return InterestPoints(
-        blobs.xy + window.origin, np.full(len(blobs.xy), BLOB, dtype="U9"),
-        blobs.sigma_px[:, None, None] ** 2 * np.eye(2), np.abs(contrast), blobs.chance, size, azimuth, contrast, uneven,
-    )  # fmt: skip
+        blobs.xy + window.origin,
+        np.full(len(blobs.xy), BLOB, dtype="U9"),
+        blobs.sigma_px[:, None, None] ** 2 * np.eye(2),
+        np.abs(contrast),
+        blobs.chance,
+        size,
+        azimuth,
+        contrast,
+        uneven,
+    )
 
 
 def _is_same_object(blobs: InterestPoints, shapes: InterestPoints) -> np.ndarray:
@@ -197,9 +221,12 @@ DETECTORS: dict[str, Detector] = {
 
 
 def detect_interest_points(
-    raster: Raster, detector: str = "harris", options: DetectionOptions | None = None, region: Area | None = None,
+    raster: Raster,
+    detector: str = "harris",
+    options: DetectionOptions | None = None,
+    region: Area | None = None,
     progress: Progress = silent,
-) -> InterestPoints:  # fmt: skip
+) -> InterestPoints:
     """Return the interest points of an image, or of a region of it, in a fixed order.
 
     The result does not depend on the windows the image is read in; memory is that of ``threads`` windows of 2048 x 2048

@@ -7,8 +7,11 @@ from ...measurement.interest_points.options import CentreOptions
 
 #: Detectors (`detectors.DETECTORS`) by the name of a choice of them.
 DETECTOR_SETS = {
-    "harris": ("harris",), "foerstner": ("foerstner",), "centres": ("centres",), "all": ("harris", "centres"),
-}  # fmt: skip
+    "harris": ("harris",),
+    "foerstner": ("foerstner",),
+    "centres": ("centres",),
+    "all": ("harris", "centres"),
+}
 
 
 @options
@@ -22,9 +25,12 @@ class CornerOptions:
     interest_threshold: float | None = option(None, "The threshold TB itself", name="threshold", advanced=True)
     super_threshold: float | None = option(None, "The threshold TA itself", advanced=True)
     interest_share: float = option(
-        0.5, "Share of all local maxima that become interest points (sets the threshold TB)", name="share", minimum=0.0,
+        0.5,
+        "Share of all local maxima that become interest points (sets the threshold TB)",
+        name="share",
+        minimum=0.0,
         maximum=1.0,
-    )  # fmt: skip
+    )
     super_share: float = option(
         0.07, "Share of all local maxima that become super points (sets the threshold TA)", minimum=0.0, maximum=1.0
     )

@@ -95,9 +95,16 @@ def make_empty_points() -> InterestPoints:
     """Return a table without rows."""
     nothing = np.empty(0)
     return InterestPoints(
-        np.empty((0, 2)), np.empty(0, dtype="U9"), np.empty((0, 2, 2)), nothing, nothing, np.empty((0, 2)), nothing,
-        nothing, nothing,
-    )  # fmt: skip
+        np.empty((0, 2)),
+        np.empty(0, dtype="U9"),
+        np.empty((0, 2, 2)),
+        nothing,
+        nothing,
+        np.empty((0, 2)),
+        nothing,
+        nothing,
+        nothing,
+    )
 
 
 def select_best_per_cell(points: InterestPoints, cell_px: float, per_cell: int) -> np.ndarray:

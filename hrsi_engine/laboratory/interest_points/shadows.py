@@ -62,9 +62,12 @@ def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray
             right, bottom = (min(end + reach, size) for end, size in zip(core.bounds[2:], raster.size, strict=True))
             grey, _ = raster.read(left, top, right - left, bottom - top)
             is_shadow[inside] = _is_on_shadow_side(
-                grey.astype(np.float32), points.xy[inside] - (left, top), points.size_px[inside],
-                points.azimuth_rad[inside], towards_sun,
-            )  # fmt: skip
+                grey.astype(np.float32),
+                points.xy[inside] - (left, top),
+                points.size_px[inside],
+                points.azimuth_rad[inside],
+                towards_sun,
+            )
     return is_shadow
 
 

@@ -22,16 +22,19 @@ Layers, each importing only those above it::
 
 from ...foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "options": "Noise PointCounts SceneSpec",
-    "sensors": "SENSORS OrientationError Vibration Radiometry Sensor AccuracyStatement",
-    "pushbroom": "PushbroomCamera aim_camera",
-    "acquisitions": "Acquisition draw_acquisitions compute_sun_position",
-    "views": "SceneView make_along_track_views make_views_of_dates make_strip_views",
-    "surface": "locate_on_surface",
-    "scene": "Scene",
-    "vendor": "VendorRPC fit_camera fit_multispectral_rpc",
-    "synthesis": "BlockSimulation BlockTruth simulate_block",
-    "render": "ImageRenderer add_pixels make_multispectral_renderers make_orthophoto render_window make_renderer",
-    "truth_tables": "make_truth_document",
-})  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "options": "Noise PointCounts SceneSpec",
+        "sensors": "SENSORS OrientationError Vibration Radiometry Sensor AccuracyStatement",
+        "pushbroom": "PushbroomCamera aim_camera",
+        "acquisitions": "Acquisition draw_acquisitions compute_sun_position",
+        "views": "SceneView make_along_track_views make_views_of_dates make_strip_views",
+        "surface": "locate_on_surface",
+        "scene": "Scene",
+        "vendor": "VendorRPC fit_camera fit_multispectral_rpc",
+        "synthesis": "BlockSimulation BlockTruth simulate_block",
+        "render": "ImageRenderer add_pixels make_multispectral_renderers make_orthophoto render_window make_renderer",
+        "truth_tables": "make_truth_document",
+    },
+)

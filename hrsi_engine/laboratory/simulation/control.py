@@ -184,9 +184,13 @@ def survey_points(
 
 
 def measure_points(
-    ids: np.ndarray, role: np.ndarray, image_ids: np.ndarray, truth: TrueImagePoints, noise: Noise,
+    ids: np.ndarray,
+    role: np.ndarray,
+    image_ids: np.ndarray,
+    truth: TrueImagePoints,
+    noise: Noise,
     rng: np.random.Generator,
-) -> tuple[ImagePoints, np.ndarray]:  # fmt: skip
+) -> tuple[ImagePoints, np.ndarray]:
     """Return image measurements with errors, and the mask of those that are blunders."""
     xy = truth.xy + noise.image_px * rng.standard_normal(truth.xy.shape)
     share = np.zeros(len(truth.point))
@@ -199,8 +203,13 @@ def measure_points(
     kind = np.where(role[truth.point] == Role.TIE, "", "center")
     return (
         ImagePoints(
-            ids[truth.point].tolist(), image_ids[truth.image].tolist(), xy, max(noise.image_px, 0.01), kind, 1.0,
+            ids[truth.point].tolist(),
+            image_ids[truth.image].tolist(),
+            xy,
+            max(noise.image_px, 0.01),
+            kind,
+            1.0,
             "simulation",
         ),
         blunder,
-    )  # fmt: skip
+    )

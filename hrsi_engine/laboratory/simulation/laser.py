@@ -38,9 +38,11 @@ class LASER:
     common_m: float = constant(0.05, "m", "standard deviation of the height of all passes together")
     segment_m: float = constant(0.1, "m", "standard deviation of the height of a segment")
     spread: tuple[tuple[float, float, float], ...] = constant(
-        ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254)), "", "spread of photons, two groups: share, mean "
-        "and sigma of the logarithm", ICESAT_2
-    )  # fmt: skip
+        ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254)),
+        "",
+        "spread of photons, two groups: share, mean and sigma of the logarithm",
+        ICESAT_2,
+    )
     photons: tuple[float, float] = constant(
         (np.log(24.0), 0.95), "", "photons of a segment: mean and sigma of the logarithm", ICESAT_2
     )
@@ -142,9 +144,15 @@ def _draw_pass(
 
 
 def _measure_heights(
-    terrain: TerrainSurface, stated: np.ndarray, true: np.ndarray, along: np.ndarray, across: np.ndarray,
-    spec: LaserSpec, bias: float, rng: np.random.Generator,
-) -> dict[str, np.ndarray]:  # fmt: skip
+    terrain: TerrainSurface,
+    stated: np.ndarray,
+    true: np.ndarray,
+    along: np.ndarray,
+    across: np.ndarray,
+    spec: LaserSpec,
+    bias: float,
+    rng: np.random.Generator,
+) -> dict[str, np.ndarray]:
     """Return the segments of a beam at ``stated (n, 2)`` chart positions, which were measured at the ``true`` ones."""
     count = len(stated)
     ahead, side = np.meshgrid(np.linspace(-0.5, 0.5, 9) * spec.segment_m, np.linspace(-0.5, 0.5, 3) * LASER.footprint_m)
@@ -167,9 +175,14 @@ def _measure_heights(
         wider = np.exp(rng.normal(log_middle, log_width, count)) / spread
         spread, sigma = np.where(hit, spread * np.maximum(wider, 1.0), spread), np.where(hit, sigma * wider, sigma)
     return {
-        "ground": terrain.chart.to_ground(stated, height), "sigma_m": sigma, "slope": slope, "misfit_m": spread,
-        "photons": photons, "met": surfaces, "error_m": height - terrain.height(*stated.T),
-    }  # fmt: skip
+        "ground": terrain.chart.to_ground(stated, height),
+        "sigma_m": sigma,
+        "slope": slope,
+        "misfit_m": spread,
+        "photons": photons,
+        "met": surfaces,
+        "error_m": height - terrain.height(*stated.T),
+    }
 
 
 def _classify_points(count: int, spacing_m: float, spec: LaserSpec, rng: np.random.Generator) -> np.ndarray:

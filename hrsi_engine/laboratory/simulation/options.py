@@ -31,9 +31,12 @@ class Landform(NamedTuple):
 
 #: What `simulate` can be asked for; over 6 km their slopes are 40, 12, 4, 1.3 and 0.1 % (rms over 30 m).
 LANDFORMS = {
-    "mountains": Landform(1000.0), "hills": Landform(300.0), "farmland": Landform(100.0), "city": Landform(30.0, 0.7),
+    "mountains": Landform(1000.0),
+    "hills": Landform(300.0),
+    "farmland": Landform(100.0),
+    "city": Landform(30.0, 0.7),
     "flat": Landform(2.0),
-}  # fmt: skip
+}
 
 
 @options
@@ -55,9 +58,13 @@ class SceneSpec:
         "farmland", "Kind of terrain: relief, and whether there are buildings", choices=tuple(LANDFORMS)
     )
     relief_m: float | None = option(
-        None, "Range of heights of the relief; by default that of the landform: 1000, 300, 100, 30 and 2 m",
-        name="relief", minimum=0.0, unit="m", metavar="M",
-    )  # fmt: skip
+        None,
+        "Range of heights of the relief; by default that of the landform: 1000, 300, 100, 30 and 2 m",
+        name="relief",
+        minimum=0.0,
+        unit="m",
+        metavar="M",
+    )
     cliff_m: float = option(0.0, "Height of cliffs; 0 makes none", name="cliffs", minimum=0.0, unit="m", metavar="M")
     seed: int = option(1, "The same seed and options give the same block", minimum=0, metavar="N")
     half_extent_m: float | None = None
@@ -184,29 +191,59 @@ class FreeDemSpec:
         0.0, "Cell size of a DEM as free ones are; 0 writes none", name="free-dem", minimum=0.0, unit="m", metavar="M"
     )
     trees: float = option(
-        0.2, "Share of the free DEM's cells with trees", name="free-dem-trees", minimum=0.0, maximum=1.0, advanced=True,
+        0.2,
+        "Share of the free DEM's cells with trees",
+        name="free-dem-trees",
+        minimum=0.0,
+        maximum=1.0,
+        advanced=True,
         metavar="SHARE",
-    )  # fmt: skip
+    )
     tree_m: float = option(
-        10.0, "Height of the trees in the free DEM", name="free-dem-tree-height", minimum=0.0, unit="m", advanced=True,
+        10.0,
+        "Height of the trees in the free DEM",
+        name="free-dem-tree-height",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
         metavar="M",
-    )  # fmt: skip
+    )
     noise_m: float = option(
-        1.0, "Standard deviation of the free DEM's heights on flat ground; three times that on slopes of 40 %",
-        name="free-dem-noise", minimum=0.0, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        1.0,
+        "Standard deviation of the free DEM's heights on flat ground; three times that on slopes of 40 %",
+        name="free-dem-noise",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
     correlation_m: float = option(
-        300.0, "Distance at which the correlation of these errors has fallen to 1/e; 0: each cell has its own",
-        name="free-dem-correlation", minimum=0.0, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        300.0,
+        "Distance at which the correlation of these errors has fallen to 1/e; 0: each cell has its own",
+        name="free-dem-correlation",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
     common_m: float = option(
-        2.0, "Standard deviation of the common height error of the free DEM (GLO-30: 4 m LE90, with the noise)",
-        name="free-dem-common", minimum=0.0, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        2.0,
+        "Standard deviation of the common height error of the free DEM (GLO-30: 4 m LE90, with the noise)",
+        name="free-dem-common",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
     place_m: float = option(
-        2.8, "Standard deviation of each coordinate in plan by which the free DEM is displaced (GLO-30: 6 m CE90)",
-        name="free-dem-place", minimum=0.0, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        2.8,
+        "Standard deviation of each coordinate in plan by which the free DEM is displaced (GLO-30: 6 m CE90)",
+        name="free-dem-place",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
 
 
 @options
@@ -214,18 +251,37 @@ class FreeOrthoSpec:
     """What a free orthoimage of a scene is like."""
 
     pixel_m: float = option(
-        0.0, "Pixel size of an orthoimage as free ones are; 0 writes none", name="free-ortho", minimum=0.0, unit="m",
+        0.0,
+        "Pixel size of an orthoimage as free ones are; 0 writes none",
+        name="free-ortho",
+        minimum=0.0,
+        unit="m",
         metavar="M",
-    )  # fmt: skip
+    )
     error_m: float = option(
-        5.0, "Root mean square displacement of the free orthoimage", name="free-ortho-error",
-        minimum=0.0, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        5.0,
+        "Root mean square displacement of the free orthoimage",
+        name="free-ortho-error",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
     corner_m: float = option(
-        0.0, "Displacement of the north-eastern corner of the free orthoimage against the rest of it",
-        name="free-ortho-corner", minimum=0.0, unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
+        0.0,
+        "Displacement of the north-eastern corner of the free orthoimage against the rest of it",
+        name="free-ortho-corner",
+        minimum=0.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
     change: float = option(
-        0.4, "How much of the ground looks different in the free orthoimage, as in another season",
-        name="free-ortho-change", minimum=0.0, maximum=1.0, advanced=True, metavar="SHARE",
-    )  # fmt: skip
+        0.4,
+        "How much of the ground looks different in the free orthoimage, as in another season",
+        name="free-ortho-change",
+        minimum=0.0,
+        maximum=1.0,
+        advanced=True,
+        metavar="SHARE",
+    )

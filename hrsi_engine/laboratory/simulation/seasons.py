@@ -192,7 +192,9 @@ def park_cars(landscape: Landscape, half_extent_m: float, acquisition: Acquisiti
         rng.random(len(position)) < 0.5, rng.uniform(900, 1500, len(position)), rng.uniform(80, 300, len(position))
     )
     return Objects(
-        np.full(len(position), "car", dtype="U12"), position * landscape.scale,
-        np.tile(np.array(YEAR.car_size_m) * landscape.scale, (len(position), 1)), np.arctan2(*direction.T),
+        np.full(len(position), "car", dtype="U12"),
+        position * landscape.scale,
+        np.tile(np.array(YEAR.car_size_m) * landscape.scale, (len(position), 1)),
+        np.arctan2(*direction.T),
         np.repeat(grey[:, None], 5, axis=1).astype(np.float32),
-    )  # fmt: skip
+    )

@@ -190,9 +190,13 @@ def simulate_block(
     )
 
     surveyed, has_wrong_height = survey_points(
-        ids[is_surveyed], ground[is_surveyed], role[is_surveyed], noise, 1.0 / metres_per_degree(ground[is_surveyed]),
+        ids[is_surveyed],
+        ground[is_surveyed],
+        role[is_surveyed],
+        noise,
+        1.0 / metres_per_degree(ground[is_surveyed]),
         np.random.default_rng([spec.seed, 40]),
-    )  # fmt: skip
+    )
     image_ids = np.array([view.id for view in views])
     measured, blunder = measure_points(
         ids, role, image_ids, image_points, noise, np.random.default_rng([spec.seed, 41])

@@ -122,10 +122,16 @@ def make_truth_tables(simulated: BlockSimulation) -> dict[str, TruthTable]:
     lon, lat, height = truth.ground.T
     surveyed = np.where(simulated.block.known[:, None], simulated.block.points.ground, np.nan).T
     columns = {
-        "id": truth.ids, "role": ROLE_LABELS[truth.role], "lon": lon, "lat": lat, "height": height,
-        "surveyed_lon": surveyed[0], "surveyed_lat": surveyed[1], "surveyed_height": surveyed[2],
+        "id": truth.ids,
+        "role": ROLE_LABELS[truth.role],
+        "lon": lon,
+        "lat": lat,
+        "height": height,
+        "surveyed_lon": surveyed[0],
+        "surveyed_lat": surveyed[1],
+        "surveyed_height": surveyed[2],
         "wrong_height": truth.wrong_height,
-    }  # fmt: skip
+    }
     return {
         "true_ground_points": TruthTable(truth.ground, columns),
         "true_image_points": _tabulate_image_points(simulated),
@@ -141,10 +147,12 @@ def _tabulate_image_points(simulated: BlockSimulation) -> TruthTable:
         "id": truth.ids[points.point],
         "role": ROLE_LABELS[truth.role][points.point],
         "image": np.array([view.id for view in simulated.views])[points.image],
-        "sample": points.xy[:, 0], "line": points.xy[:, 1],
-        "measured_sample": measured[:, 0], "measured_line": measured[:, 1],
+        "sample": points.xy[:, 0],
+        "line": points.xy[:, 1],
+        "measured_sample": measured[:, 0],
+        "measured_line": measured[:, 1],
         "blunder": truth.blunder,
-    }  # fmt: skip
+    }
     return TruthTable(truth.ground[points.point], columns)
 
 
@@ -154,10 +162,13 @@ def _tabulate_objects(simulated: BlockSimulation) -> TruthTable:
     columns = {
         "id": np.array([f"{kind}_{number}" for number, kind in enumerate(objects.kind)], dtype=str),
         "kind": objects.kind,
-        "lon": ground[:, 0], "lat": ground[:, 1], "height": ground[:, 2],
-        "length_m": objects.size_m[:, 0], "width_m": objects.size_m[:, 1],
+        "lon": ground[:, 0],
+        "lat": ground[:, 1],
+        "height": ground[:, 2],
+        "length_m": objects.size_m[:, 0],
+        "width_m": objects.size_m[:, 1],
         "azimuth_deg": np.degrees(objects.azimuth_rad),
-    }  # fmt: skip
+    }
     if simulated.acquisitions:
         year = simulated.scene.chronicle
         columns |= {"height_m": year.height_m, "built_day": year.built_day, "torn_day": year.torn_day}

@@ -229,10 +229,13 @@ def make_views_of_dates(
         for view in make_along_track_views(sensor, images, size, heading_deg=heading_deg + 2.0 * rng.standard_normal()):
             views.append(
                 replace(
-                    view, id=f"d{acquisition.number:0{width}d}_{view.id.rpartition('_')[2]}",
-                    along_deg=float(view.along_deg + tilt * np.cos(side)), across_deg=float(tilt * np.sin(side)),
-                    offset_m=(float(missed[0]), float(missed[1])), acquisition=acquisition,
+                    view,
+                    id=f"d{acquisition.number:0{width}d}_{view.id.rpartition('_')[2]}",
+                    along_deg=float(view.along_deg + tilt * np.cos(side)),
+                    across_deg=float(tilt * np.sin(side)),
+                    offset_m=(float(missed[0]), float(missed[1])),
+                    acquisition=acquisition,
                     radiometry=acquisition.radiometry(view.radiometry),
                 )
-            )  # fmt: skip
+            )
     return tuple(views)

@@ -145,22 +145,28 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
 def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
     """Return the features of windows of the first image and of the parts of the second that can show them."""
     geometry = TilePairGeometry(
-        job.first.rpc, job.second.rpc, *job.heights,
+        job.first.rpc,
+        job.second.rpc,
+        *job.heights,
         margin_px=(COARSE.band_growth[1] * job.margin_px, COARSE.band_growth[1] * job.margin_px),
-    )  # fmt: skip
+    )
     parts_by_image: tuple[list[PartResult], list[PartResult]] = ([], [])
     side = MEMORY.window_px * job.steps[0]
     for centre in job.first.grid_px(GRIDS.parts, GRIDS.parts, margin=-1.0 / GRIDS.parts).round().astype(int):
         window = ImageWindow(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
         places = window, predict_window(geometry, window, 0)
-        tiles = [read_tile(image, place, step) for image, place, step in
-                 zip((job.first, job.second), places, job.steps, strict=True)]  # fmt: skip
+        tiles = [
+            read_tile(image, place, step)
+            for image, place, step in zip((job.first, job.second), places, job.steps, strict=True)
+        ]
         for features, tile in zip(parts_by_image, tiles, strict=True):
             if all(part_tile is not None for part_tile in tiles) and tile is not None:
                 features.append(detect_features(tile, COARSE.features))
     nothing: PartResult = {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
-    first, second = ({name: np.concatenate([part[name] for part in (nothing, *parts)]) for name in nothing}
-                     for parts in parts_by_image)  # fmt: skip
+    first, second = (
+        {name: np.concatenate([part[name] for part in (nothing, *parts)]) for name in nothing}
+        for parts in parts_by_image
+    )
     return first, second
 
 
@@ -213,11 +219,17 @@ def estimate_pair(job: CoarseJob, matches: PartResult) -> PairEstimate | None:
     reach = SIGNIFICANCE.sigmas * sigma + noise_px / stretch
     low, high = np.percentile(miss.height_m, (1.0, 99.0))
     geometry = TilePairGeometry(
-        first, second, min(low, float(grid.heights_m.min())) - reach, max(high, float(grid.heights_m.max())) + reach,
-        (across * normal[0], across * normal[1]), (noise_px, SIGNIFICANCE.sigmas * across_sigma + noise_px), grid,
+        first,
+        second,
+        min(low, float(grid.heights_m.min())) - reach,
+        max(high, float(grid.heights_m.max())) + reach,
+        (across * normal[0], across * normal[1]),
+        (noise_px, SIGNIFICANCE.sigmas * across_sigma + noise_px),
+        grid,
         sigma,
-        contrasts, np.column_stack([first_xy, second_xy]),
-    )  # fmt: skip
+        contrasts,
+        np.column_stack([first_xy, second_xy]),
+    )
     return PairEstimate(geometry, len(first_xy))
 
 

@@ -88,8 +88,17 @@ def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
     nonempty = [(number, result) for number, result in results if len(result["partner"])]
     if not nonempty:
         nothing, no_index = np.empty(0), np.empty(0, np.int64)
-        return BlockMatches(no_index, no_index, no_index, np.empty((0, 2)), np.empty((0, 2)), nothing, nothing,
-                       np.empty(0, "U9"), nothing)  # fmt: skip
+        return BlockMatches(
+            no_index,
+            no_index,
+            no_index,
+            np.empty((0, 2)),
+            np.empty((0, 2)),
+            nothing,
+            nothing,
+            np.empty(0, "U9"),
+            nothing,
+        )
     columns = {name: np.concatenate([result[name] for _, result in nonempty]) for name in names}
     second = np.concatenate([result["partner"] for _, result in nonempty])
     first = np.repeat([number for number, _ in nonempty], [len(result["partner"]) for _, result in nonempty])
@@ -182,8 +191,10 @@ def group_by_pair(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
     if not len(pairs):
         return {}
     heads = np.flatnonzero(np.r_[True, (pairs[1:] != pairs[:-1]).any(axis=1)])
-    return {(int(pairs[row, 0]), int(pairs[row, 1])): rows
-            for row, rows in zip(heads, np.split(order, heads[1:]), strict=True)}  # fmt: skip
+    return {
+        (int(pairs[row, 0]), int(pairs[row, 1])): rows
+        for row, rows in zip(heads, np.split(order, heads[1:]), strict=True)
+    }
 
 
 def _build_trend_design(xy: np.ndarray) -> np.ndarray:
@@ -235,9 +246,13 @@ def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
     for (first, second), rows in group_by_pair(matches).items():
         sampled = rows[:: max(1, len(rows) // 16)]
         miss = compute_epipolar_deviation(
-            images[first].rpc, images[second].rpc, matches.first_xy[sampled], matches.second_xy[sampled],
-            float(np.median(matches.height_m[sampled])), 1,
-        )  # fmt: skip
+            images[first].rpc,
+            images[second].rpc,
+            matches.first_xy[sampled],
+            matches.second_xy[sampled],
+            float(np.median(matches.height_m[sampled])),
+            1,
+        )
         stretch[rows] = np.nanmedian(miss.stretch)
     height = matches.height_m.copy()
     _, point = np.unique(matches.track, return_inverse=True)

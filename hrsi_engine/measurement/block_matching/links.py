@@ -133,9 +133,13 @@ def _count_triangles(triangles: Sequence[tuple[NumberPair, ...]]) -> Counter[Num
 
 
 def _compute_closure(
-    matches: BlockMatches, first: np.ndarray, second: np.ndarray, third: NumberPair, between: np.ndarray,
+    matches: BlockMatches,
+    first: np.ndarray,
+    second: np.ndarray,
+    third: NumberPair,
+    between: np.ndarray,
     trees: dict[NumberPair, cKDTree],
-) -> float | None:  # fmt: skip
+) -> float | None:
     """Return the median closure of a triangle in px; None if too few points are in all three links."""
     _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
     q, r = matches.second_xy[first[a]], matches.second_xy[second[b]]
@@ -187,8 +191,10 @@ def find_bridges(links: Sequence[ImageLink]) -> list[tuple[ImageLink, list[int]]
     for place in np.flatnonzero(_LinkGraph(sound).bridge).tolist():
         link = sound[place]
         part = _LinkGraph([*sound[:place], *sound[place + 1 :]]).part
-        sides = [[number for number, component in part.items() if component == part.get(end)] or [end]
-                 for end in (link.first, link.second)]  # fmt: skip
+        sides = [
+            [number for number, component in part.items() if component == part.get(end)] or [end]
+            for end in (link.first, link.second)
+        ]
         bridges.append((link, min(sides, key=len)))
     return bridges
 
@@ -263,9 +269,12 @@ def find_displaced_images(offsets_px: Mapping[NumberPair, float]) -> dict[int, f
 
 
 def summarise_connections(
-    images: Sequence[Image], usable: Sequence[int], links: Sequence[ImageLink], trials: Mapping[int, int],
+    images: Sequence[Image],
+    usable: Sequence[int],
+    links: Sequence[ImageLink],
+    trials: Mapping[int, int],
     reasons: Mapping[int, str],
-) -> tuple[ImageConnection, ...]:  # fmt: skip
+) -> tuple[ImageConnection, ...]:
     """Return for each usable image its number of reliable links, and the number of images connected with it."""
     sound = [link for link in links if link.sound]
     count = Counter(number for link in sound for number in link[:2])
@@ -274,13 +283,17 @@ def summarise_connections(
     for link in sorted(set(links) - set(sound), key=lambda link: (link.matches, link)):
         for number, partner in (link[:2], link[1::-1]):
             faults[number] = (
-                f"its matches with {images[partner].id} contradict those of other images" if link.open
+                f"its matches with {images[partner].id} contradict those of other images"
+                if link.open
                 else f"it has only {link.matches} matches, with {images[partner].id}, and no third image confirms them"
-            )  # fmt: skip
+            )
     return tuple(
         ImageConnection(
-            images[number].id, count[number], component_size.get(number, 1), int(trials.get(number, 0)),
+            images[number].id,
+            count[number],
+            component_size.get(number, 1),
+            int(trials.get(number, 0)),
             "" if count[number] else reasons.get(number, faults.get(number, "no pair of it has consistent matches")),
         )
         for number in usable
-    )  # fmt: skip
+    )

@@ -130,8 +130,11 @@ class PairChoice:
         if self.rounds > CHOICE.rounds or self.room <= 0:
             return []
         # Edge-disjoint spanning trees with the largest sum of ratings
-        candidates = [pair for pair, probe in self.probes.items()
-                if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)]  # fmt: skip
+        candidates = [
+            pair
+            for pair, probe in self.probes.items()
+            if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)
+        ]
         selected: set[NumberPair] = set()
         for _ in range(self.trees):
             if not candidates:

@@ -70,9 +70,15 @@ class RelativeCameras:
         turn, _ = _linearise_transfer(job.first, job.second, xy, height)
         bias = self.shift_px[second] - turn @ self.shift_px[first]
         geometry = TilePairGeometry(
-            job.first.rpc, job.second.rpc, float(height.min()) - reach, float(height.max()) + reach,
-            (float(bias[0]), float(bias[1])), (margin, margin), grid, sigma,
-        )  # fmt: skip
+            job.first.rpc,
+            job.second.rpc,
+            float(height.min()) - reach,
+            float(height.max()) + reach,
+            (float(bias[0]), float(bias[1])),
+            (margin, margin),
+            grid,
+            sigma,
+        )
         return PairEstimate(geometry, 0)
 
 

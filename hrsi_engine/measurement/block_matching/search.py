@@ -64,9 +64,15 @@ class TieSearch:
     """State and rounds of one search for tie points."""
 
     def __init__(
-        self, images: Sequence[Image], options: TieOptions, surface: HeightSurface | None, scheduler: Scheduler,
-        keeper: ResultStore | None, marked: bool = True, earlier: Collection[str] = (),
-    ) -> None:  # fmt: skip
+        self,
+        images: Sequence[Image],
+        options: TieOptions,
+        surface: HeightSurface | None,
+        scheduler: Scheduler,
+        keeper: ResultStore | None,
+        marked: bool = True,
+        earlier: Collection[str] = (),
+    ) -> None:
         self.images, self.options, self.surface = images, options, surface
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
         if len(self.usable) < 2:
@@ -121,8 +127,11 @@ class TieSearch:
         while pairs := self.choice.choose_round():
             rounds += 1
             self._estimate_pairs(sorted(pairs), stage(progress, 1.0 - 0.5**rounds, 1.0 - 0.5 ** (rounds + 1)))
-        offsets = {(pair.first, pair.second): float(np.hypot(*pair.estimate.geometry.bias_px))
-                   for pair in self.pairs if pair.estimate is not None}  # fmt: skip
+        offsets = {
+            (pair.first, pair.second): float(np.hypot(*pair.estimate.geometry.bias_px))
+            for pair in self.pairs
+            if pair.estimate is not None
+        }
         for number, offset_px in find_displaced_images(offsets).items():
             self.reasons[number] = (
                 f"its RPC differs from those of the other images by about {offset_px:.0f} px; correct it first, for "
@@ -161,10 +170,13 @@ class TieSearch:
         for a, candidates in partners.items():
             numbers = [b for b, _ in candidates]
             job = ProbeJob(
-                images[a], tuple(images[b] for b in numbers), tuple(self._steps[k] for k in (a, *numbers)),
+                images[a],
+                tuple(images[b] for b in numbers),
+                tuple(self._steps[k] for k in (a, *numbers)),
                 tuple(overlaps.intersect_heights(self._ranges[a], self._ranges[b]) for b in numbers),
-                self.options.margin_px, tuple(self._features.strongest[k] for k in (a, *numbers)),
-            )  # fmt: skip
+                self.options.margin_px,
+                tuple(self._features.strongest[k] for k in (a, *numbers)),
+            )
             probing.append(WorkPart(f"probe-{a}", probe_pairs, job, keep=False, label=f"probing {images[a].id}"))
         results = run_parts(
             probing, [part.key for part in probing], self._scheduler, self._keeper, stage(progress, 0.7, 1.0)
@@ -188,11 +200,13 @@ class TieSearch:
             parts = {
                 (a, b): WorkPart(
                     f"pair-{digest(VERSION, marks[a], marks[b], job.steps, tuple(job.heights), job.margin_px)}",
-                    coarse.match_overviews, job, (overviews[a].key, overviews[b].key),
+                    coarse.match_overviews,
+                    job,
+                    (overviews[a].key, overviews[b].key),
                     label=f"comparing {job.first.id} and {job.second.id}",
                 )
                 for (a, b), job in jobs.items()
-            }  # fmt: skip
+            }
             keys = [part.key for part in parts.values()]
             features = run_parts(
                 [*overviews.values(), *parts.values()], keys, self._scheduler, self._keeper, stage(progress, *ends)
@@ -220,8 +234,11 @@ class TieSearch:
         sound = {(link.first, link.second) for link in links if link.sound}
         for pair in self.pairs:
             self.choice.tell((place[pair.first], place[pair.second]), (pair.first, pair.second) in sound)
-        new = [pair for pair in self.choice.choose_round()
-               if not {self.usable[index] for index in pair} & set(self.reasons)]  # fmt: skip
+        new = [
+            pair
+            for pair in self.choice.choose_round()
+            if not {self.usable[index] for index in pair} & set(self.reasons)
+        ]
         self._estimate_pairs(new, progress)
         return bool(new)
 
@@ -268,8 +285,11 @@ class TieSearch:
             return False
         sound = {(link.first, link.second) for link in links if link.sound}
         link_count = Counter(number for pair in sound for number in pair)
-        weak = [index for index, number in enumerate(self.usable)
-               if link_count[number] < TIE_SEARCH.few_links and number not in self.reasons]  # fmt: skip
+        weak = [
+            index
+            for index, number in enumerate(self.usable)
+            if link_count[number] < TIE_SEARCH.few_links and number not in self.reasons
+        ]
         pairs: dict[tuple[int, int], PairCandidate] = {}
         for index in weak:
             for a, b in self.choice.list_similar_pairs(index):

@@ -135,8 +135,15 @@ def stack_matches(rows: Sequence[PartnerMatches]) -> PartResult:
     """Return matches of windows with partners as the columns described in `match_stars`."""
     if not rows:
         nothing = np.empty(0)
-        return {"first_xy": np.empty((0, 2)), "second_xy": np.empty((0, 2)), "partner": np.empty(0, np.int64),
-                "sigma_px": nothing, "quality": nothing, "kind": np.empty(0, "U9"), "height_m": nothing}  # fmt: skip
+        return {
+            "first_xy": np.empty((0, 2)),
+            "second_xy": np.empty((0, 2)),
+            "partner": np.empty(0, np.int64),
+            "sigma_px": nothing,
+            "quality": nothing,
+            "kind": np.empty(0, "U9"),
+            "height_m": nothing,
+        }
     columns = {
         name: np.concatenate([getattr(row.matches, name) for row in rows])
         for name in ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
@@ -173,9 +180,11 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
 
 
 def _match_window(
-    tile: ImageTile, own_window: ImageWindow, places: Sequence[tuple[Partner, ImageWindow]],
+    tile: ImageTile,
+    own_window: ImageWindow,
+    places: Sequence[tuple[Partner, ImageWindow]],
     options: dict[int, TileMatchOptions],
-) -> list[PartnerMatches]:  # fmt: skip
+) -> list[PartnerMatches]:
     """Match one window with its predicted windows in partners, then transfer points found in only some of them."""
     partner_tiles = [(partner, read_tile(partner.image, place, partner.step)) for partner, place in places]
     tiles = [(partner, partner_tile) for partner, partner_tile in partner_tiles if partner_tile is not None]
@@ -206,9 +215,12 @@ def _match_window(
 
 
 def _complete_partner(
-    index: int, tile: ImageTile, tiles: Sequence[tuple[Partner, ImageTile]], matches_of_partners: Sequence[TileMatches],
+    index: int,
+    tile: ImageTile,
+    tiles: Sequence[tuple[Partner, ImageTile]],
+    matches_of_partners: Sequence[TileMatches],
     options: TileMatchOptions,
-) -> TileMatches:  # fmt: skip
+) -> TileMatches:
     """Return a partner's matches, with points added that were found at heights determined by other partners."""
     own_matches = matches_of_partners[index]
     transferred = [

@@ -76,9 +76,12 @@ def read_overview(image: Image, step: int) -> ImageTile:
 def predict_window(geometry: TilePairGeometry, window: ImageWindow, border: int) -> ImageWindow:
     """Return the window of the second image that shows a window of the first; empty if there is none."""
     corners = np.array(
-        [(window.sample + s * (window.samples - 1), window.line + t * (window.lines - 1))
-         for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)]
-    )  # fmt: skip
+        [
+            (window.sample + s * (window.samples - 1), window.line + t * (window.lines - 1))
+            for s in (0.0, 0.5, 1.0)
+            for t in (0.0, 0.5, 1.0)
+        ]
+    )
     heights = np.concatenate(compute_height_limits(geometry, corners))
     positions = transfer(geometry.first, geometry.second, np.concatenate([corners, corners]), heights)
     positions = positions[np.isfinite(positions).all(axis=1)] + geometry.bias_px

@@ -127,11 +127,17 @@ def find_gravity_centres(
         outline = shape.edges[row][shape.found[row]] + window.origin
         centres.append(
             GravityCentre(
-                shape.xy[row] + window.origin, shape.covariance_px2[row], kind, size_px=shape.size_px[row],
-                azimuth_rad=float(shape.azimuth_rad[row]), rmse_px=float(shape.rmse_px[row]),
-                contrast=float(candidates.contrast[k]), quality=worth, outline=outline,
+                shape.xy[row] + window.origin,
+                shape.covariance_px2[row],
+                kind,
+                size_px=shape.size_px[row],
+                azimuth_rad=float(shape.azimuth_rad[row]),
+                rmse_px=float(shape.rmse_px[row]),
+                contrast=float(candidates.contrast[k]),
+                quality=worth,
+                outline=outline,
             )
-        )  # fmt: skip
+        )
     is_inside = window.core.contains(np.array([centre.xy for centre in centres]).reshape(-1, 2))
     return [centre for centre, inside in zip(centres, is_inside, strict=True) if inside]
 
@@ -160,9 +166,14 @@ def _merge_outlines(
 
 
 def _score_shapes(
-    kind: str, shapes: Shapes, sign: np.ndarray, support: np.ndarray, slopes: GradientImage,
-    statistics: ImageStatistics, options: CentreOptions,
-) -> _CentreCandidates:  # fmt: skip
+    kind: str,
+    shapes: Shapes,
+    sign: np.ndarray,
+    support: np.ndarray,
+    slopes: GradientImage,
+    statistics: ImageStatistics,
+    options: CentreOptions,
+) -> _CentreCandidates:
     """Return the centres of one kind that pass all tests, with their scores."""
     # Median grey values half-way to the edge and outside it, ``(n,)``
     arm = shapes.edges - shapes.xy[:, None]
@@ -204,9 +215,14 @@ def _score_shapes(
     score = np.asarray(np.prod(np.clip(scores, 0.0, 1.0), axis=0))
     index = np.flatnonzero(keep)
     return _CentreCandidates(
-        shapes.xy[index], shapes.size_px[index], contrast[index], score=score[index], support=support[index],
-        kind=np.full(len(index), kind), row=index,
-    )  # fmt: skip
+        shapes.xy[index],
+        shapes.size_px[index],
+        contrast[index],
+        score=score[index],
+        support=support[index],
+        kind=np.full(len(index), kind),
+        row=index,
+    )
 
 
 # ---- one centre per object -------------------------------------------------------------------------------------

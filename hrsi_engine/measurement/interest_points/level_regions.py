@@ -89,9 +89,11 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
             tables.append(_select_compact(even, closed, reach - 2.0 * BLUR.edge_px, scale, HOMOGENEOUS))
     counts = np.concatenate([np.diff(table.bounds) for table in tables])
     return LevelRegions(
-        np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
-        np.concatenate([table.scale for table in tables]), np.concatenate([table.sign for table in tables]),
-    )  # fmt: skip
+        np.concatenate([table.pixels for table in tables]),
+        np.r_[0, np.cumsum(counts)],
+        np.concatenate([table.scale for table in tables]),
+        np.concatenate([table.sign for table in tables]),
+    )
 
 
 def _find_stable_regions(
@@ -123,9 +125,11 @@ def _select_compact(
         nothing = np.empty(0, dtype=np.int64)
         return LevelRegions(np.empty((0, 2), dtype=np.int32), np.zeros(1, dtype=np.int64), nothing, nothing)
     regions = LevelRegions(
-        np.concatenate(selected), np.r_[0, np.cumsum(count[keep])], np.full(len(selected), scale),
+        np.concatenate(selected),
+        np.r_[0, np.cumsum(count[keep])],
+        np.full(len(selected), scale),
         np.full(len(selected), sign),
-    )  # fmt: skip
+    )
     starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
     def mean(values: np.ndarray) -> np.ndarray:

@@ -23,5 +23,7 @@ class CentreOptions:
         STRONG_QUALITY,
         "Smallest quality of a gravity centre: its chance to be found again in a second view, as measured on real "
         f"pairs of one date. Of those from {STRONG_QUALITY} two in three have been; {CANDIDATE_QUALITY} adds dark "
-        "spots, of which in towns one in three has", minimum=0.0, maximum=1.0,
-    )  # fmt: skip
+        "spots, of which in towns one in three has",
+        minimum=0.0,
+        maximum=1.0,
+    )

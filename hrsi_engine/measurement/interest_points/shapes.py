@@ -34,13 +34,17 @@ class SHAPE:
     sigma_floor_px: float = threshold(0.02, "px", "added to the standard deviation of a centre (in squares)")
     correlation_length_px: float = threshold(4.0, "px", "correlation length of the edge", SIMULATED_OBJECTS)
     ellipse_tolerance: tuple[float, float] = threshold(
-        (0.20, 0.012), "px, share", "largest RMS of edge points about an ellipse or a rectangle: constant and per size",
-        SIMULATED_OBJECTS
-    )  # fmt: skip
+        (0.20, 0.012),
+        "px, share",
+        "largest RMS of edge points about an ellipse or a rectangle: constant and per size",
+        SIMULATED_OBJECTS,
+    )
     polygon_tolerance: tuple[float, float] = threshold(
-        (0.5, 0.04), "px, share", "largest RMS of edge points about an outline: constant and per size",
-        SIMULATED_OBJECTS
-    )  # fmt: skip
+        (0.5, 0.04),
+        "px, share",
+        "largest RMS of edge points about an outline: constant and per size",
+        SIMULATED_OBJECTS,
+    )
     independent_parts: int = threshold(8, "parts", "number of independent errors along a polygon's outline")
     fourfold: float = threshold(0.25, "", "smallest fourfold moment of a rectangle's normals", SIMULATED_OBJECTS)
     robust_px: tuple[float, ...] = threshold(
@@ -271,10 +275,16 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, is_edge: np.ndarray) -> S
     valid &= rmse <= compute_size_tolerance(SHAPE.ellipse_tolerance, size)
     count = edges.shape[1] * edges.shape[2]
     return Shapes(
-        valid, lines.corners.mean(axis=1), _add_sigma_floor(covariance), size_px=size, azimuth_rad=azimuth,
-        rmse_px=rmse, closed=closed,
-        edges=edges.reshape(-1, count, 2), found=on_side.reshape(-1, count),
-    )  # fmt: skip
+        valid,
+        lines.corners.mean(axis=1),
+        _add_sigma_floor(covariance),
+        size_px=size,
+        azimuth_rad=azimuth,
+        rmse_px=rmse,
+        closed=closed,
+        edges=edges.reshape(-1, count, 2),
+        found=on_side.reshape(-1, count),
+    )
 
 
 # ---- polygons --------------------------------------------------------------------------------------------------

@@ -48,9 +48,11 @@ class Area:
         """Return the mask of the points ``(n, 2)`` whose pixel is inside."""
         pixel = np.floor(xy + 0.5)
         return (
-            (pixel[:, 0] >= self.left) & (pixel[:, 0] < self.right) & (pixel[:, 1] >= self.top)
+            (pixel[:, 0] >= self.left)
+            & (pixel[:, 0] < self.right)
+            & (pixel[:, 1] >= self.top)
             & (pixel[:, 1] < self.bottom)
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, eq=False)

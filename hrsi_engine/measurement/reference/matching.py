@@ -98,9 +98,12 @@ class ReferenceControl:
 
 
 def match_reference(
-    images: Sequence[Image], reference: Orthoimage, surface: HeightSurface, options: ReferenceOptions | None = None,
+    images: Sequence[Image],
+    reference: Orthoimage,
+    surface: HeightSurface,
+    options: ReferenceOptions | None = None,
     progress: Progress = silent,
-) -> ReferenceControl:  # fmt: skip
+) -> ReferenceControl:
     """Return the places of an orthoimage that are found in images.
 
     Parameters
@@ -149,9 +152,11 @@ def _match_image(
     bias = search_bias(image, reference, surface, gsd, step, options.search_px)
     if bias is None:
         return _refuse_image(
-            image, gsd, step,
-                f"it does not match the reference within {options.search_px:g} px of its position by the RPC"
-        )  # fmt: skip
+            image,
+            gsd,
+            step,
+            f"it does not match the reference within {options.search_px:g} px of its position by the RPC",
+        )
     return _match_places(_Task(image, reference, surface, gsd, step, bias), places, options)
 
 
@@ -160,10 +165,19 @@ def _refuse_image(
 ) -> ImageControl:
     none = np.zeros(0)
     return ImageControl(
-        image.id, gsd_m, step, places=none.astype(np.int64), xy=np.zeros((0, 2)), sigma_px=none,
-        offset_px=np.zeros((0, 2)), score=none,
-        used=none.astype(bool), agreement=None, refusal=refusal, rough_bias_px=rough_bias_px,
-    )  # fmt: skip
+        image.id,
+        gsd_m,
+        step,
+        places=none.astype(np.int64),
+        xy=np.zeros((0, 2)),
+        sigma_px=none,
+        offset_px=np.zeros((0, 2)),
+        score=none,
+        used=none.astype(bool),
+        agreement=None,
+        refusal=refusal,
+        rough_bias_px=rough_bias_px,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,19 +216,32 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     score = np.array([match.score for match in successful])
     offset = xy - projected[rows]
     agreement = find_agreement(
-        xy, offset, task.image.centre_px, task.image.half_size_px, task.step * options.reach_px,
+        xy,
+        offset,
+        task.image.centre_px,
+        task.image.half_size_px,
+        task.step * options.reach_px,
         REFERENCE_MATCHES.agreement * task.step,
-    )  # fmt: skip
+    )
     refusal = ""
     if agreement is None or agreement.chance_log10 > REFERENCE_MATCHES.chance_log10:
         refusal = f"{len(rows)} windows match the reference, but with different shifts: it may show another area"
         agreement = None
     agreeing = np.zeros(len(rows), dtype=bool) if agreement is None else agreement.agreeing
     return ImageControl(
-        task.image.id, task.gsd_m, task.step, places=rows, xy=xy, sigma_px=sigma, offset_px=offset, score=score,
-        used=agreeing, agreement=agreement, refusal=refusal,
+        task.image.id,
+        task.gsd_m,
+        task.step,
+        places=rows,
+        xy=xy,
+        sigma_px=sigma,
+        offset_px=offset,
+        score=score,
+        used=agreeing,
+        agreement=agreement,
+        refusal=refusal,
         rough_bias_px=task.bias.offset_px,
-    )  # fmt: skip
+    )
 
 
 def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -> _Match | None:
@@ -223,11 +250,16 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     side = 2 * half + 1
     origin = expected - task.step * (half + TILE_MATCH.edge_px)
     template = predict_patch(
-        task.image, task.reference, task.surface, origin=origin,
-        shape=(side + 2 * TILE_MATCH.edge_px, side + 2 * TILE_MATCH.edge_px), step=task.step,
+        task.image,
+        task.reference,
+        task.surface,
+        origin=origin,
+        shape=(side + 2 * TILE_MATCH.edge_px, side + 2 * TILE_MATCH.edge_px),
+        step=task.step,
         offset_px=task.bias.offset_px,
-        node_px=options.node_px, gsd_m=task.gsd_m,
-    )  # fmt: skip
+        node_px=options.node_px,
+        gsd_m=task.gsd_m,
+    )
     if template.valid.mean() < 0.9:
         return None
     corner = expected - task.step * (half + reach + TILE_MATCH.edge_px)

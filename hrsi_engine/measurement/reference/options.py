@@ -20,15 +20,22 @@ class ReferenceOptions:
     """
 
     points: int = option(
-        300, "Windows of the reference that are searched in each image", name="reference-points",
-        minimum=12, advanced=True,
+        300,
+        "Windows of the reference that are searched in each image",
+        name="reference-points",
+        minimum=12,
+        advanced=True,
         metavar="N",
-    )  # fmt: skip
+    )
     search_px: float = option(
-        1024.0, "Largest error of the RPCs against the reference (search distance)", name="reference-search",
-        minimum=16.0, unit="px",
-        advanced=True, metavar="PX",
-    )  # fmt: skip
+        1024.0,
+        "Largest error of the RPCs against the reference (search distance)",
+        name="reference-search",
+        minimum=16.0,
+        unit="px",
+        advanced=True,
+        metavar="PX",
+    )
     window_px: int = 41
     reach_px: int = 8
     node_px: float = 4.0

@@ -130,9 +130,16 @@ def read_patch(raster: Raster, origin: np.ndarray, shape: tuple[int, int], step:
 
 
 def predict_patch(
-    image: Image, reference: Orthoimage, surface: HeightSurface, origin: np.ndarray, shape: tuple[int, int],
-    step: float, offset_px: np.ndarray, node_px: float, gsd_m: float,
-) -> Patch:  # fmt: skip
+    image: Image,
+    reference: Orthoimage,
+    surface: HeightSurface,
+    origin: np.ndarray,
+    shape: tuple[int, int],
+    step: float,
+    offset_px: np.ndarray,
+    node_px: float,
+    gsd_m: float,
+) -> Patch:
     """Return the prediction of a patch of an image from an orthoimage.
 
     ``offset_px (2,)`` is the offset of the image's points from their positions by the RPC; rays are computed every
@@ -209,9 +216,14 @@ def search_bias(
 
 
 def _find_peak(
-    image: Image, reference: Orthoimage, surface: HeightSurface, gsd_m: float, step: float, offset: np.ndarray,
+    image: Image,
+    reference: Orthoimage,
+    surface: HeightSurface,
+    gsd_m: float,
+    step: float,
+    offset: np.ndarray,
     reach: int,
-) -> CorrelationPeak | None:  # fmt: skip
+) -> CorrelationPeak | None:
     """Return the peak of the sum over all parts of the image; its ``shift`` is the total offset in image pixels."""
     total, energy = np.zeros((2 * reach + 1, 2 * reach + 1)), 0.0
     # Origin and shape ``(lines, samples)`` of the parts of the image, in working pixels of ``step``

@@ -185,17 +185,28 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
         return _report_ellipse(fit_ellipse_robust(best.outline), best.outline, best.quality)
     is_used = np.ones(len(best.outline), dtype=bool)
     return TargetMeasurement(
-        TARGET_CENTER, best.xy, best.covariance_px2, rmse_px=best.rmse_px, edges=best.outline, used=is_used,
+        TARGET_CENTER,
+        best.xy,
+        best.covariance_px2,
+        rmse_px=best.rmse_px,
+        edges=best.outline,
+        used=is_used,
         curves=(_close_ring(best.outline),),
         quality=best.quality,
-    )  # fmt: skip
+    )
 
 
 def _report_ellipse(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
     return TargetMeasurement(
-        TARGET_CENTER, ellipse.centre, ellipse.covariance_px2, rmse_px=ellipse.rmse_px, edges=edges, used=ellipse.used,
-        curves=(_close_ring(ellipse.outline()),), quality=quality,
-    )  # fmt: skip
+        TARGET_CENTER,
+        ellipse.centre,
+        ellipse.covariance_px2,
+        rmse_px=ellipse.rmse_px,
+        edges=edges,
+        used=ellipse.used,
+        curves=(_close_ring(ellipse.outline()),),
+        quality=quality,
+    )
 
 
 def _close_ring(ring: np.ndarray) -> np.ndarray:
@@ -246,9 +257,13 @@ def _find_crossings(
 
 
 def _rate_corner(
-    points: EdgePoints, first: np.ndarray, second: np.ndarray, rough: np.ndarray, approximate: np.ndarray,
+    points: EdgePoints,
+    first: np.ndarray,
+    second: np.ndarray,
+    rough: np.ndarray,
+    approximate: np.ndarray,
     search_px: float,
-) -> tuple[float, LineCorner, np.ndarray] | None:  # fmt: skip
+) -> tuple[float, LineCorner, np.ndarray] | None:
     """Return score, corner and edge points of two segments that intersect at ``rough``, near the approximate position.
 
     None if they do not form a corner.
@@ -310,10 +325,15 @@ def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) ->
         )
     quality = 1.0 / (1.0 + corner.rmse_px / 0.2)
     return TargetMeasurement(
-        TARGET_CORNER, corner.position + origin, corner.covariance_px2, rmse_px=corner.rmse_px, edges=edges + origin,
+        TARGET_CORNER,
+        corner.position + origin,
+        corner.covariance_px2,
+        rmse_px=corner.rmse_px,
+        edges=edges + origin,
         used=inliers,
-        curves=tuple(curves), quality=quality,
-    )  # fmt: skip
+        curves=tuple(curves),
+        quality=quality,
+    )
 
 
 Measure = Callable[[Raster, np.ndarray, TargetOptions], TargetMeasurement]

@@ -67,9 +67,13 @@ def transfer(
 
 
 def compute_epipolar_deviation(
-    first: LocalizingCamera, second: LocalizingCamera, first_xy: np.ndarray, second_xy: np.ndarray,
-    height_m: np.ndarray | float, iterations: int = 3,
-) -> EpipolarDeviation:  # fmt: skip
+    first: LocalizingCamera,
+    second: LocalizingCamera,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    height_m: np.ndarray | float,
+    iterations: int = 3,
+) -> EpipolarDeviation:
     """Return distance across the line and height of matches; ``height_m`` is the initial height of the iteration."""
     lowest, highest = first.height_range
     reach = 2.0 * (highest - lowest)
@@ -129,9 +133,14 @@ class Consistency(NamedTuple):
 
 
 def check_rpc_consistency(
-    first: LocalizingCamera, second: LocalizingCamera, first_xy: np.ndarray, second_xy: np.ndarray,
-    height_m: np.ndarray | float, floor_px: float = 0.5, unit_px: float = 1.0,
-) -> Consistency:  # fmt: skip
+    first: LocalizingCamera,
+    second: LocalizingCamera,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    height_m: np.ndarray | float,
+    floor_px: float = 0.5,
+    unit_px: float = 1.0,
+) -> Consistency:
     """Test matches for consistency with the RPC geometry, for any relative bias of the RPCs.
 
     Across the epipolar lines all correct matches have one common offset, the relative bias, with a small trend over the

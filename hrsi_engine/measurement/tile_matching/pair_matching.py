@@ -55,9 +55,13 @@ def match_tile(
 
 
 def transfer_points(
-    first: ImageTile, second: ImageTile, geometry: TilePairGeometry, first_xy: np.ndarray, height_m: np.ndarray,
+    first: ImageTile,
+    second: ImageTile,
+    geometry: TilePairGeometry,
+    first_xy: np.ndarray,
+    height_m: np.ndarray,
     options: TileMatchOptions | None = None,
-) -> TileMatches:  # fmt: skip
+) -> TileMatches:
     """Return the positions in the second tile of given points of the first tile with known heights, if they are found.
 
     ``first_xy (n, 2)`` are whole pixels of the first tile (as `match_tile` returns them), ``height_m (n,)`` their
@@ -76,9 +80,13 @@ def transfer_points(
 
 
 def refine_points(
-    first: ImageTile, second: ImageTile, geometry: TilePairGeometry, first_xy: np.ndarray, second_xy: np.ndarray,
+    first: ImageTile,
+    second: ImageTile,
+    geometry: TilePairGeometry,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
     options: TileMatchOptions | None = None,
-) -> TileMatches:  # fmt: skip
+) -> TileMatches:
     """Return given matches, measured again, that pass the tests of `match_tile`.
 
     Points are the whole pixels of the first tile nearest to ``first_xy (n, 2)``; they are searched within a few pixels
@@ -334,10 +342,13 @@ def _select_matches(task: _Task, table: _MatchTable) -> TileMatches:
     direction = np.mean(np.einsum("nij,nj->ni", frame.compute_jacobians(points), frame.parallax(points)[0]), axis=0)
     direction /= max(float(np.linalg.norm(direction)), EPIPOLAR.least_stretch)
     matches = TileMatches(
-        xy, frame.second.to_image(table.xy[matched]), sigma * scale,
+        xy,
+        frame.second.to_image(table.xy[matched]),
+        sigma * scale,
         1.0 / (1.0 + (sigma * scale / (TILE_MATCH.expected_sigma_px * frame.second.step)) ** 2),
-        np.full(len(matched), "corner", dtype="U9"), fit.miss.height_m,
+        np.full(len(matched), "corner", dtype="U9"),
+        fit.miss.height_m,
         np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
         task.chosen[0][0] if task.chosen[0][1] else "",
-    )  # fmt: skip
+    )
     return matches.select(accepted)

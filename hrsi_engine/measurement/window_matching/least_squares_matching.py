@@ -27,9 +27,13 @@ from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, 
 
 
 def match_patches(
-    first: MatchImage, second: MatchImage, centre: np.ndarray, start: np.ndarray, affine: np.ndarray,
+    first: MatchImage,
+    second: MatchImage,
+    centre: np.ndarray,
+    start: np.ndarray,
+    affine: np.ndarray,
     options: LsmOptions | None = None,
-) -> PatchMatches:  # fmt: skip
+) -> PatchMatches:
     """Match windows around whole pixels of the first image in the second image.
 
     centre : (n, 2) column, row; start : (n, 2) approximate positions in the second image, accurate to about 2 px
@@ -39,9 +43,12 @@ def match_patches(
     centre = np.asarray(centre, dtype=np.int64).reshape(-1, 2)
     count = len(centre)
     results: Results = (
-        np.array(start, dtype=np.float64), np.array(affine, dtype=np.float64), np.full((count, 2, 2), np.nan),
-        np.zeros((count, 3)), np.full(count, OUTSIDE, dtype=np.int64),
-    )  # fmt: skip
+        np.array(start, dtype=np.float64),
+        np.array(affine, dtype=np.float64),
+        np.full((count, 2, 2), np.nan),
+        np.zeros((count, 3)),
+        np.full(count, OUTSIDE, dtype=np.int64),
+    )
     # Templates inside the image, without invalid pixels
     half, usable = options.half, np.isfinite(start).all(axis=1)
     usable &= np.all((centre >= half) & (centre < np.array(first.grey.shape[::-1]) - half), axis=1)
@@ -50,9 +57,14 @@ def match_patches(
     if len(rows):
         part: Results = tuple(column[rows] for column in results)  # type: ignore[assignment]
         load_kernels().match_range(
-            0, len(rows), (first.grey, *first.slopes, second.coefficients), centre[rows], options.make_weights(),
-            (options.iterations, options.closure_px, options.reach_px), part,
-        )  # fmt: skip
+            0,
+            len(rows),
+            (first.grey, *first.slopes, second.coefficients),
+            centre[rows],
+            options.make_weights(),
+            (options.iterations, options.closure_px, options.reach_px),
+            part,
+        )
         for column, values in zip(results, part, strict=True):
             column[rows] = values
     xy, shape, covariance, figures, status = results

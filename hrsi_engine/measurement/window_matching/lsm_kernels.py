@@ -67,9 +67,16 @@ def _sum_products(one: np.ndarray, second: np.ndarray, weight: np.ndarray) -> fl
 
 @njit(**OPTIONS)
 def _make_template(
-    first: np.ndarray, by_x: np.ndarray, by_y: np.ndarray, column: int, row: int, side: int, weight: np.ndarray,
-    A: np.ndarray, N: np.ndarray,
-) -> None:  # fmt: skip
+    first: np.ndarray,
+    by_x: np.ndarray,
+    by_y: np.ndarray,
+    column: int,
+    row: int,
+    side: int,
+    weight: np.ndarray,
+    A: np.ndarray,
+    N: np.ndarray,
+) -> None:
     """Write transposed design matrix ``A (8, pixels)`` and normal matrix of a template."""
     half = side // 2
     pixel = 0
@@ -146,9 +153,15 @@ def _invert_step(b: np.ndarray, half: int) -> tuple[bool, tuple[float, ...]]:
 
 @njit(**OPTIONS)
 def _iterate_warp(
-    A: np.ndarray, L: np.ndarray, weight: np.ndarray, coefficients: np.ndarray, warp: tuple[float, ...], limits: Arrays,
-    b: np.ndarray, sampled: np.ndarray,
-) -> tuple[int, tuple[float, ...], float, float]:  # fmt: skip
+    A: np.ndarray,
+    L: np.ndarray,
+    weight: np.ndarray,
+    coefficients: np.ndarray,
+    warp: tuple[float, ...],
+    limits: Arrays,
+    b: np.ndarray,
+    sampled: np.ndarray,
+) -> tuple[int, tuple[float, ...], float, float]:
     """Return status and final warp of a window, the spread of its grey values, and their product with the template.
 
     L : Cholesky factor of the normal matrix; ``b (8,)`` and ``sampled (pixels,)`` are set to solution and grey values.
@@ -352,10 +365,20 @@ def _find_rival(score: np.ndarray, size: int, column: int, row: int) -> tuple[fl
 
 @njit(**OPTIONS)
 def search_range(
-    begin: int, end: int, first: np.ndarray, second: np.ndarray, clear: np.ndarray, spreads: np.ndarray,
-    centre: np.ndarray, predicted: np.ndarray, direction: np.ndarray, reach: np.ndarray, half: int, best: np.ndarray,
+    begin: int,
+    end: int,
+    first: np.ndarray,
+    second: np.ndarray,
+    clear: np.ndarray,
+    spreads: np.ndarray,
+    centre: np.ndarray,
+    predicted: np.ndarray,
+    direction: np.ndarray,
+    reach: np.ndarray,
+    half: int,
+    best: np.ndarray,
     figures: np.ndarray,
-) -> None:  # fmt: skip
+) -> None:
     """Search the windows ``begin:end``; arguments as for `search_windows`, and the image's `compute_window_spreads`.
 
     ``second`` has seven more columns than ``clear``, which are in no window.

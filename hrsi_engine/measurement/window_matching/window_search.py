@@ -24,9 +24,14 @@ class SearchPeaks(NamedTuple):
 
 
 def search_windows(
-    first: MatchImage, second: MatchImage, centre: np.ndarray, predicted: np.ndarray, direction: np.ndarray,
-    reach: np.ndarray, half: int,
-) -> SearchPeaks:  # fmt: skip
+    first: MatchImage,
+    second: MatchImage,
+    centre: np.ndarray,
+    predicted: np.ndarray,
+    direction: np.ndarray,
+    reach: np.ndarray,
+    half: int,
+) -> SearchPeaks:
     """Search windows of ``2 half + 1`` pixels around whole pixels ``centre (n, 2)`` of the first image in the second.
 
     predicted : (n, 2) positions in the second image; direction : (n, 2) unit vectors along the boxes
@@ -44,9 +49,18 @@ def search_windows(
         spreads = second.compute_once(("spreads", half), lambda: kernels.compute_window_spreads(second.grey, half))
         margin = (0, 0), (0, kernels.SIDE_BY_SIDE - 1)
         kernels.search_range(
-            0, len(rows), first.grey, second.compute_once("padded", lambda: np.pad(second.grey, margin)),
-            second.mask_clear(half), spreads, centre[rows], best[rows], direction[rows],
-            np.ascontiguousarray(reach[rows]), half, *part,
-        )  # fmt: skip
+            0,
+            len(rows),
+            first.grey,
+            second.compute_once("padded", lambda: np.pad(second.grey, margin)),
+            second.mask_clear(half),
+            spreads,
+            centre[rows],
+            best[rows],
+            direction[rows],
+            np.ascontiguousarray(reach[rows]),
+            half,
+            *part,
+        )
         best[rows], figures[rows] = part
     return SearchPeaks(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)

@@ -45,7 +45,8 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
             and max(plan_m / part.ce90_m, height_m / part.le90_m) > EFFECT.agreeing_factor
         ):
             yield Reason(
-                "survey-deformed", Level.DOUBTFUL,
+                "survey-deformed",
+                Level.DOUBTFUL,
                 f"the GCPs rotate or scale the block by {1e6 * plan_m / half_m:.0f} mm/km and tilt it by "
                 f"{1e6 * height_m / half_m:.0f} mm/km: {plan_m:.2g} m in plan and {height_m:.2g} m in height at its "
                 f"edge; all {len(images)} images show this deformation, although their attitude drifts are "
@@ -53,7 +54,7 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
                 "check projection (map distances instead of ground distances), orientation and height datum of the "
                 "survey",
                 images=tuple(part.images),
-            )  # fmt: skip
+            )
 
 
 def fit_deformation(images: Sequence[Image], drifts: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, float, float]:

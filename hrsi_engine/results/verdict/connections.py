@@ -71,21 +71,23 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     unconnected = [block.images[index].id for index in np.flatnonzero(count == 0).tolist()]
     if unconnected:
         yield Reason(
-            "few-ties", Level.DOUBTFUL,
+            "few-ties",
+            Level.DOUBTFUL,
             f"no GCP and no valid tie point on {list_ids(unconnected)}: the RPC was not changed",
             "find tie points to its neighbours, measure GCPs on it, or remove it from the block",
             images=tuple(unconnected),
-        )  # fmt: skip
+        )
     weak = np.flatnonzero((count > 0) & (count < CONNECTION.fewest_ties) & (control == 0))
     if free and len(weak):
         ids = tuple(block.images[index].id for index in weak.tolist())
         yield Reason(
-            "few-ties", Level.DOUBTFUL,
+            "few-ties",
+            Level.DOUBTFUL,
             f"image {list_ids(ids)} has fewer than {CONNECTION.fewest_ties} tie points and no GCP: an error in one "
             "of them cannot be detected",
             "find more tie points on it, or measure GCPs",
             images=ids,
-        )  # fmt: skip
+        )
 
 
 def find_untied_images(evidence: Evidence) -> Iterator[Reason]:
@@ -98,11 +100,12 @@ def find_untied_images(evidence: Evidence) -> Iterator[Reason]:
         inside = int(((xy >= image.domain_px[::2]) & (xy <= image.domain_px[1::2])).all(axis=1).sum())
         if image.size is not None and inside >= SAMPLES.tested:
             yield Reason(
-                "few-ties", Level.DOUBTFUL,
+                "few-ties",
+                Level.DOUBTFUL,
                 f"no valid tie point on {image.id}, although {inside} of the other images lie in it",
                 "look at its pixels: clouds, another season, or an image that was mirrored or rotated after its RPC",
                 images=(image.id,),
-            )  # fmt: skip
+            )
 
 
 def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
@@ -113,12 +116,13 @@ def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
     free = tuple(name for part in parts if not part.gcps for name in part.images)
     controlled = sum(1 for part in parts if part.gcps)
     yield Reason(
-        "few-ties", Level.DOUBTFUL,
+        "few-ties",
+        Level.DOUBTFUL,
         f"the block falls into {len(parts)} parts without common points, {controlled} of them with GCPs; the absolute "
         f"accuracy of image {list_ids(free)} is that of its RPC, and it does not match the other parts",
         "find tie points between the parts, or measure GCPs in each",
         images=free,
-    )  # fmt: skip
+    )
 
 
 def find_undetermined_accuracy(evidence: Evidence) -> Iterator[Reason]:
@@ -126,22 +130,28 @@ def find_undetermined_accuracy(evidence: Evidence) -> Iterator[Reason]:
     for part in evidence.result.parts:
         if part.undetermined:
             yield Reason(
-                "not-determined", Level.DOUBTFUL,
+                "not-determined",
+                Level.DOUBTFUL,
                 f"the observations of {list_ids(part.images)} do not determine the "
                 f"{' and the '.join(describe_weak_figures(part.undetermined, vars(part)))}",
                 "measure GCPs, give a DEM with `sigma_dem_m`, or add an image from another direction",
                 images=part.images,
-            )  # fmt: skip
+            )
 
 
 def describe_weak_figures(keys: Sequence[str], part: Mapping[str, Any]) -> list[str]:
     """Return texts on the plan or height that the observations do not determine; ``part`` has figures by key."""
-    texts = {"ce90_m": "position in plan (CE90 {:.0f} m, {:.0f} times the GSD)",
-             "le90_m": "height (LE90 {:.0f} m, {:.0f} times the GSD, at a base-to-height ratio of {:.2g})"}  # fmt: skip
+    texts = {
+        "ce90_m": "position in plan (CE90 {:.0f} m, {:.0f} times the GSD)",
+        "le90_m": "height (LE90 {:.0f} m, {:.0f} times the GSD, at a base-to-height ratio of {:.2g})",
+    }
     return [texts[key].format(part[key], part[key] / part["gsd_m"], part["base_to_height"]) for key in keys]
 
 
 ON_CONNECTIONS = (
-    find_ties_left_out, find_unconnected_images, find_untied_images, find_parts_without_control,
+    find_ties_left_out,
+    find_unconnected_images,
+    find_untied_images,
+    find_parts_without_control,
     find_undetermined_accuracy,
-)  # fmt: skip
+)

@@ -28,10 +28,11 @@ def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
     for use in evidence.result.block.all_operations:
         if use.operation.is_ballpark:
             yield Reason(
-                "horizontal-datum", Level.DOUBTFUL,
+                "horizontal-datum",
+                Level.DOUBTFUL,
                 f"{use.source}: PROJ has no operation from {use.crs} to WGS84, so the two are treated as equal",
                 "convert the source to WGS84 with the parameters of the national survey before the run",
-            )  # fmt: skip
+            )
 
 
 def _predict_without_operations(evidence: Evidence) -> dict[str, float | None]:

@@ -85,24 +85,26 @@ def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
     if fit.is_misfit:
         ids = tuple(dict.fromkeys(names[squares > compute_chi_square_limit(2.0)].tolist()))
         yield Reason(
-            "check-misfit", fit.level,
+            "check-misfit",
+            fit.level,
             "the check points do not fit the refined RPCs: their RMS residual is "
             f"{np.sqrt(np.mean(length_px[~fit.is_outlier] ** 2)):.2g} px, {fit.factor:.2g} times the expected one; "
             f"significant are {list_ids(ids)}",
             "compare coordinates, heights, datum and ids of these points with their source, and give realistic sigmas",
             images=tuple(block.images[index].id for index in np.unique(block.measurements.image[rows])),
             points=ids,
-        )  # fmt: skip
+        )
 
 
 def _make_outlier_reason(names: np.ndarray, largest: str) -> Reason:
     ids = tuple(dict.fromkeys(names.tolist()))
     return Reason(
-        "check-misfit", Level.DOUBTFUL,
+        "check-misfit",
+        Level.DOUBTFUL,
         f"check point {list_ids(ids)} has a gross error of up to {largest}, and the majority agrees without it",
         "compare these points with their source and their measurements in the images",
         points=ids,
-    )  # fmt: skip
+    )
 
 
 def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
@@ -161,7 +163,8 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     if axes or fit.is_misfit:
         predicted = np.sqrt(np.nanmean(covariance[rest].diagonal(axis1=1, axis2=2), axis=0))
         yield Reason(
-            "check-misfit", fit.level,
+            "check-misfit",
+            fit.level,
             f"the errors of {len(rest)} check points are {fit.factor:.2g} times the predicted ones: RMSE "
             f"{_format_metres(np.sqrt(np.nanmean(error[rest] ** 2, axis=0)))} m, predicted "
             f"{_format_metres(predicted)} m (east, north, height)" + "".join(f"; {axis}" for axis in axes),
@@ -169,7 +172,7 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
             "direction indicate a wrong datum, a pattern over the block a correction model with too few "
             "parameters, and single large arrows wrong points",
             points=tuple(points.ids[check[rest]].tolist()),
-        )  # fmt: skip
+        )
 
 
 def _find_mean_errors(
@@ -212,26 +215,29 @@ def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
     """
     for one in (part.apart for part in evidence.result.parts if part.apart is not None):
         yield Reason(
-            "control-misfit", Level.DOUBTFUL,
+            "control-misfit",
+            Level.DOUBTFUL,
             f"GCPs {one.ids[0]} and {one.ids[1]} disagree by {one.metres:.2g} m on the ground of {one.image}, "
             f"{one.sigmas:.0f} times the standard deviation from survey, measurement and drift; with so few GCPs "
             "the wrong one is not identified, and the predicted accuracy includes the difference",
             "compare the points with their source, or measure more GCPs: with four the wrong one can be identified",
-            images=(one.image,), points=one.ids,
-        )  # fmt: skip
+            images=(one.image,),
+            points=one.ids,
+        )
     parts = [part for part in evidence.result.parts if part.gcps and part.ce90_m is not None and part.apart is None]
     part = max(parts, key=lambda one: one.leave_one_out, default=None)
     if part is None or part.ce90_m is None or not is_significant(3.0 * part.leave_one_out**2, 3.0):
         return
     factor = part.leave_one_out
     yield Reason(
-        "control-misfit", Level.DOUBTFUL,
+        "control-misfit",
+        Level.DOUBTFUL,
         f"leave-one-out errors of the {part.gcps} GCPs are {factor:.2g} times the predicted ones; the predicted "
         f"CE90 was raised from {part.ce90_m / factor:.2g} m to {part.ce90_m:.2g} m",
         "compare the GCPs with their source, and give realistic sigmas; use some of them as check points "
         "(`check_ids`) for an independent accuracy",
         images=part.images,
-    )  # fmt: skip
+    )
 
 
 def do_check_points_agree(evidence: Evidence) -> bool:
@@ -302,6 +308,8 @@ def _format_metres(values: np.ndarray) -> str:
 
 
 ON_GROUND_TRUTH = (
-    find_check_misfit_in_images, find_control_outliers, find_check_point_errors,
+    find_check_misfit_in_images,
+    find_control_outliers,
+    find_check_point_errors,
     find_leave_one_out_errors,
-)  # fmt: skip
+)

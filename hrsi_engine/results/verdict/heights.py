@@ -21,9 +21,11 @@ class HEIGHT_CONFLICTS:
         10, "points", "number below which laser points that alone determine the height are reported", SOUND_BLOCKS
     )
     few_share: float = threshold(
-        0.1, "", "… if also less than this share of their file; share in contradicting parts that is not reported",
+        0.1,
+        "",
+        "… if also less than this share of their file; share in contradicting parts that is not reported",
         SOUND_BLOCKS,
-    )  # fmt: skip
+    )
     canopy_m: float = threshold(3.0, "m", "height difference of laser points on the ground from canopy", SOUND_BLOCKS)
     woods_m: float = threshold(30.0, "m", "height above the ground up to which parts of a DEM are woods or buildings")
 
@@ -58,10 +60,12 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
             what += f" (sigma {_compute_full_sigma_m(one, contradicting[0]):.1f} m); they {done}"
         unusable = outvoted or (open_between and abs(middle) > 2.0 * le90_m)
         yield Reason(
-            "sources-disagree", Level.UNUSABLE if unusable else Level.DOUBTFUL, f"{one.source}: {what}",
+            "sources-disagree",
+            Level.UNUSABLE if unusable else Level.DOUBTFUL,
+            f"{one.source}: {what}",
             "check the height datum of laser points, DEM and GCPs: heights above a geoid and above the ellipsoid "
             "differ by tens of metres; a DEM with contradicting parts may be a mosaic with steps",
-        )  # fmt: skip
+        )
 
 
 def _compute_full_sigma_m(source: HeightAgreement, group: SourceGroup) -> float:
@@ -96,12 +100,13 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
     if abs(away_m) > EFFECT.doubtful_factor * sigma_m:
         held = [one.source for one in result.heights if one.left_out < one.observations]
         yield Reason(
-            "sources-disagree", Level.DOUBTFUL,
+            "sources-disagree",
+            Level.DOUBTFUL,
             f"the heights of {' and '.join(held)} move the block by {away_m:+.1f} m from its height by the RPCs "
             f"alone, {abs(away_m) / sigma_m:.0f} times the standard deviation of that height",
             "check unit and datum of these heights (`laser_datum`, `dem_datum`): heights above a geoid and above "
             "the ellipsoid differ by tens of metres",
-        )  # fmt: skip
+        )
 
 
 def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
@@ -109,11 +114,12 @@ def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
     for one in evidence.result.heights:
         if one.sigma_factor > EFFECT.doubtful_factor and not one.contradicts:
             yield Reason(
-                "sources-disagree", Level.DOUBTFUL,
+                "sources-disagree",
+                Level.DOUBTFUL,
                 f"{one.source}: the RMS difference of its heights from the ground in the images is {one.rmse_m:.0f} "
                 f"m, {one.sigma_factor:.0f} times the given standard deviation",
                 "check position, column and unit of these heights, or give a realistic sigma",
-            )  # fmt: skip
+            )
 
 
 def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
@@ -128,12 +134,13 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     ):
         return
     yield Reason(
-        "sources-disagree", Level.DOUBTFUL,
+        "sources-disagree",
+        Level.DOUBTFUL,
         f"{low.sum()} laser points are {-np.median(laser.residual_m[low]):.1f} m (median) lower than the "
         f"{fits.sum()} used ones, which may be canopy or roofs",
         "use ground heights (terrain heights of ATL08, a SlideRule fit without canopy), give the canopy height in "
         "a field `canopy_m`, or name a DEM",
-    )  # fmt: skip
+    )
 
 
 def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
@@ -148,14 +155,19 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     reasons, count = np.unique(found.reason[found.reason != ""], return_counts=True)
     most = ", ".join(f"{count[k]} {reasons[k]}" for k in np.argsort(-count)[:3].tolist())
     yield Reason(
-        "laser-few", Level.DOUBTFUL,
+        "laser-few",
+        Level.DOUBTFUL,
         f"{f'only {used}' if used else 'none'} of the {number} laser points can be used for the height of the block: "
         f"{most}",
         "the layer laser_points lists the reason for each; check coordinates and datum of the file, or name a file "
         "with more passes over the images",
-    )  # fmt: skip
+    )
 
 
 ON_HEIGHTS = (
-    find_conflicting_heights, find_heights_off_rpcs, find_height_scatter, find_laser_canopy, find_unused_laser,
-)  # fmt: skip
+    find_conflicting_heights,
+    find_heights_off_rpcs,
+    find_height_scatter,
+    find_laser_canopy,
+    find_unused_laser,
+)

@@ -39,14 +39,15 @@ def find_jitter(evidence: Evidence) -> Iterator[Reason]:
     rays = block.rays_per_point()[block.points.role == Role.TIE]
     between = "; their tie points show only the difference of the vibrations" if np.median(rays) == 2.0 else ""
     yield Reason(
-        "jitter", Level.DOUBTFUL,
+        "jitter",
+        Level.DOUBTFUL,
         f"the residuals of image {list_ids(ids)} follow waves along the lines (jitter, a vibration of the attitude): "
         f"{image.id} has {size} {wave.axis} the track with a period of "
         f"{wave.period_lines:.0f} lines{seconds}{between if len(ids) > 1 else ''}",
         "choose auto for `jitter`, which estimates and removes it by dense tie points along all lines; no model of an "
         "RPC's correction follows it",
         images=tuple(ids),
-    )  # fmt: skip
+    )
 
 
 def find_remaining_jitter(evidence: Evidence) -> Iterator[Reason]:
@@ -76,12 +77,13 @@ def find_remaining_jitter(evidence: Evidence) -> Iterator[Reason]:
     if found:
         period = 2.0 * np.pi / result.jitter.priors[0, 0]
         yield Reason(
-            "jitter", Level.DOUBTFUL,
+            "jitter",
+            Level.DOUBTFUL,
             f"jitter with a period of about {period:.0f} lines was removed, but the images do not separate all of it "
             f"from the ground: it leaves waves in the {' and in the '.join(found)}; CE90 and LE90 contain them",
             "give a surface, laser points or more GCPs along the lines, or an image from another direction",
             images=tuple(result.jitter.curves),
-        )  # fmt: skip
+        )
 
 
 ON_JITTER = (find_jitter, find_remaining_jitter)

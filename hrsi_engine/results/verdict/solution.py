@@ -45,10 +45,12 @@ def find_divergence(evidence: Evidence) -> Iterator[Reason]:
     level = Level.UNUSABLE if is_unusable else Level.DOUBTFUL
     distance = f"; the next iteration would change the unknowns by {moving:.2g} sigma" if np.isfinite(moving) else ""
     yield Reason(
-        "not-converged", level, f"the adjustment {result.status}{distance}",
+        "not-converged",
+        level,
+        f"the adjustment {result.status}{distance}",
         "look for wrong points and images first"
         + ("; then choose a model of fewer parameters" if evidence.can_be_simpler else ""),
-    )  # fmt: skip
+    )
 
 
 def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
@@ -60,10 +62,12 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
     texts = [
         f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
         for part in result.variance_components
-        if part.estimated and part.unit in ("px", "m") and part.factor >= SOLUTION.implausible_factor
+        if part.estimated
+        and part.unit in ("px", "m")
+        and part.factor >= SOLUTION.implausible_factor
         and (part.unit == "m" or part.sigma >= reported_px)
         and is_significant(part.factor**2 * part.redundancy, part.redundancy)
-    ]  # fmt: skip
+    ]
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
     required = result.sigma0 * adjusted
     allowed = float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2))
@@ -76,7 +80,8 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
         )
     if texts:
         yield Reason(
-            "sigmas-implausible", Level.UNUSABLE if unusable else Level.DOUBTFUL,
+            "sigmas-implausible",
+            Level.UNUSABLE if unusable else Level.DOUBTFUL,
             f"the residuals are larger than the given standard deviations: {'; '.join(texts)}; the predicted "
             "accuracy accounts for this",
             "remove the jitter first, which is in these residuals"
@@ -84,7 +89,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
             else "check the largest residuals first: if these points are correct, choose a model with more parameters, "
             "or give realistic standard deviations (`sigma_image`, `sigma_gcp_xy`, `sigma_gcp_h`, or the columns of "
             "the files); a vibration that all images have in common is seen at GCPs alone",
-        )  # fmt: skip
+        )
 
 
 def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
@@ -107,7 +112,8 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
     ids = tuple(images[index].id for index in implausible.tolist())
     value = float(estimated.values[worst, parameter])
     yield Reason(
-        "drift-implausible", Level.DOUBTFUL,
+        "drift-implausible",
+        Level.DOUBTFUL,
         f"the attitude drift of image {list_ids(ids)} from tie points is implausible for the sensor, and no GCPs "
         f"confirm it: {estimated.model.parameters[parameter]} of {images[worst].id} is {value:.1e}, "
         f"{normalised[worst, parameter]:.0f} times the standard deviation ("
@@ -115,7 +121,7 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
         f"measure at least {SAMPLES.plane} GCPs spread over the images; without GCPs, look for systematic "
         "errors of tie points (between dates, on relief or shadows)",
         images=ids,
-    )  # fmt: skip
+    )
 
 
 def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
@@ -130,13 +136,14 @@ def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
         if len(images):
             ids = tuple(block.images[index].id for index in images.tolist())
             yield Reason(
-                "rpc-unlike-model", level,
+                "rpc-unlike-model",
+                level,
                 f"the refined RPC of image {list_ids(ids)} differs from its model by up to {fit[images].max():.2g} px",
                 "choose a model with fewer parameters: an RPC cannot represent this correction"
                 if evidence.can_be_simpler
                 else "look for wrong points: an RPC cannot represent this correction",
                 images=ids,
-            )  # fmt: skip
+            )
 
 
 ON_SOLUTION = (

@@ -19,19 +19,21 @@ def find_surface_reasons(evidence: Evidence) -> Iterator[Reason]:
         east, north, up = one.match.displacement_m.tolist()
         if one.open:
             yield Reason(
-                "not-determined", Level.OK,
+                "not-determined",
+                Level.OK,
                 f"the relief of the surface does not determine {list_ids(one.images)} in plan: {one.open}",
                 "the position in plan follows from the RPCs alone, with the stated CE90: add GCPs or a reference "
                 "orthoimage",
                 images=one.images,
-            )  # fmt: skip
+            )
         elif one.beyond_pointing > EFFECT.doubtful_factor:
             yield Reason(
-                "surface-offset", Level.DOUBTFUL,
+                "surface-offset",
+                Level.DOUBTFUL,
                 f"matching with the relief of the surface shifts {list_ids(one.images)} by "
                 f"{np.hypot(east, north):.1f} m in plan ({east:+.1f} m east, {north:+.1f} m north, {up:+.1f} m up), "
                 f"{one.beyond_pointing:.1f} times the standard deviation (of the RPCs: {one.pointing_m:.1f} m per "
                 "coordinate)",
                 "check the georeference and height datum of the surface with one or two surveyed points",
                 images=one.images,
-            )  # fmt: skip
+            )

@@ -21,15 +21,20 @@ class InterestPointsOptions:
     sun_azimuth: float | None = option(
         None,
         "Azimuth of the sun at the acquisition, clockwise from north, if the delivery contains neither it nor the "
-        "time; used to flag dark centres that are shadows", minimum=0.0, maximum=360.0, unit="deg",
-    )  # fmt: skip
+        "time; used to flag dark centres that are shadows",
+        minimum=0.0,
+        maximum=360.0,
+        unit="deg",
+    )
     detection: DetectionOptions = nest_options(DetectionOptions)
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.ResultFolder = nest_options(groups.ResultFolder)
 
 
 ALGORITHM = Algorithm(
-    name="interest-points", title="Detect interest points", group="Image points",
+    name="interest-points",
+    title="Detect interest points",
+    group="Image points",
     summary="Corners, super points and gravity centres of images as a point layer",
     help=(
         "Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects: roundabouts, "
@@ -53,4 +58,4 @@ ALGORITHM = Algorithm(
         "--height-datum ellipsoidal --output-dir interest",
     ),
     layers=(f"{INTEREST_POINTS_FILE}|layername={INTEREST_POINTS_LAYER}",),
-)  # fmt: skip
+)

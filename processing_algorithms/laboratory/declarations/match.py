@@ -25,7 +25,9 @@ class MatchAlgorithmOptions:
 
 
 ALGORITHM = Algorithm(
-    name="match", title="Match two images", group="Image points",
+    name="match",
+    title="Match two images",
+    group="Image points",
     summary="Corresponding points of two images or windows, without RPC, by control networks",
     help=(
         "Finds hundreds to thousands of corresponding points in two images of the same ground with any rotation. The "
@@ -42,4 +44,4 @@ ALGORITHM = Algorithm(
         "--output-dir matches",
     ),
     layers=(f"{MATCH_FILE}|layername={MATCH_LAYER}",),
-)  # fmt: skip
+)

@@ -91,9 +91,13 @@ class VendorErrorOptions:
         metavar="PX,LINES,…|FILE",
     )
     jitter_period: float = option(
-        2000.0, "Period of a vibration that `jitter` gives none", minimum=50.0, unit="lines", advanced=True,
+        2000.0,
+        "Period of a vibration that `jitter` gives none",
+        minimum=50.0,
+        unit="lines",
+        advanced=True,
         metavar="LINES",
-    )  # fmt: skip
+    )
 
 
 @options(kw_only=True)
