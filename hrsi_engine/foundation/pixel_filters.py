@@ -28,6 +28,13 @@ class BLUR:
     end_px: float = threshold(2.5, "px", "distance from an edge at which its blur has ended")
 
 
+@thresholds
+class STRETCH:
+    """Grey values of an image for people and for feature detection."""
+
+    percent: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles that become black and white")
+
+
 def load_opencv() -> Any:
     """Return the module cv2."""
     return require_package("cv2")

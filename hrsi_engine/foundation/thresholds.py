@@ -63,6 +63,8 @@ class SIGNIFICANCE:
     decisive: float = threshold(9.0, "chi²", "difference that decides between two explanations (3 sigma)")
     sigmas: float = threshold(3.0, "sigma", "error that a search or a comparison allows for", "normal: 0.3 %")
     gross: float = threshold(4.0, "sigma", "difference of two sources that has a cause", "normal: 6e-5")
+    certain: float = threshold(5.0, "sigma", "deviation that no correct observation of a block has", "normal: 6e-7")
+    extreme: float = threshold(10.0, "sigma", "error with which a result cannot be used")
 
 
 @thresholds
@@ -100,6 +102,7 @@ class SAMPLES:
     trend: int = threshold(30, "points", "fewest for a trend linear in position that is estimated robustly")
     quadratic: int = threshold(60, "points", "… for a quadratic trend: ten per coefficient")
     neighbours: int = threshold(8, "points", "neighbours by whose median a point is predicted")
+    large: int = threshold(1000, "items", "sample that represents more to 3 %, and most that are shown or remembered")
     local: int = threshold(64, "points", "sample by which two images, or the differences of two rays, are compared")
 
 
@@ -108,6 +111,7 @@ class ITERATIONS:
     """Ends of iterations that solve or weight again."""
 
     most: int = threshold(30, "iterations", "largest number; all but a few end earlier by convergence")
+    repeated: int = threshold(3, "times", "largest number of weightings or searches, each from the result of the last")
     coarse: float = threshold(0.05, "", "relative change that ends an iteration inside another one")
     settled: float = threshold(0.01, "", "relative change of a standard deviation that needs no new solution")
     fine: float = threshold(1e-3, "", "relative change that ends an iteration without a new solution")
@@ -121,12 +125,21 @@ class EQUALITY:
     size: float = threshold(1.25, "", "ratio up to which two pixel sizes or standard deviations count as equal")
     rounding: float = threshold(1e-9, "", "difference of equal numbers, relative or in pixels", "rounding of sums")
     negligible: float = threshold(0.05, "", "share of a variance or number without effect", "2.5 % of a sigma")
-    majority: float = threshold(0.5, "", "smallest share of a majority")
+    majority: float = threshold(0.5, "", "smallest share of a majority, and largest that an explanation leaves")
     rpc_px: float = threshold(0.1, "px", "difference of two RPCs that needs no new fit")
-    position_m: float = threshold(0.1, "m", "distance of two positions, or loss of accuracy, without effect")
+    position_m: float = threshold(0.1, "m", "distance, scatter or loss of accuracy without effect")
     direction_deg: float = threshold(20.0, "°", "angle up to which two directions count as equal")
     file_px: float = threshold(0.01, "px", "difference of a position by one RPC in two files", "digits of the formats")
     written_px: float = threshold(1e-4, "px", "difference by rounding in a file", "15 digits of GDAL")
+
+
+@thresholds
+class GROUND:
+    """The ground between known heights, with buildings and vegetation."""
+
+    margin_m: float = threshold(50.0, "m", "heights beyond known ones, in which objects and errors of a DEM lie")
+    canopy_m: float = threshold(3.0, "m", "height of vegetation below which images show the ground")
+    slope: float = threshold(0.3, "m/m", "slope of steep ground")
 
 
 # ---- sizes of parts, grids and lists ---------------------------------------------------------------------------------
@@ -138,6 +151,7 @@ class MEMORY:
 
     rows: int = threshold(20_000, "rows", "points, rays or measurements that are computed together")
     values: int = threshold(4_000_000, "values", "numbers of one kind in memory")
+    cells: int = threshold(16_000_000, "cells", "cells of one surface in memory")
     images: int = threshold(64, "images", "images or pairs of images whose features are in memory")
     part_px: int = threshold(1024, "px", "side of a part of an image, or lines of it, that are read together")
     window_px: int = threshold(512, "px", "side of a window that is matched, or whose statistics are computed, as one")

@@ -31,7 +31,6 @@ class CLOUD:
     """Conversion of a point cloud to a grid of heights."""
 
     spacings: float = threshold(2.0, "spacings", "side of a cell: four points per cell")
-    most_cells: int = threshold(16_000_000, "cells", "largest number of cells of a grid (memory)")
     gap: int = threshold(3, "cells", "largest gap of a grid that is interpolated")
 
 
@@ -93,7 +92,7 @@ class _Grid:
         extent = high - low
         if not np.isfinite(extent).all() or extent.min() <= 0.0:
             raise InputError(f"{spec}: its points have no extent in plan: name a surface that covers the block")
-        self.cell = max(cell, float(np.sqrt(np.prod(extent) / CLOUD.most_cells)))
+        self.cell = max(cell, float(np.sqrt(np.prod(extent) / MEMORY.cells)))
         self.corner, self.spec = np.array([low[0], high[1]]), spec
         self.columns, self.rows = (np.floor(extent / self.cell).astype(int) + 2).tolist()
         self._sums, self._counts = np.zeros((2, self.rows * self.columns))

@@ -21,7 +21,6 @@ class TIE_SEARCH:
     predicted_pairs: int = threshold(5, "pairs", "pairs of such an image that are matched at predicted positions")
     completed_partners: int = threshold(2, "images", "smallest number of images with a point for a search in others")
     completed_sigma_px: float = threshold(0.12, "px", "largest sigma of such a point", _KAHRAMANMARAS)
-    dem_margin_m: float = threshold(50.0, "m", "margin of a DEM's heights: buildings, canopy, errors of DEM and RPCs")
 
 
 @options

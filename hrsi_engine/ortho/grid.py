@@ -16,7 +16,7 @@ import pyproj
 
 from ..block.block import Image
 from ..foundation.errors import InputError
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import GRIDS, threshold, thresholds
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import continuous_longitudes
 from ..ground.map_crs import map_epsg_of
@@ -35,12 +35,9 @@ class ORTHO:
     whole_px: float = threshold(1e-6, "px", "tolerance for an edge on a whole pixel")
     outline_points: int = threshold(200, "points", "points along each side of an image's outline")
     margin_px: float = threshold(2.0, "px", "margin around the footprint of an image")
-    grid_points: int = threshold(15, "points", "points along each side of the grid over an image")
     lattice_px: int = threshold(32, "px", "spacing of positions with exact map projection and RPC")
     checked_pixels: int = threshold(400, "px", "random pixels of each chunk at which the error is tested")
     unknown_grid: int = threshold(65, "positions", "positions along each side of a chunk, for counting missing heights")
-    batch: int = threshold(16384, "nodes", "computed together (processor's cache)", "measured for speed, 2026-11-21")
-    most_cells: int = threshold(4_000_000, "cells", "most DEM cells for a chunk; of more, heights are read singly")
     straight: float = threshold(0.01, "", "part of the error up to which the curvature of rays is neglected")
     least_half_m: float = threshold(20.0, "m", "smallest half range of heights of the RPC's polynomial")
 
@@ -136,7 +133,7 @@ class MapGrid:
 
 def find_terrain_points(image: Image, surface: HeightSurface) -> np.ndarray:
     """Return the ground points ``(n, 3)`` of a coarse grid of image points, those that intersect the terrain."""
-    ground, status = intersect_surface(image.rpc, image.grid_px(ORTHO.grid_points, ORTHO.grid_points), surface)
+    ground, status = intersect_surface(image.rpc, image.grid_px(GRIDS.nodes, GRIDS.nodes), surface)
     return ground[status == Status.FOUND]
 
 

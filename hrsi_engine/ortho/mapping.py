@@ -18,6 +18,7 @@ import numpy as np
 
 from ..block.jitter_curve import JitterCurve
 from ..camera.rpc import RPC
+from ..foundation.thresholds import GRIDS, MEMORY
 from ..ground.crs_operations import operations_of
 from ..surface.dem import HeightSurface, surface_heights
 from ..surface.grid_surface import ConstantHeight, GridSurface
@@ -146,7 +147,7 @@ class OrthoMapping:
         """The polynomials of the lowest degree that follow the RPC within a share of the error."""
         low, high = self.terrain[:, 2].min(), self.terrain[:, 2].max()
         middle_m, half_m = float(low + high) / 2.0, max(float(high - low), ORTHO.least_half_m)
-        ground, levels = self.terrain.copy(), np.linspace(-1.0, 1.0, ORTHO.grid_points)
+        ground, levels = self.terrain.copy(), np.linspace(-1.0, 1.0, GRIDS.nodes)
         for model in (HeightModel(middle_m, half_m, degree) for degree in (1, 2, 3)):
             terms, errors = model.fit(self.rpc, ground[:, :2]), []
             for t in levels:
@@ -248,7 +249,7 @@ class OrthoMapping:
         result += lattice[:, :, :-1, None]
         across = np.ascontiguousarray(result.reshape(*lattice.shape[:2], -1)[:, :, left : left + columns])
         positions = np.empty((2, rows, columns))
-        batch = max(1, ORTHO.batch // columns)  # number of rows in a batch, all between the same nodes
+        batch = max(1, MEMORY.rows // columns)  # number of rows in a batch, all between the same nodes
         row = 0
         while row < rows:
             # Interpolate along its columns
@@ -276,7 +277,7 @@ class OrthoMapping:
         """
         model, surface = self._height_model, self.surface
         low, high = grid.min(axis=(1, 2)) - 1.0, grid.max(axis=(1, 2)) + 1.0
-        is_small = np.prod(high - low) <= ORTHO.most_cells
+        is_small = np.prod(high - low) <= MEMORY.values
         if is_small and isinstance(surface, GridSurface) and surface.covers(np.array([low, high])).all():
             row, column, cells = surface.window(low, high)
             return _Cells(model.to_unit(cells), (column, row)).heights

@@ -26,7 +26,7 @@ from scipy import ndimage
 
 from ..foundation.pixel_filters import blur, reduce_by_area
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import ITERATIONS, threshold, thresholds
 from ..foundation.workers.scheduling import open_calls
 from ..measurement.window_matching.correlation import (
     compute_orientation_field,
@@ -41,7 +41,6 @@ from .options import MisregistrationOptions
 class SHIFT:
     """Measurement of the shift between two orthoimages: by windows, and the common shift."""
 
-    most_iterations: int = threshold(20, "iterations", "largest number of iterations of least squares")
     closure_px: float = threshold(1e-3, "px", "step of the shift at which a window has converged")
     reach_px: float = threshold(1.0, "px", "largest shift of a window from the best whole pixel")
     smoothing_px: float = threshold(0.8, "px", "sigma of both windows' smoothing")
@@ -173,7 +172,7 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     line = np.exp(-0.5 * (((np.arange(len(T)) - (len(T) - 1) / 2.0) / (len(T) / 2.0)) / SHIFT.weight_sigma) ** 2)
     weight = (line[:, None] * line).ravel()
     d, gain, offset = np.zeros(2), float(T.std() / max(centre_part.std(), 1e-9)), 0.0
-    for _ in range(SHIFT.most_iterations):
+    for _ in range(ITERATIONS.most):
         S, S_x, S_y = _interpolate_window(coefficients, d)
         A = np.stack([(gain * S_x + T_x) / 2.0, (gain * S_y + T_y) / 2.0, S, np.ones_like(S)]).reshape(4, -1)
         misfit = (T - gain * S - offset).ravel()

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, Delaunay, KDTree, QhullError
 
 from ..foundation.errors import InputError
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY, GROUND, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..ground.geodesy import LocalFrame, continuous_longitudes, metres_per_degree
 from ..surface.grid_surface import GridSurface
 
@@ -25,24 +25,17 @@ from ..surface.grid_surface import GridSurface
 class POINT_SURFACE:
     """Interpolation of a surface from scattered points, and rejection of outliers."""
 
-    neighbours: int = threshold(12, "points", "number of neighbours with whose median height a point is compared")
-    blunder: float = threshold(6.0, "sigma", "largest deviation from that median, in robust sigmas")
-    companions: int = threshold(3, "points", "neighbours of equal height with which it is kept (a roof)")
     cells_per_spacing: float = threshold(5.0, "cells", "cells of the surface per mean spacing of points")
-    most_cells: int = threshold(9_000_000, "cells", "largest number of cells of a surface (memory)")
     margin: float = threshold(200.0, "spacings", "largest extrapolation of the surface around the points")
     fitted: int = threshold(20, "points", "number of points in the fit of a plane")
     nearest: int = threshold(5, "points", "number of nearest points that determine the weights' width")
     width: float = threshold(0.33, "", "sigma of the Gaussian weights over the distance of the farthest")
-    slope_sigma: float = threshold(0.3, "m/m", "a priori standard deviation of the ground's slope")
     scatters: tuple[float, ...] = threshold(
         (16.0, 8.0, 4.0, 2.0, 1.0, 1.0),
         "",
         "scales of the robust weights in turn, relative to the scatter",
         "Blake 1987",
     )
-    batch: int = threshold(16384, "nodes", "number of nodes computed together (memory)")
-    least_scatter_m: float = threshold(0.1, "m", "smallest robust standard deviation of heights about planes")
 
 
 def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = None) -> tuple[GridSurface, int]:
@@ -71,20 +64,20 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     variance = np.zeros(len(xy))
     if len(is_finite):
         _, neighbours = KDTree(xy[is_finite]).query(
-            xy[is_finite], k=np.arange(1, min(POINT_SURFACE.neighbours + 1, len(is_finite)) + 1)
+            xy[is_finite], k=np.arange(1, min(SAMPLES.fewest + 1, len(is_finite)) + 1)
         )
         variance[is_finite] = sigma[is_finite] ** 2 - (sigma[is_finite][neighbours] ** 2).min(axis=1)
     # Points that are kept: close to the median of their neighbours, or to the heights of some of them
     height = ground[:, 2]
-    count = min(POINT_SURFACE.neighbours + 1, len(xy))
+    count = min(SAMPLES.fewest + 1, len(xy))
     _, index = KDTree(xy).query(xy, k=count)
     middle = np.median(height[index], axis=1)
     deviation = np.abs(height - middle)
     spread = robust_sigma(height[index] - middle[:, None], axis=1)
-    typical = max(float(robust_sigma(deviation)), POINT_SURFACE.least_scatter_m)
-    is_similar = np.abs(height[index] - height[:, None]) <= POINT_SURFACE.blunder * typical
-    is_close = deviation <= POINT_SURFACE.blunder * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
-    keep = is_close | (is_similar.sum(axis=1) > POINT_SURFACE.companions)
+    typical = max(float(robust_sigma(deviation)), EQUALITY.position_m)
+    is_similar = np.abs(height[index] - height[:, None]) <= SIGNIFICANCE.certain * typical
+    is_close = deviation <= SIGNIFICANCE.certain * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
+    keep = is_close | (is_similar.sum(axis=1) > SAMPLES.plane)
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
     # The surface on a grid of degrees; ``scale (2,)`` is metres per degree
@@ -92,7 +85,7 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     reach = np.minimum(POINT_SURFACE.margin * spacing, extent.max())
     cell_m = max(
         spacing / POINT_SURFACE.cells_per_spacing,
-        float(np.sqrt(np.prod(extent + 2.0 * reach) / POINT_SURFACE.most_cells)),
+        float(np.sqrt(np.prod(extent + 2.0 * reach) / MEMORY.cells)),
     )
     low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
@@ -104,8 +97,8 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
         hull = Delaunay(points.xy[ConvexHull(points.xy).vertices])
     except QhullError:
         raise InputError("a surface cannot be interpolated from points on a line: use a DEM") from None
-    for start in range(0, len(nodes), POINT_SURFACE.batch):
-        part = slice(start, start + POINT_SURFACE.batch)
+    for start in range(0, len(nodes), MEMORY.rows):
+        part = slice(start, start + MEMORY.rows)
         inside = hull.find_simplex(nodes[part]) >= 0
         node_heights = points.height[points.tree.query(nodes[part])[1]]
         node_heights[inside] = _fit_planes(points, nodes[part][inside])
@@ -131,12 +124,12 @@ class _Points:
     @cached_property
     def scatter_m(self) -> float:
         """Robust standard deviation of the points from planes through their neighbours (m)."""
-        neighbours = self.tree.query(self.xy, k=np.arange(2, min(POINT_SURFACE.neighbours + 1, len(self.xy)) + 1))[1]
+        neighbours = self.tree.query(self.xy, k=np.arange(2, min(SAMPLES.fewest + 1, len(self.xy)) + 1))[1]
         A = np.concatenate(
             [np.ones_like(self.xy[neighbours][..., :1]), self.xy[neighbours] - self.xy[:, None]], axis=-1
         )
         plane = np.linalg.pinv(A) @ self.height[neighbours][..., None]
-        return max(float(robust_sigma(self.height - plane[:, 0, 0])), POINT_SURFACE.least_scatter_m)
+        return max(float(robust_sigma(self.height - plane[:, 0, 0])), EQUALITY.position_m)
 
     @property
     def spacing_m(self) -> float:
@@ -157,7 +150,7 @@ def _fit_planes(points: _Points, nodes: np.ndarray) -> np.ndarray:
     for tolerance in POINT_SURFACE.scatters:
         weighted = A * (P * robust)[..., None]
         N = np.swapaxes(A, 1, 2) @ weighted
-        N[:, [1, 2], [1, 2]] += (POINT_SURFACE.slope_sigma * width) ** -2
+        N[:, [1, 2], [1, 2]] += (GROUND.slope * width) ** -2
         x = np.linalg.solve(N, np.einsum("mki,mk->mi", weighted, height)[..., None])
         v = height - (A @ x)[..., 0]
         robust = (1.0 + (v / (tolerance * scatter)) ** 2) ** -2

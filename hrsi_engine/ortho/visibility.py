@@ -12,7 +12,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.packages import require_package
-from ..foundation.thresholds import ITERATIONS, threshold, thresholds
+from ..foundation.thresholds import ITERATIONS, MEMORY, threshold, thresholds
 from ..surface.grid_surface import GridSurface
 
 
@@ -22,7 +22,6 @@ class VISIBILITY:
 
     clearance_m: float = threshold(0.01, "m", "height of the surface above a line of sight that is neglected")
     block: int = threshold(16, "cells", "side of the blocks of cells that a ray crosses in one step")
-    most_cells: int = threshold(16_000_000, "cells", "largest part of the surface that is read at once (memory)")
 
 
 def compute_sight_slopes(
@@ -63,7 +62,7 @@ def find_occlusions(
             break
     if not top > bottom:  # level ground, or none
         return occlusion
-    if np.prod(box[1] - box[0]) > VISIBILITY.most_cells and min(shape) > spacing:
+    if np.prod(box[1] - box[0]) > MEMORY.cells and min(shape) > spacing:
         _find_in_quarters(occlusion, surface, lattice, spacing, first)
         return occlusion
     row, column, cells = surface.window(*box)

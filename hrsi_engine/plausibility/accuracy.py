@@ -23,7 +23,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..block.pointing import SIGMAS_OF_CE90, compute_gsds_m, find_image_sensor
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 
 #: Source of most thresholds of this room.
 SIMULATED = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/protocols/wrong_inputs.md)"
@@ -37,9 +37,6 @@ class ACCURACY:
     unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift if the product states none", OF_SENSORS)
     unknown_sigma_m: float = threshold(15.0, "m", "… in metres; the larger of the two applies", OF_SENSORS)
     least_sigma_px: float = threshold(3.0, "px", "smallest sigma of a shift (ERR_BIAS) in use", SIMULATED)
-    large_shift_sigmas: float = threshold(
-        10.0, "sigma", "shift without known CE90, or drift beyond the user's sigma, that is reported", SIMULATED
-    )
     biased_ce90: float = threshold(2.0, "CE90", "shift of an image that is reported as a bias of its RPC")
     most_biased_ce90: float = threshold(10.5, "CE90", "largest shift common to all points that is a bias of the RPC")
     unwritten_sigmas: float = threshold(
@@ -95,11 +92,11 @@ def estimate_accuracies(
             sigma = max(ACCURACY.unknown_sigma_m, ACCURACY.unknown_sigma_px * gsd)
         sigma = max(sigma, sigma_shift_px * gsd)
         ce90_m = max(SIGMAS_OF_CE90 * sigma, published.ce90_m if published else 0.0)
-        large_m = biased_m = ACCURACY.large_shift_sigmas * sigma
+        large_m = biased_m = SIGNIFICANCE.extreme * sigma
         if has_figure:
             large_m, biased_m = ACCURACY.biased_ce90 * ce90_m, ACCURACY.most_biased_ce90 * ce90_m
         far_m = max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m, biased_m)
-        drift = max(ACCURACY.largest_drift, ACCURACY.large_shift_sigmas * sigma_drift)
+        drift = max(ACCURACY.largest_drift, SIGNIFICANCE.extreme * sigma_drift)
         misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
         usual_drift = max(ACCURACY.usual_drift, sigma_drift)
         accuracies.append(ImageAccuracy(gsd, sigma, ce90_m, large_m, biased_m, far_m, misfit_m, usual_drift))

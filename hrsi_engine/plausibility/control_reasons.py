@@ -12,6 +12,7 @@ import numpy as np
 from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
+from ..foundation.robust_scale import ROBUST
 from ..foundation.thresholds import threshold, thresholds
 from .accuracy import ACCURACY, SIMULATED
 from .control import (
@@ -36,9 +37,6 @@ class MISTAKE:
         22.0, "", "smallest decrease of the cost by an input error: by chance 1 in 10 000", "theory: likelihood ratio"
     )
     least_lead: float = threshold(6.0, "", "smallest lead of the input error over all others, in cost", SIMULATED)
-    suspicious_sigmas: float = threshold(
-        3.5, "sigma", "shifts or common height beyond which input errors are tested", SIMULATED
-    )
     explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift after a correction", SIMULATED)
     explained_share: float = threshold(0.02, "", "… or this share of the shift before", SIMULATED)
     wrong_share: float = threshold(0.25, "", "share of GCPs, or of all points, whose errors make surveys unusable")
@@ -81,8 +79,8 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     suspicious = (
         not control_fit.fits
         or bool((control_fit.scatter > CONTROL_FIT.usual_scatter).any())
-        or bool((control_fit.shift_sigmas > MISTAKE.suspicious_sigmas).any())
-        or (sigma > 0.0 and abs(lift / sigma) > MISTAKE.suspicious_sigmas)
+        or bool((control_fit.shift_sigmas > ROBUST.outlier).any())
+        or (sigma > 0.0 and abs(lift / sigma) > ROBUST.outlier)
     )
     if not suspicious and disagreement is None:
         return []
@@ -148,7 +146,7 @@ def _find_best_mistake(
 
 def _iterate_hypotheses(control: ControlMeasurements, control_fit: ControlFit) -> Iterator[MistakeHypothesis]:
     """Yield every input error, corrected; those of image coordinates on all images, or only where these do not fit."""
-    is_far = bool((control_fit.shift_sigmas > MISTAKE.suspicious_sigmas).any())
+    is_far = bool((control_fit.shift_sigmas > ROBUST.outlier).any())
     for mistake, ground in iterate_ground_mistakes(control, control_fit.shift_m, is_far):
         yield MistakeHypothesis(mistake, fit_control(control, ground))
     misfitting = control.images[~control_fit.fitting[control.images]]

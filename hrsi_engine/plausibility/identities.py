@@ -14,7 +14,7 @@ from ..block.block import Block
 from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 from .accuracy import ImageAccuracy
 from .control import ControlMeasurements, StraightRays, compute_sightlines
 
@@ -25,7 +25,6 @@ class IDENTITY:
 
     most_points: int = threshold(400, "points", "largest number whose permutations are tested (quadratic cost)")
     most_images: int = threshold(12, "images", "largest number of images whose permutations are tested")
-    position_sigmas: float = threshold(5.0, "sigma", "largest distance of a measurement from a survey with similar id")
 
 
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
@@ -50,7 +49,7 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
         image = block.measurements.image[first]
         rays = compute_sightlines(block.images, image, block.measurements.xy[first])
         distance = np.hypot(*rays.distance_m(unmeasured.ground[[row[name] for name in names]]).T)
-        is_near = distance < IDENTITY.position_sigmas * np.array([accuracy.sigma_m for accuracy in accuracies])[image]
+        is_near = distance < SIGNIFICANCE.certain * np.array([accuracy.sigma_m for accuracy in accuracies])[image]
         if 2 * is_near.sum() >= len(is_near):
             pairs = {name: names[name] for name, is_there in zip(names, is_near.tolist(), strict=True) if is_there}
     if pairs:

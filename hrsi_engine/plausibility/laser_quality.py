@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..block.laser import LaserPoints
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import GROUND, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 
 
@@ -20,12 +20,7 @@ class LASER_QUALITY:
     sigma_m: float = threshold(1.0, "m", "largest stated standard deviation")
     misfit_m: float = threshold(1.0, "m", "largest spread of the photons about the fitted segment")
     photons: float = threshold(10.0, "photons", "smallest number of photons of a segment")
-    slope: float = threshold(0.3, "m/m", "steepest ground along the track: errors in plan are metres")
-    canopy_m: float = threshold(3.0, "m", "greatest height of vegetation; below it the ground is visible in images")
-    neighbours: int = threshold(8, "points", "neighbours along the track in the test of a point")
     neighbour_reach_m: float = threshold(150.0, "m", "largest distance of a neighbour along the track")
-    neighbour_slope: float = threshold(0.3, "m/m", "allowed height difference per distance of neighbours")
-    neighbour_sigmas: float = threshold(5.0, "sigma", "largest deviation from neighbours, in addition")
 
 
 def find_laser_reasons(points: LaserPoints) -> np.ndarray:
@@ -35,8 +30,8 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
             (points.sigma_m > LASER_QUALITY.sigma_m, f"standard deviation above {LASER_QUALITY.sigma_m:g} m"),
             (points.misfit_m > LASER_QUALITY.misfit_m, f"photons spread by more than {LASER_QUALITY.misfit_m:g} m"),
             (points.photons < LASER_QUALITY.photons, f"fewer than {LASER_QUALITY.photons:g} photons"),
-            (np.abs(points.slope) > LASER_QUALITY.slope, f"slope above {100.0 * LASER_QUALITY.slope:g} %"),
-            (points.canopy_m > LASER_QUALITY.canopy_m, f"vegetation above {LASER_QUALITY.canopy_m:g} m"),
+            (np.abs(points.slope) > GROUND.slope, f"slope above {100.0 * GROUND.slope:g} %"),
+            (points.canopy_m > GROUND.canopy_m, f"vegetation above {GROUND.canopy_m:g} m"),
         )
     reason = points.doubt.astype("U64")
     for is_bad, cause in tests:
@@ -53,7 +48,7 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
             continue
         ground, height = sound_points.ground[rows], sound_points.ground[rows, 2]
         metres = ground_difference_m(ground, ground[:1])[:, :2]
-        count = min(LASER_QUALITY.neighbours, len(rows) - 1)
+        count = min(SAMPLES.neighbours, len(rows) - 1)
         distance, neighbours = cKDTree(metres).query(
             metres, k=count + 1, distance_upper_bound=LASER_QUALITY.neighbour_reach_m
         )
@@ -65,7 +60,7 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
         spread = 1.4826 * np.nanmedian(np.abs(neighbour_heights - middle[:, None]), axis=1)
         reach = np.nanmedian(np.where(is_neighbour, distance, np.nan)[has_neighbours], axis=1)
         noise = np.hypot(spread, np.nan_to_num(sound_points.sigma_m[rows][has_neighbours]))
-        allowed = LASER_QUALITY.neighbour_slope * reach + LASER_QUALITY.neighbour_sigmas * noise
+        allowed = GROUND.slope * reach + SIGNIFICANCE.certain * noise
         is_outlier[rows[has_neighbours]] = np.abs(height[has_neighbours] - middle) > allowed
     reason[accepted[is_outlier]] = "outlier among its neighbours on the track"
     return reason

@@ -15,11 +15,12 @@ from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
-from ..foundation.thresholds import EQUALITY, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, GRIDS, GROUND, threshold, thresholds
 from ..ground.geodesy import metres_per_degree, to_ecef
 from ..ground.geoids import height_difference
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .accuracy import ImageAccuracy
+from .control import CONTROL_FIT, GROUP
 from .mistakes import FEET_M, find_undulations
 
 
@@ -34,12 +35,7 @@ class PLACEMENT:
         "curvature of rays beyond which the order of RPC00A is tested",
         "60 vendor RPCs of 12 sensors: medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25",
     )
-    straight_share: float = threshold(0.05, "", "largest remaining share of it in the right order")
-    several_points: int = threshold(4, "points", "fewest points or heights that are tested together")
-    range_slack_m: float = threshold(50.0, "m", "tolerance of the RPC's height range")
-    height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM covers without a message")
-    coverage_grid: int = threshold(25, "points", "rays along each side of an image that are followed to the DEM")
     copied_height_m: float = threshold(1e-3, "m", "smallest difference of surveyed heights not read from the DEM")
     dem_difference_m: float = threshold(20.0, "m", "largest median height difference from the DEM without a message")
 
@@ -78,7 +74,7 @@ def find_points_outside(block: Block) -> list[Reason]:
     outside = (beyond > CONTROL_VISIBILITY.edge_px).any(axis=1) & has_size[measured.image]
     count = np.bincount(measured.image, minlength=len(has_size))
     mostly_outside = np.bincount(measured.image[outside], minlength=len(has_size)) > np.maximum(
-        EQUALITY.majority * count, PLACEMENT.several_points
+        EQUALITY.majority * count, GROUP.fewest_points
     )
     is_wrong = is_far | (outside & mostly_outside[measured.image])
     for index in np.unique(measured.image[is_wrong]):
@@ -128,7 +124,7 @@ def find_reordered_rpcs(block: Block) -> list[Reason]:
         bend_px = _compute_bend_px(image.rpc)
         if bend_px > PLACEMENT.bent_px:
             reordered_px = [_compute_bend_px(_reorder(image.rpc, order)) for order in (A_TO_B, np.argsort(A_TO_B))]
-            if min(reordered_px) < PLACEMENT.straight_share * bend_px:
+            if min(reordered_px) < EQUALITY.negligible * bend_px:
                 bent[image.id] = bend_px
     if not bent:
         return []
@@ -166,7 +162,7 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
     if not len(rows):
         return []
     ranges = np.array([image.rpc.height_range for image in block.images])[measured.image[rows]]
-    slack = np.full(len(ranges), PLACEMENT.range_slack_m)
+    slack = np.full(len(ranges), GROUND.margin_m)
     height = points.ground[measured.point[rows], 2]
     wrong = _is_outside_range(height, ranges, slack)
     reasons = []
@@ -180,7 +176,7 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
             f"outside the height range of the RPCs, {low:.0f} to {high:.0f} m"
         )
         in_feet = (
-            wrong.mean() > PLACEMENT.height_unit_share and not _is_outside_range(height * FEET_M, ranges, slack).any()
+            wrong.mean() > CONTROL_FIT.agreeing_share and not _is_outside_range(height * FEET_M, ranges, slack).any()
         )
         reasons.append(
             Reason("height-unit", Level.DOUBTFUL, f"{text}; as feet they are inside", "give metres", images, ids)
@@ -196,7 +192,7 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
         )
     which = np.unique(measured.point[rows])
     heights = points.ground[which, 2]
-    if len(which) >= PLACEMENT.several_points and np.ptp(heights) == 0.0:
+    if len(which) >= GROUP.fewest_points and np.ptp(heights) == 0.0:
         reasons.append(
             Reason(
                 "heights-alike",
@@ -215,7 +211,7 @@ def _is_outside_range(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray)
 
 def compute_coverage(image: Image, surface: HeightSurface) -> float:
     """Return the share of an image whose rays meet the surface: the share of pixels that an orthoimage can show."""
-    xy = image.grid_px(PLACEMENT.coverage_grid, PLACEMENT.coverage_grid)
+    xy = image.grid_px(GRIDS.fine, GRIDS.fine)
     return float(np.mean(intersect_surface(image.rpc, xy, surface).status == Status.FOUND))
 
 
@@ -271,7 +267,7 @@ def find_duplicate_images(block: Block) -> list[Reason]:
     is_same = np.all(measured.xy[first] == measured.xy[first + 1], axis=1)
     for pair in np.unique(key[is_same]):
         rows = key == pair
-        if rows.sum() >= PLACEMENT.several_points and is_same[rows].mean() > 0.5:
+        if rows.sum() >= GROUP.fewest_points and is_same[rows].mean() > 0.5:
             twins.add((int(pair) // len(block.images), int(pair) % len(block.images)))
     return [
         Reason(
@@ -297,7 +293,7 @@ def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], lev
     """
     points = np.unique(block.measurements.point[block.known[block.measurements.point]])
     ground = block.points.ground[points]
-    if len(points) < PLACEMENT.several_points or not np.isfinite(ground).all():
+    if len(points) < GROUP.fewest_points or not np.isfinite(ground).all():
         return []
     per_degree_m = float(metres_per_degree(ground)[:, :2].max())
     found, advice = list[str](), list[str]()

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..foundation.reasons import Level, Reason
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.thresholds import MEMORY, SAMPLES, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..surface.dem import HeightSurface, cell_size_m, dem_sigma_m, surface_heights
 from ..surface.matching import SurfaceMatch, match_surface
 from .accuracy import SIMULATED
@@ -20,8 +20,6 @@ class RELIEF:
     """Limits for a DEM that does not show the ground of the adjusted tie points."""
 
     unlike_m: float = threshold(15.0, "m", "scatter of height differences that is reported", SIMULATED)
-    unlike_share: float = threshold(0.5, "", "… over the scatter of heights (all three exceeded)", SIMULATED)
-    unlike_sigmas: float = threshold(5.0, "sigma", "… in standard deviations of the points' heights", SIMULATED)
     far_off_m: float = threshold(50.0, "m", "difference that vegetation, buildings and changes do not explain")
     far_off_points: int = threshold(
         5, "points", "smallest number of such differences: more than a few wrong tie points"
@@ -29,8 +27,6 @@ class RELIEF:
     far_off_share: float = threshold(0.01, "", "… and smallest share of all tie points")
     same_value_m: float = threshold(2.0, "m", "largest range of an undeclared nodata value (by undulations)")
     displacement_cells: float = threshold(2.0, "cells", "smallest displacement that is reported", SIMULATED)
-    displacement_sigmas: float = threshold(5.0, "sigma", "… in standard deviations of the position", SIMULATED)
-    left_of_scatter: float = threshold(0.5, "", "largest scatter after a displacement over that before", SIMULATED)
     searched_cells: float = threshold(20.0, "cells", "largest displacement along each axis that is searched")
 
 
@@ -77,7 +73,7 @@ def find_relief_reasons(
         )
         advice = "check georeference and CRS of the DEM, and those of the ground points"
         return [Reason("dem-unlike-ground", Level.DOUBTFUL, message, advice)]
-    if scatter > max(RELIEF.unlike_m, RELIEF.unlike_share * relief, RELIEF.unlike_sigmas * sigma_h_m):
+    if scatter > max(RELIEF.unlike_m, EQUALITY.majority * relief, SIGNIFICANCE.certain * sigma_h_m):
         message = (
             f"the heights of {len(ground)} tie points and the DEM differ by {scatter:.0f} m (robust standard "
             f"deviation), while the relief is {relief:.0f} m: the DEM does not show this terrain"
@@ -91,6 +87,6 @@ def _is_displaced(match: SurfaceMatch, cell_m: float, sigma_plan_m: float) -> bo
     """Return whether a displacement is larger than its errors, and explains most of the differences."""
     plan_m = match.displacement_m[:2]
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(match.covariance_m2[:2, :2])[-1]))
-    least_m = max(RELIEF.displacement_cells * cell_m, RELIEF.displacement_sigmas * np.hypot(sigma_plan_m, sigma_m))
-    explains = match.scatter_m < RELIEF.left_of_scatter * match.before_m
+    least_m = max(RELIEF.displacement_cells * cell_m, SIGNIFICANCE.certain * np.hypot(sigma_plan_m, sigma_m))
+    explains = match.scatter_m < EQUALITY.majority * match.before_m
     return bool(match.is_decided and explains and np.hypot(*plan_m) > least_m)

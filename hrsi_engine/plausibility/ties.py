@@ -41,7 +41,6 @@ class TIE_CHECK:
     miss_sigmas: float = threshold(6.0, "sigma", "… in standard deviations of the measurement, or …", SIMULATED)
     miss_drift: float = threshold(3e-4, "px/px", "… by drift over half an image (the largest of these)", SIMULATED)
     largest_drift: float = threshold(4e-3, "px/px", "largest relative drift of two RPCs", SIMULATED)
-    off_share: float = threshold(0.05, "", "share of failing points from which a drift is estimated", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
     bulk_sigmas: float = threshold(8.0, "sigma", "largest mode of ray distances by errors of the RPCs", SIMULATED)
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
@@ -197,7 +196,7 @@ def check_pairs(
     bulk = _compute_modes(across, tolerance, starts, sizes)
     deviation = across - np.repeat(bulk, sizes)
     deviating = np.add.reduceat(np.abs(deviation) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
-    for number in np.flatnonzero(deviating / sizes > TIE_CHECK.off_share).tolist():
+    for number in np.flatnonzero(deviating / sizes > EQUALITY.negligible).tolist():
         start = starts[number]
         rows = slice(start, start + sizes[number])
         deviation[rows] = _remove_drift(
@@ -225,7 +224,7 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, l
             return away_m
         left = away_m - design @ solved
         fits = np.abs(left) <= tolerance_m
-    return left if fits.mean() >= 1.0 - TIE_CHECK.off_share else away_m
+    return left if fits.mean() >= 1.0 - EQUALITY.negligible else away_m
 
 
 def _compute_modes(values: np.ndarray, tolerance: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:

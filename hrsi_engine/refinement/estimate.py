@@ -38,7 +38,6 @@ class ESTIMATION:
     large_residual: float = threshold(100.0, "sigma", "RMS residual above which weights are reduced", TUNED_ON)
     gauss_newton_steps: int = threshold(8, "steps", "Gauss-Newton steps before second derivatives are used", TUNED_ON)
     difference_sigmas: float = threshold(0.1, "sigma", "step of numerical second derivatives, for each parameter")
-    weightings: int = threshold(3, "times", "computations of the weights, with the first one")
 
 
 #: Priors for an image with GCPs only: they serve to keep the equations regular, for errors up to 0.1 rad (tens of
@@ -288,7 +287,7 @@ def iterate_least_squares(
             break
         state = candidate
     values, gauss_newton_converges, previous_cost = state.values, True, np.inf
-    for _ in range(ESTIMATION.weightings):
+    for _ in range(ITERATIONS.repeated):
         state = equations.linearise_at(values)
         unsettled = state.cost > previous_cost
         if gauss_newton_converges:

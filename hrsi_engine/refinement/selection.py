@@ -6,7 +6,7 @@ one-sided paired t-test of the points' errors at `SELECTION.significance` (in th
 rule; Breiman et al. 1984, CART, section 3.4.3). A model with more parameters fits the GCPs more closely but may predict
 worse, which this test shows without check points. A candidate is tested if each image has twice the GCPs that it needs;
 the generic method only if no other candidate predicts within `SELECTION.expected_error` sigmas. If no tested model
-predicts within `SELECTION.large_error` sigmas, the generic method, which has a satellite's priors, is taken from 3 GCPs
+predicts within `SIGNIFICANCE.certain` sigmas, the generic method, which has a satellite's priors, is taken from 3 GCPs
 on if it predicts better. Where it is tested, it must predict within that limit: otherwise the GCPs are wrong.
 
 **Rule generic** is the thesis's (section 4.3): by the number of GCPs, constants below 3, linear terms from 3, all terms
@@ -53,7 +53,6 @@ class SELECTION:
         "significance level at which a model with more parameters predicts better",
         "Breiman et al. 1984, one standard error rule",
     )
-    large_error: float = threshold(5.0, "sigma", "largest RMS prediction error of a model that explains the GCPs")
     drift_measurements: int = threshold(
         25_000,
         "measurements",
@@ -197,7 +196,7 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
         return ModelChoice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
     model, reason = select_simplest(errors)
     candidates = {name: None if name == DISTORTED else squared for name, squared in errors.items()}
-    explained = model != DISTORTED or result[model].sigmas <= SELECTION.large_error
+    explained = model != DISTORTED or result[model].sigmas <= SIGNIFICANCE.certain
     if not explained and any(squared is not None for squared in candidates.values()):
         model, reason = select_simplest(candidates)  # some GCPs are wrong, and are to be detected
     refused = [f"{name} {one.refused}" for name, one in result.items() if one.refused]
@@ -205,7 +204,7 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
     sigmas = result[model].sigmas
     # Only a model with too few GCPs for a test may be taken without one, not a model without a minimum.
     unjudged = errors[DISTORTED] is None and not result[DISTORTED].refused
-    if unjudged and count >= SAMPLES.plane and sigmas > SELECTION.large_error:
+    if unjudged and count >= SAMPLES.plane and sigmas > SIGNIFICANCE.certain:
         distorted, simple = _predict_by_leave_one_out(DISTORTED, clean).squared, errors[model]
         if distorted is not None and simple is not None and distorted.sum() < simple.sum():
             reason = (
@@ -226,7 +225,7 @@ def _exclude_suspects(
         if len(control) == 1:
             warnings.append(f"{image.id}: no other GCP controls {control.ids[0]}: an error in it cannot be detected")
         result = _estimate_or_none("shift", image, control) if 1 < len(control) <= SAMPLES.plane else None
-        if result is not None and _normalize_errors(result).max() > SELECTION.large_error:
+        if result is not None and _normalize_errors(result).max() > SIGNIFICANCE.certain:
             distance = float(np.linalg.norm(result.left_out_px, axis=1).max())
             warnings.append(
                 f"{image.id}: the GCPs {', '.join(control.ids.tolist())} contradict each other by up to "

@@ -32,7 +32,6 @@ from .surface_figures import draw_surfaces
 class REPORT_PAGE:
     """Limits for the amount of data on the page of the report."""
 
-    most_known: int = threshold(1500, "points", "most known points on the map, those with the largest residuals")
     chip_half_px: int = threshold(12, "px", "smallest half side of a chip of a point")
     largest_chip_px: int = threshold(36, "px", "largest half side of a chip")
     most_picture_pixels: int = threshold(400_000_000, "px", "largest number read for all pictures: some seconds")
@@ -96,11 +95,11 @@ def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
     placed = finite_rows(result.positions)
-    surveyed = _select_worst(np.flatnonzero(placed & block.known), worst, REPORT_PAGE.most_known)
+    surveyed = _select_worst(np.flatnonzero(placed & block.known), worst, SAMPLES.large)
     names = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
     surveyed = np.union1d(surveyed, names)  # rows of the page's tables link to their points
     ties = np.flatnonzero(placed & ~block.known)
-    if len(ties) > REPORT_PAGE.most_known:
+    if len(ties) > SAMPLES.large:
         ties = _select_worst(ties, worst, LISTS.rows)
     points = np.concatenate([surveyed, ties])
     number = np.full(len(block.points), -1)
@@ -178,7 +177,7 @@ def _make_map(
     block, place = result.block, result.positions
     height = result.middle[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
-    is_crowded = len(ties) > REPORT_PAGE.most_known
+    is_crowded = len(ties) > SAMPLES.large
     field = TieField(
         place[ties, :2],
         _point_rms(block, selection)[ties],

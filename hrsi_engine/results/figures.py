@@ -17,19 +17,11 @@ from ..block.control_visibility import find_weak_control
 from ..block.pointing import estimate_pointing
 from ..foundation.errors import IDS_NAMED
 from ..foundation.robust_scale import ROBUST
-from ..foundation.thresholds import LISTS, threshold, thresholds
+from ..foundation.thresholds import LISTS, SIGNIFICANCE
 from ..refinement.model import RefitRPC
 from .outliers import name_measurement, outlier_entries
 from .residuals import Residuals, by_image, group_rmse, radial_rmse, rmse
 from .surface_figures import describe_surface
-
-
-@thresholds
-class WARNING:
-    """Limits for outliers that are named in warnings."""
-
-    gross_sigmas: float = threshold(10.0, "sigma", "smallest residual of a measurement named in a warning")
-
 
 NO_ROWS = np.zeros(0, dtype=np.int64)
 
@@ -210,7 +202,7 @@ def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
 def rejection_warnings(result: Adjustment) -> list[str]:
     """Return the warning of gross errors that data snooping rejected, the worst first."""
     excluded = result.decision != int(Decision.KEPT)
-    gross = int((excluded & (np.nan_to_num(result.statistic) > WARNING.gross_sigmas)).sum())
+    gross = int((excluded & (np.nan_to_num(result.statistic) > SIGNIFICANCE.extreme)).sum())
     if not gross:
         return []
     worst = [
@@ -220,7 +212,7 @@ def rejection_warnings(result: Adjustment) -> list[str]:
     additional = " …" if gross > IDS_NAMED else ""
     return [
         f"{excluded.sum()} image points ({100.0 * excluded.mean():.2g} %) are outliers and are not used, {gross} of "
-        f"them by more than {WARNING.gross_sigmas:g} sigma: {', '.join(worst)}{additional}"
+        f"them by more than {SIGNIFICANCE.extreme:g} sigma: {', '.join(worst)}{additional}"
     ]
 
 

@@ -18,19 +18,12 @@ from ..block.block import Image, Role, stack_rpcs
 from ..block.imaging_geometry import ViewDirection, compute_pair_geometries, describe_views, find_touching_pairs
 from ..block.pointing import find_image_sensor
 from ..foundation.large_arrays import finite_rows, square_lengths
-from ..foundation.thresholds import GRIDS, threshold, thresholds
+from ..foundation.thresholds import GRIDS, SAMPLES
 from ..ground.geodesy import ground_difference_m
 from ..io.rasters.sun_angles import read_time
 from ..refinement.model import RefitRPC
 from ..refinement.model_table import describe_parameter
 from .residuals import Residuals, group_rmse, radial_rmse
-
-
-@thresholds
-class IMAGE_FACTS:
-    """Limits for facts on images and pairs in the report."""
-
-    most_pairs: int = threshold(1000, "pairs", "most that are listed, those with most tie points first")
 
 
 def add_image_facts(
@@ -136,7 +129,7 @@ def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[d
     sound = [view.is_sound for view in views]
     touching = find_touching_pairs([view.footprint if ok else Polygon() for view, ok in zip(views, sound, strict=True)])
     order = sorted({*common, *touching}, key=lambda pair: (-common.get(pair, 0), pair))
-    listed_pairs = sorted(order[: IMAGE_FACTS.most_pairs])
+    listed_pairs = sorted(order[: SAMPLES.large])
     sound_pairs = [pair for pair in listed_pairs if all(sound[index] for index in pair)]
     geometries = dict(zip(sound_pairs, compute_pair_geometries(views, sound_pairs), strict=True))
     outcome = []

@@ -33,7 +33,8 @@ from qgis.PyQt.QtWidgets import (
 )
 from qgis.PyQt.QtXml import QDomDocument
 
-from ...processing_algorithms.point_session.rows import PANEL, ImageMeasurement
+from ...hrsi_engine.foundation.pixel_filters import STRETCH
+from ...processing_algorithms.point_session.rows import ImageMeasurement
 from ..translation import tr
 from .table_models import FAINT, SUSPICIOUS
 
@@ -188,7 +189,7 @@ IMAGE_LETTERS = 6  # of an image's id at least; a longer one would widen its vie
 SETTLE_MS = 250  # time after a zoom until the contrast is updated
 STRETCH_PIXELS = 20_000
 ACTIVE = "#ffb000"  # frame of the active view, visible in bright and dark themes
-STRETCH = QgsContrastEnhancement.ContrastEnhancementAlgorithm.StretchToMinimumMaximum
+ENHANCEMENT = QgsContrastEnhancement.ContrastEnhancementAlgorithm.StretchToMinimumMaximum
 
 
 class ImageCanvas(QgsMapCanvas):
@@ -386,13 +387,13 @@ class ImageView(QWidget):
         if wanted == self._stretched:
             return
         self._stretched = wanted
-        low, high = (0.01 * percent for percent in PANEL.stretch_percent)
+        low, high = (0.01 * percent for percent in STRETCH.percent)
         self.grey_range = low, high = layer.dataProvider().cumulativeCut(band, low, high, extent, STRETCH_PIXELS)
         renderer = QgsSingleBandGrayRenderer(layer.dataProvider(), band)
         contrast = QgsContrastEnhancement(layer.dataProvider().dataType(band))
         contrast.setMinimumValue(low)
         contrast.setMaximumValue(high)
-        contrast.setContrastEnhancementAlgorithm(STRETCH)
+        contrast.setContrastEnhancementAlgorithm(ENHANCEMENT)
         renderer.setContrastEnhancement(contrast)
         layer.setRenderer(renderer)
         layer.brightnessFilter().setGamma(self.gamma.value())

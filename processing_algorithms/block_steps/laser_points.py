@@ -16,7 +16,7 @@ from ...hrsi_engine.block.orthoimage import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.progress import stage
-from ...hrsi_engine.foundation.thresholds import SAMPLES, threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import ITERATIONS, SAMPLES, threshold, thresholds
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
 from ...hrsi_engine.plausibility.laser_quality import find_laser_reasons
@@ -34,7 +34,6 @@ class LASER_SEARCH:
     margin_px: float = threshold(
         100.0, "px", "distance of a laser point from an image within which a shift of the block may bring it in"
     )
-    most_rounds: int = threshold(3, "rounds", "iterations of the search for laser points in images")
     moved_plan_m: float = threshold(3.0, "m", "shift of the block in plan above which there is another iteration")
 
 
@@ -141,7 +140,7 @@ def adjust_at_laser_points(
     result = adjust(block, options, stage(context.progress, 0.0, 0.1))
     from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # matching takes a fifth of a second to load
 
-    for number in range(LASER_SEARCH.most_rounds):
+    for number in range(ITERATIONS.repeated):
         part = context.stage(0.1 + 0.3 * number, 0.4 + 0.3 * number)
         images = [
             replace(image, rpc=result.model.compute_refined_rpc(image, values).rpc)

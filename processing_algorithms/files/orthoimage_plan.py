@@ -185,7 +185,7 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain, below: Mapping[
             f"the ground is assumed to be flat: where it is {ORTHO_GRID.notable_height_m:g} m higher or lower, {worst} "
             f"is displaced by {ORTHO_GRID.notable_height_m * tangents[worst]:.1f} m; a DEM avoids this"
         ]
-    shares = {name: len(ground) / map_grids.ORTHO.grid_points**2 for name, ground in below.items()}
+    shares = {name: len(ground) / map_grids.GRIDS.nodes**2 for name, ground in below.items()}
     return [
         f"{name}: only {share:.0%} of the image lies on known terrain; the rest becomes nodata"
         for name, share in shares.items()

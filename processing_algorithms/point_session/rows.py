@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import nan
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import SAMPLES, threshold, thresholds
 from ..interface.declare import params_of
 
 #: A point that is ``off`` keeps its measurements and is not used.
@@ -21,9 +21,6 @@ MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "m
 class PANEL:
     """Limits of the panel, and a priori errors in the search of a point in other images."""
 
-    longest_history: int = threshold(1000, "edits", "largest number of edits that can be undone")
-    stretch_percent: tuple[float, float] = threshold((2.0, 98.0), "%", "percentiles of black and white")
-    hills_m: float = threshold(30.0, "m", "margin of heights beyond those of the points: relief, buildings")
     unknown_heights_m: float = threshold(300.0, "m", "half range of heights if no point has a height")
     vendor_px: float = threshold(150.0, "px", "error of given RPCs: 75 m at 0.5 m pixels")
     adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
@@ -136,7 +133,7 @@ class History:
     def do(self, edit: Edit) -> None:
         """Make an edit; edits that were undone before cannot be redone any more."""
         self._undone.clear()
-        self._done = [*self._done[1 - PANEL.longest_history :], (self.state, edit)]
+        self._done = [*self._done[1 - SAMPLES.large :], (self.state, edit)]
         self._states += 1
         self.state = self._states
         self._apply(edit.forth)

@@ -16,7 +16,7 @@ from ...hrsi_engine.adjustment.starting_values.intersection import intersect_poi
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.thresholds import EQUALITY, ITERATIONS
+from ...hrsi_engine.foundation.thresholds import EQUALITY, GROUND, ITERATIONS
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
 from ...hrsi_engine.ground.geodesy import move_ground
 from ...hrsi_engine.io.rasters.cropping import pixel_view
@@ -78,10 +78,10 @@ def list_heights(session: PointSession, name: str) -> tuple[float, float, float]
     point, rays = session.points[name], sum(other == name for other, _ in session.measured)
     heights, middle = session.ground_heights_m(), session.middle_height_m()
     if point.role != TIE or rays > 1:
-        margin = 2.0 * PANEL.hills_m / 3.0
+        margin = 2.0 * GROUND.margin_m / 3.0
         return point.height - margin, point.height + margin, point.height
     if len(heights):
-        return float(heights.min()) - PANEL.hills_m, float(heights.max()) + PANEL.hills_m, middle
+        return float(heights.min()) - GROUND.margin_m, float(heights.max()) + GROUND.margin_m, middle
     return middle - PANEL.unknown_heights_m, middle + PANEL.unknown_heights_m, middle
 
 

@@ -9,13 +9,13 @@ from laser_scenes import LaserScene, laser_scene
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.external.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
 from hrsi.hrsi_engine.adjustment.external.shared_errors import (
-    SOURCE_FIT,
     CommonError,
     GroupHistory,
     GroupOffset,
     find_outlying_groups,
 )
 from hrsi.hrsi_engine.block.laser import LaserPoints
+from hrsi.hrsi_engine.foundation.thresholds import ITERATIONS
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.laboratory.simulation.options import LaserSpec
 from hrsi.hrsi_engine.results.judged_block import judge
@@ -213,8 +213,8 @@ def test_a_group_that_comes_back_again_and_again_stays_out():
     """Left out, it fits; taken back, it does not: without an end to that the adjustment has none either."""
     memory, group = GroupHistory(), ("laser", 4)
     seen = [memory.decide_exclusion(group, decided=number % 2 == 0) for number in range(40)]
-    assert not all(seen[: 2 * SOURCE_FIT.most_returns - 1])
-    assert all(seen[2 * SOURCE_FIT.most_returns - 1 :])
+    assert not all(seen[: 2 * ITERATIONS.repeated - 1])
+    assert all(seen[2 * ITERATIONS.repeated - 1 :])
     assert not memory.decide_exclusion(("laser", 5), decided=False)
     assert memory.decide_exclusion(("laser", 5), decided=True) and not memory.decide_exclusion(
         ("laser", 5), decided=False

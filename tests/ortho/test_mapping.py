@@ -10,6 +10,7 @@ from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
 from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
+from hrsi.hrsi_engine.foundation.thresholds import MEMORY
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid, find_terrain_points
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping
@@ -113,7 +114,7 @@ def test_windows_of_any_size_have_the_same_positions(tmp_path: Path, size: tuple
 def test_cells_of_very_fine_terrain_are_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Heights are then those of the surface."""
     nodes = []
-    for most in (ORTHO.most_cells, 1000):
+    for most in (MEMORY.values, 1000):
         monkeypatch.setattr(mapping_module, "ORTHO", replace(mapping_module.ORTHO, most_cells=most))
         chunk = mapping(tmp_path, 1e-5, roughness=3.0).chunk(GridWindow(64, 64, 200, 150))
         nodes.append(chunk.positions)

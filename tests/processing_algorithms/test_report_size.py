@@ -19,9 +19,9 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.drawing.block_figures import draw_figures
-from hrsi.hrsi_engine.foundation.thresholds import LISTS
+from hrsi.hrsi_engine.foundation.thresholds import LISTS, SAMPLES
 from hrsi.hrsi_engine.io.pages.report import write_report_html
-from hrsi.hrsi_engine.results.drawings import REPORT_PAGE, report_figures
+from hrsi.hrsi_engine.results.drawings import report_figures
 from hrsi.hrsi_engine.results.figures import block_report
 from hrsi.hrsi_engine.results.residuals import Residuals, compute_residuals
 from hrsi.hrsi_engine.results.statistics import statistic_entries, survey_point_rows
@@ -108,10 +108,10 @@ def test_a_thousand_images(small: tuple[Adjustment, Residuals], tmp_path: Path) 
     assert seconds < MOST_SECONDS
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     shown = page.count('class="pt gcp"') + page.count('class="pt check"')
-    assert min(known, REPORT_PAGE.most_known) <= shown <= REPORT_PAGE.most_known + 2 * LISTS.rows
+    assert min(known, SAMPLES.large) <= shown <= SAMPLES.large + 2 * LISTS.rows
     ids = set(json.loads(re.search(r'id="page-data">(.*?)</script>', page)[1])["points"]["id"])
     assert {row["id"] for role in (Role.GCP, Role.CHECK) for row in survey_point_rows(result, left, role)} <= ids
-    assert 0 < page.count('class="pt tie"') < REPORT_PAGE.most_known  # the worst; the others are in cells
+    assert 0 < page.count('class="pt tie"') < SAMPLES.large  # the worst; the others are in cells
 
 
 def test_few_points_are_all_there(small: tuple[Adjustment, Residuals], tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ probability equally (Bonferroni).
 import numpy as np
 from scipy import special
 
-from ...foundation.thresholds import EQUALITY, REDUNDANCY, SAMPLES, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, threshold, thresholds
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
 from ..observations import Observations
@@ -61,7 +61,6 @@ class TREND:
     """Limits for image residuals that neighbours share: they are attributed to the cameras, not to blunders."""
 
     sample: int = threshold(600, "measurements", "largest number of an image for its trend: coefficients to 0.1 sigma")
-    steps: int = threshold(4, "steps", "iterations of the robust fit")
 
 
 def estimate_tie_variance(
@@ -128,7 +127,7 @@ def check_ties(
         if len(rows) < SAMPLES.quadratic:
             continue
         terms, weight = _list_terms(observations, rows), np.ones(len(rows))
-        for _ in range(TREND.steps):
+        for _ in range(ITERATIONS.repeated):
             weighted = terms * weight[:, None]
             normal = terms.T @ weighted + REDUNDANCY.regularised * len(rows) * np.eye(6)
             trends[index] = np.linalg.solve(normal, weighted.T @ solution.normals.residual[rows])

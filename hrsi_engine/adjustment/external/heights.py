@@ -24,7 +24,7 @@ import numpy as np
 
 from ...block.orthoimage import DEM, divide_area
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.thresholds import REDUNDANCY, SAMPLES, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, REDUNDANCY, SAMPLES, threshold, thresholds
 from ...ground.geodesy import metres_per_degree, move_ground
 from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, surface_heights
@@ -52,7 +52,6 @@ class HEIGHTS:
         "GLO-30: 4 m LE90 with noise of 1 to 3 m",
     )
     alike_m: float = threshold(100.0, "m", "side of cells whose heights are one observation in the jitter estimate")
-    least_plan_m: float = threshold(0.1, "m", "smallest error in plan of a point in a DEM")
     least_common_m: float = threshold(1e-3, "m", "sigma of the common error of surveyed heights, here independent")
 
 
@@ -125,7 +124,7 @@ class DemHeights:
         variance = np.full(count, self.sigma_m**2)
         for axis in (0, 1):
             step = np.zeros((count, 3))
-            step[:, axis] = np.sqrt(np.maximum(cofactors[points, axis, axis], 0.0)) + HEIGHTS.least_plan_m
+            step[:, axis] = np.sqrt(np.maximum(cofactors[points, axis, axis], 0.0)) + EQUALITY.position_m
             change = [surface_heights(self.dem, move_ground(present, sign * step)[:, :2]) - height for sign in (-1, 1)]
             variance += np.nan_to_num(np.abs(change).max(axis=0)) ** 2
         return HeightRows(points, np.arange(count), np.ones(count), height, np.sqrt(variance), self.tile[finite])

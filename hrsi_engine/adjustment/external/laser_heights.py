@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from ...block.laser import LASER_HEIGHT, LaserPoints
 from ...foundation.large_arrays import finite_rows
 from ...foundation.robust_scale import ROBUST
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, SAMPLES, threshold, thresholds
 from ...ground.geodesy import LocalFrame, ground_difference_m, metres_per_degree
 from ..result import LaserOutcome
 from .heights import HeightRows
@@ -38,10 +38,8 @@ NAME = "laser"
 class LASER_FIT:
     """Limits for the comparison of laser heights with the heights of tie points."""
 
-    ties: int = threshold(12, "tie points", "largest number of neighbouring tie points for a laser point's plane")
     slope_sigma: float = threshold(0.2, "m/m", "a priori standard deviation of the ground's slope")
     roughness: float = threshold(0.02, "m/m", "standard deviation of the ground about the plane, per distance")
-    least_scatter_m: float = threshold(0.1, "m", "smallest scatter of tie points about their plane")
     place_sigma_m: float = threshold(
         4.0, "m", "error of a laser point in plan", "ICESat-2: 3.5 m (Luthcke et al. 2021)"
     )
@@ -73,7 +71,7 @@ def fit_planes(away_m: np.ndarray, height_m: np.ndarray, is_near: np.ndarray) ->
     distance = np.linalg.norm(away_m, axis=2)
     rough = (LASER_FIT.roughness * distance) ** 2
     level = np.nanmedian(np.where(is_near, height_m, np.nan), axis=1)
-    scatter = np.full(len(level), LASER_FIT.least_scatter_m)
+    scatter = np.full(len(level), EQUALITY.position_m)
     weight = np.where(is_near, 1.0, 0.0)
     design = np.concatenate([np.ones((*away_m.shape[:2], 1)), np.where(is_near[..., None], away_m, 0.0)], axis=2)
     height = np.where(is_near, height_m - level[:, None], 0.0)
@@ -85,9 +83,7 @@ def fit_planes(away_m: np.ndarray, height_m: np.ndarray, is_near: np.ndarray) ->
         left = np.abs(height - np.einsum("nki,ni->nk", design, solution))
         middle = np.nanmedian(np.where(is_near, left, np.nan), axis=1)
         is_redundant = is_near.sum(axis=1) > 3
-        scatter = np.where(
-            is_redundant, np.maximum(1.4826 * middle, LASER_FIT.least_scatter_m), LASER_FIT.least_scatter_m
-        )
+        scatter = np.where(is_redundant, np.maximum(1.4826 * middle, EQUALITY.position_m), EQUALITY.position_m)
         t = left / np.sqrt(scatter[:, None] ** 2 + rough)
         weight = np.where(is_near, (ROBUST.full_weight / np.maximum(t, ROBUST.full_weight)) ** 3, 0.0)
     covariance = np.linalg.inv(normal)[:, 1:, 1:]
@@ -165,7 +161,7 @@ class LaserHeights:
         frame = LocalFrame(*ground[placed[0]])
         ties, places = ground[placed], laser
         flat, at = frame.from_ground(ties)[:, :2], frame.from_ground(places)[:, :2]
-        distance, near = cKDTree(flat).query(at, k=min(LASER_FIT.ties, len(placed)), distance_upper_bound=self.reach_m)
+        distance, near = cKDTree(flat).query(at, k=min(SAMPLES.fewest, len(placed)), distance_upper_bound=self.reach_m)
         distance, near = distance.reshape(len(at), -1), near.reshape(len(at), -1)
         kept = np.flatnonzero(np.isfinite(distance).any(axis=1))
         if not len(kept):

@@ -28,7 +28,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.thresholds import REDUNDANCY, SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import ITERATIONS, REDUNDANCY, SIGNIFICANCE, threshold, thresholds
 from ..result import SourceGroup
 
 
@@ -36,7 +36,6 @@ from ..result import SourceGroup
 class SOURCE_FIT:
     """Limits for residuals of external heights and positions, singly and in groups."""
 
-    most_returns: int = threshold(3, "returns", "after so many returns a group remains left out")
     least_of_group: int = threshold(3, "observations", "fewest observations of a group that is tested")
     sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "limits of the estimated factor of a sigma")
 
@@ -230,7 +229,7 @@ class GroupHistory:
     def decide_exclusion(self, group: tuple[str, int], decided: bool) -> bool:
         """Return True if a group is to be left out, ``decided`` as wrong or after many returns; update the history."""
         self.returns[group] += group in self.left_out and not decided
-        left_out = decided or self.returns[group] >= SOURCE_FIT.most_returns
+        left_out = decided or self.returns[group] >= ITERATIONS.repeated
         (self.left_out.add if left_out else self.left_out.discard)(group)
         return left_out
 

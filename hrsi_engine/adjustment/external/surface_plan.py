@@ -26,7 +26,7 @@ from ...block.block import Image
 from ...block.pointing import estimate_pointing
 from ...foundation.large_arrays import finite_rows
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.thresholds import ITERATIONS, REDUNDANCY, SAMPLES, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, threshold, thresholds
 from ...ground.geodesy import ground_difference_m, move_ground
 from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, cell_size_m
@@ -47,7 +47,6 @@ class SURFACE_FIT:
         0.45, "", "noise of neighbouring DEM cells relative to the DEM's standard deviation", "GLO-30: 1 m"
     )
     flat: float = threshold(0.7, "", "largest scatter of misclosures relative to that of heights; else ground is flat")
-    left_of_relief: float = threshold(0.5, "", "largest scatter of misclosures relative to that of heights …")
 
 
 @dataclass(eq=False)
@@ -112,7 +111,7 @@ class SurfacePlan:
     def why_open(self) -> str:
         """Reason why the relief does not determine the block's position in plan; empty if it does."""
         match = self.first
-        if match.scatter_m > max(SURFACE_FIT.left_of_relief * self.relief_m, ROBUST.outlier * self.sigma_m):
+        if match.scatter_m > max(EQUALITY.majority * self.relief_m, ROBUST.outlier * self.sigma_m):
             return f"it does not show this terrain (a scatter of {match.scatter_m:.1f} m remains)"
         if match.scatter_m > SURFACE_FIT.flat * self.relief_m:
             return f"the ground is flat: its relief of {self.relief_m:.1f} m is not larger than the misclosures"

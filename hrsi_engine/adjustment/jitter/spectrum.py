@@ -52,7 +52,6 @@ class WAVES:
     longest_share: float = threshold(
         0.6667, "", "longest period relative to the observed lines; the RPC correction absorbs longer waves"
     )
-    outlier: float = threshold(5.0, "sigma", "deviation, wave included, beyond which a residual is left out")
     oversampling: int = threshold(5, "", "frequencies computed in the width of a peak", "loss of height below 2 %")
     scanned_share: float = threshold(
         0.85,
@@ -298,7 +297,7 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     if len(usable) < SAMPLES.fewest:
         return None
     deviation = shift[usable] - np.median(shift[usable])
-    usable = usable[np.abs(deviation) <= WAVES.outlier * max(float(robust_sigma(deviation)), 1e-12)]
+    usable = usable[np.abs(deviation) <= SIGNIFICANCE.certain * max(float(robust_sigma(deviation)), 1e-12)]
     line, sample, weight, shift = profile.line[usable], profile.sample[usable], weight[usable], shift[usable]
     # Strips with equal numbers of measurements
     last = np.arange(1, WAVES.strips) * (len(sample) - 1) // WAVES.strips

@@ -37,11 +37,9 @@ class PROJECTS:
     margin: float = threshold(0.25, "", "margin of the initial DEM relative to the area's extent")
     margin_deg: float = threshold(0.02, "deg", "margin of the initial DEM in addition to that")
     held_out_of: int = threshold(8, "views", "one of so many views is held out for a test", "custom of LLFF")
-    stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles of black and white")
     perspective_px: float = threshold(
         0.5, "px", "largest difference of a perspective camera from its RPC without a message", "as COLMAP filters"
     )
-    height_margin_m: float = threshold(30.0, "m", "margin of the modelled volume below and above the terrain")
 
 
 @dataclass(frozen=True, eq=False)

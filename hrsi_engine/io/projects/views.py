@@ -32,8 +32,9 @@ from ...camera.perspective import PerspectiveCamera, fit_perspective_camera
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ...foundation.json_values import json_text
+from ...foundation.pixel_filters import STRETCH
 from ...foundation.progress import silent
-from ...foundation.thresholds import GRIDS
+from ...foundation.thresholds import GRIDS, GROUND
 from ...ground.geodesy import LocalFrame, to_ecef
 from ..opening.datasets import config_option, gdal_messages
 from ..rasters.cropping import CropWindow, open_window, save_image
@@ -87,7 +88,7 @@ def sample_volume(project: BlockProject) -> np.ndarray:
     """Return ground points ``(n, 3)`` over the region, in layers from below the lowest to above the highest terrain."""
     ground = sample_area(project.area.bounds, project.surface, GRIDS.fine)
     low, high = np.nanmin(ground[..., 2]), np.nanmax(ground[..., 2])
-    heights = np.linspace(low - PROJECTS.height_margin_m, high + PROJECTS.height_margin_m, GRIDS.coarse)
+    heights = np.linspace(low - GROUND.margin_m, high + GROUND.margin_m, GRIDS.coarse)
     return np.concatenate(
         [np.column_stack([ground[..., :2].reshape(-1, 2), np.full(ground[..., 0].size, height)]) for height in heights]
     )
@@ -228,7 +229,7 @@ def write_shear(one: PerspectiveView, path: str) -> None:
     source = open_window(one.view.image.path, one.view.window, "cubic")
     bands = [1, 2, 3] if source.RasterCount >= 3 else [1]
     pixels = one.view.image.pixels.read(*one.view.window.bounds)
-    low, high = np.percentile(pixels[0][pixels[1]], PROJECTS.stretch_percent) if pixels[1].any() else (0.0, 1.0)
+    low, high = np.percentile(pixels[0][pixels[1]], STRETCH.percent) if pixels[1].any() else (0.0, 1.0)
     copy = None
     with gdal_messages() as messages, config_option("GDAL_PAM_ENABLED", "NO"):
         begin = shear * (one.camera.principal[1] + _CORNER) - one.camera.left

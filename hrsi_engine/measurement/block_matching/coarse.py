@@ -43,10 +43,8 @@ class COARSE:
     contrast_gain: float = threshold(1.5, "", "factor by which another contrast must have more matches", _CONTRASTS)
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")
     nodes: int = threshold(24, "nodes", "nodes along an image's longer side in the grid of heights")
-    neighbours: int = threshold(7, "matches", "number of matches for the median height of a node")
     floor_px: float = threshold(1.0, "px of the overview", "smallest standard deviation of a match")
     finer: int = threshold(4, "", "factor of resolution of a second search, in windows")
-    features: int = threshold(1000, "features", "largest number of features of such a window")
     same_view_px: float = threshold(2.0, "px", "smallest parallax from which heights are estimated")
 
 
@@ -161,7 +159,7 @@ def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
         ]
         for features, tile in zip(parts_by_image, tiles, strict=True):
             if all(part_tile is not None for part_tile in tiles) and tile is not None:
-                features.append(detect_features(tile, COARSE.features))
+                features.append(detect_features(tile, SAMPLES.large))
     nothing: PartResult = {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
     first, second = (
         {name: np.concatenate([part[name] for part in (nothing, *parts)]) for name in nothing}
@@ -252,7 +250,7 @@ def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -
 
 
 def interpolate_median(
-    xy: np.ndarray, values: np.ndarray, places: np.ndarray, count: int = COARSE.neighbours, skipped: int = 0
+    xy: np.ndarray, values: np.ndarray, places: np.ndarray, count: int = SAMPLES.neighbours, skipped: int = 0
 ) -> np.ndarray:
     """Return at each place the median of the ``count`` nearest values, without the ``skipped`` nearest ones."""
     count = min(count + skipped, len(xy))

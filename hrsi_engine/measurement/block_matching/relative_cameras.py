@@ -23,7 +23,7 @@ from scipy.sparse.linalg import spsolve
 
 from ...block.block import Image
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.thresholds import MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import ITERATIONS, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import HeightGrid, TilePairGeometry
 from .coarse import CoarseJob, PairEstimate, interpolate_median, place_height_nodes
@@ -35,7 +35,6 @@ class CAMERAS:
     """Estimation of relative camera shifts from matches, and half width of searches at predicted positions."""
 
     prior_px: float = threshold(30.0, "px", "a priori standard deviation of a camera's shift")
-    rounds: int = threshold(3, "rounds", "iterations of the robust weights")
     margin_px: float = threshold(2.0, "px", "smallest half width of a search", "Pléiades, Kahramanmaras, 2026-11-22")
 
 
@@ -122,7 +121,7 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
     row = np.concatenate([np.repeat(equation.ravel(), 2), equation.ravel()])
     design = sparse.csr_matrix((entries, (row, column)), shape=(equation.size, 2 * len(images)))
     weight = np.ones(equation.shape)
-    for _ in range(CAMERAS.rounds):
+    for _ in range(ITERATIONS.repeated):
         root = np.sqrt(weight).ravel()
         A, r = sparse.diags(root) @ design, root * discrepancy.ravel()
         t = root * climb.ravel()

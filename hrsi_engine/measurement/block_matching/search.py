@@ -10,7 +10,7 @@ import numpy as np
 from ...block.block import Image, PyramidRaster
 from ...foundation.errors import InputError, list_ids
 from ...foundation.progress import Progress, stage
-from ...foundation.thresholds import GRIDS, MEMORY
+from ...foundation.thresholds import GRIDS, GROUND, MEMORY
 from ...foundation.version import VERSION
 from ...foundation.workers.scheduling import PartResult, ResultStore, Scheduler, WorkPart, digest, run_parts
 from ...surface.dem import HeightSurface
@@ -99,7 +99,7 @@ class TieSearch:
     def find_overlaps_of_images(self) -> list[overlaps.Overlap]:
         """Return the pairs of usable images that overlap; raise `InputError` if there are none."""
         images = [self.images[index] for index in self.usable]
-        self._ranges = overlaps.find_ground_ranges(images, self.surface, TIE_SEARCH.dem_margin_m)
+        self._ranges = overlaps.find_ground_ranges(images, self.surface, GROUND.margin_m)
         overlapping = find_likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
         if self.earlier:
             overlapping = [

@@ -26,7 +26,7 @@ import numpy as np
 from ...block.block import Image
 from ...camera.rpc import Localization
 from ...camera.rpc_terms import monomials
-from ...foundation.thresholds import MEMORY, SAMPLES
+from ...foundation.thresholds import GROUND, MEMORY, SAMPLES
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import transfer
 from ..tile_matching.options import TileMatchOptions
@@ -65,7 +65,7 @@ def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: 
     """
     corners = np.array([(window.sample, window.line), (window.sample + window.samples, window.line + window.lines)])
     low, high = compute_height_limits(geometry, corners.astype(np.float64))
-    bottom, top = float(low.min()) - TIE_WINDOWS.height_margin_m, float(high.max()) + TIE_WINDOWS.height_margin_m
+    bottom, top = float(low.min()) - 2.0 * GROUND.margin_m, float(high.max()) + 2.0 * GROUND.margin_m
     middle = np.array([*corners.mean(axis=0), 0.5 * (bottom + top)])
     reach = np.array([0.5 * window.samples + border, 0.5 * window.lines + border, 0.5 * (top - bottom)])
     nodes = middle + reach * _NODES

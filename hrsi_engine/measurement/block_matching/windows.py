@@ -8,7 +8,7 @@ import numpy as np
 
 from ...block.block import Image, average_blocks, read_overview_pixels
 from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
-from ..tile_matching.epipolar import EPIPOLAR, transfer
+from ..tile_matching.epipolar import transfer
 from ..tile_matching.types import ImageTile, TilePairGeometry
 
 
@@ -25,7 +25,6 @@ class TIE_WINDOWS:
     valid_share: float = threshold(0.3, "", "smallest share of valid pixels in a window")
     side_px: int = threshold(64, "px", "smallest side of a window's part in a partner image")
     miss_px: float = threshold(1e-3, "px", "largest error of a cubic that replaces the RPCs")
-    height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "margin of the cubic's heights: line's step")
 
 
 class ImageWindow(NamedTuple):

@@ -17,8 +17,8 @@ from ...block.columns import Columns
 from ...foundation import pixel_filters as filters
 from ...foundation.pixel_filters import BLUR
 from ...foundation.robust_scale import ROBUST
-from ...foundation.thresholds import threshold, thresholds
-from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
+from ...foundation.thresholds import EQUALITY, threshold, thresholds
+from .corners import make_gaussian_kernels
 from .level_regions import HOMOGENEOUS, LevelRegions
 
 
@@ -27,7 +27,6 @@ class OUTLINE_SAMPLING:
     """Sampling of a region's outline and detection of its edge points."""
 
     step_px: float = threshold(0.5, "px", "spacing of samples along a normal")
-    first_peak_share: float = threshold(0.5, "", "smallest gradient of an edge over the largest", SIMULATED_OBJECTS)
     smoothing_points: float = threshold(1.5, "points", "standard deviation of the outline's smoothing")
     opened_pixels: int = threshold(60, "px", "area above which thin connections are removed by opening")
     fewest_points: int = threshold(16, "points", "fewest points of an outline")
@@ -135,7 +134,7 @@ def find_edges_along(
     # Without a sign: 1 at the first local maximum above `first_peak_share` of the largest, else 0
     either, first_peak = along[unsigned], np.zeros((int(unsigned.sum()), len(steps)), dtype=np.float32)
     inner = either[:, 1:-1]
-    large = inner >= OUTLINE_SAMPLING.first_peak_share * either.max(axis=1, initial=0.0)[:, None]
+    large = inner >= EQUALITY.majority * either.max(axis=1, initial=0.0)[:, None]
     first_peak[:, 1:-1] = (inner >= either[:, :-2]) & (inner >= either[:, 2:]) & large
     peak[unsigned] = first_peak
     best = np.argmax(peak, axis=1)

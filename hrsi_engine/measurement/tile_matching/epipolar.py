@@ -17,14 +17,13 @@ from scipy.spatial import cKDTree
 
 from ...camera.rpc import Localization
 from ...foundation.robust_scale import ROBUST, robust_sigma
-from ...foundation.thresholds import SAMPLES, threshold, thresholds
+from ...foundation.thresholds import GROUND, SAMPLES, threshold, thresholds
 
 
 @thresholds
 class EPIPOLAR:
     """Computation of epipolar lines from RPCs, and limits for matches relative to them."""
 
-    height_step_m: float = threshold(50.0, "m", "half the height difference from which a line's direction is computed")
     least_stretch: float = threshold(1e-3, "px/m", "smallest parallax per height from which heights are computed")
     ratio: float = threshold(0.8, "", "largest ratio of the distances to the two nearest descriptors", "Lowe 2004")
     batch: int = threshold(2048, "descriptors", "number of descriptors compared together (memory)")
@@ -79,9 +78,9 @@ def compute_epipolar_deviation(
     reach = 2.0 * (highest - lowest)
     height = np.full(len(first_xy), height_m, dtype=np.float64)
     for _ in range(iterations):
-        at_low = transfer(first, second, first_xy, height - EPIPOLAR.height_step_m)
-        above = transfer(first, second, first_xy, height + EPIPOLAR.height_step_m)
-        slope = (above - at_low) / (2.0 * EPIPOLAR.height_step_m)
+        at_low = transfer(first, second, first_xy, height - GROUND.margin_m)
+        above = transfer(first, second, first_xy, height + GROUND.margin_m)
+        slope = (above - at_low) / (2.0 * GROUND.margin_m)
         stretch = np.linalg.norm(slope, axis=1)
         distinct = stretch > EPIPOLAR.least_stretch
         direction = np.where(distinct[:, None], slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None], (1, 0))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.columns import rank_in_groups
-from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue, erode, load_opencv
+from ...foundation.pixel_filters import STRETCH, box_mean, compute_smaller_eigenvalue, erode, load_opencv
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.corners import compute_structure_tensor, find_local_maxima, mask_usable_surroundings
 from ..interest_points.windows import estimate_noise
@@ -26,7 +26,6 @@ class FEATURES:
 
     contrast: float = threshold(0.01, "", "smallest contrast of a feature", "Lowe 2004: 0.03; lower for 11 bit")
     valid_px: int = threshold(9, "px", "side of the square of valid pixels around a feature")
-    stretch: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles of the grey values that become 0 and 255")
     lenient_ratio: float = threshold(0.9, "", "largest ratio of descriptors' distances", "Lowe 2004: 0.8; RPCs follow")
 
 
@@ -57,7 +56,7 @@ def stretch_to_byte(grey: np.ndarray, valid: np.ndarray) -> np.ndarray | None:
     """Return the window as 8 bit, stretched between the 1st and 99th percentile; None without any texture."""
     if not valid.any():
         return None
-    low, high = np.percentile(grey[valid][::7], FEATURES.stretch)
+    low, high = np.percentile(grey[valid][::7], STRETCH.percent)
     if not high > low:
         return None
     return np.clip((grey.astype(np.float32) - low) * (255.0 / (high - low)), 0.0, 255.0).astype(np.uint8)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import ndimage
 
 from ...foundation.pixel_filters import blur, interpolate
-from ...foundation.thresholds import MEMORY
+from ...foundation.thresholds import GROUND, MEMORY
 from ..window_matching.windows import ResultCache
 from .epipolar import EPIPOLAR, LocalizingCamera, transfer
 from .options import TILE_MATCH
@@ -179,7 +179,7 @@ class TileFrame:
 
     def parallax(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of the parallax of height in this frame."""
-        up_m = EPIPOLAR.height_step_m
+        up_m = GROUND.margin_m
         parallax_px = (self.predict(points, up_m) - self.predict(points, -up_m)) / (2.0 * up_m)
         slope = np.linalg.solve(self.compute_jacobians(points), parallax_px[..., None])[..., 0]
         stretch = np.linalg.norm(slope, axis=1)

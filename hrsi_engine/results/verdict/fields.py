@@ -19,7 +19,6 @@ from ..residuals import by_image
 class FIELD:
     """Limits for systematic patterns (fields) in the residuals of images."""
 
-    most_rows: int = threshold(1000, "points", "most points of an image that are tested")
     equal_share: float = threshold(
         0.8, "", "share of the squares explained by the largest model that a simpler model needs"
     )
@@ -44,12 +43,12 @@ class ResidualField:
 def find_residual_fields(result: Adjustment, selected: np.ndarray, residual_px: np.ndarray) -> list[ResidualField]:
     """Return the significant fields of the ``selected`` measurements (mask) in residuals (n, 2), the largest first."""
     count = np.bincount(result.block.measurements.image[selected])
-    step = max(1, int(count[count > 0].min(initial=0)) // FIELD.most_rows) if len(count) else 1
+    step = max(1, int(count[count > 0].min(initial=0)) // SAMPLES.large) if len(count) else 1
     thinned = np.zeros_like(selected)
     thinned[::step] = selected[::step]
     fields = []
     for index, rows in by_image(result.block, thinned):
-        rows, image = rows[:: max(1, len(rows) // FIELD.most_rows)], result.block.images[index]
+        rows, image = rows[:: max(1, len(rows) // SAMPLES.large)], result.block.images[index]
         if len(rows) >= SAMPLES.fewest:
             position = (result.block.measurements.xy[rows] - image.centre_px) / np.maximum(image.half_size_px, 1.0)
             field = _find_field(image.id, position, residual_px[rows])

@@ -63,7 +63,7 @@ class MajorityFit:
     def level(self) -> Level:
         """The level of a misfit of the majority, by its RMS Mahalanobis distance."""
         distance = np.sqrt(self.dimensions) * self.factor
-        return Level.UNUSABLE if distance >= EFFECT.unusable_factor else Level.DOUBTFUL
+        return Level.UNUSABLE if distance >= SIGNIFICANCE.extreme else Level.DOUBTFUL
 
 
 AXES = {"east": ("west of", "east of"), "north": ("south of", "north of"), "height": ("below", "above")}
@@ -133,7 +133,7 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
         concerned = tuple(dict.fromkeys(name for finding in kept for name in finding.concerned))
         yield Reason(
             "control-misfit",
-            Level.UNUSABLE if worst > EFFECT.unusable_factor else Level.DOUBTFUL,
+            Level.UNUSABLE if worst > SIGNIFICANCE.extreme else Level.DOUBTFUL,
             f"GCPs contradict each other by {worst:.1f} sigma: {list_ids(concerned)}; the observations do not show "
             "which one is wrong, so all are used",
             "compare these points with their source, or measure more GCPs",

@@ -8,7 +8,7 @@ from ...adjustment.external.laser_heights import MISFIT
 from ...adjustment.result import HeightAgreement, SourceGroup
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import EQUALITY, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, GROUND, threshold, thresholds
 from .evidence import Evidence
 from .significance import EFFECT, SOUND_BLOCKS
 
@@ -26,7 +26,6 @@ class HEIGHT_CONFLICTS:
         "… if also less than this share of their file; share in contradicting parts that is not reported",
         SOUND_BLOCKS,
     )
-    canopy_m: float = threshold(3.0, "m", "height difference of laser points on the ground from canopy", SOUND_BLOCKS)
     woods_m: float = threshold(30.0, "m", "height above the ground up to which parts of a DEM are woods or buildings")
 
 
@@ -128,7 +127,7 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     if laser is None:
         return
     fits = laser.reason == ""
-    low = (laser.reason == MISFIT) & (laser.residual_m < -HEIGHT_CONFLICTS.canopy_m)
+    low = (laser.reason == MISFIT) & (laser.residual_m < -GROUND.canopy_m)
     if low.sum() < max(
         HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_share * (fits.sum() + (laser.reason == MISFIT).sum())
     ):

@@ -14,7 +14,6 @@ class EFFECT:
 
     agreeing_factor: float = threshold(2.0, "", "error over its prediction up to which observations agree")
     doubtful_factor: float = threshold(3.5, "", "error over its standard deviation that is reported", SOUND_BLOCKS)
-    unusable_factor: float = threshold(10.0, "", "… at which a block is unusable", SOUND_BLOCKS)
 
 
 def compute_chi_square_limit(freedom: float, risk: float = SIGNIFICANCE.false_alarm) -> float:

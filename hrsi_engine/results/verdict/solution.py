@@ -6,9 +6,9 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import SAMPLES, threshold, thresholds
+from ...foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
 from .evidence import CAMERA, Evidence
-from .significance import EFFECT, SOUND_BLOCKS, is_significant
+from .significance import SOUND_BLOCKS, is_significant
 
 
 @thresholds
@@ -24,9 +24,6 @@ class SOLUTION:
     smallest_sigma_px: float = threshold(
         0.05, "px", "smallest standard deviation of image points in a block: cameras have errors of this size"
     )
-    implausible_drift: float = threshold(
-        5.0, "sigma", "largest drift of an image that no GCPs confirm, in a priori sigmas of its sensor", SOUND_BLOCKS
-    )
     doubtful_fit_px: float = threshold(0.1, "px", "difference of a refined RPC from its model that is reported")
     unusable_fit_px: float = threshold(1.0, "px", "… beyond which a block is unusable")
 
@@ -41,7 +38,7 @@ def find_divergence(evidence: Evidence) -> Iterator[Reason]:
     moving = np.sqrt(max(still, 0.0)) / max(result.sigma0, 1.0)
     if result.converged or moving < SOLUTION.settled_sigmas:
         return
-    is_unusable = not moving < SOLUTION.settled_sigmas * EFFECT.unusable_factor
+    is_unusable = not moving < SOLUTION.settled_sigmas * SIGNIFICANCE.extreme
     level = Level.UNUSABLE if is_unusable else Level.DOUBTFUL
     distance = f"; the next iteration would change the unknowns by {moving:.2g} sigma" if np.isfinite(moving) else ""
     yield Reason(
@@ -71,7 +68,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
     required = result.sigma0 * adjusted
     allowed = float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2))
-    unusable = required >= EFFECT.unusable_factor * allowed
+    unusable = required >= SIGNIFICANCE.extreme * allowed
     reported = result.sigma0 >= SOLUTION.implausible_factor and required >= reported_px
     if (unusable or reported) and is_significant((required / stated) ** 2 * result.redundancy, result.redundancy):
         texts.append(
@@ -105,7 +102,7 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
     images, is_free = result.block.images, np.array([image.id in by_ties for image in result.block.images])
     tested = np.outer(is_free, estimated.model.drifts)
     normalised = np.where(tested, np.abs(estimated.values) / np.where(tested, evidence.value_sigmas, 1.0), 0.0)
-    implausible = np.flatnonzero(normalised.max(axis=1, initial=0.0) > SOLUTION.implausible_drift)
+    implausible = np.flatnonzero(normalised.max(axis=1, initial=0.0) > SIGNIFICANCE.certain)
     if not len(implausible):
         return
     worst, parameter = np.unravel_index(int(np.argmax(normalised)), normalised.shape)
