@@ -41,7 +41,6 @@ from .options import MisregistrationOptions
 class SHIFT:
     """Measurement of the shift between two orthoimages: by windows, and the common shift."""
 
-    closure_px: float = threshold(1e-3, "px", "step of the shift at which a window has converged")
     reach_px: float = threshold(1.0, "px", "largest shift of a window from the best whole pixel")
     smoothing_px: float = threshold(0.8, "px", "sigma of both windows' smoothing")
     border_px: int = threshold(4, "px", "border of the search area for interpolation and smoothing")
@@ -185,7 +184,7 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
         d, gain, offset = d + step[:2], gain + step[2], offset + step[3]
         if np.abs(d).max() > SHIFT.reach_px or gain <= 0.0:
             return _make_failure(WindowOutcome.UNSTEADY, best)
-        if np.hypot(*step[:2]) < SHIFT.closure_px:
+        if np.hypot(*step[:2]) < ITERATIONS.fine:
             break
     variance = float(weight @ misfit**2 / weight.sum())
     # Cofactor matrix ``(4, 4)`` of the unknowns for noise that was white before the smoothing: afterwards its

@@ -46,8 +46,7 @@ class ACCURACY:
         "ten times the "
         "published CE90 of Pleiades, 26 sigma of its simulated RPCs (tests/plausibility/test_biased_rpcs.py)",
     )
-    impossible_shift_sigmas: float = threshold(15.0, "sigma", "largest possible shift by an RPC, or …", SIMULATED)
-    impossible_shift_m: float = threshold(500.0, "m", "… in metres; the larger of the two applies", SIMULATED)
+    impossible_shift_m: float = threshold(500.0, "m", "shift that an RPC of any sensor can have", SIMULATED)
     misfit_px: float = threshold(
         15.0, "px", "largest difference between points of one image by measurement errors and drift", SIMULATED
     )
@@ -95,7 +94,7 @@ def estimate_accuracies(
         large_m = biased_m = SIGNIFICANCE.extreme * sigma
         if has_figure:
             large_m, biased_m = ACCURACY.biased_ce90 * ce90_m, ACCURACY.most_biased_ce90 * ce90_m
-        far_m = max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m, biased_m)
+        far_m = max(ACCURACY.impossible_shift_m, biased_m)
         drift = max(ACCURACY.largest_drift, SIGNIFICANCE.extreme * sigma_drift)
         misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
         usual_drift = max(ACCURACY.usual_drift, sigma_drift)

@@ -21,10 +21,9 @@ from .control import ControlMeasurements, StraightRays, compute_sightlines
 
 @thresholds
 class IDENTITY:
-    """Limits for permutations of the ids of points and images."""
+    """Limits for permutations of the ids of points."""
 
     most_points: int = threshold(400, "points", "largest number whose permutations are tested (quadratic cost)")
-    most_images: int = threshold(12, "images", "largest number of images whose permutations are tested")
 
 
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
@@ -80,9 +79,9 @@ def find_image_permutation(
 ) -> tuple[np.ndarray, StraightRays] | None:
     """Return the image of each measurement ``(n,)`` by the best permutation of the ``suspects`` images, and its rays.
 
-    None where no permutation is better than the ids as given, and for a single image or too many.
+    None where no permutation is better than the ids as given, and for a single image.
     """
-    if not 2 <= len(suspects) <= IDENTITY.most_images:
+    if len(suspects) < 2:
         return None
     images = control.block.images
     cost = np.empty((len(suspects), len(suspects)))

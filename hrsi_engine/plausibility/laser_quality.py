@@ -17,10 +17,10 @@ from ..ground.geodesy import ground_difference_m
 class LASER_QUALITY:
     """Limits for laser points that are used in the adjustment; residuals reduce the weights there."""
 
-    sigma_m: float = threshold(1.0, "m", "largest stated standard deviation")
-    misfit_m: float = threshold(1.0, "m", "largest spread of the photons about the fitted segment")
+    sigma_m: float = threshold(
+        1.0, "m", "largest stated standard deviation, and spread of the photons about the segment"
+    )
     photons: float = threshold(10.0, "photons", "smallest number of photons of a segment")
-    neighbour_reach_m: float = threshold(150.0, "m", "largest distance of a neighbour along the track")
 
 
 def find_laser_reasons(points: LaserPoints) -> np.ndarray:
@@ -28,7 +28,7 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         tests = (
             (points.sigma_m > LASER_QUALITY.sigma_m, f"standard deviation above {LASER_QUALITY.sigma_m:g} m"),
-            (points.misfit_m > LASER_QUALITY.misfit_m, f"photons spread by more than {LASER_QUALITY.misfit_m:g} m"),
+            (points.misfit_m > LASER_QUALITY.sigma_m, f"photons spread by more than {LASER_QUALITY.sigma_m:g} m"),
             (points.photons < LASER_QUALITY.photons, f"fewer than {LASER_QUALITY.photons:g} photons"),
             (np.abs(points.slope) > GROUND.slope, f"slope above {100.0 * GROUND.slope:g} %"),
             (points.canopy_m > GROUND.canopy_m, f"vegetation above {GROUND.canopy_m:g} m"),
@@ -36,31 +36,24 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
     reason = points.doubt.astype("U64")
     for is_bad, cause in tests:
         reason = np.where((reason == "") & is_bad, cause, reason)
-    # Points whose height differs from the median of their neighbours on the track by more than slopes explain; points
-    # with too few neighbours are not tested
+    # Points whose height differs from the median of their neighbours on the track by more than slopes explain
     accepted = np.flatnonzero(reason == "")
     sound_points = points.select(accepted)
     is_outlier = np.zeros(len(sound_points), dtype=bool)
     order = np.argsort(sound_points.track, kind="stable")
     names = sound_points.track[order]
     for rows in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1 if len(order) else []):
-        if len(rows) <= 3:
+        if len(rows) <= SAMPLES.plane:
             continue
         ground, height = sound_points.ground[rows], sound_points.ground[rows, 2]
         metres = ground_difference_m(ground, ground[:1])[:, :2]
         count = min(SAMPLES.neighbours, len(rows) - 1)
-        distance, neighbours = cKDTree(metres).query(
-            metres, k=count + 1, distance_upper_bound=LASER_QUALITY.neighbour_reach_m
-        )
+        distance, neighbours = cKDTree(metres).query(metres, k=count + 1)
         distance, neighbours = distance[:, 1:], neighbours[:, 1:]  # the nearest is the point itself
-        is_neighbour = np.isfinite(distance)
-        has_neighbours = is_neighbour.sum(axis=1) >= 3
-        neighbour_heights = np.where(is_neighbour, np.append(height, np.nan)[neighbours], np.nan)[has_neighbours]
-        middle = np.nanmedian(neighbour_heights, axis=1)
-        spread = 1.4826 * np.nanmedian(np.abs(neighbour_heights - middle[:, None]), axis=1)
-        reach = np.nanmedian(np.where(is_neighbour, distance, np.nan)[has_neighbours], axis=1)
-        noise = np.hypot(spread, np.nan_to_num(sound_points.sigma_m[rows][has_neighbours]))
-        allowed = GROUND.slope * reach + SIGNIFICANCE.certain * noise
-        is_outlier[rows[has_neighbours]] = np.abs(height[has_neighbours] - middle) > allowed
+        middle = np.median(height[neighbours], axis=1)
+        spread = 1.4826 * np.median(np.abs(height[neighbours] - middle[:, None]), axis=1)
+        noise = np.hypot(spread, np.nan_to_num(sound_points.sigma_m[rows]))
+        allowed = GROUND.slope * np.median(distance, axis=1) + SIGNIFICANCE.certain * noise
+        is_outlier[rows] = np.abs(height - middle) > allowed
     reason[accepted[is_outlier]] = "outlier among its neighbours on the track"
     return reason

@@ -312,7 +312,6 @@ class DATUM:
     """Limits for the difference of a datum from WGS84 in the test of surveyed coordinates."""
 
     least_shift_m: float = threshold(3.0, "m", "smallest difference of a datum from WGS84 that is tested")
-    largest_shift_m: float = threshold(5e3, "m", "largest difference of a datum that is tested")
 
 
 class DatumShift(NamedTuple):
@@ -346,6 +345,6 @@ def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
                 numbers = np.column_stack([coordinates[:, :2], [0.0]])
                 lon, lat, _ = operations_of(f"EPSG:{info.code}").to_wgs84(numbers)[0]
                 east, north = wrap_degrees(np.array(lon - lon_deg)) * factors[0], (lat - lat_deg) * factors[1]
-                if DATUM.least_shift_m < np.hypot(east, north) < DATUM.largest_shift_m:
+                if np.hypot(east, north) > DATUM.least_shift_m:
                     shifts.append(DatumShift(info.name, float(east), float(north)))
     return tuple(shifts)

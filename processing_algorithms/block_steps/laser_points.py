@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...hrsi_engine.adjustment.external.laser_heights import LASER_FIT
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.adjustment.solver import adjust
@@ -34,7 +35,6 @@ class LASER_SEARCH:
     margin_px: float = threshold(
         100.0, "px", "distance of a laser point from an image within which a shift of the block may bring it in"
     )
-    moved_plan_m: float = threshold(3.0, "m", "shift of the block in plan above which there is another iteration")
 
 
 NOT_SEEN = "not on two images"
@@ -156,7 +156,7 @@ def adjust_at_laser_points(
         before, result = result, adjust(block.with_ties(ties), options, stage(part.progress, 0.7, 1.0))
         moved = ground_difference_m(result.ground[: len(block.points)], before.ground[: len(block.points)])
         moved = np.abs(np.median(moved[finite_rows(moved)], axis=0))
-        if np.hypot(*moved[:2]) < LASER_SEARCH.moved_plan_m and moved[2] < LASER_SEARCH.moved_plan_m:
+        if np.hypot(*moved[:2]) < LASER_FIT.moved_m and moved[2] < LASER_FIT.moved_m:
             break
     return result, []
 

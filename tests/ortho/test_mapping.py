@@ -115,7 +115,7 @@ def test_cells_of_very_fine_terrain_are_not_held(tmp_path: Path, monkeypatch: py
     """Heights are then those of the surface."""
     nodes = []
     for most in (MEMORY.values, 1000):
-        monkeypatch.setattr(mapping_module, "ORTHO", replace(mapping_module.ORTHO, most_cells=most))
+        monkeypatch.setattr(mapping_module, "MEMORY", replace(MEMORY, values=most))
         chunk = mapping(tmp_path, 1e-5, roughness=3.0).chunk(GridWindow(64, 64, 200, 150))
         nodes.append(chunk.positions)
     assert np.abs(nodes[0] - nodes[1]).max() < POSITION_PX

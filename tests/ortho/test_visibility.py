@@ -1,5 +1,7 @@
 """Hidden ground against lines of sight that are followed in steps of centimetres by the RPC itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,7 +66,7 @@ def test_any_window_and_any_size_of_the_surface_give_the_same(
     window = GridWindow(37, 51, 150, 120)
     part = np.s_[51:171, 37:187]
     assert np.array_equal(hidden_of(mapping, window), whole[part])
-    monkeypatch.setattr(type(visibility.VISIBILITY), "most_cells", 3000)
+    monkeypatch.setattr(visibility, "MEMORY", replace(visibility.MEMORY, cells=3000))
     assert np.array_equal(hidden_of(mapping, window), whole[part])
     monkeypatch.setattr(type(visibility.VISIBILITY), "block", 5)
     assert np.array_equal(hidden_of(mapping, window), whole[part])

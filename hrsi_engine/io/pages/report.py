@@ -104,8 +104,6 @@ class PAGE_NUMBERS:
     """Decimals of numbers in reports, and quality of their pictures."""
 
     decimals: int = threshold(5, "digits", "most decimals; smaller numbers get a power of ten")
-    jpeg_quality: int = threshold(70, "", "JPEG quality of pictures")
-    fill_grey: int = threshold(236, "grey value", "grey value of invalid pixels", "near the page's white")
 
 
 def write_page(
@@ -249,7 +247,7 @@ def read_picture(raster: GdalRaster, image: str, number: int, side_px: int) -> P
         return None
     size, covers = (int(grey.shape[1]), int(grey.shape[0])), (raster.size[0] / step, raster.size[1] / step)
     # Grey values of any type, where valid, as a data: URI: JPEG, or PNG if this GDAL has no JPEG driver
-    content = _encode_jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PAGE_NUMBERS.fill_grey)))
+    content = _encode_jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(255)))
     uri = (
         f"data:image/png;base64,{encode_grey_png(grey, valid)}"
         if content is None
@@ -267,7 +265,7 @@ def _encode_jpeg(grey: np.ndarray) -> bytes | None:
     with gdal_messages():
         memory = gdal.GetDriverByName("MEM").Create("", samples, lines, 1, gdal.GDT_Byte)
         memory.GetRasterBand(1).WriteArray(grey)
-        copy = driver.CreateCopy(name, memory, options=[f"QUALITY={PAGE_NUMBERS.jpeg_quality}"])
+        copy = driver.CreateCopy(name, memory)
         del copy
         content = read_virtual(name)
         gdal.Unlink(name)
