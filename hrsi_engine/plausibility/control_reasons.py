@@ -86,7 +86,21 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
         return []
     named_mistake, datum, rivals = _find_best_mistake(control, control_fit)
     if named_mistake is not None:
-        return [_make_mistake_reason(control, control_fit, named_mistake)]
+        points = control.points if named_mistake.points is None else named_mistake.points
+        images = control.images if named_mistake.images is None else named_mistake.images
+        where = "" if named_mistake.images is None else f" on image {list_ids(control.image_ids(images))}"
+        return [
+            Reason(
+                named_mistake.mistake.code,
+                Level.UNUSABLE,
+                f"{named_mistake.mistake.what}{where}: the median distance of the ground points from their positions "
+                f"by the RPCs is {_format_median_distance(control_fit, images)}, and "
+                f"{_format_median_distance(named_mistake.fit, images)} after correction",
+                named_mistake.mistake.advice,
+                control.image_ids(images),
+                control.point_ids(points),
+            )
+        ]
     if disagreement is not None:
         single = _find_mistake_of_points(control, control_fit, disagreement)
         return [_make_disagreement_reason(control, disagreement) if single is None else single]
@@ -213,21 +227,6 @@ def _describe_point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
 
 
 # ---- reasons -------------------------------------------------------------------------------------------------------
-
-
-def _make_mistake_reason(control: ControlMeasurements, given: ControlFit, found: MistakeHypothesis) -> Reason:
-    points = control.points if found.points is None else found.points
-    images = control.images if found.images is None else found.images
-    where = "" if found.images is None else f" on image {list_ids(control.image_ids(images))}"
-    return Reason(
-        found.mistake.code,
-        Level.UNUSABLE,
-        f"{found.mistake.what}{where}: the median distance of the ground points from their positions by the RPCs is "
-        f"{_format_median_distance(given, images)}, and {_format_median_distance(found.fit, images)} after correction",
-        found.mistake.advice,
-        control.image_ids(images),
-        control.point_ids(points),
-    )
 
 
 def _list_rivals(rivals: list[MistakeHypothesis]) -> str:

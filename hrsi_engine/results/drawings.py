@@ -69,8 +69,29 @@ def report_figures(
     images = refined or result.block.images
     cards = _make_cards(result, visible)
     pictures = _read_pictures(result.block.images, [card.image for card in cards])
+    # The map has footprints, points with their residuals, and a field of tie points by cells if they are many
+    block, place = result.block, result.positions
+    height = result.middle[2]
+    ties = np.flatnonzero(~block.known & finite_rows(place))
+    is_crowded = len(ties) > SAMPLES.large
+    field = TieField(
+        place[ties, :2],
+        _point_rms(block, visible)[ties],
+        np.hypot(*result.ground_sigma_m[ties, :2].T),
+        block.rays_per_point()[ties],
+    )
+    residual = left.ground_m[visible.points]
     return ReportFigures(
-        map=_make_map(result, left, visible, images, pictures),
+        map=BlockMap(
+            footprints={image.id: area for image, area in zip(images, compute_footprints(images, height), strict=True)},
+            lonlat=place[visible.points, :2],
+            roles=block.points.role[visible.points],
+            residual_en_m=residual[:, :2],
+            ids=block.points.ids[visible.points],
+            residual_h_m=residual[:, 2],
+            ties=field if is_crowded else None,
+            pictures=_lay_out([image for image in images if image.id in pictures], pictures, height),
+        ),
         points=_point_columns(result, left, visible),
         pictures=list(pictures.values()),
         cards=[
@@ -164,37 +185,6 @@ def _point_rms(block: Block, selection: _PointSelection) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         total = np.bincount(point, square[finite], len(block.points))
         return np.sqrt(total / np.bincount(point, minlength=len(block.points)))
-
-
-def _make_map(
-    result: Adjustment,
-    left: Residuals,
-    selection: _PointSelection,
-    images: Sequence[Image],
-    pictures: Mapping[str, Picture],
-) -> BlockMap:
-    """Return footprints, points with their residuals, and a field of tie points by cells if they are many."""
-    block, place = result.block, result.positions
-    height = result.middle[2]
-    ties = np.flatnonzero(~block.known & finite_rows(place))
-    is_crowded = len(ties) > SAMPLES.large
-    field = TieField(
-        place[ties, :2],
-        _point_rms(block, selection)[ties],
-        np.hypot(*result.ground_sigma_m[ties, :2].T),
-        block.rays_per_point()[ties],
-    )
-    residual = left.ground_m[selection.points]
-    return BlockMap(
-        footprints={image.id: area for image, area in zip(images, compute_footprints(images, height), strict=True)},
-        lonlat=place[selection.points, :2],
-        roles=block.points.role[selection.points],
-        residual_en_m=residual[:, :2],
-        ids=block.points.ids[selection.points],
-        residual_h_m=residual[:, 2],
-        ties=field if is_crowded else None,
-        pictures=_lay_out([image for image in images if image.id in pictures], pictures, height),
-    )
 
 
 # ---- images ----------------------------------------------------------------------------------------------------

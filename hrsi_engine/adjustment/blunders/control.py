@@ -229,22 +229,19 @@ class _SuspectSearch:
         """
         for _ in range(ITERATIONS.most):
             if group not in successor:
-                successor[group] = self._take_worst(group)
+                # the GCPs that disagree most with those outside the group, as many as the group has
+                excluded = self.control.find_measurements(group)
+                inverse, test_value = self.control.invert_subset(excluded), np.zeros(self.gcps)
+                remaining = self.control.exclude(excluded, inverse)
+                parts = [np.flatnonzero(self.control.point[excluded] == gcp) for gcp in group]
+                test_value[list(group)] = self.control.test_parts(excluded, parts, inverse)
+                for gcp in set(range(self.gcps)) - set(group):
+                    test_value[gcp], _ = remaining.test_subset(remaining.find_measurements((gcp,)))
+                successor[group] = tuple(sorted(np.argsort(test_value)[-len(group) :].tolist()))
             if successor[group] == group:
                 break
             group = successor[group]
         return group
-
-    def _take_worst(self, group: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the GCPs that disagree most with those outside ``group``, as many as the group has."""
-        excluded = self.control.find_measurements(group)
-        inverse, test_value = self.control.invert_subset(excluded), np.zeros(self.gcps)
-        remaining = self.control.exclude(excluded, inverse)
-        parts = [np.flatnonzero(self.control.point[excluded] == gcp) for gcp in group]
-        test_value[list(group)] = self.control.test_parts(excluded, parts, inverse)
-        for gcp in set(range(self.gcps)) - set(group):
-            test_value[gcp], _ = remaining.test_subset(remaining.find_measurements((gcp,)))
-        return tuple(sorted(np.argsort(test_value)[-len(group) :].tolist()))
 
     def readmit_consistent_gcps(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return a group without its GCPs that are not significantly wrong; these are accepted again one by one."""

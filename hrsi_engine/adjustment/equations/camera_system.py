@@ -39,17 +39,6 @@ class CameraSystem:
         in_units = np.divide(step, self.scale, out=np.zeros_like(step), where=self.scale > 0.0)
         return self.damping * float(np.sum(in_units**2))
 
-    def scale_blocks(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
-        pattern, diagonal, fixed = self.pattern, np.arange(self.pattern.parameters), np.isinf(prior_weight)
-        total = np.einsum("cpp->cp", blocks[pattern.diagonal]) + np.where(fixed, 0.0, prior_weight)
-        if not np.all(fixed | (total > 0.0)):
-            raise SolveError("the normal equations are not positive definite: check the RPCs of the images")
-        self.scale, self.damping = np.where(fixed, 0.0, 1.0 / np.sqrt(np.where(fixed, 1.0, total))), damping
-        result = blocks * self.scale[pattern.rows][:, :, None]
-        result *= self.scale[pattern.columns][:, None, :]
-        result[pattern.diagonal[:, None], diagonal, diagonal] = 1.0 + damping
-        return np.asarray(result)
-
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
         """Factorise the upper ``blocks (blocks, p, p)`` with ``prior_weight (cameras, p)``, infinite where fixed.
 
@@ -59,7 +48,15 @@ class CameraSystem:
         if last is not None and last[0] is blocks and last[1] is prior_weight and last[2] == damping:
             return
         self._factorised = self._cofactors = None
-        self._factor.factorise(self.scale_blocks(blocks, prior_weight, damping))
+        pattern, diagonal, fixed = self.pattern, np.arange(self.pattern.parameters), np.isinf(prior_weight)
+        total = np.einsum("cpp->cp", blocks[pattern.diagonal]) + np.where(fixed, 0.0, prior_weight)
+        if not np.all(fixed | (total > 0.0)):
+            raise SolveError("the normal equations are not positive definite: check the RPCs of the images")
+        self.scale, self.damping = np.where(fixed, 0.0, 1.0 / np.sqrt(np.where(fixed, 1.0, total))), damping
+        result = blocks * self.scale[pattern.rows][:, :, None]
+        result *= self.scale[pattern.columns][:, None, :]
+        result[pattern.diagonal[:, None], diagonal, diagonal] = 1.0 + damping
+        self._factor.factorise(np.asarray(result))
         self._factorised = blocks, prior_weight, damping
 
     def solve_nearby(

@@ -81,17 +81,12 @@ class WeightedPoints:
         self.diagonals = int(np.abs(row - column).max()) + 1
         # Elements of the band from products of two elements of a prior's row, those of the upper part left out
         row, column = self.prior_columns[:, :, None], self.prior_columns[:, None, :]
-        self._is_lower = row >= column
-        self._band_index = ((row - column) * size + column)[self._is_lower]
+        self.is_lower = row >= column
+        self.band_index = ((row - column) * size + column)[self.is_lower]
         self.weigh(np.zeros_like(rows.right))
         # A weak prior of the cameras: undetermined parameters (the block's position) stay unchanged
         squares = np.diag(self.corner)
         self.of_cameras = np.diag(1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12)))
-
-    def form_prior(self, values: np.ndarray) -> np.ndarray:
-        """Return the normal matrix of the priors as a band from the non-zero elements ``(n, 3)`` of their rows."""
-        products = (values[:, :, None] * values[:, None, :])[self._is_lower]
-        return np.bincount(self._band_index, products, self.band.size).reshape(self.band.shape)
 
     def weigh(self, residual: np.ndarray) -> None:
         """Set the robust weights of the points by their residuals."""
@@ -130,7 +125,10 @@ class CurveFit:
             for spline, (frequency, damping, sigma) in zip(weighted.splines, axes, strict=True)
         ]
         self._prior_rows = np.vstack(rows_of_splines)
-        band = weighted.band / weighted.noise + weighted.form_prior(self._prior_rows)
+        # The priors' part of the normal matrix, as a band from the non-zero elements (n, 3) of their rows
+        products = (self._prior_rows[:, :, None] * self._prior_rows[:, None, :])[weighted.is_lower]
+        of_priors = np.bincount(weighted.band_index, products, weighted.band.size).reshape(weighted.band.shape)
+        band = weighted.band / weighted.noise + of_priors
         self._factor = linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
         self._border = self._divide(weighted.border / weighted.noise)
         self._corner = (weighted.corner + weighted.of_cameras) / weighted.noise - self._border.T @ self._border

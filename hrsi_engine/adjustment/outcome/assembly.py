@@ -1,6 +1,5 @@
 """From the last solution to an `Adjustment`: arrays in the order of the block, sigma0, and warnings."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,8 +7,7 @@ import numpy as np
 
 from ...block.exposures import find_passes
 from ...block.pointing import estimate_pointing
-from ...foundation.errors import list_ids
-from ...foundation.thresholds import EQUALITY, REDUNDANCY, threshold, thresholds
+from ...foundation.thresholds import REDUNDANCY
 from ...ground.geodesy import ground_difference_m
 from ..gauss_newton import GaussNewton, Solution
 from ..preparation.problem import Problem
@@ -19,7 +17,6 @@ from ..result import (
     Adjustment,
     CameraEstimates,
     CrossValidation,
-    DatumPart,
     Decision,
     Finding,
     HeightAgreement,
@@ -28,28 +25,14 @@ from ..result import (
     PlanAgreement,
     VarianceComponent,
 )
-from ..starting_values.weak_geometry import RAY_GEOMETRY
 from ..statistics.precision import Precision, compute_deletion_tests
 from ..statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts
 from .area_accuracy import describe_parts, predict_without_surveys
 from .final_cameras import FinalCameras, compute_final_cameras
+from .result_warnings import warn_of_result
 from .rpc_position import keep_rpc_position
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are computed together
-
-
-@thresholds
-class RESULT_WARNINGS:
-    """Limits for the warnings of an adjustment."""
-
-    unused: float = threshold(0.02, "", "largest share of unused heights or points on parallel rays without a warning")
-    many_places_left_out: float = threshold(0.1, "", "largest share of left out places without a warning")
-
-
-WHAT_STANDS_OUT = {
-    "DEM": "trees, buildings, or errors of the DEM",
-    "laser": "canopy, clouds, or ground that has changed",
-}
 
 
 @dataclass(eq=False)
@@ -77,7 +60,11 @@ def assemble_adjustment(
     problem: Problem, loop: GaussNewton, round_findings: RoundFindings, solution: Solution, precise: Precision
 ) -> Adjustment:
     """Return the result of an adjustment from its last solution, findings and precision."""
-    observations, block, sums = problem.observations, problem.block, _count_sums(problem, loop, solution, precise)
+    observed, positions = _count_observations(problem, solution)
+    redundancy = compute_redundancy(problem, loop, solution, precise.parameters, precise.cameras)
+    observations, block = problem.observations, problem.block
+    unknowns = positions + len(precise.parameters) * len(problem.model.parameters)
+    sigma0 = float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0
     solution, precise = keep_rpc_position(problem, loop, solution, precise)
     own_covariance = slice(len(problem.model.parameters))  # followed by the drift that the model does not contain
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own_covariance]
@@ -88,20 +75,13 @@ def assemble_adjustment(
     points_per_error = count_points_per_error(observations.cameras, loop.common)[observations.camera_of_image]
     shared_shifts = _propagate_shared_errors(problem, loop, solution)
     covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
-        problem, round_findings, solution, precise, cameras, sums["sigma0"], points_per_error, placed, shared_shifts
+        problem, round_findings, solution, precise, cameras, sigma0, points_per_error, placed, shared_shifts
     )
     parts = describe_parts(problem, solution, without_surveys, prior_share, widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
     by_rpcs = problem.height_observations.by_rpcs if problem.height_observations else None
-    horizontal, height, correlated = (max(sums["sigma0"], 1.0) * one for one in round_findings.survey_factors)
-    warnings = (
-        *problem.warnings,
-        *round_findings.warnings,
-        *_warn_of_weak_parameters(problem, loop, prior_share),
-        *_warn_of_heights(heights),
-        *_warn_of_plan(plan),
-        *_warn_of_parallel_rays(parts),
-    )
+    horizontal, height, correlated = (max(sigma0, 1.0) * one for one in round_findings.survey_factors)
+    warnings = warn_of_result(problem, loop, prior_share, parts, heights, plan)
     return Adjustment(
         block=block, model=problem.model, values=cameras.values[camera],
         values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own_covariance]),
@@ -113,10 +93,12 @@ def assemble_adjustment(
         **_describe_measurements(
             problem, round_findings, solution, precise, cameras.residual, placed[observations.point]
         ),
-        prior_share=prior_share[camera], **sums, converged=solution.converged, status=solution.status,
+        prior_share=prior_share[camera],
+        observations=observed, redundancy=redundancy, unknowns=unknowns, sigma0=sigma0,
+        converged=solution.converged, status=solution.status,
         history=tuple(loop.history), solves=loop.solves, findings=tuple(round_findings.findings),
         variance_components=round_findings.components, parts=parts, cross_validation=round_findings.cross_validation,
-        warnings=warnings, heights=heights, plan=plan,
+        warnings=(*problem.warnings, *round_findings.warnings, *warnings), heights=heights, plan=plan,
         surfaces=tuple(one.summarise(observations.points) for one in problem.surface_plans),
         rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
         rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None, laser=laser, tests=round_findings.tests,
@@ -328,47 +310,12 @@ def compute_redundancy(
     return observed - positions - unknown
 
 
-def _count_sums(problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision) -> dict[str, Any]:
-    """Return the fields of an `Adjustment` that count observations and unknowns, and the sigma0 that follows."""
-    observed, positions = _count_observations(problem, solution)
-    redundancy = compute_redundancy(problem, loop, solution, precise.parameters, precise.cameras)
-    return {
-        "observations": observed,
-        "redundancy": redundancy,
-        "unknowns": positions + len(precise.parameters) * len(problem.model.parameters),
-        "sigma0": float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0,
-    }
-
-
 def _number_parts(problem: Problem) -> np.ndarray:
     """Return the index of each image's part of the block."""
     part_of_image = np.zeros(len(problem.observations.images), dtype=np.int64)
     for number, part in enumerate(problem.parts):
         part_of_image[part.images] = number
     return part_of_image
-
-
-def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) -> list[str]:
-    """Return warnings of parameters of images with GCPs that follow from their priors.
-
-    Parameters whose prior was estimated from the block are not included.
-    """
-    names, observations = problem.model.parameters, problem.observations
-    prior = problem.prior_weight[:, : prior_share.shape[1]]
-    has_prior = prior == loop.prior_weight[:, : prior_share.shape[1]]
-    poor = (prior_share > EQUALITY.majority) & has_prior & ~np.isinf(prior)
-    by_set: dict[tuple[str, ...], list[str]] = {}
-    for part in problem.parts:
-        for index in part.images if part.gcps else ():
-            parameter = poor[observations.camera_of_image[index]]
-            if parameter.any():
-                key = tuple(name for name, images_of in zip(names, parameter, strict=True) if images_of)
-                by_set.setdefault(key, []).append(observations.images[index].id)
-    return [
-        f"{', '.join(key)} of image {list_ids(ids)} are not determined by the GCPs and tie points, and follow from "
-        "their priors"
-        for key, ids in by_set.items()
-    ]
 
 
 def _judge_heights(
@@ -413,67 +360,3 @@ def _measure_rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, 
     displacement = ground_difference_m(problem.start.ground[ties], solution.state.ground[ties])
     east, north, up = np.median(displacement, axis=0)
     return float(east), float(north), float(up)
-
-
-def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
-    """Return warnings of parts of a reference that contradict the others, and of many places that do not fit."""
-    if plan is None:
-        return []
-    warnings = []
-    for group in plan.groups:
-        if group.wrong:
-            consequence = "not used" if group.left_out else "used, because the wrong ones cannot be identified"
-            warnings.append(
-                f"{plan.source}, {group.name}: its {group.observations} points deviate from the others by "
-                f"{group.east_m:+.1f} m east and {group.north_m:+.1f} m north (sigma {group.sigma_m:.1f} m): "
-                f"{consequence}"
-            )
-    lone = plan.left_out - sum(group.observations for group in plan.groups if group.left_out)
-    if lone > RESULT_WARNINGS.many_places_left_out * plan.observations:
-        warnings.append(
-            f"{lone} of {plan.observations} points of the {plan.source} are outliers and are not used: likely causes "
-            "are changed ground, false matches or heights of the DEM"
-        )
-    return warnings
-
-
-def _warn_of_parallel_rays(parts: Sequence[DatumPart]) -> list[str]:
-    """Return warnings of many points on nearly parallel rays, which the predicted accuracy leaves out."""
-    return [
-        f"the rays of {len(part.parallel)} of {part.points + len(part.parallel)} points converge by less than "
-        f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: their heights are uncertain and not included in the predicted "
-        f"accuracy: {list_ids(part.parallel)}"
-        for part in parts
-        if part.points and len(part.parallel) > RESULT_WARNINGS.unused * (part.points + len(part.parallel))
-    ]
-
-
-def _warn_of_heights(heights: Sequence[HeightAgreement]) -> list[str]:
-    """Return warnings of sources many of whose heights do not fit, and of groups that contradict the others."""
-    warnings = []
-    for one in heights:
-        all_wrong = len(one.groups) > 1 and one.contradicts
-        if all_wrong:
-            middle = float(np.median([group.offset_m for group in one.groups]))
-            consequence = "not used" if one.groups[0].left_out else "used, because the wrong one cannot be identified"
-            warnings.append(
-                f"{one.source}: all {len(one.groups)} groups of its heights contradict the other constraints of the "
-                f"block, by {middle:+.1f} m (median): {consequence}; check the height datum of both (`laser_datum`, "
-                "`dem_datum`: heights above a geoid and above the ellipsoid differ by tens of metres)"
-            )
-        for group in () if all_wrong else one.groups:
-            if group.wrong:
-                consequence = "not used" if group.left_out else "used, because the wrong ones cannot be identified"
-                warnings.append(
-                    f"{one.source}, {group.name}: its {group.observations} heights deviate from the others by "
-                    f"{group.offset_m:+.1f} m ({abs(group.offset_m) / group.sigma_m:.0f} sigma): {consequence}; "
-                    "check their height datum"
-                )
-        wrong_groups = sum(group.observations for group in one.groups if group.left_out)
-        if one.left_out - wrong_groups > RESULT_WARNINGS.unused * one.observations:
-            source = WHAT_STANDS_OUT[one.source]
-            warnings.append(
-                f"{one.left_out} of {one.observations} heights of the {one.source} are outliers and are not used (the "
-                f"points are {one.left_out_median_m:+.1f} m above it in the median): likely causes are {source}"
-            )
-    return warnings

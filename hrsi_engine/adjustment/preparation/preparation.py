@@ -44,7 +44,14 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
     preparation = Preparation(block, options)
     preparation.set_start_values(values)
     preparation.intersect_points()
-    preparation.enter_earlier_cameras()
+    # The initial parameters are extended by the drift; those of an earlier adjustment are entered with their weights
+    preparation.start = np.pad(
+        preparation.start, ((0, 0), (0, preparation.prior_weight.shape[1] - preparation.start.shape[1]))
+    )
+    if preparation.earlier is not None:
+        preparation.earlier.require_parameters(tuple(preparation.camera.parameters))
+        preparation.earlier.enter_start(preparation.start, preparation.prior_weight)
+    require_solvable(preparation.observations, preparation.model, preparation.prior_weight, preparation.earlier)
     preparation.match_surfaces(is_warm=values is not None)
     return preparation.form_problem()
 
@@ -73,7 +80,14 @@ class Preparation:
         self._require_known_names()
         self.model = MODELS[options.model]
         observations = select_observations(self.block, options.check_as_ties, options.reference)
-        self.observations = replace(observations, camera_of_image=self._number_cameras())
+        # Images of a group, or tiles of a scene, share one set of parameters
+        common, representative = self.options.shared_images, np.arange(len(self.block.images))
+        for group in (*common, *group_tiles(self.block.images, common)):
+            members = self._find_images(group, "a group of images with shared parameters")
+            representative[members] = min(members)
+        self.observations = replace(
+            observations, camera_of_image=np.unique(representative, return_inverse=True)[1].astype(np.int32)
+        )
         if not observations.count:
             raise SolveError(
                 "no point is measured in two images, and no GCP in any: add image points, tie points or GCPs"
@@ -110,14 +124,6 @@ class Preparation:
         if unknown:
             raise InputError(f"{kind} names image {list_ids(unknown)}, not in the block (images: {list_ids(index)})")
         return [index[name] for name in ids]
-
-    def _number_cameras(self) -> np.ndarray:
-        """Return the index of each image's set of parameters; images of a group, or tiles of a scene, share one."""
-        common, representative = self.options.shared_images, np.arange(len(self.block.images))
-        for group in (*common, *group_tiles(self.block.images, common)):
-            members = self._find_images(group, "a group of images with shared parameters")
-            representative[members] = min(members)
-        return np.unique(representative, return_inverse=True)[1].astype(np.int32)
 
     # ---- a priori weights of the parameters --------------------------------------------------------------------------
 
@@ -219,14 +225,6 @@ class Preparation:
             places = np.flatnonzero(self.observations.referenced)
             self.ground[places] = reference.select(self.block.points.ids[self.observations.points[places]]).ground
 
-    def enter_earlier_cameras(self) -> None:
-        """Extend the initial parameters by the drift, and enter those of an earlier adjustment with their weights."""
-        self.start = np.pad(self.start, ((0, 0), (0, self.prior_weight.shape[1] - self.start.shape[1])))
-        if self.earlier is not None:
-            self.earlier.require_parameters(tuple(self.camera.parameters))
-            self.earlier.enter_start(self.start, self.prior_weight)
-        require_solvable(self.observations, self.model, self.prior_weight, self.earlier)
-
     # ---- position by the relief of a surface -------------------------------------------------------------------------
 
     def match_surfaces(self, is_warm: bool) -> None:
@@ -262,7 +260,15 @@ class Preparation:
                 )
             )
         self.surfaces = tuple(match for match in matches if match is not None)
-        self._displace_points()
+        # The surfaces move the points in plan, and widen the priors (cameras, p) that contradict this
+        observations, self.displaced = self.observations, self.by_rpcs.copy()
+        for surface in self.surfaces:
+            cameras = observations.camera_of_image[[image.id in surface.images for image in observations.images]]
+            if self.options.sigma_shift_px is None:
+                self.prior_weight[np.ix_(np.unique(cameras), ~self.camera.drifts)] /= surface.widening**2
+            if not surface.why_open:
+                in_plan = surface.first.displacement_m * [1.0, 1.0, 0.0]
+                self.displaced[surface.points] = move_ground(self.by_rpcs[surface.points], in_plan)
 
     def _locate_by_own_rpcs(self) -> np.ndarray:
         """Return the points ``(m, 3)`` by the original RPCs; those that cannot be computed stay at ``ground``."""
@@ -272,17 +278,6 @@ class Preparation:
             state, 1.0 / observations.sigma_px**2, bound_heights(observations, self.ground)
         )
         return np.where(np.isfinite(intersected), intersected, self.ground)
-
-    def _displace_points(self) -> None:
-        """Move points in plan by the surfaces, and widen the priors ``(cameras, p)`` that contradict this."""
-        observations, self.displaced = self.observations, self.by_rpcs.copy()
-        for surface in self.surfaces:
-            cameras = observations.camera_of_image[[image.id in surface.images for image in observations.images]]
-            if self.options.sigma_shift_px is None:
-                self.prior_weight[np.ix_(np.unique(cameras), ~self.camera.drifts)] /= surface.widening**2
-            if not surface.why_open:
-                in_plan = surface.first.displacement_m * [1.0, 1.0, 0.0]
-                self.displaced[surface.points] = move_ground(self.by_rpcs[surface.points], in_plan)
 
     # ---- the problem -------------------------------------------------------------------------------------------------
 

@@ -66,7 +66,13 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray, sigmas: np.ndar
     sensors alone (chi² test of what the deformation explains), and of such agreement of independent drifts (F test).
     """
     weight = 1.0 / sigmas.ravel()
-    design = _make_designs(images).reshape(-1, 6) * weight[:, None]
+    # Derivatives (4 n, 6) of each image's drifts by the elements of a deformation of the ground
+    stack, owner = stack_rpcs(images), np.arange(len(images))
+    centres = np.array([image.centre_px for image in images])
+    middle = stack.localize(owner, centres, np.array([image.rpc.height_off for image in images]))
+    by_ground = stack.project_with_metric_jacobian(owner, middle)[1]  # (n, 2, 3), px/m
+    by_pixel = np.linalg.inv(by_ground[:, :, :2])  # along the ground at one height, m/px
+    design = -np.einsum("nia,nbj->nijab", by_ground, by_pixel).reshape(-1, 6) * weight[:, None]
     observed = drifts.ravel() * weight
     coefficients, *_ = np.linalg.lstsq(design, observed, rcond=None)
     explained = float(np.sum((design @ coefficients) ** 2))
@@ -74,13 +80,3 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray, sigmas: np.ndar
     residual_variance = float(np.sum((observed - design @ coefficients) ** 2)) / freedom
     likeness = float(special.fdtrc(parameters, freedom, explained / parameters / max(residual_variance, 1e-30)))
     return coefficients.reshape(3, 2), float(special.chdtrc(parameters, explained)), likeness
-
-
-def _make_designs(images: Sequence[Image]) -> np.ndarray:
-    """Return the derivatives ``(n, 4, 6)`` of each image's drifts by the elements of a deformation of the ground."""
-    stack, owner = stack_rpcs(images), np.arange(len(images))
-    centres = np.array([image.centre_px for image in images])
-    middle = stack.localize(owner, centres, np.array([image.rpc.height_off for image in images]))
-    by_ground = stack.project_with_metric_jacobian(owner, middle)[1]  # (n, 2, 3), px/m
-    by_pixel = np.linalg.inv(by_ground[:, :, :2])  # along the ground at one height, m/px
-    return -np.einsum("nia,nbj->nijab", by_ground, by_pixel).reshape(len(images), 4, 6)

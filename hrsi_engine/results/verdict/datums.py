@@ -12,7 +12,9 @@ from .evidence import Evidence
 
 def find_missing_grids(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for missing grids and substituted geoids, if their loss exceeds the block's CE90 or LE90."""
-    accuracy = _predict_without_operations(evidence)
+    # CE90 and LE90 of the block's points, without the errors of coordinate operations
+    covariance = evidence.result.ground_covariance_m2
+    accuracy = predict_accuracy(covariance[:: -(-len(covariance) // MOST_POINTS) or 1])
     least = min((value for key in ("ce90_m", "le90_m") if (value := accuracy[key]) is not None), default=0.0)
     for use in evidence.result.block.all_operations:
         for code, text, loss_m, limit_m in (
@@ -33,12 +35,6 @@ def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
                 f"{use.source}: PROJ has no operation from {use.crs} to WGS84, so the two are treated as equal",
                 "convert the source to WGS84 with the parameters of the national survey before the run",
             )
-
-
-def _predict_without_operations(evidence: Evidence) -> dict[str, float | None]:
-    """Return the CE90 and LE90 of the block's points without the errors of coordinate operations."""
-    covariance = evidence.result.ground_covariance_m2
-    return predict_accuracy(covariance[:: -(-len(covariance) // MOST_POINTS) or 1])
 
 
 #: Every check of the coordinate operations.

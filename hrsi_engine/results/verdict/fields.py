@@ -32,11 +32,10 @@ COLUMNS_OF_MODEL = {name: [MONOMIALS.index(powers) for powers in IMAGE_SPACE[nam
 
 @dataclass(frozen=True)
 class ResidualField:
-    """Systematic field of an image: RMS (2D) of the field and of all residuals in px, and the model that removes it."""
+    """Systematic field of an image: RMS (2D) of the field in px, and the model that removes it."""
 
     image: str
     rms_px: float
-    all_px: float
     model: str
 
 
@@ -78,4 +77,4 @@ def _find_field(image: str, position: np.ndarray, residual: np.ndarray) -> Resid
     if special.fdtrc(freedom, left, ratio) > SIGNIFICANCE.false_alarm:
         return None
     model = next(name for name in NESTED if explain(COLUMNS_OF_MODEL[name])[0] >= FIELD.equal_share * richest)
-    return ResidualField(image, float(np.sqrt(richest / len(residual))), float(np.sqrt(total / len(residual))), model)
+    return ResidualField(image, float(np.sqrt(richest / len(residual))), model)

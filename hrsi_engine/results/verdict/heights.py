@@ -37,7 +37,18 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
     le90_m = max((part.le90_m for part in evidence.result.parts if part.le90_m is not None), default=np.inf)
     for one in evidence.result.heights:
         off, compared = one.gcps
-        contradicting = _select_contradicting_groups(one)
+        # Groups whose offset exceeds its full standard deviation: with the error common to the whole source. Trees and
+        # buildings are a known error of surface models: parts that were left out because they are higher are no
+        # contradiction, unless they are most of the DEM
+        beyond = [
+            group
+            for group in one.groups
+            if group.wrong and abs(group.offset_m) > EFFECT.doubtful_factor * _compute_full_sigma_m(one, group)
+        ]
+        higher = [group for group in beyond if group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.woods_m]
+        covered = sum(group.observations for group in higher)
+        is_wooded = one.source == "DEM" and covered <= EQUALITY.majority * one.observations
+        contradicting = [group for group in beyond if group not in higher] if is_wooded else beyond
         undecided = any(not group.left_out for group in contradicting)
         contradicting = [group for group in contradicting if not (undecided and group.left_out)]
         middle = float(np.median([group.offset_m for group in contradicting])) if contradicting else 0.0
@@ -70,23 +81,6 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
 def _compute_full_sigma_m(source: HeightAgreement, group: SourceGroup) -> float:
     """Return the standard deviation of a group's offset, with the stated one of its source, in metres."""
     return float(np.hypot(group.sigma_m, source.sigma_m / source.sigma_factor))
-
-
-def _select_contradicting_groups(source: HeightAgreement) -> list[SourceGroup]:
-    """Return the groups whose offset exceeds its full standard deviation: with the error common to the whole source.
-
-    Trees and buildings are a known error of surface models: parts that were left out because they are higher are no
-    contradiction, unless they are most of the DEM.
-    """
-    beyond = [
-        group
-        for group in source.groups
-        if group.wrong and abs(group.offset_m) > EFFECT.doubtful_factor * _compute_full_sigma_m(source, group)
-    ]
-    higher = [group for group in beyond if group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.woods_m]
-    covered = sum(group.observations for group in higher)
-    is_wooded = source.source == "DEM" and covered <= EQUALITY.majority * source.observations
-    return [group for group in beyond if group not in higher] if is_wooded else beyond
 
 
 def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
