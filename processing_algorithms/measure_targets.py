@@ -87,7 +87,14 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
         for one in targets[: LISTS.rows if options.report else 0]
     ]
     page = "targets.html.j2" if options.report else ""
-    write_folder(options.folder, report, TARGETS_FILE, _make_layers(targets, by_id), context, page, chips=chips)
+    # The layer of measured targets, a file of image points; with ground positions if all images have RPCs
+    fields = TargetRows.of_entries([{**row, "sigma": row["sigma_px"]} for row in rows if not row["refusal"]])
+    located = bool(made) and all(one.image in by_id and by_id[one.image].rpc is not None for one in made)
+    ground = np.empty((len(made), 3))
+    if located:
+        ground = np.concatenate([ground_of(by_id[one.image], one.measurement.xy[None], None) for one in made])
+    layer = Layer(TARGETS_LAYER, "PointZ" if located else "None", 4326, ground, fields)
+    write_folder(options.folder, report, TARGETS_FILE, [layer], context, page, chips=chips)
     return report
 
 
@@ -169,34 +176,6 @@ def _of_edges(
                 f"{np.sum(~made.used)} of {len(rows)} left out): measure again those that lie apart"
             )
     return targets, warnings
-
-
-# ---- results ---------------------------------------------------------------------------------------------------
-
-
-def _make_layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> list[Layer]:
-    """Return the layer of measured targets, a file of image points; with ground positions if all images have RPCs."""
-    made = [target for target in targets if not target.measurement.refusal]
-    found = [target.measurement for target in made]
-    xy = np.array([one.xy for one in found], dtype=np.float64).reshape(-1, 2)
-    fields = TargetRows(
-        id=np.array([target.id for target in made], dtype=str),
-        image=np.array([target.image for target in made], dtype=str),
-        sample=xy[:, 0],
-        line=xy[:, 1],
-        sigma=np.array([one.sigma_px for one in found], dtype=np.float64),
-        kind=np.array([one.kind for one in found], dtype=str),
-        quality=np.array([one.quality for one in found], dtype=np.float64),
-        rmse_px=np.array([one.rmse_px for one in found], dtype=np.float64),
-        edge_points=np.array([one.used.sum() for one in found], dtype=np.int64),
-    )
-    located = bool(made) and all(t.image in images and images[t.image].rpc is not None for t in made)
-    ground = (
-        np.concatenate([ground_of(images[t.image], t.measurement.xy[None], None) for t in made])
-        if located
-        else np.empty((len(made), 3))
-    )
-    return [Layer(TARGETS_LAYER, "PointZ" if located else "None", 4326, ground, fields)]
 
 
 def summarise(report: Report) -> str:

@@ -72,11 +72,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
         "crs_operations": _list_operations(options.crs, views),
         "warnings": warnings,
     }
-    left_out = ("footprint", "rpc_ignored", "exact_camera", "map_evidence")
-    rows = [
-        {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
-        for key, entry in report["images"].items()
-    ]
+    rows = [{"id": key, **entry} for key, entry in report["images"].items()]
     layers = [Layer("images", "Polygon", WGS84, [view.footprint for view in views], ViewRows.of_entries(rows))]
     if report["pairs"]:
         layers.append(Layer("pairs", "None", WGS84, [], PairRows.of_entries(report["pairs"])))

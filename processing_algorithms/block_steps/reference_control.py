@@ -173,25 +173,12 @@ def reference_reasons(entries: Report) -> list[Reason]:
     entry = entries.get("reference")
     if entry is None:
         return []
+    told = ["no image of the block matches it, so it is not used"]
+    advice = "name an orthoimage of this area with similar pixel size and season, or remove it"
     if any(image["used"] for image in entry["images"].values()):
-        return [
-            Reason(
-                "reference-not-found",
-                Level.DOUBTFUL,
-                f"{entry['path']}: {told}",
-                "check the georeference of the reference; the block was adjusted to it",
-            )
-            for told in entry["far"][:1]
-            if entry["used"]
-        ]
-    return [
-        Reason(
-            "reference-not-found",
-            Level.DOUBTFUL,
-            f"{entry['path']}: no image of the block matches it, so it is not used",
-            "name an orthoimage of this area with similar pixel size and season, or remove it",
-        )
-    ]
+        told = entry["far"][:1] if entry["used"] else []
+        advice = "check the georeference of the reference; the block was adjusted to it"
+    return [Reason("reference-not-found", Level.DOUBTFUL, f"{entry['path']}: {one}", advice) for one in told]
 
 
 def read_reference_block(

@@ -233,9 +233,8 @@ def _make_seamlines(plan: MosaicPlan, labels: LabelFile) -> Layer:
             transform(lambda x, y: to_wgs84(np.array([x, y, np.zeros(len(x))]).T)[:, :2].T, polygon)
             for polygon in polygons
         ]
-    fields = SeamlineRows(
-        id=np.array([plan.jobs[number].image.id for number in numbers]),
-        path=np.array([plan.jobs[number].path for number in numbers]),
-        incidence_deg=np.array([plan.incidence_deg[number] for number in numbers]),
-    )
-    return Layer(SEAMLINES_LAYER, "Polygon", code or WGS84, polygons, fields)
+    rows = [
+        {"id": plan.jobs[number].image.id, "path": plan.jobs[number].path, "incidence_deg": plan.incidence_deg[number]}
+        for number in numbers
+    ]
+    return Layer(SEAMLINES_LAYER, "Polygon", code or WGS84, polygons, SeamlineRows.of_entries(rows))

@@ -125,10 +125,9 @@ class LayerRows(Mapping[str, np.ndarray]):
 
     @classmethod
     def of_entries(cls, entries: Sequence[Mapping[str, Any]]) -> Self:
-        """Return rows from entries of a report; None becomes NaN."""
-        kinds = {name: said.kind for name, said in cls.declared.items()}
-        columns = {name: [entry[name] for entry in entries] for name in entries[0]}
-        return cls(**{name: np.array(values, dtype=kinds.get(name)) for name, values in columns.items()})
+        """Return rows from entries of a report, which may have more than the columns; None becomes NaN."""
+        columns = {name: [entry[name] for entry in entries] for name in cls.declared}
+        return cls(**{name: np.array(values, cls.declared[name].kind) for name, values in columns.items()})
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.declared:

@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -105,26 +105,16 @@ def read_points(
     return interpret(table, reference, image_ids)
 
 
-def read_image_points(
-    spec: str,
-    *,
-    ground_crs: str | None = None,
-    height_datum: str = "layer",
-    image_ids: Sequence[str] = (),
-    surface: Surface | None = None,
-    epoch: float | None = None,
-) -> PointTables:
+def read_image_points(spec: str, *, image_ids: Sequence[str] = (), **reference: Any) -> PointTables:
     """Return the image points of a file: as `read_points`, but from the column cache of a GeoPackage if it is valid.
 
-    Ground points are returned only if they were read with them.
+    Ground points are returned only if they were read with them; ``reference`` are further options of `read_points`.
     """
     if not isinstance(spec, PointsInMemory) and not {"image", "chosen"} & _parse_options(spec).keys():
         stored = read_columns(*split_spec(spec), image_ids)
         if stored is not None:
             return stored
-    return read_points(
-        spec, ground_crs=ground_crs, height_datum=height_datum, image_ids=image_ids, surface=surface, epoch=epoch
-    )
+    return read_points(spec, image_ids=image_ids, **reference)
 
 
 def several_specs(text: str) -> list[str]:
@@ -259,9 +249,7 @@ def read_image_positions(spec: str, image_ids: Sequence[str]) -> ImagePositions:
     return ImagePositions(ids, np.asarray(image_names(table, rows, image_ids)), image, height)
 
 
-def read_correspondences(
-    spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", epoch: float | None = None
-) -> Correspondences:
+def read_correspondences(spec: str, *, ground_crs: str | None = None, height_datum: str = "layer") -> Correspondences:
     """Return the correspondences of a file with positions (geometry, lon and lat, x and y), heights, sample and line.
 
     Raises `InputError` with file, row and field.
@@ -269,10 +257,9 @@ def read_correspondences(
     table, image = _read_sample_line(spec)
     if not has_positions(table):
         raise InputError(f"{table.source}: has no ground positions (point geometry, lon and lat, x and y): add them")
-    placed = ground_positions(table, Reference(ground_crs or "", height_datum, epoch=epoch))
-    missing = np.flatnonzero(np.isnan(placed.ground).any(axis=1))
-    if missing.size:
-        raise InputError(f"{table.name_row(missing[0])}: has no ground position: fill it in, or remove the row")
+    placed = ground_positions(table, Reference(ground_crs or "", height_datum))
+    missing = np.isnan(placed.ground).any(axis=1)
+    table.refuse(missing, "has no ground position: fill it in, or remove the row")
     require_heights(placed.ground[:, 2], table.name_row)
     return Correspondences(placed.ground, image, (*table.notes, *placed.warnings), placed.operations)
 
@@ -283,7 +270,5 @@ def _read_sample_line(spec: str) -> tuple[PointTable, np.ndarray]:
     if not len(table):
         raise InputError(f"{table.source}: contains no points: add some, or name another layer")
     image = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
-    missing = np.flatnonzero(np.isnan(image).any(axis=1))
-    if missing.size:
-        raise InputError(f"{table.name_row(missing[0])}: sample or line is empty: fill it in, or remove the row")
+    table.refuse(np.isnan(image).any(axis=1), "sample or line is empty: fill it in, or remove the row")
     return table, image

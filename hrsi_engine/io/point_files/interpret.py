@@ -13,6 +13,7 @@ correlations and sigmas, and these over ``sigma_xy``.
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,7 +65,7 @@ def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str])
             f"(sample and line); its fields are {', '.join(table.field_names) or 'none'}: rename or add them"
         )
     require_field(table, "id")
-    _require_text(table, "id")
+    table.refuse(table.columns["id"] == "", "field 'id' is empty: fill it in")
     image = _image_points(table, with_positions, image_ids) if measures else None
     ground, warnings = _ground_points(table, measures, reference) if with_positions else (None, [])
     return PointTables(ground, image, (*table.notes, *warnings), table.pairwise)
@@ -80,30 +81,16 @@ def require_field(table: PointTable, field: str) -> np.ndarray:
     return table.columns[field]
 
 
-def _require_text(table: PointTable, field: str, rows: np.ndarray | None = None) -> None:
-    empty = np.flatnonzero(table.columns[field] == "")
-    if rows is not None and len(empty):
-        empty = np.intersect1d(empty, rows)
-    if len(empty):
-        raise InputError(f"{table.source}, {table.row_name(int(empty[0]))}: field {field!r} is empty: fill it in")
-
-
 def _image_points(table: PointTable, with_positions: bool, image_ids: Sequence[str]) -> ImagePoints | None:
     """Return the rows that have sample and line; rows without are allowed only in a table with ground points."""
     xy = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
     empty = np.isnan(xy)
     subset = any_of_rows(empty)
     is_incomplete = subset & ~empty.all(axis=1) if with_positions else subset
-    if is_incomplete.any():
-        row = np.flatnonzero(is_incomplete)[0]
-        field = "sample" if empty[row, 0] else "line"
-        raise InputError(f"{table.name_row(row)}: field {field!r} is empty: fill it in, or remove the row")
+    for field, is_empty in zip(("sample", "line"), empty.T, strict=True):
+        table.refuse(is_incomplete & is_empty, f"field {field!r} is empty: fill it in, or remove the row")
     distant = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > RPC_BUDGETS.image_px
-    if distant.any():
-        row = np.flatnonzero(distant)[0]
-        raise InputError(
-            f"{table.name_row(row)}: sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it"
-        )
+    table.refuse(distant, lambda row: f"sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it")
     rows = np.flatnonzero(~subset)
     if not len(rows):
         return None
@@ -128,8 +115,9 @@ def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -
         if len(image_ids) == 1:
             return NameColumn(np.array(image_ids, dtype=str), np.zeros(len(rows), dtype=np.int32))
         require_field(table, "image")
-    _require_text(table, "image", rows)
     column = table.columns["image"] if len(rows) == len(table) else table.columns["image"][rows]
+    if (unnamed := rows[column == ""]).size:
+        table.refuse(np.isin(np.arange(len(table)), unnamed), "field 'image' is empty: fill it in")
     place, number = dict[str, int](), np.empty(len(column), dtype=np.int32)
     for start in range(0, len(column), 100_000):  # sorting millions of names would take more memory than the table
         names = column[start : start + 100_000].tolist()
@@ -192,13 +180,11 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     role = np.full(len(table), UNSET, dtype=np.int8)
     names, index = find_unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
     for number, name in enumerate(names):
-        try:
+        with suppress(KeyError):
             parsed = Role.parse(str(name))
-        except KeyError:
-            row = np.flatnonzero(index == number)[0]
-            message = f"{table.name_row(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off"
-            raise InputError(message) from None
-        role[index == number] = UNSET if parsed is None else parsed
+            role[index == number] = UNSET if parsed is None else parsed
+            continue
+        table.refuse(index == number, f"role {str(name)!r} is unknown: use gcp, check, tie or off")
     sigma, covariance = survey_accuracy(table)
     if reference.adjusted and ADJUSTED_SIGMA in table.columns:
         sigma, covariance = np.column_stack([sigma[:, 0], table.columns[ADJUSTED_SIGMA]]), None
@@ -271,11 +257,9 @@ def positive(table: PointTable, field: str) -> np.ndarray:
     if values is None:
         return np.full(len(table), np.nan)
     is_negative = values <= 0.0  # NaN: not given
-    if is_negative.any():
-        row = np.flatnonzero(is_negative)[0]
-        raise InputError(
-            f"{table.name_row(row)}: field {field!r} is {values[row]:g}: give a number above 0 or leave it empty"
-        )
+    table.refuse(
+        is_negative, lambda row: f"field {field!r} is {values[row]:g}: give a number above 0 or leave it empty"
+    )
     return values
 
 
@@ -287,14 +271,9 @@ def _covariance(table: PointTable, first: np.ndarray, second: np.ndarray, elemen
     with np.errstate(invalid="ignore"):
         share = np.where(np.isnan(value), share, value / (first * second))
     field = element if element in table.columns else correlation
-    for is_invalid, reason in (
-        (is_stated & np.isnan(first * second), "needs the standard deviations of both coordinates: add them"),
-        (
-            is_stated & ~(np.abs(share) < 1.0),
-            "is no correlation between -1 and 1: correct it or its standard deviations",
-        ),
-    ):
-        if is_invalid.any():
-            raise InputError(f"{table.name_row(np.flatnonzero(is_invalid)[0])}: field {field!r} {reason}")
+    alone, impossible = is_stated & np.isnan(first * second), is_stated & ~(np.abs(share) < 1.0)
+    table.refuse(alone, f"field {field!r} needs the standard deviations of both coordinates: add them")
+    advice = "correct it or its standard deviations"
+    table.refuse(impossible, f"field {field!r} is no correlation between -1 and 1: {advice}")
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(first * second), 0.0, share * first * second)

@@ -79,14 +79,13 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     present = finite_rows(xyz[:, :2])
     half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
     missing = half if "sample" in table.columns else ~present
-    if missing.any():
-        raise InputError(f"{table.name_row(np.flatnonzero(missing)[0])}: has no position: give both coordinates")
+    table.refuse(missing, "has no position: give both coordinates")
     ground, uses = np.full_like(xyz, np.nan), list[OperationUse]()
     if not present.any():
         return Positions(ground, warnings, operation)
     parsed = parse_crs(crs, f"{table.source}: ")
     rows = np.flatnonzero(present)
-    _require_plausible(table, xyz, rows, parsed)
+    _require_plausible(table, xyz, present, parsed)
     remaining = np.isnan(xyz[rows, 2])
     # Rows without a height get that of the surface; their CRS is used without its heights
     for part, on_surface in ((rows[~remaining], False), (rows[remaining], True)):
@@ -119,9 +118,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
         place = {use.number: len(uses) + index for index, use in enumerate(operations_used)}
         operation[part] = [place.get(one, -1) for one in number.tolist()]
         uses += operations_used
-    failed = np.flatnonzero(present & ~finite_rows(ground))
-    if len(failed):
-        raise InputError(f"{table.name_row(failed[0])}: lies outside the area of its CRS: correct the CRS or the point")
+    table.refuse(present & ~finite_rows(ground), "lies outside the area of its CRS: correct the CRS or the point")
     ground[:, 0] = wrap_degrees(ground[:, 0])
     return Positions(ground, warnings, operation, tuple(uses))
 
@@ -156,21 +153,21 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
     return np.column_stack([x, y, z]), crs, warnings
 
 
-def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:
-    """Raise `InputError` for impossible degrees: swapped latitude and longitude, or metres in a geographic CRS."""
-    x, y = xyz[rows, 0], xyz[rows, 1]
-    if not crs.is_geographic:
-        if np.all((np.abs(x) <= MOST_LON_DEG) & (np.abs(y) <= 90.0)) and crs.is_projected:
-            texts = f"its coordinates look like degrees, but its CRS {crs.name!r} is projected: correct the CRS"
-            raise InputError(f"{table.source}: {texts}")
-        return
-    is_impossible = (np.abs(y) > 90.0) | (np.abs(x) > MOST_LON_DEG)
-    if is_impossible.any():
-        row = rows[np.flatnonzero(is_impossible)[0]]
-        cause = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= MOST_LON_DEG else "no degrees"
+def _require_plausible(table: PointTable, xyz: np.ndarray, present: np.ndarray, crs: pyproj.CRS) -> None:
+    """Raise `InputError` for impossible degrees: swapped latitude and longitude, or metres in a geographic CRS.
+
+    ``present`` is a mask ``(n,)`` of the rows with a position.
+    """
+    x, y = np.abs(xyz[:, :2].T)
+    is_impossible = present & ((y > 90.0) | (x > MOST_LON_DEG))
+    if crs.is_projected and not is_impossible.any():
         raise InputError(
-            f"{table.name_row(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {cause}: correct fields or CRS"
+            f"{table.source}: its coordinates look like degrees, but its CRS {crs.name!r} is projected: correct the CRS"
         )
+    if crs.is_geographic:
+        swapped, advice = "latitude and longitude look swapped", "correct fields or CRS"
+        cause = np.where(np.maximum(x, y) <= MOST_LON_DEG, swapped, "no degrees")
+        table.refuse(is_impossible, lambda row: f"lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {cause[row]}: {advice}")
 
 
 def _take_heights(table: PointTable, rows: np.ndarray, ground: np.ndarray, surface: Surface | None) -> str:
@@ -178,7 +175,6 @@ def _take_heights(table: PointTable, rows: np.ndarray, ground: np.ndarray, surfa
     if surface is None:
         raise InputError(f"{table.name_row(rows[0])}: has no height: {_ADD_HEIGHTS}")
     ground[rows, 2] = surface(ground[rows, :2])
-    outside = rows[np.isnan(ground[rows, 2])]
-    if len(outside):
-        raise InputError(f"{table.name_row(outside[0])}: has no height, and the DEM has none there: {_ADD_HEIGHTS}")
+    outside = np.isin(np.arange(len(table)), rows) & np.isnan(ground[:, 2])
+    table.refuse(outside, f"has no height, and the DEM has none there: {_ADD_HEIGHTS}")
     return f"{table.source}: {len(rows)} points have no height; the height of the DEM is used"

@@ -55,6 +55,12 @@ class PointTable:
         point = f" (id {str(ids[row])!r})" if ids is not None and ids[row] else ""
         return f"{self.source}, {self.row_name(int(row))}{point}"
 
+    def refuse(self, rows: np.ndarray, reason: str | Callable[[int], str]) -> None:
+        """Raise `InputError` if a mask of rows ``(n,)`` is set anywhere: the first such row, and the reason."""
+        if rows.any():
+            row = int(rows.argmax())
+            raise InputError(f"{self.name_row(row)}: {reason if isinstance(reason, str) else reason(row)}")
+
 
 @dataclass(frozen=True)
 class PointReader:
