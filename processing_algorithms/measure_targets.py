@@ -1,6 +1,6 @@
 """`measure-targets`: sub-pixel centres and corners near approximate positions, or from hand-measured edge points."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
