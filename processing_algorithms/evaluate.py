@@ -129,7 +129,11 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         clock.lap("write")
         report["seconds"] = clock.total()
         if options.report:
-            write_page(str(folder / PAGE_FILE), "evaluation.html.j2", report, bars=_draw_sets(set_entries))
+            rmse_px = {
+                name: {kind: one[f"{kind}_rmse_px"] or 0.0 for kind in ("predicted", "fit")}
+                for name, one in set_entries.items()
+            }
+            write_page(str(folder / PAGE_FILE), "evaluation.html.j2", report, bars=draw_bars(rmse_px, "px"))
     return report
 
 
@@ -236,12 +240,6 @@ def _set_entry(
         )
         entry["surface"] = None if found is None else describe_surface(found.summarise(np.arange(len(kept))))
     return entry
-
-
-def _draw_sets(entries: Report) -> str:
-    """Draw the RMSE of predictions and of the fit of each set of RPCs."""
-    kinds = ("predicted", "fit")
-    return draw_bars({name: {k: one[f"{k}_rmse_px"] or 0.0 for k in kinds} for name, one in entries.items()}, "px")
 
 
 def _describe_images(one: RpcSet, observations: Observations, used: np.ndarray, predicted: np.ndarray) -> Report:

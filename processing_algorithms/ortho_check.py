@@ -281,7 +281,9 @@ def _draw_maps(found: Sequence[PairMatches]) -> dict[str, Any]:
     """
     pictures: dict[str, Picture | None] = {}
     pairs = []
-    worst = sorted(found, key=lambda pair: -np.nan_to_num(_median_length(pair)))
+    lengths = [np.hypot(*pair.matches[AFTER].shift_px[pair.good].T) for pair in found]
+    medians = [float(np.median(length)) if len(length) else 0.0 for length in lengths]
+    worst = [found[number] for number in np.argsort(np.negative(medians), kind="stable")]
     for pair in worst[: LISTS.images]:
         lonlat, pixel_m = _window_positions(pair)
         name, maps, good = pair.pair.names[0], [], np.flatnonzero(pair.good)
@@ -303,11 +305,6 @@ def _draw_maps(found: Sequence[PairMatches]) -> dict[str, Any]:
             maps.append((state, draw_map(data).svg, int(pair.good.sum()), len(matches.centre)))
         pairs.append((pair.pair.names, maps))
     return {"pairs": pairs, "pictures": [picture for picture in pictures.values() if picture is not None]}
-
-
-def _median_length(pair: PairMatches) -> float:
-    shift = pair.matches[AFTER].shift_px[pair.good]
-    return float(np.median(np.hypot(*shift.T))) if len(shift) else np.nan
 
 
 def _lay_out(ortho: OrthoRaster, picture: Picture | None) -> list[GroundPicture]:

@@ -134,7 +134,8 @@ def _do_step(
         found = {**project.options_of(step, algorithm), **given, "output_dir": folder}
         values = check_options(REGISTRY[algorithm], found)
         mark = _digest_step(project, algorithm, values, report["folder"])
-        there = all(_has_size(folder, name, size) for name, size in before.get("files", {}).items())
+        sizes = {one.name: one.stat().st_size for one in Path(folder).glob("*") if one.is_file()}
+        there = before.get("files", {}).items() <= sizes.items()
         if past and there and before.get("digest") == mark and not options.overwrite:
             entries[step], results[step] = {**before, "status": KEPT}, past
             context.log(f"{step}: nothing has changed, kept")
@@ -186,11 +187,6 @@ def _absolute(value: Any) -> Any:
         return [_absolute(one) for one in value]
     path, bar, rest = value.partition("|") if isinstance(value, str) else ("", "", "")
     return f"{os.path.abspath(path)}{bar}{rest}" if path and os.path.exists(path) else value
-
-
-def _has_size(folder: str, name: str, size: int) -> bool:
-    path = os.path.join(folder, name)
-    return os.path.isfile(path) and os.path.getsize(path) == size
 
 
 def _chain_inputs(

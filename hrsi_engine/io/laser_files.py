@@ -15,7 +15,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from osgeo import gdal
@@ -155,22 +154,18 @@ def read_parquet(path: str, selection: Mapping[str, str] | None = None) -> Point
             if values.dtype.kind not in "iufb" and not all(v is None or isinstance(v, (int, float)) for v in values):
                 raise InputError(f"{path}: field {name!r} contains no numbers: correct it")
             columns[field] = np.asarray(values, dtype=np.float64)  # NaN where it is null
-        geometry = _parse_points(path, table.column(place)) if place in names else None
+        geometry = None
+        if place in names:  # points in well-known binary, of equal length
+            points = [value for value in table.column(place).to_pylist() if isinstance(value, bytes)]
+            geometry = parse_wkb_points(b"".join(points), len(points))
+            if geometry is None or len(points) < len(table) or len(set(map(len, points))) > 1:
+                raise InputError(f"{path}: its geometry is not points alone: give a layer of points")
     except (ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"{path}: cannot be read as GeoParquet ({reason}): obtain it again") from None
     crs = geo.get("columns", {}).get(place, {}).get("crs", "OGC:CRS84")
     text = json_text(crs) if isinstance(crs, dict) else str(crs or "")
     return PointTable(path, columns, tuple(names), partial("row {}".format), geometry, text)
-
-
-def _parse_points(path: str, column: Any) -> np.ndarray:
-    """Return points ``(n, 3)`` from their well-known binary; heights that it does not contain are NaN."""
-    texts = [value for value in column.to_pylist() if isinstance(value, bytes)]
-    place = parse_wkb_points(b"".join(texts), len(texts)) if len(texts) == len(column) else None
-    if place is None or len({len(text) for text in texts}) > 1:
-        raise InputError(f"{path}: its geometry is not points alone: give a layer of points")
-    return place
 
 
 #: Arrays of a beam, by HRSI's names; arrays that the granule lacks are omitted.
@@ -257,7 +252,9 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
             continue
         place = f"/{beam}/{product.points}".rstrip("/")
         read = {name: read_array(path, root, f"{place}/{part}") for name, part in product.arrays.items()}
-        arrays = {name: _without_fill(values) for name, values in read.items() if values is not None}
+        known = {name: np.asarray(values, np.float64) for name, values in read.items() if values is not None}
+        limits = RASTER_BUDGETS.no_data_m, np.finfo(np.float32).max  # fill values lie beyond them
+        arrays = {name: np.where((v > limits[0]) & (v < limits[1]), v, np.nan) for name, v in known.items()}
         if {"lon", "lat", "height"} <= arrays.keys():
             count = len(arrays["height"])
             damaged = [name for name, values in arrays.items() if len(values) != count]
@@ -267,12 +264,6 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
                     "obtain it again"
                 )
             yield beam, arrays
-
-
-def _without_fill(values: np.ndarray) -> np.ndarray:
-    """Return numbers as float64, NaN for fill values."""
-    numbers = np.asarray(values, dtype=np.float64)
-    return np.where((numbers >= np.finfo(np.float32).max) | (numbers <= RASTER_BUDGETS.no_data_m), np.nan, numbers)
 
 
 def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:

@@ -59,9 +59,10 @@ def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
     input_paths = {os.path.realpath(file) for file in inputs}
     earlier = []
     report = read_report(os.path.join(path, "report.json")) or {}
-    outputs = report.get("outputs")
+    outputs, images = report.get("outputs"), report.get("images")
     output_pairs: list[tuple[Any, Any]] = [(outputs.get("stac"), "")] if isinstance(outputs, dict) else []
-    output_pairs += [(image.get(key), image.get("path")) for image in _images_of(report) for key in ("output", "stac")]
+    for image in images.values() if isinstance(images, dict) else ():
+        output_pairs += [(image.get(key), image.get("path")) for key in ("output", "stac")]
     for output, source in output_pairs:
         if not isinstance(output, str) or not isinstance(source, str):
             continue
@@ -69,11 +70,6 @@ def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
         if os.path.isfile(file) and os.path.realpath(file) not in input_paths | {os.path.realpath(source)}:
             earlier.append(file)
     return earlier
-
-
-def _images_of(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    images = report.get("images")
-    return [image for image in images.values() if isinstance(image, dict)] if isinstance(images, dict) else []
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from ...hrsi_engine.foundation.progress import Progress, advance, stage
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
-from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from ...hrsi_engine.io.geopackage.layers import write_geopackage
 from ...hrsi_engine.io.jitter_files import JITTER_FILE, write_jitter
 from ...hrsi_engine.io.large_tables import write_large_table
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
@@ -181,11 +181,16 @@ def write_results(
         part = stage(context.progress, 0.5, 0.7)
         left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
         layers = [layer for layer in result.layers if layer.name != left_out]
-        _write_tables(folder, layers, result, part)
+        for name, rows in result.tables.items():  # the complete tables of a large block
+            write_large_table(str(folder / COMPLETE_FILES[name]), rows)
+        write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
         report["outputs"] |= {name: complete[name] for name in result.tables}
         for file in stale:
             changes.remove(file)
-        report["warnings"] += _set_aside_other_rpcs(new_files, names, target.output_dir, changes)
+        for image, new in new_files:  # older RPC files that would take precedence over those in new images
+            if names[image.id].endswith(NEW_FILES["copy"][0]):
+                path = os.path.join(target.output_dir, names[image.id])
+                report["warnings"] += set_aside_conflicting_rpcs(path, image.path, new.rpc, changes)
         for part, (image, new) in _tell_writing(in_place, context.stage(0.7, 0.95)):  # all images or none
             lineage = _lineage_of(image, result.lineage)
             report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, lineage)
@@ -206,25 +211,6 @@ def write_results(
     for image, new in in_place:
         require_in_place(image.path, new.rpc)
     return report
-
-
-def _write_tables(folder: Path, layers: Sequence[Layer], result: BlockResult, progress: Progress) -> None:
-    """Write the layers, and the complete tables of a large block."""
-    for name, parts in result.tables.items():
-        write_large_table(str(folder / COMPLETE_FILES[name]), parts)
-    write_geopackage(str(folder / LAYERS_FILE), layers, progress=progress, lineage=result.lineage)
-
-
-def _set_aside_other_rpcs(pairs: Pairs, names: Mapping[str, str], output_dir: str, changes: Transaction) -> list[str]:
-    """Set files aside that would take precedence over the RPCs in new images by id; return warnings."""
-    copies = [(image, new) for image, new in pairs if names[image.id].endswith(NEW_FILES["copy"][0])]
-    return [
-        warning
-        for image, new in copies
-        for warning in set_aside_conflicting_rpcs(
-            os.path.join(output_dir, names[image.id]), image.path, new.rpc, changes
-        )
-    ]
 
 
 def _write_new_files(

@@ -137,17 +137,11 @@ def matching_names(written_names: NameColumn, image_ids: Sequence[str], prefixed
     ids = np.array(
         [_matching_id(name, block_ids, similar, prefixed) for name in written_names.names.tolist()], dtype=str
     )
-    ids = _match_numbers(ids, image_ids)
+    if np.char.isdigit(ids).all():  # images named by numbers, each a word of one id
+        owners = [[image for image in image_ids if name in re.findall(r"\d+", image)] for name in ids.tolist()]
+        ids = np.array([images[0] for images in owners], str) if all(len(images) == 1 for images in owners) else ids
     names, place = np.unique(ids, return_inverse=True)  # two names may be one image
     return NameColumn(names, place.astype(np.int32)[written_names.number])
-
-
-def _match_numbers(names: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
-    """Return the ids of images that are named by numbers, if each is a word of one id only; else the names."""
-    if not np.char.isdigit(names).all():
-        return names
-    owners = [[one for one in image_ids if name in re.findall(r"\d+", one)] for name in names.tolist()]
-    return np.array([one[0] for one in owners], dtype=str) if all(len(one) == 1 for one in owners) else names
 
 
 def _matching_id(name: str, image_ids: set[str], similar: Mapping[str, str], prefixed: bool) -> str:

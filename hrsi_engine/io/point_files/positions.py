@@ -99,7 +99,12 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
         ground[part], number = operations.convert(np.nan_to_num(xyz[part]))
         operations_used = operations.uses(table.source, ground[part], number)
         if on_surface:
-            warnings.append(_take_heights(table, part, ground, reference.surface))
+            if reference.surface is None:
+                raise InputError(f"{table.name_row(part[0])}: has no height: {_ADD_HEIGHTS}")
+            ground[part, 2] = reference.surface(ground[part, :2])
+            outside = np.isin(np.arange(len(table)), part) & np.isnan(ground[:, 2])
+            table.refuse(outside, f"has no height, and the DEM has none there: {_ADD_HEIGHTS}")
+            warnings.append(f"{table.source}: {len(part)} points have no height; the height of the DEM is used")
             of_dem = reference.surface_operations
             operations_used = tuple(
                 use._replace(operation=with_surface_heights(use.operation, of_dem)) for use in operations_used
@@ -168,13 +173,3 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, present: np.ndarray, 
         swapped, advice = "latitude and longitude look swapped", "correct fields or CRS"
         cause = np.where(np.maximum(x, y) <= MOST_LON_DEG, swapped, "no degrees")
         table.refuse(is_impossible, lambda row: f"lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {cause[row]}: {advice}")
-
-
-def _take_heights(table: PointTable, rows: np.ndarray, ground: np.ndarray, surface: Surface | None) -> str:
-    """Set the heights of ``rows`` in ``ground`` to those of the surface, in place; return a warning about them."""
-    if surface is None:
-        raise InputError(f"{table.name_row(rows[0])}: has no height: {_ADD_HEIGHTS}")
-    ground[rows, 2] = surface(ground[rows, :2])
-    outside = np.isin(np.arange(len(table)), rows) & np.isnan(ground[:, 2])
-    table.refuse(outside, f"has no height, and the DEM has none there: {_ADD_HEIGHTS}")
-    return f"{table.source}: {len(rows)} points have no height; the height of the DEM is used"

@@ -100,12 +100,6 @@ def write_crop(view: CropView, path: str) -> None:
     save_image(pixels, path, view.rpc, form=_FORMAT, threads=0, lineage=NO_LINEAGE, progress=silent)
 
 
-def split_views(names: list[str], step: int) -> tuple[list[str], list[str]]:
-    """Return the training views and the held-out views: one of ``step``, beginning in the middle of the first run."""
-    held_out = names[step // 2 :: step] if len(names) > step // 2 else names[-1:]
-    return [name for name in names if name not in held_out], held_out
-
-
 def plan_nerf_project(project: BlockProject) -> PlannedProject:
     """Return the plan of crops, JSON of the views, tie points, lists, and ``scene.json``."""
     volume = sample_volume(project)
@@ -135,8 +129,11 @@ def plan_nerf_project(project: BlockProject) -> PlannedProject:
         rays[view.image.id] = {"near_m": 0.0, "far_m": float(np.linalg.norm(upper - lower))}
     files["pts3d.npy"] = partial(np.save, arr=to_ecef(project.points.ground))
     names = [f"{view.image.id}.json" for view in views]
-    for file, view_names in zip(("train.txt", "test.txt"), split_views(names, PROJECTS.held_out_of), strict=True):
-        files[file] = "".join(f"{name}\n" for name in view_names)
+    # One view of so many is held out, beginning in the middle of the first run
+    step = PROJECTS.held_out_of
+    held_out = names[step // 2 :: step] if len(names) > step // 2 else names[-1:]
+    files["train.txt"] = "".join(f"{name}\n" for name in names if name not in held_out)
+    files["test.txt"] = "".join(f"{name}\n" for name in held_out)
     radius = float(np.linalg.norm(frame.from_ground(volume), axis=1).max())
     scene = {"origin": list(centre), "axes": "east, north, up (m)", "radius_m": radius, "rays": rays}
     files["scene.json"] = json_text(scene, indent=1) + "\n"

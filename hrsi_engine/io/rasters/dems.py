@@ -265,7 +265,10 @@ def find_raster_kind(path: str, crs: str = "") -> RasterFacts | None:
     values = band.ReadAsArray(buf_xsize=-(-band.XSize // step), buf_ysize=-(-band.YSize // step))
     values = np.empty(0) if values is None else np.asarray(values).ravel()
     if facts.bands == 1 and band.DataType not in (gdal.GDT_Byte, gdal.GDT_UInt16):
-        facts.kind, facts.nodata = RasterKind.HEIGHTS, _find_fill_value(values[values != band.GetNoDataValue()])
+        values = values[values != band.GetNoDataValue()]
+        # A fill value that the file does not state: the only one that is no height of the ground
+        fills = np.unique(values[(values <= RASTER_BUDGETS.no_data_m) | (values > GEOMETRY.highest_height_m)])
+        facts.kind, facts.nodata = RasterKind.HEIGHTS, float(fills[0]) if len(fills) == 1 else None
         heights = dataset if facts.nodata is None else gdal.Translate("", dataset, format="VRT", noData=facts.nodata)
         datum = "layer" if has_heights(facts.crs) else "ellipsoidal"
         facts.surface = surface_of_dataset(heights, path, datum, None)
@@ -273,13 +276,6 @@ def find_raster_kind(path: str, crs: str = "") -> RasterFacts | None:
     is_mask = facts.bands == 1 and len(np.unique(values)) <= RASTER_KINDS.mask_values
     facts.kind = RasterKind.MASK if is_mask else RasterKind.PICTURE
     return facts
-
-
-def _find_fill_value(values: np.ndarray) -> float | None:
-    """Return the only value that is no height of the ground; None if there is none, or several."""
-    is_impossible = (values <= RASTER_BUDGETS.no_data_m) | (values > GEOMETRY.highest_height_m)
-    fills = np.unique(values[is_impossible])
-    return float(fills[0]) if len(fills) == 1 else None
 
 
 def write_virtual_raster(paths: Sequence[str], target: str, crs: str = "", nodata: float | None = None) -> None:

@@ -71,8 +71,12 @@ def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any
 
 def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
     """Yield the windows of an orthoimage's chunks in the order in which they are written: tile by tile."""
+    rows = CHUNKS.tile_px
+    # Part of the image that a chunk needs: not much larger than a tile
+    while rows > CHUNKS.least_rows and rows * warp.scale > CHUNKS.tile_px * CHUNKS.same_size:
+        rows //= 2
     for tiles in grid.chunks(CHUNKS.columns_per_row * CHUNKS.tile_px, CHUNKS.tile_px):
-        yield from tiles.parts(*chunk_size(warp.scale))
+        yield from tiles.parts(CHUNKS.columns_per_row * rows, rows)
 
 
 @dataclass(frozen=True)
@@ -247,14 +251,6 @@ def copy_band_properties(origin: gdal.Band, band: gdal.Band, nodata: float | Non
     for set_value, value in (*stated, (band.SetUnitType, origin.GetUnitType() or None)):
         if value is not None:
             set_value(value)
-
-
-def chunk_size(scale: float) -> tuple[int, int]:
-    """Return columns and rows of a chunk, chosen so that its part of the image is not much larger than a tile."""
-    rows = CHUNKS.tile_px
-    while rows > CHUNKS.least_rows and rows * scale > CHUNKS.tile_px * CHUNKS.same_size:
-        rows //= 2
-    return CHUNKS.columns_per_row * rows, rows
 
 
 def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp) -> int:

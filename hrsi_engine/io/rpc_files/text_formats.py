@@ -55,15 +55,12 @@ def read_rpb(path: str) -> FoundRpc:
     entries = fields.entries_of(path, pairs, names)
     rpc = fields.rpc_from_entries(path, {names[key]: text for key, text in entries.items() if key in names}, RPB_NAMES)
     sensor = entries.get("satid", "").strip(' "')
-    return FoundRpc(rpc, stated_size=_read_imd_size(path), sensor=sensor)
-
-
-def _read_imd_size(path: str) -> tuple[int, int] | None:
-    """Return samples and lines from the ``.IMD`` file of the same product; None if there is none."""
+    # Samples and lines from the ``.IMD`` file of the same product
     imd = siblings(path).get(os.path.splitext(os.path.basename(path))[0].lower() + ".imd")
     text = "" if imd is None else read_text(imd)
     stated = (re.search(rf"\b{name}\s*=\s*(\d+)", text) for name in ("numColumns", "numRows"))
-    return positive_size(*(None if match is None else match[1] for match in stated))
+    size = positive_size(*(None if match is None else match[1] for match in stated))
+    return FoundRpc(rpc, stated_size=size, sensor=sensor)
 
 
 def rpb_text(rpc: RPC) -> str:

@@ -167,7 +167,11 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
                 elif not file_replacing.is_writer_running(signpost["writer"]):
                     os.remove(own_journal)  # the writer ended before the journal: nothing was changed
         file_replacing.sweep(folder)
-        remove_dead_locks(folder)
+        with contextlib.suppress(OSError):  # lock files of killed runs; those of running ones remain
+            for name in os.listdir(folder):
+                if name.startswith(LOCK) or (name.startswith(".hrsi-journal-") and name.endswith(".lock")):
+                    with contextlib.suppress(InputError), hold_lock(os.path.join(folder, name), 0.0):
+                        pass
     return notices
 
 
@@ -313,15 +317,6 @@ def require_writable(folder: str) -> None:
         raise InputError(f"{existing} is a file: name a directory as `output_dir`")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise InputError(f"{existing} cannot be written (Permission denied): choose another `output_dir`")
-
-
-def remove_dead_locks(folder: str) -> None:
-    """Remove the lock files of killed runs from a folder; those of running ones remain."""
-    with contextlib.suppress(OSError):
-        for name in os.listdir(folder):
-            if name.startswith(LOCK) or (name.startswith(".hrsi-journal-") and name.endswith(".lock")):
-                with contextlib.suppress(InputError), hold_lock(os.path.join(folder, name), 0.0):
-                    pass
 
 
 def _make_folders(folder: str) -> list[str]:
