@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..hrsi_engine.adjustment.evaluation import (
-    PairFit,
-    TrackFit,
-    find_wrong_tracks,
-    fit_pairs,
-    fit_tracks,
-)
+from ..hrsi_engine.adjustment.evaluation import PairFit, TrackFit, find_wrong_tracks, fit_pairs, fit_tracks
 from ..hrsi_engine.adjustment.external.surface_plan import SurfacePlan
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90

@@ -20,15 +20,7 @@ from .. import REGISTRY
 from ..interface.declare import Algorithm, Context, Report, fill_options, is_unusable, spell_arguments, unusable_text
 from ..interface.option_groups import LINE_PARAMS, LineOptions
 from ..interface.options import TYPED, OptionSource, check_options, find_algorithm
-from .command_parser import (
-    COMMANDS,
-    algorithm_parser,
-    help_page,
-    json_usage,
-    read_template,
-    registry_help,
-    split_log,
-)
+from .command_parser import COMMANDS, algorithm_parser, help_page, json_usage, read_template, registry_help, split_log
 from .terminal import RunLog, TerminalProgress, require_own_file, terminal_of
 
 UNUSABLE = 3  #: exit code of a result that is written but unusable

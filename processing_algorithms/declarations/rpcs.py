@@ -161,13 +161,7 @@ class CropOptions:
 
     images: tuple[str, ...] = groups.images_option()
     window: str | None = groups.window_option("Window to cut; the first pixel is 0, 0")
-    extent: str | None = option(
-        None,
-        "Box on the ground, in degrees or in the CRS in brackets after it: the smallest window that contains it is "
-        "cut, within the image",
-        kind=Kind.EXTENT,
-        metavar="W,S,E,N [CRS]",
-    )
+    extent: str | None = groups.ground_box_option(": the smallest window that contains it is cut, within the image")
     factor: float | None = option(
         None,
         "Size of the result relative to the window or image: 0.5 halves the number of samples and lines. Both are "
@@ -294,13 +288,7 @@ class ProjectOptions:
     """Options of `project`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
-    points: str | None = option(
-        None,
-        "Ground points: a vector layer or CSV; by default lines on standard input",
-        kind=Kind.POINTS,
-        piped=True,
-        metavar=groups.POINTS,
-    )
+    points: str | None = groups.piped_points_option("Ground")
     ground_crs: str | None = groups.ground_crs_option()
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
@@ -331,13 +319,7 @@ class LocalizeOptions:
     """Options of `localize`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
-    points: str | None = option(
-        None,
-        "Image points: a vector layer or CSV; by default lines on standard input",
-        kind=Kind.POINTS,
-        piped=True,
-        metavar=groups.POINTS,
-    )
+    points: str | None = groups.piped_points_option("Image")
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
 
@@ -426,13 +408,7 @@ class HandOverOptions:
         "point clouds and GCPs",
         choices=NEXT_PROGRAMS,
     )
-    extent: str | None = option(
-        None,
-        "Region of interest: a box on the ground, in degrees or in the CRS in brackets after it; by default the "
-        "common area of the chosen pairs",
-        kind=Kind.EXTENT,
-        metavar="W,S,E,N [CRS]",
-    )
+    extent: str | None = groups.ground_box_option("; by default the common area of the chosen pairs")
     dem: groups.DemOptions = nest_options(groups.DemOptions)
     height_datum: str = groups.height_datum_option()
     most_pairs: int = option(8, "Largest number of stereo pairs; the best ones are chosen", minimum=1)

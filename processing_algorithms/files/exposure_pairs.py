@@ -14,10 +14,7 @@ from ..declarations.orthoimages import OrthorectifyOptions
 from .orthoimage_plan import BlockPlan, OrthoJob, choose_nodata, identify_image, make_mapping
 
 SHARPENED_ENDING = "_pansharpened.tif"
-SAMPLED_WINDOWS = (
-    4,
-    256,
-)  # windows along each side of the orthoimage from which weights follow, and their side (px)
+SAMPLED_WINDOWS = (4, 256)  # windows along each side of the orthoimage from which weights follow, and their side (px)
 NOTABLE_SHIFT_PX = 1.0  # above it, a warning is given
 
 

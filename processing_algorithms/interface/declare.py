@@ -318,11 +318,7 @@ class Algorithm:
             "options": {key: _plain_value(value) for key, value in given.items()},
             "settings": settings_of(made) | settings_of(fill_options(Common, options)),
             **context.record,
-            "crs": {
-                "positions": POSITIONS_CRS,
-                "heights": "ellipsoidal",
-                "input_heights": options.get("height_datum"),
-            },
+            "crs": {"positions": POSITIONS_CRS, "heights": "ellipsoidal", "input_heights": options.get("height_datum")},
         }
         context = replace(context, inputs=self.inputs(options), record=lineage.without_secrets_in(record))
         try:

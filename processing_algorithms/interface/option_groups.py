@@ -58,6 +58,18 @@ def compression_option() -> Any:
     return option("deflate", "Compression, all of them lossless", choices=COMPRESSION_NAMES, advanced=True)
 
 
+def piped_points_option(what: str) -> Any:
+    """Return the option of points, which are read from standard input if no file is given."""
+    help = f"{what} points: a vector layer or CSV; by default lines on standard input"
+    return option(None, help, kind=Kind.POINTS, piped=True, metavar=POINTS)
+
+
+def ground_box_option(purpose: str) -> Any:
+    """Return the option of a box on the ground."""
+    help = f"Box on the ground, in degrees or in the CRS in brackets after it{purpose}"
+    return option(None, help, kind=Kind.EXTENT, metavar="W,S,E,N [CRS]")
+
+
 def window_option(help: str) -> Any:
     """Return the option of a window of an image."""
     return option(None, help, metavar=WINDOW)

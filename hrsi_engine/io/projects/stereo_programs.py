@@ -33,15 +33,7 @@ from osgeo import osr
 
 from ...foundation.json_values import json_text
 from ..rpc_files.xml_formats import isd_text
-from .project import (
-    DEM_FILE,
-    PROJECTS,
-    BlockProject,
-    PlannedProject,
-    find_window,
-    plan_images,
-    write_initial_dem,
-)
+from .project import DEM_FILE, PROJECTS, BlockProject, PlannedProject, find_window, plan_images, write_initial_dem
 
 _S2P_FILE, _S2P_RESULT = "s2p.json", "out/dsm.tif"
 
