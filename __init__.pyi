@@ -1466,8 +1466,8 @@ def hand_over(
         Target program; colmap has perspective cameras, nerf radiance fields with RPCs, points is for
         point clouds and GCPs (one of cars, s2p, asp, micmac, colmap, nerf, points; default cars).
     extent : str, optional
-        Region of interest: a box on the ground, in degrees or in the CRS in brackets after it; by
-        default the common area of the chosen pairs.
+        Box on the ground, in degrees or in the CRS in brackets after it; by default the common area of
+        the chosen pairs.
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
