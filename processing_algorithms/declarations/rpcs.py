@@ -288,7 +288,7 @@ class ProjectOptions:
     """Options of `project`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
-    points: str | None = groups.piped_points_option("Ground")
+    points: str | None = groups.input_points_option("Ground")
     ground_crs: str | None = groups.ground_crs_option()
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
@@ -319,7 +319,7 @@ class LocalizeOptions:
     """Options of `localize`."""
 
     images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
-    points: str | None = groups.piped_points_option("Image")
+    points: str | None = groups.input_points_option("Image")
     terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
 

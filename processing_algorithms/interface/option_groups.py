@@ -58,7 +58,7 @@ def compression_option() -> Any:
     return option("deflate", "Compression, all of them lossless", choices=COMPRESSION_NAMES, advanced=True)
 
 
-def piped_points_option(what: str) -> Any:
+def input_points_option(what: str) -> Any:
     """Return the option of points, which are read from standard input if no file is given."""
     help = f"{what} points: a vector layer or CSV; by default lines on standard input"
     return option(None, help, kind=Kind.POINTS, piped=True, metavar=POINTS)
