@@ -208,27 +208,24 @@ def twice(sound: Path, folder: Path) -> str:
 
 
 NAN, HUGE = float("nan"), 1e30
+RPC_FAULTS: dict[str, Fault] = {
+    "wrong CRS": changed_rpc(swap),
+    "NaN": changed_rpc(lambda key, value: NAN if key == "LINE_NUM_COEFF_2" else value),
+    "huge": changed_rpc(lambda key, value: 1e300 if key == "LINE_OFF" else value),
+    "negative": changed_rpc(lambda key, value: -value if key == "LAT_SCALE" else value),
+}
+RASTER_FAULTS: dict[str, Fault] = {
+    "wrong CRS": changed_raster(crs=32631), "NaN": changed_raster(NAN), "huge": changed_raster(HUGE),
+    "negative": changed_raster(-32768.0), "non-overlapping": changed_raster(east=10.0),
+}  # fmt: skip
 #: By role: the faults that only it can have.
 OF_ROLE: dict[str, dict[str, Fault]] = {
-    IMAGES: {
-        "wrong CRS": changed_rpc(swap),
-        "NaN": changed_rpc(lambda key, value: NAN if key == "LINE_NUM_COEFF_2" else value),
-        "huge": changed_rpc(lambda key, value: 1e300 if key == "LINE_OFF" else value),
-        "negative": changed_rpc(lambda key, value: -value if key == "LAT_SCALE" else value),
+    IMAGES: RPC_FAULTS | {
         "non-overlapping": changed_rpc(lambda key, value: value + 10.0 if key == "LONG_OFF" else value),
-        "nodata everywhere": changed_raster(0.0, nodata=0.0),
-        "duplicate": twice,
+        "nodata everywhere": changed_raster(0.0, nodata=0.0), "duplicate": twice,
     },
-    DEM: {
-        "wrong CRS": changed_raster(crs=32631), "NaN": changed_raster(NAN), "huge": changed_raster(HUGE),
-        "negative": changed_raster(-32768.0), "non-overlapping": changed_raster(east=10.0),
-        "nodata everywhere": changed_raster(-9999.0, nodata=-9999.0),
-    },
-    REFERENCE: {
-        "wrong CRS": changed_raster(crs=32631), "NaN": changed_raster(NAN), "huge": changed_raster(HUGE),
-        "negative": changed_raster(-32768.0), "non-overlapping": changed_raster(east=10.0),
-        "nodata everywhere": changed_raster(0.0, nodata=0.0),
-    },
+    DEM: RASTER_FAULTS | {"nodata everywhere": changed_raster(-9999.0, nodata=-9999.0)},
+    REFERENCE: RASTER_FAULTS | {"nodata everywhere": changed_raster(0.0, nodata=0.0)},
     POINTS: {
         "wrong CRS": all_rows(lambda key, value: value * 111_000.0 if key in ("lon", "lat") else value),
         "NaN": one_row("nan"), "huge": one_row("1e300"),
@@ -236,13 +233,7 @@ OF_ROLE: dict[str, dict[str, Fault]] = {
         "non-overlapping": all_rows(lambda key, value: value + MOVED.get(key, 0.0)),
         "nodata everywhere": all_rows(lambda key, value: ""), "duplicate": changed_rows(repeated),
     },
-    RPC_FILE: {
-        "wrong CRS": changed_rpc(swap),
-        "NaN": changed_rpc(lambda key, value: NAN if key == "LINE_NUM_COEFF_2" else value),
-        "huge": changed_rpc(lambda key, value: 1e300 if key == "LINE_OFF" else value),
-        "negative": changed_rpc(lambda key, value: -value if key == "LAT_SCALE" else value),
-        "nodata everywhere": changed_rpc(lambda key, value: 0.0),
-    },
+    RPC_FILE: RPC_FAULTS | {"nodata everywhere": changed_rpc(lambda key, value: 0.0)},
     GRID: {
         "NaN": changed_raster(NAN), "huge": changed_raster(HUGE), "non-overlapping": changed_raster(east=90.0),
         "nodata everywhere": changed_raster(-32768.0, nodata=-32768.0),

@@ -102,16 +102,22 @@ def real_data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def hobart_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def hobart() -> dict[str, Any]:
+    """The files of the Hobart block, as options of `adjust` and others."""
+    data = REPOSITORY / "examples" / "hobart"
+    images = [str(data / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)]
+    points = {"gcps": "hobart_ground_points.csv", "image_points": "hobart_image_points.csv"}
+    return {"images": images} | {key: str(data / name) for key, name in points.items()}
+
+
+@pytest.fixture(scope="session")
+def hobart_result(hobart: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The result of `triangulate` on the Hobart block with six GCPs: no pixels, no tie points."""
     from hrsi.processing_algorithms import run
 
-    data, folder = REPOSITORY / "examples" / "hobart", tmp_path_factory.mktemp("hobart") / "out"
-    run(
-        "triangulate", images=[str(data / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)],
-        gcps=str(data / "hobart_ground_points.csv"), image_points=str(data / "hobart_image_points.csv"),
-        tie_points="none", gcp_ids="H003,H022,H024,H035,H048,H058", output_dir=str(folder),
-    )  # fmt: skip
+    folder = tmp_path_factory.mktemp("hobart") / "out"
+    chosen = "H003,H022,H024,H035,H048,H058"
+    run("triangulate", **hobart, tie_points="none", gcp_ids=chosen, output_dir=str(folder))
     return folder
 
 

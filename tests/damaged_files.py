@@ -237,9 +237,11 @@ def _read_geoid(path: Path) -> None:
 def _read_points(path: Path) -> None:
     spec = f"{path}|layername=waypoints" if path.suffix == ".gpx" else measurements_of(str(path))
     flat = lambda lonlat: np.zeros(len(lonlat))  # noqa: E731
-    read_points(
+    tables = read_points(
         spec, image_ids=["image_1", "image_2"], height_datum="ellipsoidal", ground_crs="EPSG:4979", surface=flat
     )
+    assert tables.ground is None or np.isfinite(tables.ground.ground).all()
+    assert tables.image is None or np.isfinite(tables.image.xy).all()
 
 
 def _read_gcp_layer(path: Path) -> None:

@@ -68,21 +68,23 @@ INSTEAD_OF = {
 #: Inputs without which another one is not read.
 READ_WITH = {"surface_datum": "surface", "reference_datum": "reference"}
 #: Inputs that are given only where they are looked at.
-SELDOM = {
-    "reference",
-    "surface",
-    "surface_datum",
-    "reference_datum",
-    "edges",
-    "terrain_points",
-    "rpc",
-    "before",
-    "work_dir",
-    "matches",
-    "height_datum",
-    "dem_datum",
-    "laser_datum",
-}
+SELDOM = set(
+    [
+        "reference",
+        "surface",
+        "surface_datum",
+        "reference_datum",
+        "edges",
+        "terrain_points",
+        "rpc",
+        "before",
+        "work_dir",
+        "matches",
+        "height_datum",
+        "dem_datum",
+        "laser_datum",
+    ]
+)
 #: Results, projects, matrices, curves and multispectral images, which have tests of their own, as certificates have.
 OTHER_FILES = {"add_to", "pansharpen", "result", "folder", "project", "coefficient_covariance", "jitter"}
 #: What kind of input an option takes, by its key; else by its kind.

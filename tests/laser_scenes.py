@@ -13,14 +13,7 @@ from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.block.orthoimage import ReferencePlaces
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    Noise,
-    PointCounts,
-    SceneSpec,
-    make_along_track_views,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.laboratory.simulation.control import measure_points, project_true_points
 from hrsi.hrsi_engine.laboratory.simulation.free_ortho import ORTHO_ERROR, draw_ortho_errors
 from hrsi.hrsi_engine.laboratory.simulation.laser import LaserSimulation, simulate_laser
@@ -51,10 +44,10 @@ def laser_scene(
     image_px: float = 0.3, relief_m: float = 150.0, looked_up: int = LOOKED_UP, checks: int = 100,
 ) -> LaserScene:  # fmt: skip
     """Return a block with check points, whose laser points have tie points around them, as matching would find them."""
-    views = make_along_track_views(SENSORS[sensor], images, (size, size))
-    noise = Noise(image_px=image_px, gcp_xy_m=0.01, gcp_h_m=0.01)
-    scene = SceneSpec(seed=seed, post_m=8.0, relief_m=relief_m)
-    simulated = simulate_block(scene, views, PointCounts(0, checks, 200), noise)
+    views = lab.make_along_track_views(lab.SENSORS[sensor], images, (size, size))
+    noise = lab.Noise(image_px=image_px, gcp_xy_m=0.01, gcp_h_m=0.01)
+    scene = lab.SceneSpec(seed=seed, post_m=8.0, relief_m=relief_m)
+    simulated = lab.simulate_block(scene, views, lab.PointCounts(0, checks, 200), noise)
     terrain, rng = simulated.scene.terrain, np.random.default_rng([seed, 51])
     half_m = 0.5 * size * views[0].sensor.gsd_m
     laser = simulate_laser(terrain, half_m, spec or LaserSpec(3), [seed, 50])
@@ -113,7 +106,7 @@ def placed_scene(
     image_ids = np.array([view.id for view in views])
     measured, _ = measure_points(
         ids, np.full(places, int(Role.GCP)), image_ids, project_true_points(truth.cameras, terrain, true),
-        Noise(image_px=images_agree_px), rng,
+        lab.Noise(image_px=images_agree_px), rng,
     )  # fmt: skip
     sigma_m = ortho.error_m / np.sqrt(2.0)
     seen = np.isin(ids, measured.ids)

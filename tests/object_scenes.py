@@ -8,21 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.laboratory.interest_points import InterestPoints, detect_interest_points
 from hrsi.hrsi_engine.laboratory.interest_points.options import DetectionOptions
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    BlockSimulation,
-    ImageRenderer,
-    Noise,
-    PointCounts,
-    Radiometry,
-    SceneSpec,
-    locate_on_surface,
-    make_along_track_views,
-    make_renderer,
-    simulate_block,
-)
 from hrsi.hrsi_engine.laboratory.simulation.landscape import Objects
 from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY, CentreOptions
 
@@ -47,21 +35,21 @@ class TrueObjects:
 
 def scene(
     scale: float, size: int = 1200, relief_m: float = 30.0, seed: int = 1, change: float = 0.0
-) -> BlockSimulation:
+) -> lab.BlockSimulation:
     """Return a pair, 24 degrees apart, of 0.7 m pixels; ``scale`` multiplies objects: tanks are 18 to 37 px at 1.
 
     With a ``change``, 0 … 1, the second view is of another date: soil and plants look different, the light comes from
     elsewhere, the image is less sharp and less bright.
     """
-    first, second = make_along_track_views(SENSORS["pleiades"], 2, (size, size))
+    first, second = lab.make_along_track_views(lab.SENSORS["pleiades"], 2, (size, size))
     if change:
-        second = replace(second, date=1, radiometry=Radiometry(gain=0.8, offset=40.0, psf_px=0.6))
+        second = replace(second, date=1, radiometry=lab.Radiometry(gain=0.8, offset=40.0, psf_px=0.6))
     views = (first, second)
-    spec = SceneSpec(relief_m=relief_m, seed=seed, scale=scale, change=change)
-    return simulate_block(spec, views, PointCounts(4, 4, 0), Noise(vendor=0.0))
+    spec = lab.SceneSpec(relief_m=relief_m, seed=seed, scale=scale, change=change)
+    return lab.simulate_block(spec, views, lab.PointCounts(4, 4, 0), lab.Noise(vendor=0.0))
 
 
-def true_objects(simulated: BlockSimulation, image: ImageRenderer) -> TrueObjects:
+def true_objects(simulated: lab.BlockSimulation, image: lab.ImageRenderer) -> TrueObjects:
     """Return where an image's own camera sees the objects (pixels of that image, PAN or MS)."""
     objects, chart, terrain = simulated.scene.objects, simulated.scene.chart, simulated.scene.terrain
 
@@ -98,7 +86,7 @@ def _centroids(rings: np.ndarray) -> np.ndarray:
     return middle[:, 0] + np.sum((a + b) * cross[..., None], axis=1) / (3.0 * cross.sum(axis=1)[:, None])
 
 
-def _painted_over(simulated: BlockSimulation) -> np.ndarray:
+def _painted_over(simulated: lab.BlockSimulation) -> np.ndarray:
     """Return the mask of objects that a surveyed target with its apron covers in part."""
     objects = simulated.scene.objects
     apron = objects.kind == "apron"
@@ -109,13 +97,13 @@ def _painted_over(simulated: BlockSimulation) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def rendered(simulated: BlockSimulation, view: str, band: str = "pan") -> ImageRenderer:
+def rendered(simulated: lab.BlockSimulation, view: str, band: str = "pan") -> lab.ImageRenderer:
     """Return the renderer of a view, remembered: making one blurs the textures of the whole scene."""
-    return make_renderer(simulated, view, band)
+    return lab.make_renderer(simulated, view, band)
 
 
 @lru_cache(maxsize=4)
-def detected(simulated: BlockSimulation, detector: str) -> list[InterestPoints]:
+def detected(simulated: lab.BlockSimulation, detector: str) -> list[InterestPoints]:
     """Return the points of both views, remembered."""
     return [detect_interest_points(rendered(simulated, view), detector, CANDIDATES) for view in VIEWS]
 
@@ -138,9 +126,11 @@ def centre_errors(truth: TrueObjects, points: InterestPoints, kinds: tuple[str, 
     return np.array(errors).reshape(-1, 2), found
 
 
-def carried(simulated: BlockSimulation, points: np.ndarray, first: ImageRenderer, second: ImageRenderer) -> np.ndarray:
+def carried(
+    simulated: lab.BlockSimulation, points: np.ndarray, first: lab.ImageRenderer, second: lab.ImageRenderer
+) -> np.ndarray:
     """Return where points of one image truly are in another, ``(n, 2)``; NaN where they are not inside it."""
-    ground = locate_on_surface(first.camera, simulated.scene.terrain, points)
+    ground = lab.locate_on_surface(first.camera, simulated.scene.terrain, points)
     xy = second.camera.ground_to_image(ground)
     margin = 8.0
     inside = np.all((xy > margin) & (xy < np.array(second.size) - 1.0 - margin), axis=1)
@@ -168,7 +158,7 @@ def alike(first: InterestPoints, second: InterestPoints, scale: float = 1.0) -> 
 
 
 def repeatability(
-    simulated: BlockSimulation, first: np.ndarray, second: np.ndarray, tolerance_px: float = 1.5
+    simulated: lab.BlockSimulation, first: np.ndarray, second: np.ndarray, tolerance_px: float = 1.5
 ) -> float:
     """Return the share of points of the smaller set that the other view has too, where both views see the ground.
 
@@ -183,7 +173,7 @@ def repeatability(
 
 
 def found_again(
-    simulated: BlockSimulation, points: np.ndarray, others: np.ndarray, view: int = 0, tolerance_px: float = 1.5
+    simulated: lab.BlockSimulation, points: np.ndarray, others: np.ndarray, view: int = 0, tolerance_px: float = 1.5
 ) -> float:
     """Return the share of points of a view that are among the points of the other, where both see the ground."""
     first, second = (rendered(simulated, VIEWS[k]) for k in (view, 1 - view))

@@ -7,18 +7,7 @@ import numpy as np
 
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image, Raster
 from hrsi.hrsi_engine.block.orthoimage import Orthoimage
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    BlockSimulation,
-    Noise,
-    OrientationError,
-    PointCounts,
-    SceneSpec,
-    add_pixels,
-    make_along_track_views,
-    make_orthophoto,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.laboratory.simulation.terrain import TerrainSurface
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
@@ -36,7 +25,7 @@ def place_on_degrees(raster: Raster, geotransform: tuple[float, ...]) -> Orthoim
 class Scene:
     """Images with pixels, the true orthophoto, the true terrain, and the truth."""
 
-    simulated: BlockSimulation
+    simulated: lab.BlockSimulation
     images: tuple[Image, ...]
     reference: Orthoimage
     terrain: GridSurface
@@ -56,24 +45,23 @@ def surface_of(terrain: TerrainSurface) -> GridSurface:
 
 def make(
     seed: int = 1, size: int = 500, images: int = 1, ratio: float = 1.0, band: str = "pan", relief_m: float = 100.0,
-    error: OrientationError | None = None, points: PointCounts | None = None, noise_px: float = 0.3,
+    error: lab.OrientationError | None = None, points: lab.PointCounts | None = None, noise_px: float = 0.3,
 ) -> Scene:  # fmt: skip
     """Return a scene of oblique Pleiades images; ``ratio`` is the reference's pixel size in those of the images.
 
     ``error`` is the vendor's orientation error of every image, by default drawn from the sensor's accuracy.
     """
-    sensor = SENSORS["pleiades"]
-    oblique = make_along_track_views(sensor, max(images, 2), (size, size))[:images]
+    sensor = lab.SENSORS["pleiades"]
+    oblique = lab.make_along_track_views(sensor, max(images, 2), (size, size))[:images]
     views = [replace(view, vendor_error=error) if error else view for view in oblique]
-    simulated = simulate_block(
-        SceneSpec(seed=seed, relief_m=relief_m), views, points or PointCounts(0, 4, 10), Noise(image_px=noise_px)
-    )  # fmt: skip
-    block = add_pixels(simulated)
+    spec, counts = lab.SceneSpec(seed=seed, relief_m=relief_m), points or lab.PointCounts(0, 4, 10)
+    simulated = lab.simulate_block(spec, views, counts, lab.Noise(image_px=noise_px))
+    block = lab.add_pixels(simulated)
     pixels = tuple(
         replace(image, raster=ArrayRaster(image.raster.window(0, 0, *image.size)))  # type: ignore[union-attr, misc]
         for image in block.images
     )
-    photo = make_orthophoto(simulated.scene, ratio * sensor.gsd_m, band=band)
+    photo = lab.make_orthophoto(simulated.scene, ratio * sensor.gsd_m, band=band)
     reference = place_on_degrees(ArrayRaster(photo.read(0, 0, *photo.size)[0]), photo.geotransform)
     return Scene(simulated, pixels, reference, surface_of(simulated.scene.terrain))
 

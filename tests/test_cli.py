@@ -203,14 +203,6 @@ def test_help_of_an_algorithm(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize("name", REGISTRY)
-def test_help_of_every_algorithm_names_every_option(name, capsys):
-    assert main([name, "--help-all"]) == 0
-    out = capsys.readouterr().out
-    for param in REGISTRY[name].params:
-        assert (param.metavar if param.kind in POSITIONAL_KINDS else f"--{param.name}") in out
-
-
-@pytest.mark.parametrize("name", REGISTRY)
 def test_help_shows_few_options_first(name, capsys):
     """At most twelve, among them all that are required; programs get every one."""
     assert main([name, "--help"]) == 0
@@ -225,23 +217,6 @@ def test_help_shows_few_options_first(name, capsys):
     assert main([name, "--json-usage"]) == 0
     declared = json.loads(capsys.readouterr().out)
     assert {param.name for param in params} <= {option["name"] for option in declared["options"]}
-
-
-@pytest.mark.parametrize(
-    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
-)
-def test_a_signal_leaves_one_line_and_no_file(tmp_path, number, code, word):
-    out_dir = tmp_path / "out"
-    command = [sys.executable, "-m", "hrsi.tests.sample_algorithm", "sample", "a.tif"]
-    process = subprocess.Popen(
-        [*command, "--wait", "60", "--output-dir", str(out_dir)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    _wait_for_file(out_dir)
-    process.send_signal(number)
-    out, err = process.communicate(timeout=20)
-    assert_one_error((process.returncode, out, err), code, word)
-    assert not out_dir.exists()
 
 
 @pytest.mark.parametrize(
@@ -348,14 +323,6 @@ def test_an_interrupt_at_the_very_end(monkeypatch, capsys):
     assert capsys.readouterr().err == "ERROR: interrupted; no half-written file is left\n"
 
 
-def _wait_for_file(folder: Path) -> None:
-    for _ in range(400):
-        if folder.is_dir() and any(folder.iterdir()):
-            return
-        time.sleep(0.05)
-    raise AssertionError(f"nothing appeared in {folder}")
-
-
 def test_console_command_and_broken_pipe():
     """The installed command runs, and a reader that stops early makes no noise."""
     command = Path(sys.executable).with_name("hrsi")
@@ -364,19 +331,17 @@ def test_console_command_and_broken_pipe():
 
 
 def test_rpc_info_loads_only_what_it_uses(tmp_path: Path):
-    """An image is described without SciPy, numba, OpenCV and Jinja2; the processor time of the command is printed."""
+    """An image is described without SciPy, numba, OpenCV and Jinja2."""
     write_image(tmp_path / "image.tif", blocks.images(1)[0].rpc)
     code = (
-        "import sys, time; from hrsi.processing_algorithms.command_line.cli import main; "
+        "import sys; from hrsi.processing_algorithms.command_line.cli import main; "
         "code = main(['rpc-info', '--quiet', sys.argv[1]]); "
-        "print([m for m in ('scipy', 'numba', 'cv2', 'jinja2') if m in sys.modules], code, time.process_time())"
+        "print([m for m in ('scipy', 'numba', 'cv2', 'jinja2') if m in sys.modules], code)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path / "image.tif")], capture_output=True, text=True, check=True
     )
-    modules, _, seconds = done.stdout.splitlines()[-1].rpartition(" ")
-    print(f"rpc-info of an image: {float(seconds):.2f} CPU s")
-    assert modules == "[] 0"
+    assert done.stdout.splitlines()[-1] == "[] 0"
 
 
 @pytest.mark.parametrize("words", [[], ["--help"], ["adjust", "--help"], ["completion", "bash"]])

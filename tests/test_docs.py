@@ -28,13 +28,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground import geoids
 from hrsi.hrsi_engine.ground.geoids import GEOID
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    PointCounts,
-    SceneSpec,
-    make_along_track_views,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.results.verdict.significance import EFFECT
 from hrsi.hrsi_engine.surface.dem import dem_sigma_m
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
@@ -198,8 +192,8 @@ def test_a_crop_is_read_as_the_page_states(place: str, tmp_path: Path):
 def test_a_dem_with_gaps_is_reported_from_the_fifth_of_the_page(part: float):
     """A part of the pixels, in the west, has no height; a fifth is the limit."""
     assert not _find_numbers("verdict.md", "The DEM has no heights for more than a fifth of the area of the images.")
-    views = make_along_track_views(SENSORS["pleiades"], 2, (6000, 6000))
-    block = simulate_block(SceneSpec(relief_m=2.0), views, PointCounts(4, 0, 60)).block
+    views = lab.make_along_track_views(lab.SENSORS["pleiades"], 2, (6000, 6000))
+    block = lab.simulate_block(lab.SceneSpec(relief_m=2.0), views, lab.PointCounts(4, 0, 60)).block
     height = float(np.nanmedian(block.points.ground[:, 2]))
     pixels = [image.rpc.localize(image.grid_px(60, 60), height).ground for image in block.images]
     edge = np.quantile(np.concatenate(pixels)[:, 0], part)
@@ -228,7 +222,6 @@ def test_processor_times_are_those_of_the_pages(page: str, sentence: str, of_row
         files = ["--gcps", f"{tmp_path}/ground_points.csv", "--image-points", f"{tmp_path}/image_points.csv"]
         options = ["--height-datum", "ellipsoidal", "--output-dir", str(tmp_path / "adjusted")]
         seconds = measure_cpu((*HRSI, "adjust", "-q", *images, *files, *options))
-    print(f"{page}: {stated_s} s stated, {seconds:.1f} s now")
     assert 0.5 * stated_s < seconds < 2.0 * stated_s
 
 
@@ -258,7 +251,6 @@ def test_tutorial_prints_what_it_says(tmp_path: Path):
         )  # the last printed digit
 
 
-@pytest.mark.programs
 @pytest.mark.programs
 def test_site_builds_without_warnings(tmp_path: Path):
     pytest.importorskip("sphinx")

@@ -31,7 +31,6 @@ def test_predictions_cover_and_no_right_block_is_accused(name: str):
     """
     outcomes = [run_block(FAMILIES[name], seed) for seed in SEEDS]
     inside = np.mean([one.inside for one in outcomes], axis=0)
-    print(name, inside, [one.codes for one in outcomes])
     assert (inside > 0.9 - TOLERANCE - SCATTER).all()
     # jitter that the images do not separate from the ground is a right reason
     assert {code for one in outcomes for code in one.codes} <= {"jitter"}
@@ -134,7 +133,6 @@ def test_verdict_of_a_block_that_had_a_wrong_one(simulated: str, options: str, c
         float(np.mean(size <= predicted[name]))
         for name, size in (("ce90_m", np.hypot(east, north)), ("le90_m", np.abs(height))) if len(size)
     ]  # fmt: skip
-    print(verdict["level"], found, verdict["sentence"], "inside", inside)
     assert found == codes and verdict["level"] == ("doubtful" if codes else "ok")
     assert all(share >= 0.75 for share in inside) and len(inside) == (2 if given else 0)
 
@@ -158,5 +156,4 @@ def test_pairs_of_frames_have_the_same_verdict_with_the_generic_model(folder: st
             judge(adjust(pair, AdjustOptions(model=model)), check_block(pair)) for model in ("affine", "generic")
         ]
         codes = [[reason.code for reason in verdict.reasons] for verdict in verdicts]
-        print(pair.images[0].id, pair.images[1].id, [verdict.level.label for verdict in verdicts], codes)
         assert codes == [[], []]

@@ -59,18 +59,13 @@ def test_turns_share_out_all_that_is_short_enough():
     assert all(sum(entry.cpu_s for entry in share) <= 600.0 for share in shares), "CI has ten minutes for it"
 
 
-def test_what_is_the_same_has_no_difference():
-    assert figures.compare(PAGE, PAGE, 0.01) == []
-
-
-def test_times_are_not_compared():
-    assert figures.compare(PAGE, PAGE.replace("12 CPU s", "30 CPU s").replace("4.2", "9.9"), 0.01) == []
-
-
 @pytest.mark.parametrize(
     ("old", "new", "differs"),
     [
+        ("", "", False),
         ("1.13", "1.14", False),  # one unit of the last digit
+        ("12 CPU s", "30 CPU s", False),  # times are not compared
+        ("4.2", "9.9", False),
         ("1.13", "1.16", True),  # 2 %
         ("| 37 ", "| 38 ", True),  # a count is whole
         ("0.99", "-0.99", True),
@@ -127,7 +122,6 @@ def test_pages_with_figures_of_hobart_say_that_its_rpcs_were_fitted():
         ]
         if accuracies or re.search(r"^#+ .*Hobart", text, re.MULTILINE):
             named[str(path.relative_to(ROOT / "docs"))] = bool(re.search(r"RPCs?\b[^.]{0,80}\bfitted", text))
-    print(f"pages with figures of Hobart: {', '.join(named)}")
     assert {"protocols/accuracy_blocks.md", "protocols/few_gcps.md", "tutorial/hobart.md"} <= set(named)
     assert not [page for page, said in named.items() if not said]
 

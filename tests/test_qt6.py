@@ -17,4 +17,3 @@ def test_plugin_works_on_qt_6() -> None:
     environment = os.environ | {"QT_QPA_PLATFORM": "offscreen"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=500, check=False)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
-    print(done.stdout.strip().splitlines()[-1])

@@ -56,27 +56,25 @@ def assert_alike(rpcs: list[RPC], each: int = 7, reach: float = 0.9) -> None:
     np.testing.assert_array_equal(stack.project(which[finite], ground[finite]), image[finite])
 
 
-def test_as_each_alone() -> None:
-    assert_alike([sample_rpc(seed) for seed in range(20)])
-
-
-def test_parts_do_not_matter() -> None:
-    assert_alike([sample_rpc(seed) for seed in range(3)], each=3000)
-
-
 def test_as_each_rpc_of_the_pack_alone(real_data: Path) -> None:
     assert_alike([rpc for _, rpc, _ in rpc_files(real_data)])
-
-
-def test_across_the_180_degree_meridian() -> None:
-    assert_alike([replace(sample_rpc(), long_off=180.0 - 1e-4), replace(sample_rpc(), long_off=-180.0 + 1e-4)])
-
-
-def test_far_outside_its_domain_an_rpc_is_asked_itself() -> None:
-    assert_alike([sample_rpc(1), sample_rpc(2)], reach=30.0)  # crops count so
 
 
 def test_no_ground_is_nan() -> None:
     broken = replace(sample_rpc(), samp_num=np.zeros(20))  # every point has the same sample
     ground = RPCStack([sample_rpc(), broken]).localize(np.array([0, 1]), np.array([[200.0, 150.0]] * 2), 300.0)
     assert np.isfinite(ground[0]).all() and np.isnan(ground[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("rpcs", "options"),
+    [
+        ([sample_rpc(seed) for seed in range(20)], {}),
+        ([sample_rpc(seed) for seed in range(3)], {"each": 3000}),
+        ([replace(sample_rpc(), long_off=lon) for lon in (180.0 - 1e-4, 1e-4 - 180.0)], {}),
+        ([sample_rpc(1), sample_rpc(2)], {"reach": 30.0}),
+    ],
+    ids=["many", "in parts", "across the 180 degree meridian", "far outside their domain, as crops count"],
+)
+def test_as_each_alone(rpcs: list[RPC], options: dict) -> None:
+    assert_alike(rpcs, **options)

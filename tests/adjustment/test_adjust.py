@@ -105,14 +105,6 @@ def test_robust_weights_hold_against_blunders(robust):
         return np.sqrt(np.mean(((result.values - true) * reach) ** 2))
 
     clean = camera_error_px(block)
-    print(
-        "camera error, px: clean",
-        clean,
-        robust,
-        camera_error_px(spoilt, robust=robust),
-        "none",
-        camera_error_px(spoilt),
-    )
     assert camera_error_px(spoilt, robust=robust) < 1.25 * clean
     assert camera_error_px(spoilt, reject_sigma=4.0) < 1.25 * clean
     assert camera_error_px(spoilt) > 2.0 * clean
@@ -144,13 +136,6 @@ def test_nothing_to_adjust():
 def test_unknown_model_is_named():
     with pytest.raises(InputError, match="nonsense"):
         adjust(blocks.block()[0], AdjustOptions(test_sigmas=False, model="nonsense"))
-
-
-def test_cancel():
-    from hrsi.hrsi_engine.foundation.errors import Cancelled
-
-    with pytest.raises(Cancelled):
-        adjust(blocks.block()[0], progress=lambda fraction, message: False)
 
 
 @pytest.mark.parametrize("model", mark_beyond(1, "wrong_inputs", ["shift", "affine", "generic-shift"]))

@@ -61,10 +61,6 @@ def test_snooping_finds_the_blunders(share):
     false_alarms = np.mean(result.decision[~touched[bad.measurements.point]] != Decision.KEPT)
     misnamed = np.mean(result.decision[~wrong] == Decision.BLUNDER)
     change = check_rmse(bad, truth, result) / check_rmse(block, truth, clean) - 1.0
-    print(
-        f"{share:.0%} blunders: {found:.2%} found, {false_alarms:.3%} false alarms, {misnamed:.3%} of the good ones "
-        f"named, check RMSE changes by {np.abs(change).max():.1%}, {result.solves} solves"
-    )
     assert found >= 0.99
     assert false_alarms < 0.001
     assert misnamed < 0.001
@@ -178,7 +174,6 @@ def test_variance_components_recover_the_sigmas():
         assert result.sigma0 == pytest.approx(1.0, abs=0.01)
         found.append({part.group: part.sigma for part in result.variance_components if part.estimated})
     means = {name: np.mean([sigmas[name] for sigmas in found if name in sigmas]) for name in found[0]}
-    print({name: round(value, 3) for name, value in means.items()})
     assert means["image points: centre"] == pytest.approx(0.2, rel=0.05)
     assert means["image points: corner"] == pytest.approx(0.4, rel=0.05)
     assert means["GCP east, north"] == pytest.approx(0.3, rel=0.15)

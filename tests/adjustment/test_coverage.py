@@ -24,5 +24,4 @@ def test_nine_of_ten_check_errors_are_inside_ce90_and_le90(name):
     Power (normal, 3.3 %, 0.81 to 0.99): 0.90 fails with 0.2 %, 0.75 with 99 %: a CE90 that is 22 % too small.
     """
     shares = run(CONFIGURATIONS[name], SEEDS)[:, :2].mean(axis=0)
-    print(name, shares)
     assert (shares > LEAST).all() and (shares < MOST).all()

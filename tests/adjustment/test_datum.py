@@ -303,6 +303,5 @@ def test_monte_carlo_over_100_seeds():
         )
     ratio = np.sqrt(np.mean(observed, axis=0) / np.mean(predicted, axis=0))
     spread = np.sqrt(np.mean(np.square(scaled)))
-    print("observed / predicted check RMSE:", ratio.round(3), "parameters:", round(float(spread), 3))
     assert np.all((ratio > 0.9) & (ratio < 1.1))
     assert spread == pytest.approx(1.0, abs=0.05)  # 1800 parameters, correlated within a block

@@ -50,7 +50,6 @@ def test_the_drift_is_found(drift):
     for seed in range(12):
         block, _, _ = blocks.block(gcps=10, checks=0, ties=80, count=4, drift=drift, seed=seed, noise_px=0.1)
         found.append(drift_of(adjust(block, ESTIMATED)).sigma)
-    print("drift", np.sqrt(np.mean(np.square(found))), "of", drift)
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(drift, rel=0.2)
 
 
@@ -72,7 +71,6 @@ def test_it_is_never_worse_than_a_loose_prior_or_none_at_all(gcps, drift):
         )
         squares["estimated"].append(check_squares(block, truth, adjust(block, ESTIMATED)))
     rms = {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
-    print(gcps, "GCPs, drift", drift, {name: round(value, 3) for name, value in rms.items()}, "m")
     assert rms["estimated"] < 1.1 * min(rms["shift"], rms["affine"])
     assert max(rms["shift"], rms["affine"]) > 1.1 * rms["estimated"] or gcps == 4
 
@@ -97,7 +95,6 @@ def test_the_drift_of_many_images_is_found():
     """63 000 measurements, 700 an image: as large as that it is no dense pair, and its GCPs are as they were said."""
     result = adjust(simulated(90, per_image=700))
     (drift,) = result.variance_components
-    print(f"{drift.sigma:.2e} px/px found of {DRIFT_OF_SIMULATED:.2e}")
     assert result.model.name == "affine" and not result.warnings
     assert drift.sigma == pytest.approx(DRIFT_OF_SIMULATED, rel=3.0 / np.sqrt(2 * drift.redundancy))
 
@@ -110,7 +107,6 @@ def test_corrections_at_a_solution_spare_solutions(monkeypatch):
     monkeypatch.setattr(drift_prior, "ITERATIONS", replace(drift_prior.ITERATIONS, coarse=1e-3, most=1))
     slow = adjust(block)
     of_images = np.abs(quick.values - slow.values)[:, quick.model.drifts] / slow.values_sigma[:, slow.model.drifts]
-    print(f"{quick.solves} and {slow.solves} solutions, {of_images.max():.3f} of a drift's sigma apart")
     assert quick.solves < slow.solves
     assert drift_of(quick).sigma == pytest.approx(drift_of(slow).sigma, rel=0.01)
     assert of_images.max() < 0.1

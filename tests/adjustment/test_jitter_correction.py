@@ -14,20 +14,11 @@ from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    Noise,
-    OrientationError,
-    PointCounts,
-    SceneSpec,
-    Vibration,
-    make_along_track_views,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 NOISE_PX = 0.15
-PIXEL_RAD = SENSORS["pleiades"].detector_angle_rad
+PIXEL_RAD = lab.SENSORS["pleiades"].detector_angle_rad
 PERIODS, AMPLITUDES = (400.0, 520.0), (0.8, 0.8)  # across and along the track
 
 
@@ -205,11 +196,13 @@ def test_prior_has_the_variance_and_the_correlation_of_its_process_up_to_the_end
 def test_surface_takes_waves_of_heights_that_its_sigma_calls_wrong():
     """Of a wave of 3 m nearly all heights deviate from a DEM of 0.3 m by more than an outlier may."""
     views = [
-        replace(view, jitter=OrientationError(vibration=Vibration(waves=((2000.0, 2.0 * PIXEL_RAD, phase),))))
-        for view, phase in zip(make_along_track_views(SENSORS["pleiades"], 2, (2000, 8000)), (0.4, 3.0), strict=True)
+        replace(view, jitter=lab.OrientationError(vibration=lab.Vibration(waves=((2000.0, 2.0 * PIXEL_RAD, phase),))))
+        for view, phase in zip(
+            lab.make_along_track_views(lab.SENSORS["pleiades"], 2, (2000, 8000)), (0.4, 3.0), strict=True
+        )
     ]
-    scene = SceneSpec(10.0, 45.0, 300.0, relief_m=200.0, seed=3)
-    simulated = simulate_block(scene, views, PointCounts(8, 20, 800), Noise(0.2))
+    scene = lab.SceneSpec(10.0, 45.0, 300.0, relief_m=200.0, seed=3)
+    simulated = lab.simulate_block(scene, views, lab.PointCounts(8, 20, 800), lab.Noise(0.2))
     place = {name: number for number, name in enumerate(simulated.truth.ids.tolist())}
     truth = simulated.truth.ground[[place[name] for name in simulated.block.points.ids.tolist()]]
     tie = np.flatnonzero(simulated.block.points.role == Role.TIE)

@@ -52,7 +52,6 @@ def test_the_corrections_are_the_smallest_that_a_translation_allows(free_block, 
     monkeypatch.setattr(assembly, "keep_rpc_position", lambda problem, loop, solution, precise: (solution, precise))
     by_ties = adjust(free_block, FREE)
     before, after = (find_translation_m(free_block, one.cameras.values[:, :2]) for one in (by_ties, kept))
-    print("translation that the corrections amount to, m, before", before.round(3), "after", after.round(6))
     assert np.linalg.norm(before) > 0.02  # or the block is not one that tests anything
     assert np.linalg.norm(after) < 1e-3
     moved = ground_difference_m(kept.ground, by_ties.ground)

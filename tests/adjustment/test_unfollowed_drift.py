@@ -44,8 +44,6 @@ def test_ties_do_not_move_a_block_without_gcps_by_the_drift(drift):
     without, _ = height_errors(0.0)
     allowed, sigma = height_errors(drift)
     ignored, _ = height_errors(drift, sigma_drift=0.0)
-    print(f"drift {drift:g} moves the height by {rms(allowed - without):.2f} m, ignored by {rms(ignored - without):.1f}"
-          f" m; stated {rms(sigma):.1f} m")  # fmt: skip
     assert rms(allowed - without) < 0.1 * rms(sigma)
     assert rms(ignored - without) > rms(sigma)
 
@@ -68,8 +66,6 @@ def test_with_gcps_it_costs_nothing_and_the_prediction_holds(gcps, drift):
             if name == "allowed":
                 squares["predicted"].append(np.mean(result.ground_sigma_m[check] ** 2, axis=0))
     allowed, ignored, predicted = (np.sqrt(np.mean(part, axis=0)) for part in squares.values())
-    print(f"{gcps} GCPs, drift {drift:g}: check {allowed.round(3)}, ignored {ignored.round(3)}, "
-          f"predicted {predicted.round(3)}")  # fmt: skip
     assert np.all(allowed < 1.05 * ignored)
     # the mean of six blocks, each with the error of its own few GCPs: an RMS of six is known to 29 %
     np.testing.assert_allclose(allowed / predicted, 1.0, atol=0.58)

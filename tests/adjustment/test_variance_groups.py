@@ -14,18 +14,10 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.block.laser import LASER_KIND
-from hrsi.hrsi_engine.block.pointing import compute_gsd_m
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.thresholds import REDUNDANCY
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    Noise,
-    PointCounts,
-    SceneSpec,
-    make_along_track_views,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.refinement import MODELS
 
 VIEWS = ((0.35, 0.05), (-0.30, 0.10), (0.05, -0.40), (0.02, 0.3))
@@ -77,14 +69,6 @@ def test_tests_of_measurements_follow_the_sigmas_found(stated: float) -> None:
         assert np.nanmax(squares) < 25.0
 
 
-def test_two_sensors_are_told_apart_by_their_pixels():
-    """About 500 residuals a group in each block: a sigma is known to 3 %, the mean of five to 2 %."""
-    found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True))
-    print(found)
-    assert found["image points: 1 m"] == pytest.approx(0.2, rel=0.06)
-    assert found["image points: 2 m"] == pytest.approx(0.5, rel=0.06)
-
-
 @pytest.mark.coverage
 def test_the_sigmas_make_the_cameras_better():
     """With the sigmas that the residuals show, tie points are weighted as they deserve.
@@ -100,52 +84,30 @@ def test_the_sigmas_make_the_cameras_better():
             options = AdjustOptions(test_sigmas=False, variance_components=estimated, reject_sigma=0.0)
             away = (adjust(block, options).ground - truth) * [8e4, 1.1e5, 1.0]
             errors.append(np.mean(away[8:] ** 2))
-    rms = np.sqrt([np.mean(with_), np.mean(without)])
-    print("RMS error of tie points (m), estimated and equal sigmas", rms.round(3))
     assert np.mean(with_) < 0.25 * np.mean(without)
 
 
-@pytest.mark.thorough
-def test_by_kind_and_sensor_together():
-    found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True), kinds=True)
-    print(found)
-    expected = {"1 m": 0.2, "2 m": 0.5, "corner, 1 m": 0.4, "corner, 2 m": 1.0}
-    for name, sigma in expected.items():
-        assert found[f"image points: {name}"] == pytest.approx(sigma, rel=0.1), name
+SENSOR_PAIRS = {"variance_groups": "sensor", "sensor_images": (("I0", "I1"), ("I2", "I3"))}
+GROUPS = [
+    ({}, {}, {"1 m": 0.2, "2 m": 0.5}),
+    ({}, {"kinds": True}, {"1 m": 0.2, "2 m": 0.5, "corner, 1 m": 0.4, "corner, 2 m": 1.0}),
+    ({"variance_groups": "image"}, {"noise": (0.2, 0.3, 0.4, 0.6)}, {"I0": 0.2, "I1": 0.3, "I2": 0.4, "I3": 0.6}),
+    (SENSOR_PAIRS, {"noise": (0.2, 0.2, 0.5, 0.5)}, {"I0+I1": 0.2, "I2+I3": 0.5}),
+]
 
 
-@pytest.mark.thorough
-def test_by_image():
-    noise = (0.2, 0.3, 0.4, 0.6)
-    found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True, variance_groups="image"), noise=noise)
-    print(found)
-    for k, sigma in enumerate(noise):
-        assert found[f"image points: I{k}"] == pytest.approx(sigma, rel=0.1)
-
-
-@pytest.mark.thorough
-def test_the_user_names_the_images_of_a_sensor():
-    options = AdjustOptions(
-        test_sigmas=False,
-        variance_components=True,
-        variance_groups="sensor",
-        sensor_images=(("I0", "I1"), ("I2", "I3")),
-    )
-    found = sigmas(options, noise=(0.2, 0.2, 0.5, 0.5))
-    print(found)
-    assert found["image points: I0+I1"] == pytest.approx(0.2, rel=0.06)
-    assert found["image points: I2+I3"] == pytest.approx(0.5, rel=0.06)
+@pytest.mark.parametrize(("options", "scene", "expected"), mark_beyond(1, "thorough", GROUPS))
+def test_the_sigma_of_each_group_is_that_of_its_noise(options: dict, scene: dict, expected: dict[str, float]):
+    """About 500 residuals of a sensor in each block: its sigma is known to 3 %, the mean of five to 2 %."""
+    found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True, **options), **scene)
+    rel = 0.06 if len(expected) == 2 else 0.1
+    assert {name: found[f"image points: {name}"] for name in expected} == pytest.approx(expected, rel=rel)
 
 
 def test_like_images_are_one_group_without_a_name():
     block, _, _ = blocks.block(gcps=8, checks=0, ties=60)
     result = adjust(block, AdjustOptions(test_sigmas=False, variance_components=True))
     assert result.variance_components[0].group == "image points"
-
-
-def test_pixel_sizes_are_the_cameras():
-    for image, gsd in zip(two_sensors(0).images, GSD, strict=True):
-        assert compute_gsd_m(image) == pytest.approx(gsd, rel=0.01)
 
 
 def test_sensors_of_a_mixed_block():
@@ -262,8 +224,10 @@ def test_ties_that_only_the_drift_as_guessed_leaves_out_come_back():
 
     That most of them have sigmas eight times their errors keeps the drift there until it is estimated.
     """
-    views = make_along_track_views(SENSORS["worldview-2"], 3, (4000, 4000))
-    simulated = simulate_block(SceneSpec(seed=2, post_m=8.0), views, PointCounts(0, 0, 800), Noise(image_px=0.006))
+    views = lab.make_along_track_views(lab.SENSORS["worldview-2"], 3, (4000, 4000))
+    simulated = lab.simulate_block(
+        lab.SceneSpec(seed=2, post_m=8.0), views, lab.PointCounts(0, 0, 800), lab.Noise(image_px=0.006)
+    )
     rows = simulated.block.measurements
     precise = rows.point % 5 < 2
     sigma, kind = np.where(precise, 0.015, 0.05), np.where(precise, "corner", LASER_KIND)

@@ -35,7 +35,6 @@ def test_stated_ce90_and_le90_hold_at_their_rate_over_100_seeds():
         inside_line.append(abs(error[2]) <= LINE_90 * height)
         scaled.append(error / [east, north, height])
     rates = np.mean(inside_circle), np.mean(inside_line)
-    print(f"within CE90 {100 * rates[0]:.0f} %, within LE90 {100 * rates[1]:.0f} %")
     # binomial, 100 trials at 90 %: 82 to 97 with 99 %
     assert all(0.82 <= rate <= 0.97 for rate in rates)
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(scaled), axis=0)), 1.0, atol=0.2)

@@ -18,7 +18,6 @@ from rpc_samples import sample_rpc, write_image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.opening.budgets import require_gcp_rows
-from hrsi.hrsi_engine.io.opening.files import parse_finite
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text, write_vrt
@@ -218,15 +217,6 @@ def test_numbers_of_rpcs_are_read_whole_or_refused(tmp_path: Path, ending: str, 
             read_rpc(str(path))
     else:
         assert read_rpc(str(path)).rpc.lat_off == 43.5
-
-
-@pytest.mark.parametrize("text", ["43,5", "1e400", "0x10", "1_000", "４３.5", "43.5abc"])
-def test_numbers_of_points_are_read_whole_or_refused(tmp_path: Path, text: str) -> None:
-    assert parse_finite(text) is None
-    path = tmp_path / "g.csv"
-    path.write_text(f"id,lon,lat,height\na,7.0,45.0,300\nb,7.0,{text},300\n", "utf-8")
-    with pytest.raises(InputError, match="line 3"):
-        read_points(str(path), height_datum="ellipsoidal")
 
 
 def test_coordinates_with_decimal_commas_are_refused() -> None:

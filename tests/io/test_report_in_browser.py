@@ -149,7 +149,6 @@ def test_numbers_are_those_of_report_json(browser: Browser, result: Path) -> Non
     wanted |= {("images", name, "rpc_fit_max_px") for name in report["images"]}
     wanted |= {("control_points", 0, "east_m"), ("check_points", 0, "sigma_height_m")}
     assert wanted <= places
-    print(f"{result.parent.name}: {len(numbers)} numbers of report.json on the page, no console message")
 
 
 def numbers_in(text: str) -> list[float]:
@@ -517,7 +516,3 @@ def test_print_cuts_nothing(browser: Browser, result: Path) -> None:
         pytest.skip("this GDAL reads no PDF")
     pages = list(printed_pages(printed))
     check_pages(pages)
-    inked = [float((page < 200).any(axis=1).mean()) for page in pages]
-    print(
-        f"{result.parent.name}: {len(pages)} pages, margins white; the emptiest has {min(inked):.0%} of its lines used"
-    )

@@ -15,7 +15,6 @@ from rpc_samples import ground_grid, restore, sample_rpc, write_image, write_in_
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, OutputError
 from hrsi.hrsi_engine.io.rpc_files import (
-    difference_px,
     prepare_sidecar,
     read_rpc,
     tiff_tag,
@@ -128,11 +127,6 @@ def test_copy_takes_mask_overviews_and_auxiliary_metadata_along(tmp_path: Path) 
     assert band.GetMaskFlags() == gdal.GMF_PER_DATASET
     assert "STATISTICS_MEAN" in band.GetMetadata()
     assert read_rpc(str(tmp_path / "out" / "copy.tif")).ignored == ()
-
-
-def test_copy_onto_the_input_is_refused(image: Path) -> None:
-    with pytest.raises(InputError, match="is the input itself"):
-        write_geotiff_copy(str(image), str(image), NEW)
 
 
 def test_cancelled_or_failed_copy_leaves_nothing(image: Path, tmp_path: Path) -> None:
@@ -320,32 +314,23 @@ def test_gdal_reads_the_text_formats_exactly(tmp_path: Path) -> None:
         (tmp_path / name).unlink()
 
 
-def test_round_trip_of_every_real_rpc(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Each written format gives the same doubles for all RPCs of the pack; printed with ``-s``."""
-    writers = {
-        "GeoTIFF copy": lambda rpc: write_geotiff_copy(str(tmp_path / "in.tif"), str(tmp_path / "out" / "a.tif"), rpc),
-        "in place": lambda rpc: write_in_place(str(tmp_path / "b.tif"), rpc),
-        "VRT": lambda rpc: write_vrt(str(tmp_path / "in.tif"), str(tmp_path / "out" / "c.vrt"), rpc),
-        "_RPC.TXT": lambda rpc: write_rpc_text(str(tmp_path / "out" / "d_RPC.TXT"), rpc),
-        ".RPB": lambda rpc: write_rpb(str(tmp_path / "out" / "e.RPB"), rpc),
-    }
+def test_round_trip_of_every_real_rpc(real_data: Path, tmp_path: Path) -> None:
+    """Each written format gives the same doubles for all RPCs of the pack."""
+    writers = (
+        lambda rpc: write_geotiff_copy(str(tmp_path / "in.tif"), str(tmp_path / "out" / "a.tif"), rpc),
+        lambda rpc: write_in_place(str(tmp_path / "b.tif"), rpc),
+        lambda rpc: write_vrt(str(tmp_path / "in.tif"), str(tmp_path / "out" / "c.vrt"), rpc),
+        lambda rpc: write_rpc_text(str(tmp_path / "out" / "d_RPC.TXT"), rpc),
+        lambda rpc: write_rpb(str(tmp_path / "out" / "e.RPB"), rpc),
+    )
     files = ("out/a.tif", "b.tif", "out/c.vrt", "out/d_RPC.TXT", "out/e.RPB")
     write_image(tmp_path / "in.tif", None)
     write_image(tmp_path / "b.tif", None)
     (tmp_path / "out").mkdir()
-    names = [
-        *sorted(real_data.glob("formats/*/*")),
-        *sorted(real_data.glob("*/*.geom")),
-        *sorted(real_data.glob("*/img*")),
-    ]
+    names = [path for pattern in ("formats/*/*", "*/*.geom", "*/img*") for path in sorted(real_data.glob(pattern))]
     rpcs = [read_rpc(str(path)).rpc for path in names if "LICENSE" not in path.name]
-    print(f"\n{'format':<14}{'RPCs':>5}{'equal doubles':>15}{'max px':>9}")
-    for (title, write), file in zip(writers.items(), files, strict=True):
-        equal, largest = 0, 0.0
+    for write, file in zip(writers, files, strict=True):
         for rpc in rpcs:
             write(rpc)
             found = read_rpc(str(tmp_path / file)).rpc
-            equal += all(np.array_equal(getattr(found, name), getattr(rpc, name)) for name in (*SCALARS, *POLYNOMIALS))
-            largest = max(largest, difference_px(rpc, found))
-        print(f"{title:<14}{len(rpcs):>5}{equal:>15}{largest:>9.1e}")
-        assert (equal, largest) == (len(rpcs), 0.0)
+            assert all(np.array_equal(getattr(found, name), getattr(rpc, name)) for name in (*SCALARS, *POLYNOMIALS))

@@ -72,7 +72,6 @@ def test_quickbird_centres_are_better_by_half(thesis_data):
     centre = np.column_stack([ms, np.ones(len(ms))])[kinds == "center"]
     left = pan[kinds == "center"] - centre @ np.linalg.lstsq(centre, pan[kinds == "center"], rcond=None)[0]
     assert result.alone["center"].distance == pytest.approx(0.61 * np.hypot(*left.std(axis=0, ddof=1)), rel=1e-6)
-    print({kind: round(row.distance, 2) for kind, row in result.together.items()}, result.ratio())
     assert result.together["center"].distance == pytest.approx(1.0, abs=0.05)
     assert result.together["corner"].distance == pytest.approx(2.1, abs=0.05)
     assert result.alone["center"].distance <= 1.0

@@ -6,45 +6,31 @@ import numpy as np
 import pytest
 from long_tests import mark_beyond
 
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    BlockSimulation,
-    Noise,
-    OrientationError,
-    PointCounts,
-    Radiometry,
-    SceneSpec,
-    Vibration,
-    add_pixels,
-    make_along_track_views,
-    make_multispectral_renderers,
-    make_orthophoto,
-    make_renderer,
-    render_window,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.laboratory.simulation.surface import compute_ray_paths, locate_on_surface
 from hrsi.hrsi_engine.laboratory.simulation.tiles import TILES
 
-CLEAN = Radiometry(noise_dn=0.0, shot_dn=0.0)
-JITTER = OrientationError(vibration=Vibration(((500.0, 1e-6, 0.0),)))
+CLEAN = lab.Radiometry(noise_dn=0.0, shot_dn=0.0)
+JITTER = lab.OrientationError(vibration=lab.Vibration(((500.0, 1e-6, 0.0),)))
 
 
-def simulated(spec: SceneSpec, size: int = 800, radiometry: Radiometry = CLEAN, **view: object) -> BlockSimulation:
-    views = make_along_track_views(SENSORS["pleiades"], 2, (size, size))
+def simulated(
+    spec: lab.SceneSpec, size: int = 800, radiometry: lab.Radiometry = CLEAN, **view: object
+) -> lab.BlockSimulation:
+    views = lab.make_along_track_views(lab.SENSORS["pleiades"], 2, (size, size))
     views = tuple(replace(v, radiometry=radiometry, **view) for v in views)  # type: ignore[arg-type]
-    return simulate_block(spec, views, PointCounts(4, 16, 0), Noise(vendor=0.0))
+    return lab.simulate_block(spec, views, lab.PointCounts(4, 16, 0), lab.Noise(vendor=0.0))
 
 
 @pytest.fixture(scope="module")
-def hilly() -> BlockSimulation:
-    return simulated(SceneSpec(relief_m=80.0))
+def hilly() -> lab.BlockSimulation:
+    return simulated(lab.SceneSpec(relief_m=80.0))
 
 
 @pytest.mark.rendered
 def test_pixels_do_not_depend_on_the_window():
-    block = simulated(SceneSpec(relief_m=80.0, cliff_m=30.0), size=400, radiometry=Radiometry())
-    image = make_renderer(block, "image_1")
+    block = simulated(lab.SceneSpec(relief_m=80.0, cliff_m=30.0), size=400, radiometry=lab.Radiometry())
+    image = lab.make_renderer(block, "image_1")
     whole = image.window(0, 0, 400, 400)
     pieces = np.empty_like(whole)
     for line in range(0, 400, 170):
@@ -52,19 +38,21 @@ def test_pixels_do_not_depend_on_the_window():
             samples, lines = min(230, 400 - sample), min(170, 400 - line)
             pieces[line : line + lines, sample : sample + samples] = image.window(sample, line, samples, lines)
     np.testing.assert_array_equal(whole, pieces)
-    again = simulated(SceneSpec(relief_m=80.0, cliff_m=30.0), size=400, radiometry=Radiometry())
-    np.testing.assert_array_equal(render_window(again, "image_1", 100, 300, 200, 40), whole[300:340, 100:300])
+    again = simulated(lab.SceneSpec(relief_m=80.0, cliff_m=30.0), size=400, radiometry=lab.Radiometry())
+    np.testing.assert_array_equal(lab.render_window(again, "image_1", 100, 300, 200, 40), whole[300:340, 100:300])
 
 
-def test_window_outside_is_refused(hilly: BlockSimulation):
+def test_window_outside_is_refused(hilly: lab.BlockSimulation):
     with pytest.raises(ValueError, match="is not inside 800 x 800"):
-        make_renderer(hilly, "image_1").window(700, 0, 200, 10)
+        lab.make_renderer(hilly, "image_1").window(700, 0, 200, 10)
 
 
-@pytest.mark.parametrize("jitter", mark_beyond(1, "thorough", [JITTER, OrientationError()]), ids=["jitter", "steady"])
-def test_interpolated_rays_are_true_ones(jitter: OrientationError):
-    block = simulated(SceneSpec(relief_m=80.0), jitter=jitter)
-    image = make_renderer(block, "image_2")
+@pytest.mark.parametrize(
+    "jitter", mark_beyond(1, "thorough", [JITTER, lab.OrientationError()]), ids=["jitter", "steady"]
+)
+def test_interpolated_rays_are_true_ones(jitter: lab.OrientationError):
+    block = simulated(lab.SceneSpec(relief_m=80.0), jitter=jitter)
+    image = lab.make_renderer(block, "image_2")
     column, row = np.meshgrid(
         np.arange(TILES.tile_px, 2 * TILES.tile_px, 5), np.arange(2 * TILES.tile_px, 3 * TILES.tile_px, 5)
     )
@@ -72,7 +60,6 @@ def test_interpolated_rays_are_true_ones(jitter: OrientationError):
     exact = compute_ray_paths(image.camera, block.scene.terrain, points).coefficients.reshape(3, 2, *column.shape)
     found = image.tile_paths(2, 1).coefficients[:, :, ::5, ::5]
     off = np.abs(found - exact[:, :, : found.shape[2], : found.shape[3]])[0].max() / image.camera.gsd_m()[0]
-    print(f"rays between nodes are off by {off:.1e} px")
     assert off < 2e-3
 
 
@@ -90,16 +77,15 @@ def centroid(window: np.ndarray, background: float) -> np.ndarray:
 @pytest.mark.parametrize("relief_m", mark_beyond(1, "rendered", [0.0, 80.0]))
 def test_targets_are_where_the_truth_says(relief_m: float):
     """Gravity centre of the bright disc (radius 4.5 px) on its dark apron (10 px), without noise."""
-    block = simulated(SceneSpec(relief_m=relief_m))
+    block = simulated(lab.SceneSpec(relief_m=relief_m))
     points, offsets = block.truth.image_points, []
     for image_id in ("image_1", "image_2"):
-        image = make_renderer(block, image_id)
+        image = lab.make_renderer(block, image_id)
         seen = points.image == block.index(image_id)
         for xy in points.xy[seen]:
             first = np.rint(xy).astype(int) - 8
             offsets.append(centroid(image.window(*first, 17, 17), 330.0) - (xy - first))
     worst = np.abs(offsets).max()
-    print(f"relief {relief_m} m, {len(offsets)} targets: rms {rms(offsets):.4f} px, largest {worst:.4f} px")
     assert len(offsets) >= 30
     assert worst < 0.05
 
@@ -119,8 +105,8 @@ def phase_shift(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 @pytest.mark.rendered
 def test_two_views_of_flat_ground_register_as_the_truth_says():
-    block = simulated(SceneSpec(relief_m=0.0))
-    one, two = (make_renderer(block, image_id) for image_id in ("image_1", "image_2"))
+    block = simulated(lab.SceneSpec(relief_m=0.0))
+    one, two = (lab.make_renderer(block, image_id) for image_id in ("image_1", "image_2"))
     offsets = []
     for sample in (100, 350, 600):
         for line in (100, 350, 600):
@@ -130,18 +116,16 @@ def test_two_views_of_flat_ground_register_as_the_truth_says():
             first = np.rint(truth - 63.5).astype(int)
             shift = phase_shift(one.window(sample, line, 128, 128), two.window(*first, 128, 128))
             offsets.append(shift - (truth - 63.5 - first))
-    print(f"phase correlation against truth: rms {rms(offsets):.3f} px, largest {np.abs(offsets).max():.3f} px")
     assert np.abs(offsets).max() < 0.05
 
 
 @pytest.mark.rendered
 def test_noise_and_radiometry():
-    radiometry = Radiometry(gain=0.8, offset=50.0, noise_dn=3.0, shot_dn=0.05)
-    noisy, clean = (make_renderer(simulated(SceneSpec(), radiometry=r), "image_1") for r in (radiometry, CLEAN))
+    radiometry = lab.Radiometry(gain=0.8, offset=50.0, noise_dn=3.0, shot_dn=0.05)
+    noisy, clean = (lab.make_renderer(simulated(lab.SceneSpec(), radiometry=r), "image_1") for r in (radiometry, CLEAN))
     expected = 0.8 * clean.noise_free_tile(0, 0) + 50.0
     normalised = (noisy.tile(0, 0) - expected) / np.sqrt(9.0 + 0.05 * expected + 1.0 / 12.0)
     inside = (expected > 100.0) & (expected < 1900.0)
-    print(f"normalised noise: mean {normalised[inside].mean():.4f}, sigma {normalised[inside].std():.4f}")
     assert normalised[inside].mean() == pytest.approx(0.0, abs=0.02)
     assert normalised[inside].std() == pytest.approx(1.0, abs=0.01)
     assert noisy.tile(0, 0).dtype == np.uint16
@@ -150,9 +134,9 @@ def test_noise_and_radiometry():
 
 
 @pytest.mark.rendered
-def test_multispectral_bands_are_the_same_ground(hilly: BlockSimulation):
-    pan = make_renderer(hilly, "image_1").window(0, 0, 800, 800).astype(float)
-    bands = make_multispectral_renderers(hilly, "image_1")
+def test_multispectral_bands_are_the_same_ground(hilly: lab.BlockSimulation):
+    pan = lab.make_renderer(hilly, "image_1").window(0, 0, 800, 800).astype(float)
+    bands = lab.make_multispectral_renderers(hilly, "image_1")
     assert [band.size for band in bands] == [(200, 200)] * 4
     mean = pan.reshape(200, 4, 200, 4).mean(axis=(1, 3))
     red = bands[2].window(0, 0, 200, 200).astype(float)
@@ -162,8 +146,8 @@ def test_multispectral_bands_are_the_same_ground(hilly: BlockSimulation):
     assert np.abs(phase_shift(mean[36:164, 36:164], coarse[36:164, 36:164])).max() < 0.02
 
 
-def test_orthophoto_shows_what_the_image_shows(hilly: BlockSimulation):
-    image, ortho = make_renderer(hilly, "image_1"), make_orthophoto(hilly.scene, 0.7)
+def test_orthophoto_shows_what_the_image_shows(hilly: lab.BlockSimulation):
+    image, ortho = lab.make_renderer(hilly, "image_1"), lab.make_orthophoto(hilly.scene, 0.7)
     pixels = image.window(300, 300, 128, 128).astype(float)
     sample, line = np.meshgrid(np.arange(300.0, 428.0), np.arange(300.0, 428.0))
     ground = locate_on_surface(image.camera, hilly.scene.terrain, np.column_stack([sample.ravel(), line.ravel()]))
@@ -178,8 +162,8 @@ def test_orthophoto_shows_what_the_image_shows(hilly: BlockSimulation):
     assert np.abs(phase_shift(pixels, nearest)).max() < 0.1
 
 
-def test_block_with_pixels_keeps_the_raster_contract(hilly: BlockSimulation):
-    image = add_pixels(hilly).images[1]
+def test_block_with_pixels_keeps_the_raster_contract(hilly: lab.BlockSimulation):
+    image = lab.add_pixels(hilly).images[1]
     grey, valid = image.raster.read(10, 20, 30, 40)
     assert grey.shape == valid.shape == (40, 30)
     assert image.raster.size == image.size == (800, 800)

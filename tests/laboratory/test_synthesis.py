@@ -8,33 +8,24 @@ import pytest
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    BlockSimulation,
-    Noise,
-    OrientationError,
-    PointCounts,
-    SceneSpec,
-    Vibration,
-    make_along_track_views,
-    make_strip_views,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 
 SIZE = (1500, 1500)
-NO_NOISE = Noise(image_px=0.0, gcp_xy_m=0.0, gcp_h_m=0.0, vendor=0.0)
-JITTER = OrientationError(vibration=Vibration(((400.0, 1e-6, 0.0),)))
+NO_NOISE = lab.Noise(image_px=0.0, gcp_xy_m=0.0, gcp_h_m=0.0, vendor=0.0)
+JITTER = lab.OrientationError(vibration=lab.Vibration(((400.0, 1e-6, 0.0),)))
 
 
-def block(sensor: str = "pleiades", images: int = 3, spec: SceneSpec | None = None, **noise: float) -> BlockSimulation:
-    views = make_along_track_views(SENSORS[sensor], images, SIZE)
-    return simulate_block(spec or SceneSpec(), views, PointCounts(40, 160, 400), Noise(**noise))
+def block(
+    sensor: str = "pleiades", images: int = 3, spec: lab.SceneSpec | None = None, **noise: float
+) -> lab.BlockSimulation:
+    views = lab.make_along_track_views(lab.SENSORS[sensor], images, SIZE)
+    return lab.simulate_block(spec or lab.SceneSpec(), views, lab.PointCounts(40, 160, 400), lab.Noise(**noise))
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("sensor", lab.SENSORS)
 def test_rpcs_fit_their_cameras_and_the_block_is_consistent(sensor: str):
-    simulated = simulate_block(
-        SceneSpec(), make_along_track_views(SENSORS[sensor], 2, SIZE), PointCounts(5, 20, 100), NO_NOISE
+    simulated = lab.simulate_block(
+        lab.SceneSpec(), lab.make_along_track_views(lab.SENSORS[sensor], 2, SIZE), lab.PointCounts(5, 20, 100), NO_NOISE
     )
     truth, measured = simulated.truth, simulated.block.measurements
     stated = max(fit.max_px for fit in truth.vendor_rpcs)
@@ -44,14 +35,14 @@ def test_rpcs_fit_their_cameras_and_the_block_is_consistent(sensor: str):
         seen = measured.image == index
         projected = image.rpc.project(truth.ground[measured.point[seen]])
         assert np.abs(projected - measured.xy[seen]).max() <= 1.5 * stated + 1e-8
-    print(f"{sensor}: RPCs fit to {stated:.1e} px")
     assert stated < 1e-6
 
 
 def test_full_scenes_are_fitted_too():
-    views = make_along_track_views(SENSORS["spot5"], 1, (24000, 24000), across_deg=10.0, heading_deg=12.0)
-    simulated = simulate_block(SceneSpec(relief_m=1500.0, post_m=40.0), views, PointCounts(10, 10, 0), NO_NOISE)
-    print(f"SPOT 5, 60 km, 1500 m: {simulated.truth.vendor_rpcs[0].max_px:.1e} px")
+    views = lab.make_along_track_views(lab.SENSORS["spot5"], 1, (24000, 24000), across_deg=10.0, heading_deg=12.0)
+    simulated = lab.simulate_block(
+        lab.SceneSpec(relief_m=1500.0, post_m=40.0), views, lab.PointCounts(10, 10, 0), NO_NOISE
+    )
     assert simulated.truth.vendor_rpcs[0].max_px < 1e-4
 
 
@@ -60,7 +51,6 @@ def test_noise_is_as_asked():
     truth, known = simulated.truth, simulated.block.known
     image = simulated.block.measurements.xy - truth.image_points.xy
     ground = ground_difference_m(simulated.block.points.ground[known], truth.ground[known])
-    print(f"image {image.std():.3f} px, ground {ground.std(axis=0)} m")
     # Standard errors: 0.4 / sqrt(2 * 3600) = 0.005 px; 0.5 / sqrt(2 * 200) = 0.025 m.
     assert image.std() == pytest.approx(0.4, abs=0.02)
     np.testing.assert_allclose(ground.std(axis=0), [0.5, 0.5, 0.8], rtol=0.2)
@@ -83,7 +73,7 @@ def test_blunders_and_wrong_heights_are_named():
 
 @pytest.mark.rendered
 def test_the_same_arguments_give_the_same_block():
-    first, second, other = block(), block(), block(spec=SceneSpec(seed=2))
+    first, second, other = block(), block(), block(spec=lab.SceneSpec(seed=2))
     ground = first.truth.ground
     np.testing.assert_array_equal(ground, second.truth.ground)
     # Threads of BLAS add in any order: an orbit's position of 7e6 m has 1e-9 m left; a fit is as good as it says.
@@ -94,26 +84,26 @@ def test_the_same_arguments_give_the_same_block():
 
 
 def test_vendor_error_moves_the_delivered_rpc_only():
-    error = OrientationError(attitude_rad=(10e-6, 0.0, 0.0))
-    views = [replace(view, vendor_error=error) for view in make_along_track_views(SENSORS["ikonos"], 2, SIZE)]
-    simulated = simulate_block(SceneSpec(), views, PointCounts(5, 20, 50), NO_NOISE)
+    error = lab.OrientationError(attitude_rad=(10e-6, 0.0, 0.0))
+    views = [replace(view, vendor_error=error) for view in lab.make_along_track_views(lab.SENSORS["ikonos"], 2, SIZE)]
+    simulated = lab.simulate_block(lab.SceneSpec(), views, lab.PointCounts(5, 20, 50), NO_NOISE)
     truth, points = simulated.truth, simulated.truth.image_points
     first = points.image == 0
     ground, xy = truth.ground[points.point[first]], points.xy[first]
     moved = simulated.block.images[0].rpc.project(ground) - xy
-    expected = 10e-6 / SENSORS["ikonos"].detector_angle_rad
+    expected = 10e-6 / lab.SENSORS["ikonos"].detector_angle_rad
     np.testing.assert_allclose(np.abs(moved[:, 0]), expected, rtol=0.01)
     assert np.abs(truth.rpcs[0].rpc.project(ground) - xy).max() < 1e-6
 
 
 def test_jitter_is_in_the_truth_and_not_in_the_rpc():
-    views = [replace(view, jitter=JITTER) for view in make_along_track_views(SENSORS["pleiades"], 2, SIZE)]
-    simulated = simulate_block(SceneSpec(), views, PointCounts(5, 20, 300), NO_NOISE)
+    views = [replace(view, jitter=JITTER) for view in lab.make_along_track_views(lab.SENSORS["pleiades"], 2, SIZE)]
+    simulated = lab.simulate_block(lab.SceneSpec(), views, lab.PointCounts(5, 20, 300), NO_NOISE)
     assert simulated.truth.vendor_rpcs[0].max_px < 1e-6
     points, truth = simulated.truth.image_points, simulated.truth
     first = points.image == 0
     moved = simulated.block.images[0].rpc.project(truth.ground[points.point[first]]) - points.xy[first]
-    amplitude = 1e-6 / SENSORS["pleiades"].detector_angle_rad
+    amplitude = 1e-6 / lab.SENSORS["pleiades"].detector_angle_rad
     np.testing.assert_allclose(np.abs(moved).max(axis=0), amplitude, rtol=0.05)
 
 
@@ -128,8 +118,8 @@ def test_points_are_on_the_surface_and_gcps_spread():
 
 @pytest.mark.large
 def test_strips_make_a_connected_block():
-    views = make_strip_views(SENSORS["pleiades"], 2, 3, 2, SIZE)
-    simulated = simulate_block(SceneSpec(), views, PointCounts(6, 10, 600))
+    views = lab.make_strip_views(lab.SENSORS["pleiades"], 2, 3, 2, SIZE)
+    simulated = lab.simulate_block(lab.SceneSpec(), views, lab.PointCounts(6, 10, 600))
     rays = simulated.block.rays_per_point()
     assert len(simulated.block.images) == 12
     assert rays.max() >= 8  # where four places overlap
@@ -139,11 +129,11 @@ def test_strips_make_a_connected_block():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda: SceneSpec(lat_deg=95.0), "is not a place"),
-        (lambda: SceneSpec(relief_m=-1.0), "must not be negative"),
-        (lambda: Noise(image_px=-0.1), "image_px"),
-        (lambda: Noise(blunders=1.5), "blunders"),
-        (lambda: simulate_block(SceneSpec(), []), "at least one view"),
+        (lambda: lab.SceneSpec(lat_deg=95.0), "is not a place"),
+        (lambda: lab.SceneSpec(relief_m=-1.0), "must not be negative"),
+        (lambda: lab.Noise(image_px=-0.1), "image_px"),
+        (lambda: lab.Noise(blunders=1.5), "blunders"),
+        (lambda: lab.simulate_block(lab.SceneSpec(), []), "at least one view"),
         (lambda: block().index("nothing"), "no image 'nothing'"),
     ],
 )
@@ -153,6 +143,6 @@ def test_bad_input_says_what_to_do(change, words: str):
 
 
 def test_views_that_share_nothing_are_refused():
-    one, two = make_along_track_views(SENSORS["ikonos"], 2, SIZE)
+    one, two = lab.make_along_track_views(lab.SENSORS["ikonos"], 2, SIZE)
     with pytest.raises(InputError, match="see in common"):
-        simulate_block(SceneSpec(), [one, replace(two, offset_m=(9000.0, 0.0))])
+        lab.simulate_block(lab.SceneSpec(), [one, replace(two, offset_m=(9000.0, 0.0))])

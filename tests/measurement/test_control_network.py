@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.laboratory.control_network import (
     match_windows,
     matching,
 )
-from hrsi.hrsi_engine.laboratory.control_network.growth import compute_epipolar_residuals, select_consistent
+from hrsi.hrsi_engine.laboratory.control_network.growth import select_consistent
 from hrsi.hrsi_engine.laboratory.control_network.leaves import (
     Tolerance,
     compute_distance_difference,
@@ -38,12 +38,7 @@ from hrsi.hrsi_engine.laboratory.control_network.leaves import (
 )
 from hrsi.hrsi_engine.laboratory.control_network.leaves import rotate_offset as turned_offset
 from hrsi.hrsi_engine.laboratory.control_network.matching import SCALE, vote_by_features
-from hrsi.hrsi_engine.laboratory.control_network.network import (
-    NO_FATHER,
-    Network,
-    fit_local_affine,
-)
-from hrsi.hrsi_engine.laboratory.control_network.super_points import bound_root_pairs, match_super_points
+from hrsi.hrsi_engine.laboratory.control_network.super_points import match_super_points
 from hrsi.hrsi_engine.measurement.interest_points import Area
 
 TOLERANCE = Tolerance(1.5, 0.01)
@@ -110,16 +105,6 @@ def test_search_finds_what_trying_everything_finds(name: str):
     assert len(pairs & true) >= 0.8 * len(pairs)
 
 
-@pytest.mark.parametrize("name", SETS)
-def test_votes_bound_every_pair_of_roots(name: str):
-    """No pair of roots has more correspondences than the votes say."""
-    (first, second, _), reach_px, scales = SETS[name]
-    sets = bound_root_pairs(first, second, TOLERANCE, reach_px, scales)
-    for bound, roots, scale in sets.iterate_roots():
-        for support, evaluate in sets.iterate_hypotheses(roots, scale, 0):
-            assert evaluate().count <= support <= bound
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_unrelated_sets_do_not_match(seed: int):
     rng = np.random.default_rng(seed)
@@ -174,47 +159,6 @@ def test_what_lies_across_the_epipolar_lines_is_left_out():
     assert good.sum() >= 300 - len(wrong) - 3  # 4 sigma
 
 
-def test_local_affine_maps_recover_an_affine_map_despite_false_nodes():
-    rng = np.random.default_rng(4)
-    first = rng.uniform(0.0, 300.0, (80, 2))
-    A, t = np.array([[0.9, 0.2], [-0.25, 1.05]]), np.array([40.0, -7.0])
-    second = first @ A.T + t
-    second[::9] += rng.uniform(10.0, 30.0, (len(second[::9]), 2))
-    points = rng.uniform(50.0, 250.0, (40, 2))
-    made = fit_local_affine(points, first, second, turned_offset(np.eye(2), -0.2, 1.0).T)
-    error = np.hypot(*(made.predicted - points @ A.T - t).T)
-    assert np.median(error) < 0.15  # what the pull towards the similarity leaves
-    assert error.max() < 2.0  # false nodes beside the point, 10 to 40 px off
-
-
-def test_epipolar_residuals_do_not_see_relief_but_see_false_pairs():
-    rng = np.random.default_rng(5)
-    first = rng.uniform(0.0, 400.0, (200, 2))
-    relief = rng.uniform(-30.0, 30.0, 200)
-    second = (
-        first @ turned_offset(np.eye(2), 0.5, 1.0)
-        + relief[:, None] * np.array([0.6, 0.8])
-        + rng.normal(0, 0.05, (200, 2))
-    )
-    across = np.array([-0.8, 0.6])
-    second[:5] += 6.0 * across
-    residual = np.abs(compute_epipolar_residuals(first, second))
-    assert residual[5:].max() < 0.5
-    np.testing.assert_allclose(residual[:5], 6.0, atol=0.6)
-
-
-def test_children_of_a_dropped_node_go_to_its_father():
-    xy = np.array([[0.0, 0.0], [50.0, 0.0], [60.0, 0.0], [65.0, 0.0]])
-    rows, second = np.arange(4), turned_offset(xy, 0.3)
-    chain = Network(rows, rows, np.array([NO_FATHER, 0, 1, 2]), rows, np.ones(4), xy, second, np.eye(2))
-    left = chain.select(np.array([True, False, False, True]))
-    assert left.father.tolist() == [NO_FATHER, 0]
-    rotation, scale = chain.compute_starting_directions()
-    np.testing.assert_allclose(rotation[1:], 0.3)  # the nearest ancestor far enough away
-    assert rotation[0] == 0.0  # the root has no father: the whole network's rotation
-    np.testing.assert_allclose(scale, 1.0)
-
-
 # ---- whole windows -----------------------------------------------------------------------------------------------
 
 
@@ -225,7 +169,6 @@ def test_homogeneous_texture(texture: str, rotation_deg: float):
     pair = true_pair(texture, 400, rotation_deg)
     found = match_windows(pair.first, pair.second)
     error = np.hypot(*(found.positions.second - pair.carried(found.positions.first)).T)
-    print(f"{texture} {rotation_deg:.0f}: {len(found)} correspondences, largest error {error.max():.2f} px")
     assert found.status == FOUND
     assert len(found) >= 400
     assert np.sum(error > FALSE_PX) == 0
@@ -340,7 +283,6 @@ def test_real_pairs_turned(real_data: Path, folder: str, names: tuple, window: t
     first, second = found.positions.first + (sample, line), other.back(found.positions.second) + (sample, line)
     across = across_epipolar(images[0].rpc, images[1].rpc, first, second, height_m)
     far = np.mean(np.abs(across) > FALSE_PX)
-    print(f"{names}: {len(found)} correspondences, {far:.2%} beyond, NMAD {1.4826 * np.median(np.abs(across)):.3f} px")
     assert found.status == FOUND
     assert len(found) >= least
     assert far <= 0.01

@@ -80,7 +80,6 @@ def test_covariance_is_that_of_repeated_measurements(points, noise_px, draws, rt
     fits = [fit_ellipse(points_on(points) + rng.normal(0, noise_px, (points, 2))) for _ in range(draws)]
     scatter = np.std([fit.centre for fit in fits], axis=0)
     stated = np.sqrt(np.mean([np.diag(fit.covariance_px2) for fit in fits], axis=0))
-    print(f"scatter {scatter}, stated {stated}")
     np.testing.assert_allclose(stated, scatter, rtol=rtol)
 
 
@@ -111,10 +110,6 @@ def test_what_is_no_ellipse(method: str, edges: np.ndarray, reason: str):
 def test_hobart_roundabouts(thesis_data, method: str, median_px: float, most_px: float):
     """Centres agree with table 2.6: the direct fit is the thesis's own, the geometric within sigma (0.2 px)."""
     away, sigmas = ellipse_agreement(thesis_data, method)
-    print(
-        f"{method}: {len(away)} centres, median {np.median(away):.3f} px, 90 % {np.percentile(away, 90):.3f} px, "
-        f"sigma {np.median(sigmas):.2f} px"
-    )
     assert len(away) == 51
     assert np.median(away) <= median_px
     assert np.percentile(away, 90) <= most_px

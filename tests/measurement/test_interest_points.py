@@ -228,7 +228,6 @@ def test_centres_are_where_the_truth_says(request, size: str, most_px: float):
         for view, points in zip(scenes.VIEWS, scenes.detected(simulated, "centres"), strict=True)
     ]
     errors, found = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-    print(f"{size}: {found.sum()} of {len(found)} found, rmse {scenes.rms(errors):.3f} px")
     assert len(found) >= 20
     assert found.mean() >= 0.97
     assert scenes.rms(errors) <= most_px
@@ -240,7 +239,6 @@ def test_both_views_have_the_same_centres(small_objects: BlockSimulation):
     for view in (0, 1):
         strong = found[view].select(found[view].quality >= STRONG_QUALITY)
         share = scenes.found_again(small_objects, strong.xy, found[1 - view].xy, view)
-        print(f"{len(strong)} strong of {len(found[view])} centres, {share:.0%} found again")
         assert len(strong) > 50
         assert share >= 0.9
 
@@ -255,7 +253,6 @@ def test_default_centres_repeat(small_objects: BlockSimulation):
     share, of_shapes = (
         scenes.repeatability(small_objects, *(points.xy for points in both)) for both in (strong, shapes)
     )
-    print(f"{len(strong[0])} and {len(strong[1])} strong centres, {share:.0%} in both views, {of_shapes:.0%} of shapes")
     assert of_shapes >= 0.9
     assert share >= np.mean(strong[0].quality)
 
@@ -399,7 +396,6 @@ def test_roofs_near_a_rough_position(small_objects: BlockSimulation):
     roofs = truth.centre[truth.kind == "roof"][:30]
     found = np.array([measure_target(raster, roof + rng.uniform(-2.0, 2.0, 2)).xy for roof in roofs])
     away = np.hypot(*(found - roofs).T)
-    print(f"{np.isfinite(away).sum()} of {len(roofs)} roofs measured, median error {np.nanmedian(away):.3f} px")
     assert np.isfinite(away).mean() >= 0.6
     assert np.nanmedian(away) <= 0.15
     assert np.sum(away > 1.0) <= 1
@@ -411,7 +407,6 @@ def test_grey_roofs_between_bright_and_dark(small_objects: BlockSimulation):
     truth = scenes.true_objects(small_objects, scenes.rendered(small_objects, "image_1"))
     strong = points.select(points.quality >= STRONG_QUALITY)
     errors, found = scenes.centre_errors(truth, strong, ("roof",))
-    print(f"{found.sum()} of {len(found)} roofs of 10 px, rmse {scenes.rms(errors):.3f} px")
     assert found.mean() >= 0.5
     assert scenes.rms(errors) <= 0.10
 
@@ -431,7 +426,6 @@ def test_pan_and_multispectral_centres_agree(large_objects: BlockSimulation):
         whole = coarse.kind[a] == "ellipse"
         if whole.any():
             errors["ellipses"] = scenes.rms(fine.xy[b[whole]] - there[a[whole]])
-    print(errors)
     assert errors["ellipses"] < 0.5
     assert errors["centres"] < 0.6 * errors["harris"]
 
@@ -448,6 +442,4 @@ def test_real_images_have_points_in_every_quarter(real_data, name: str, detector
     raster = GdalRaster(str(real_data / name))
     found = detect_interest_points(raster, detector, scenes.CANDIDATES)
     quarters = np.bincount((found.xy > np.array(raster.size) / 2.0) @ [1, 2], minlength=4)
-    kinds = dict(zip(*np.unique(found.kind, return_counts=True), strict=True))
-    print(f"{name} {detector}: {len(found)} points, quarters {quarters}, {kinds}")
     assert quarters.min() >= (2 if detector == "centres" else 50)

@@ -59,9 +59,6 @@ def test_no_pixel_locking_and_honest_sigma(band: str, shift):
     error = (found.xy - centres() - shift)[good]
     sigma = MATCHING_BANDS[band].sigma_factor * np.sqrt(np.einsum("nii->ni", found.covariance[good]))
     ratio = float(1.4826 * np.median(np.abs((error - np.median(error, axis=0)) / sigma)))
-    print(
-        f"{band} {shift}: bias {np.median(error, axis=0).round(4)}, RMS {error.std():.4f} px, error / sigma {ratio:.2f}"
-    )
     assert good.mean() > 0.97
     assert np.abs(np.median(error, axis=0)).max() < 0.02
     assert error.std() < 0.05
@@ -171,13 +168,3 @@ def test_search_finds_the_window_and_its_rival():
             assert found.rival.max() < 0.9
     edge = search_windows(*images, centres(), centres() - (9.0, 0.0), along, reach, 12)
     assert not edge.inside[edge.xy[:, 0] == centres()[:, 0] + 1].any()  # at the end of the box
-
-
-def test_spline_coefficients_give_the_grey_values_back():
-    """The spline (1, 4, 1) / 6 of them in both directions, to the borders, where the image goes on as in a mirror."""
-    grey = np.random.default_rng(2).uniform(0.0, 2000.0, (70, 90)).astype(np.float32)
-    image = MatchImage(grey, np.ones(grey.shape, dtype=bool))
-    padded = np.pad(image.coefficients.astype(np.float64), 1, mode="reflect")
-    rows = (padded[:-2] + 4.0 * padded[1:-1] + padded[2:]) / 6.0
-    back = (rows[:, :-2] + 4.0 * rows[:, 1:-1] + rows[:, 2:]) / 6.0
-    assert np.abs(back - grey).max() < 0.005  # grey values of 11 bits, rounded to 1

@@ -9,17 +9,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import ArrayRaster, Block, Image, ImagePoints, Role
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    BlockSimulation,
-    Noise,
-    PointCounts,
-    SceneSpec,
-    draw_acquisitions,
-    make_renderer,
-    make_views_of_dates,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
 
 DATES, SIDE, CLOUD, WRONG = 12, 360, 4, 8
@@ -27,19 +17,19 @@ HELD_PX = 0.5  # what a stack of images may be off by; 0.1 is usual
 
 
 @pytest.fixture(scope="module")
-def year() -> BlockSimulation:
-    spec = SceneSpec(relief_m=30.0, seed=21)
-    taken = draw_acquisitions(DATES, spec.lat_deg, spec.seed)
-    views = make_views_of_dates(SENSORS["pleiades"], taken, 1, (SIDE, SIDE), 190.0, 15.0, spec.seed)
-    return simulate_block(spec, views, PointCounts(0, 0, 150), Noise())
+def year() -> lab.BlockSimulation:
+    spec = lab.SceneSpec(relief_m=30.0, seed=21)
+    taken = lab.draw_acquisitions(DATES, spec.lat_deg, spec.seed)
+    views = lab.make_views_of_dates(lab.SENSORS["pleiades"], taken, 1, (SIDE, SIDE), 190.0, 15.0, spec.seed)
+    return lab.simulate_block(spec, views, lab.PointCounts(0, 0, 150), lab.Noise())
 
 
 @pytest.fixture(scope="module")
-def images(year: BlockSimulation) -> list[Image]:
+def images(year: lab.BlockSimulation) -> list[Image]:
     """The images; one shows clouds, the RPC of another one is 200 px off."""
     shown = []
     for number, image in enumerate(year.block.images):
-        grey = make_renderer(year, image.id).window(0, 0, SIDE, SIDE)
+        grey = lab.make_renderer(year, image.id).window(0, 0, SIDE, SIDE)
         if number == CLOUD:
             grey = np.random.default_rng(1).normal(1500.0, 6.0, grey.shape).astype(np.uint16)
         rpc = image.rpc.shift(150.0, -130.0) if number == WRONG else image.rpc
@@ -81,7 +71,7 @@ def test_hopeless_images_are_named_and_the_others_are_one_block(found: TiePoints
 
 
 @pytest.mark.rendered
-def test_every_held_image_is_right_to_half_a_pixel(found: TiePoints, images: list[Image], year: BlockSimulation):
+def test_every_held_image_is_right_to_half_a_pixel(found: TiePoints, images: list[Image], year: lab.BlockSimulation):
     """Exact image points of the ground, under the refined RPCs: each predicted from the others."""
     tied = [image for image in images if image.id in held_images(found)]
     result = adjust(assemble(tied, [], [found.image_points]), AdjustOptions(model="affine"))
@@ -101,5 +91,4 @@ def test_every_held_image_is_right_to_half_a_pixel(found: TiePoints, images: lis
     for rows in observations.by_image:
         miss = fit.predicted_px[rows]
         errors.append(np.sqrt(np.nanmean(np.sum(miss**2, axis=1))))
-    print("true relative errors", np.round(errors, 2))
     assert max(errors) < HELD_PX

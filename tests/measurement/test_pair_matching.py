@@ -108,10 +108,6 @@ def test_matches_are_true_and_as_precise_as_they_say(found):
     error = errors(found)
     ratio = 1.4826 * np.median(np.abs(error / found.sigma_px[:, None]))
     distance = np.linalg.norm(error, axis=1)
-    print(
-        f"{len(found)} matches, RMS {np.sqrt(np.mean(error**2)):.3f} px a coordinate, worst {distance.max():.2f} px, "
-        f"error / sigma {ratio:.2f}, mean {error.mean(axis=0).round(3)}"
-    )
     assert len(found) > 500
     assert np.sqrt(np.mean(error**2)) < 0.1
     assert np.mean(distance > 1.0) == 0.0
@@ -182,7 +178,6 @@ def test_half_resolution_and_origin(pair):
     tile = ImageTile(coarse.pixels[10:, 20:], coarse.valid[10:, 20:], origin_px=(20.0, 10.0))
     matches = match_tile(pair[0], tile, geometry(gsd_m=2.0, bias=(2.0, -1.0)))
     error = errors(matches, gsd_m=2.0)
-    print(f"{len(matches)} matches of 1 and 2 m, RMS {np.sqrt(np.mean(error**2)):.3f} px of 2 m")
     assert len(matches) > 150
     assert np.sqrt(np.mean(error**2)) < 0.12
 
@@ -246,9 +241,6 @@ def test_matches_that_agree_by_chance_are_none():
     )
     away = np.concatenate([rng.normal(0.0, 0.5, (60, 2)), rng.uniform(-128.0, 128.0, (240, 2))])
     told = check_rpc_consistency(camera(0), camera(1), first, true + away, blocks.HEIGHT)
-    print(
-        f"{chance.good.sum()} of 300 by chance; {told.good[:60].sum()} of 60 right ones, {told.good[60:].sum()} others"
-    )
     assert chance.good.sum() < 20
     assert told.good[:60].sum() >= 55
     assert told.good[60:].sum() < 20
@@ -329,7 +321,6 @@ def test_real_pairs_beat_sift(real_data, name: str):
         images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height
     ).across_px
     nmad = 1.4826 * np.median(np.abs(across - np.median(across))) / np.sqrt(2.0)
-    print(f"{name}: {len(matches)} matches, NMAD {nmad:.3f} px ({nmad / baseline:.2f} of SIFT's)")
     assert len(matches) >= least
     assert nmad <= 0.7 * baseline
 

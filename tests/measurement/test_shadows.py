@@ -49,7 +49,6 @@ def test_shadows_are_where_the_sun_says(azimuth_deg: float):
             flagged = find_shadows(raster, points, sign * towards)
             assert not flagged[points.contrast > 0.0].any()
             share[crowns].append(float((flagged[:, None] & of_spot).any(axis=0).mean()))
-    print(share)
     assert share[True][0] > 0.7 and share[True][1] == 0.0  # with the sun on the other side none is
     assert share[False][0] < 0.05  # pits
 

@@ -9,7 +9,7 @@ import simulated_blocks as blocks
 from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
-from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.workers.scheduling import open_scheduler
 from hrsi.hrsi_engine.measurement.block_matching.joining import (
     BlockMatches,
@@ -22,7 +22,6 @@ from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
     check_rpc_consistency,
     compute_epipolar_deviation,
-    match_descriptors,
     transfer,
 )
 from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight
@@ -45,7 +44,6 @@ def test_ties_are_where_the_truth_is(triplet, found):
     apart, views = scenes.ground_spread_m(triplet, found.image_points)
     rmse_px = np.sqrt(np.mean(apart**2))  # of a coordinate; ground pixels are 1 m
     tracks = len(found.ground)
-    print(f"{tracks} tracks, {found.pairs}, RMSE {rmse_px:.3f} px, worst {np.abs(apart).max():.2f} px")
     assert tracks > 500
     assert np.sum(views == 3) / 3 > 400
     assert rmse_px < 0.1
@@ -192,32 +190,6 @@ def test_images_apart_are_an_error(triplet):
         find_tie_points([triplet[0], far])
 
 
-def test_images_without_pixels_are_an_error():
-    with pytest.raises(InputError, match="fewer than two of the images have pixels"):
-        find_tie_points(blocks.images(2))
-
-
-def test_cancel(triplet):
-    with pytest.raises(Cancelled):
-        find_tie_points(triplet, progress=lambda fraction, message: False)
-
-
-@pytest.mark.thorough
-def test_worker_processes_give_the_same_points(tmp_path):
-    """A cluster of two processes that open the images themselves."""
-    distributed = pytest.importorskip("distributed")
-    images = scenes.written(scenes.triplet(half=200.0), tmp_path)
-    here = find_tie_points(images, OPTIONS)
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, local_directory=str(tmp_path)
-    ) as cluster:
-        there = find_tie_points(images, OPTIONS, scheduler=open_scheduler(cluster.scheduler_address))
-    assert len(here.ground) > 100
-    np.testing.assert_array_equal(there.image_points.ids, here.image_points.ids)
-    np.testing.assert_array_equal(there.image_points.xy, here.image_points.xy)
-    np.testing.assert_array_equal(there.image_points.sigma_px, here.image_points.sigma_px)
-
-
 # ---- geometry and tracks -------------------------------------------------------------------------------------------
 
 
@@ -269,17 +241,6 @@ def test_land_beyond_water_stays_and_repeated_patterns_beyond_a_gap_go():
         kept = np.isin(np.arange(many), drop_outliers(matches, images).track)
         assert kept[~far].all()
         assert (kept[far] == stays).all()
-
-
-def test_mutual_matches_find_a_permutation():
-    rng = np.random.default_rng(0)
-    first = rng.normal(size=(3000, 128)).astype(np.float32)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    order = rng.permutation(3000)
-    second = first[order] + rng.normal(0, 0.01, first.shape).astype(np.float32)
-    i, j = match_descriptors(first, second)
-    np.testing.assert_array_equal(order[j], i)
-    assert len(i) == 3000
 
 
 def test_contradictory_tracks_are_dropped():

@@ -6,21 +6,9 @@ from itertools import combinations
 from types import SimpleNamespace
 
 import dense_affine_block as dense
+import independent_formulas as formulas
 import numpy as np
 import pytest
-from independent_formulas import (
-    CE90_OF_RADIAL,
-    LE90,
-    Camera,
-    compare,
-    intersect,
-    layer,
-    leaves,
-    metres,
-    predict,
-    rms,
-    to_satellite,
-)
 from osgeo import gdal
 from pyproj import Transformer
 
@@ -41,12 +29,16 @@ def away(scene: SimpleNamespace, adjusted: SimpleNamespace) -> SimpleNamespace:
     for point, seen in scene.measured.items():
         rays = [(adjusted.refined[name], xy) for name, xy in seen.items()]
         near = scene.places.get(point, next(iter(scene.places.values())))
-        position[point] = intersect(rays, near)
+        position[point] = formulas.intersect(rays, near)
         at = scene.places.get(point, position[point])
         if point in scene.places:
-            ground[point] = metres(scene.places[point], position[point])[0]
+            ground[point] = formulas.metres(scene.places[point], position[point])[0]
         own = scene.places.get(point)
-        start = own if own is not None else intersect([(scene.cameras[name], xy) for name, xy in seen.items()], near)
+        start = (
+            own
+            if own is not None
+            else formulas.intersect([(scene.cameras[name], xy) for name, xy in seen.items()], near)
+        )
         for name, xy in seen.items():
             pixels[point, name] = xy - adjusted.refined[name].project(at)[0]
             before[point, name] = xy - scene.cameras[name].project(start)[0]
@@ -84,8 +76,8 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
     middle = np.mean([away.position[point] for point in solution.ids], axis=0)
     box = np.array([away.position[point] for point in scene.measured])
     box = 0.5 * (box.min(axis=0) + box.max(axis=0))
-    assert np.abs(metres(place, middle)[0]).max() < 60.0  # the middle in some sense of a block of 112 m
-    assert np.abs(metres(place, box)[0]).max() < 60.0
+    assert np.abs(formulas.metres(place, middle)[0]).max() < 60.0  # the middle in some sense of a block of 112 m
+    assert np.abs(formulas.metres(place, box)[0]).max() < 60.0
     expected |= {
         "sigma0": (solution.sigma0, 2e-3), "observations": (solution.observations, 0),
         "unknowns": (solution.unknowns, 0), "redundancy": (solution.redundancy, 0.02), "outlier_count": (0, 0),
@@ -95,13 +87,16 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
         camera, own = scene.cameras[name], f"images.{name}"
         known = [point for point in scene.places if (point, name) in away.pixels]
         for axis, column in (("sample", 0), ("line", 1)):
-            expected[f"{own}.rmse_{axis}_px"] = rms([away.pixels[p, name][column] for p in known]), FIT_PX
-            expected[f"{own}.before_rmse_{axis}_px"] = rms([away.before[p, name][column] for p in known]), FIT_PX
+            expected[f"{own}.rmse_{axis}_px"] = formulas.rms([away.pixels[p, name][column] for p in known]), FIT_PX
+            expected[f"{own}.before_rmse_{axis}_px"] = (
+                formulas.rms([away.before[p, name][column] for p in known]),
+                FIT_PX,
+            )
         # check points are measured in the image, too
         expected[f"{own}.observations"] = len(scene.measured), 0
         expected[f"{own}.tie_points"] = len(kinds["T"]), 0
         for key, of in (("tie_before_rmse_px", away.before), ("tie_rmse_px", away.pixels)):
-            expected[f"{own}.{key}"] = rms([np.hypot(*of[p, name]) for p in kinds["T"]]), 5e-3  # weak priors
+            expected[f"{own}.{key}"] = formulas.rms([np.hypot(*of[p, name]) for p in kinds["T"]]), 5e-3  # weak priors
         first = solution.of_image[name]
         for index, key in enumerate(PARAMETERS):
             sigma = math.sqrt(solution.covariance[first + index, first + index])
@@ -122,7 +117,10 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
     for own in ("ties", "ties.by_rays.3"):
         expected |= {f"{own}.{key}": (value, 0) for key, value in ties.items()}
         for key, of in (("before_rmse_px", away.before), ("rmse_px", away.pixels)):
-            expected[f"{own}.{key}"] = rms([np.hypot(*of[p, name]) for p in kinds["T"] for name in names]), 5e-3
+            expected[f"{own}.{key}"] = (
+                formulas.rms([np.hypot(*of[p, name]) for p in kinds["T"] for name in names]),
+                5e-3,
+            )
     expected["ties.images"] = 3, 0
     for own in ("held_out", "held_out.ties"):
         expected |= {f"{own}.{key}": (0, 0) for key in ("points", "observations", "wrong")}
@@ -134,7 +132,7 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
     ratio = max(value for path, (value, _) in expected.items() if path.endswith(".base_to_height"))
     expected["parts[0].gsd_m"] = gsd, 5e-3 * gsd  # at another height
     expected["parts[0].base_to_height"] = ratio, 5e-3
-    compare(report, expected, {
+    formulas.compare(report, expected, {
         r"iterations|solves|history\[.*": "how the solver came there; its end is compared",
         r"images\..*\.rpc_fit_max_px": "compared with the tags below",
         r"images\..*\.pointing\.drift": "a published figure of the sensor, not of the block",
@@ -143,7 +141,7 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
         r"normalised_residuals.*": "compared with the layers below",
         r"accuracy\..*points_required|.*\.leave_one_out": "constants of the standards; no factor here",
     })  # fmt: skip
-    assert all(value == 0 for path, value in leaves(report["crs_operations"]) if not path.endswith(".points"))
+    assert all(value == 0 for path, value in formulas.leaves(report["crs_operations"]) if not path.endswith(".points"))
     assert report["sigma0"] > 2.0  # or a figure without it would be right, too
     # 8 check points are fewer than any standard asks for
     assert not report["accuracy"]["asprs"]["enough_points"] and not report["accuracy"]["nssda"]["enough_points"]
@@ -152,7 +150,7 @@ def test_every_number_of_the_report(scene, adjusted, solution, away):
     assert "asks for at least 30 check points; this test used only 8" in page
 
 
-def stated_errors(camera: Camera, solution: SimpleNamespace, name: str, height: float) -> tuple[float, float]:
+def stated_errors(camera: formulas.Camera, solution: SimpleNamespace, name: str, height: float) -> tuple[float, float]:
     """Return ERR_BIAS and ERR_RAND: common and varying error of the image's points at a height, per axis."""
     first, size = solution.of_image[name], camera.size
     covariance = solution.covariance[first : first + 6, first : first + 6]
@@ -168,32 +166,32 @@ def stated_errors(camera: Camera, solution: SimpleNamespace, name: str, height: 
     return math.sqrt(shared), math.sqrt(total - shared)
 
 
-def view(camera: Camera, height: float) -> dict[str, tuple[float, float]]:
+def view(camera: formulas.Camera, height: float) -> dict[str, tuple[float, float]]:
     """Return pixel size, incidence and azimuth in the middle of an image, seen from the ground."""
     middle = (np.array(camera.size) - 1.0) / 2.0
     ground = camera.localize(middle, height)[0]
     found = {}
     for axis, step in (("sample", [0.5, 0.0]), ("line", [0.0, 0.5])):
         ends = camera.localize([middle - step, middle + step], height)
-        found[f"gsd_{axis}_m"] = float(np.hypot(*metres(ends[1], ends[0])[0, :2])), 1e-4
-    east, north, up = to_satellite(camera, middle, height)[0]
+        found[f"gsd_{axis}_m"] = float(np.hypot(*formulas.metres(ends[1], ends[0])[0, :2])), 1e-4
+    east, north, up = formulas.to_satellite(camera, middle, height)[0]
     found["incidence_deg"] = math.degrees(math.acos(up)), 2e-3
     found["azimuth_deg"] = math.degrees(math.atan2(east, north)) % 360.0, 0.01
     assert ground[2] == height
     return found
 
 
-def correction(vendor: Camera, refined: Camera, height: float) -> dict[str, tuple[float, float]]:
+def correction(vendor: formulas.Camera, refined: formulas.Camera, height: float) -> dict[str, tuple[float, float]]:
     """Return by how much the correction moves image points, and where pixels lie on the ground, over the image."""
     axes = [np.linspace(0.0, n - 1.0, 9) for n in vendor.size]
     xy = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     after = refined.localize(xy, height)
     pixels = xy - vendor.project(after)
-    plan = metres(after, vendor.localize(xy, height))[:, :2]
+    plan = formulas.metres(after, vendor.localize(xy, height))[:, :2]
     return {
         "mean_sample_px": (pixels[:, 0].mean(), 2e-3), "mean_line_px": (pixels[:, 1].mean(), 2e-3),
         "mean_east_m": (plan[:, 0].mean(), 2e-3), "mean_north_m": (plan[:, 1].mean(), 2e-3),
-        "rms_px": (rms(np.hypot(*pixels.T)), 2e-3), "rms_m": (rms(np.hypot(*plan.T)), 2e-3),
+        "rms_px": (formulas.rms(np.hypot(*pixels.T)), 2e-3), "rms_m": (formulas.rms(np.hypot(*plan.T)), 2e-3),
     }  # fmt: skip
 
 
@@ -208,17 +206,17 @@ def known_points(scene, solution, away, kinds) -> dict[str, tuple[float, float]]
         sigma = np.array([sigma_of_survey(scene, solution, away, p) for p in ids])
         order = np.argsort(-np.sum(error**2, axis=1), kind="stable")
         for column, axis in enumerate(AXES):
-            expected[f"{entry}.rmse_{axis}_m"] = rms(error[:, column]), 1e-3
+            expected[f"{entry}.rmse_{axis}_m"] = formulas.rms(error[:, column]), 1e-3
             expected[f"{entry}.sigma_survey_{axis}_m"] = dense.SURVEY_M[column], 1e-9
             for place, row in enumerate(order):
                 expected[f"{entry}_points[{place}].{axis}_m"] = error[row, column], 2e-3
                 expected[f"{entry}_points[{place}].sigma_{axis}_m"] = sigma[row, column], 4e-3 * sigma[row, column]
         for column, axis in enumerate(("sample", "line")):
-            expected[f"{entry}.rmse_{axis}_px"] = rms(pixels[:, column]), FIT_PX
+            expected[f"{entry}.rmse_{axis}_px"] = formulas.rms(pixels[:, column]), FIT_PX
     east, north, up = np.array([away.ground[p] for p in kinds["C"]]).T
-    radial = math.hypot(rms(east), rms(north))
-    expected["check.ce90_m"] = CE90_OF_RADIAL * radial, 2e-3
-    expected["check.le90_m"] = LE90 * rms(up), 2e-3
+    radial = math.hypot(formulas.rms(east), formulas.rms(north))
+    expected["check.ce90_m"] = formulas.CE90_OF_RADIAL * radial, 2e-3
+    expected["check.le90_m"] = formulas.LE90 * formulas.rms(up), 2e-3
     survey = np.diag((solution.factor * dense.SURVEY_M) ** 2)
     covariances = np.array([
         dense.covariance_of_rays(solution, scene, p, away.position[p]) + survey for p in kinds["C"]
@@ -230,15 +228,15 @@ def known_points(scene, solution, away, kinds) -> dict[str, tuple[float, float]]
         expected[f"check.predicted.{key}"] = value, 5e-3 * value
     # ASPRS 2023 with the survey's own error; NSSDA 1998
     survey_h, survey_v = math.hypot(*dense.SURVEY_M[:2]), dense.SURVEY_M[2]
-    plan, height = math.hypot(radial, survey_h), math.hypot(rms(up), survey_v)
+    plan, height = math.hypot(radial, survey_h), math.hypot(formulas.rms(up), survey_v)
     asprs = {
         "rmse_h_m": plan, "rmse_v_m": height, "rmse_3d_m": math.hypot(plan, height), "found_rmse_h_m": radial,
-        "found_rmse_v_m": rms(up), "survey_rmse_h_m": survey_h, "survey_rmse_v_m": survey_v,
+        "found_rmse_v_m": formulas.rms(up), "survey_rmse_h_m": survey_h, "survey_rmse_v_m": survey_v,
     }  # fmt: skip
     expected |= {f"accuracy.asprs.{key}": (value, 2e-3) for key, value in asprs.items()}
-    expected["accuracy.nssda.vertical_m"] = 1.96 * rms(up), 4e-3
-    if min(rms(east), rms(north)) >= 0.6 * max(rms(east), rms(north)):
-        expected["accuracy.nssda.horizontal_m"] = 2.4477 * 0.5 * (rms(east) + rms(north)), 4e-3
+    expected["accuracy.nssda.vertical_m"] = 1.96 * formulas.rms(up), 4e-3
+    if min(formulas.rms(east), formulas.rms(north)) >= 0.6 * max(formulas.rms(east), formulas.rms(north)):
+        expected["accuracy.nssda.horizontal_m"] = 2.4477 * 0.5 * (formulas.rms(east) + formulas.rms(north)), 4e-3
     for axis, values in zip(AXES, (east, north, up), strict=True):
         expected[f"accuracy.mean_{axis}_m"] = values.mean(), 1e-3
     return expected | {"accuracy.points_in_plan": (8, 0), "accuracy.points_in_height": (8, 0)}
@@ -286,9 +284,9 @@ def pairs(scene, adjusted, away, told, ties, height) -> dict[str, tuple[float, f
         own = f"pairs[{index}]"
         values = [np.hypot(*away.pixels[p, name]) for p in ties for name in (one, other)]
         expected[f"{own}.tie_points"] = len(ties), 0
-        expected[f"{own}.tie_rmse_px"] = rms(values), 5e-3
+        expected[f"{own}.tie_rmse_px"] = formulas.rms(values), 5e-3
         middle = np.array([79.5, 79.5])
-        rays = [to_satellite(scene.cameras[name], middle, height)[0] for name in (one, other)]
+        rays = [formulas.to_satellite(scene.cameras[name], middle, height)[0] for name in (one, other)]
         expected[f"{own}.convergence_deg"] = math.degrees(math.acos(rays[0] @ rays[1])), 0.02
         expected[f"{own}.base_to_height"] = math.hypot(*(rays[0][:2] / rays[0][2] - rays[1][:2] / rays[1][2])), 5e-4
         for key, first, second in (("overlap_first", one, other), ("overlap_second", other, one)):
@@ -296,7 +294,7 @@ def pairs(scene, adjusted, away, told, ties, height) -> dict[str, tuple[float, f
     return expected
 
 
-def overlap(one: Camera, other: Camera, height: float) -> float:
+def overlap(one: formulas.Camera, other: formulas.Camera, height: float) -> float:
     """Return the share of an image's pixels that another one sees, at a height."""
     samples, lines = one.size
     xy = np.stack(np.meshgrid(np.arange(0.0, samples), np.arange(0.0, lines)), -1).reshape(-1, 2)
@@ -306,24 +304,26 @@ def overlap(one: Camera, other: Camera, height: float) -> float:
 
 def test_layers_hold_the_positions_sigmas_and_residuals(scene, adjusted, solution, away):
     """ground_points, image_points, both residual layers, images: each numeric column."""
-    for row in layer(adjusted.package, "ground_points"):
+    for row in formulas.layer(adjusted.package, "ground_points"):
         point, place = row["id"], np.array(row["geometry"]["coordinates"])
-        assert np.abs(metres(place, away.position[point])).max() < 2e-3 or point.startswith("G")
+        assert np.abs(formulas.metres(place, away.position[point])).max() < 2e-3 or point.startswith("G")
         assert row["height"] == pytest.approx(place[2], abs=1e-6)
         assert row["rays"] == len(scene.measured[point])
         if point in solution.of_point:
             k = solution.of_point[point]
-            assert np.abs(metres(place, solution.position[point])).max() < 2e-3
+            assert np.abs(formulas.metres(place, solution.position[point])).max() < 2e-3
             sigma = np.sqrt(solution.covariance.diagonal()[k : k + 3])
         else:
             sigma = np.sqrt(dense.covariance_of_rays(solution, scene, point, place).diagonal())
         assert [row[f"sigma_{axis}_m"] for axis in AXES] == pytest.approx(sigma, rel=3e-3)
         if point in scene.places:
             survey = [row["survey_lon"], row["survey_lat"], row["survey_height"]]
-            assert np.abs(metres(survey, scene.places[point])).max() < 1e-6
-            assert (row["sigma_xy"], row["sigma_h"]) == pytest.approx((rms(dense.SURVEY_M[:2]), dense.SURVEY_M[2]))
+            assert np.abs(formulas.metres(survey, scene.places[point])).max() < 1e-6
+            assert (row["sigma_xy"], row["sigma_h"]) == pytest.approx(
+                (formulas.rms(dense.SURVEY_M[:2]), dense.SURVEY_M[2])
+            )
     seen = {}
-    for row in layer(adjusted.package, "image_points"):
+    for row in formulas.layer(adjusted.package, "image_points"):
         point, name = row["id"], row["image"]
         seen[point, name] = row
         assert [row["sample"], row["line"]] == pytest.approx(scene.measured[point][name], abs=1e-9)
@@ -333,7 +333,7 @@ def test_layers_hold_the_positions_sigmas_and_residuals(scene, adjusted, solutio
         assert (row["sigma_px"], row["quality"], row["weight"]) == pytest.approx((dense.IMAGE_PX, 1.0, 1.0))
     assert set(seen) == set(away.pixels)
     for name in ("residuals_wgs84", "residuals_utm"):
-        rows = layer(adjusted.package, name)
+        rows = formulas.layer(adjusted.package, name)
         assert len(rows) == len(away.pixels) + len(away.ground)
         for row in rows:
             point = row["id"]
@@ -357,7 +357,7 @@ def test_layers_hold_the_positions_sigmas_and_residuals(scene, adjusted, solutio
             "beyond_3": np.mean(np.abs(of_axis) > 3.0),
         }  # fmt: skip
         assert adjusted.report["normalised_residuals"][axis] == pytest.approx(expected, abs=3e-3)
-    for row in layer(adjusted.package, "images"):
+    for row in formulas.layer(adjusted.package, "images"):
         camera = adjusted.refined[row["id"]]
         assert (row["samples"], row["lines"], row["observations"]) == (160, 160, len(scene.measured))
         ring = np.array(row["geometry"]["coordinates"][0])[:, :2]
@@ -415,7 +415,7 @@ def test_tags_and_stac_items(scene, adjusted, solution):
             np.testing.assert_allclose(camera.project(ground), by, atol=5e-3)
         item = json.loads((adjusted.folder / f"{name}_stac.json").read_text(encoding="utf-8"))
         had = item["properties"]
-        east, north, up = to_satellite(camera, [79.5, 79.5], report["place"]["height_m"])[0]
+        east, north, up = formulas.to_satellite(camera, [79.5, 79.5], report["place"]["height_m"])[0]
         assert had["view:incidence_angle"] == pytest.approx(math.degrees(math.acos(up)), abs=5e-3)
         # STAC: from the satellite's nadir to the scene, clockwise from north
         sense = (had["view:azimuth"] - math.degrees(math.atan2(-east, -north)) + 180.0) % 360.0 - 180.0
@@ -448,22 +448,22 @@ def test_tags_and_stac_items(scene, adjusted, solution):
 def test_the_oracle_sees_errors_of_the_true_size(scene, adjusted, away):
     """The truth of the simulation: refined positions of check points are as wrong as the prediction says."""
     truth = {name: np.array(place) for name, place in true_places(scene).items()}
-    error = np.array([metres(away.position[p], truth[p])[0] for p in truth if p.startswith("C")])
+    error = np.array([formulas.metres(away.position[p], truth[p])[0] for p in truth if p.startswith("C")])
     predicted = adjusted.report["check"]["predicted"]
     for column, axis in enumerate(AXES):
         # 8 points of a common solution: at least 2 degrees of freedom, 0.5 % beyond 3.3 sigma
-        assert rms(error[:, column]) < 3.3 * predicted[f"rmse_{axis}_m"]
+        assert formulas.rms(error[:, column]) < 3.3 * predicted[f"rmse_{axis}_m"]
     # leaving each image out of three predicts the others: no error of the cameras' common datum
     left = np.concatenate([
-        predict([(adjusted.refined[n], xy) for n, xy in scene.measured[p].items()], away.position[p])
+        formulas.predict([(adjusted.refined[n], xy) for n, xy in scene.measured[p].items()], away.position[p])
         for p in list(scene.measured)[:6]
     ])  # fmt: skip
-    assert rms(left) < 3.0  # px: measured with 0.3, predicted from two others of nearly opposite directions
+    assert formulas.rms(left) < 3.0  # px: measured with 0.3, predicted from two others of nearly opposite directions
 
 
 def true_places(scene: SimpleNamespace) -> dict[str, np.ndarray]:
     """Return the true ground points, WGS84 degrees."""
-    rows = layer(scene.folder / "truth.gpkg", "true_ground_points")
+    rows = formulas.layer(scene.folder / "truth.gpkg", "true_ground_points")
     return {row["id"]: np.array([row["lon"], row["lat"], row["height"]]) for row in rows}
 
 
@@ -475,4 +475,6 @@ def test_frames_of_the_oracle_are_those_of_proj() -> None:
     lon, lat = np.radians(here[:2])
     east = np.array([-np.sin(lon), np.cos(lon), 0.0])
     up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-    np.testing.assert_allclose(metres(there, here)[0], [away @ east, away @ np.cross(up, east), away @ up], atol=1e-6)
+    np.testing.assert_allclose(
+        formulas.metres(there, here)[0], [away @ east, away @ np.cross(up, east), away @ up], atol=1e-6
+    )

@@ -15,15 +15,7 @@ from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, judge
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import move_ground
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    Noise,
-    OrientationError,
-    PointCounts,
-    SceneSpec,
-    make_along_track_views,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.plausibility.mistakes import find_datum_shifts
 from hrsi.hrsi_engine.results.verdict import Verdict
 
@@ -43,11 +35,13 @@ DIRECTIONS = 8
 def make_block(sensor: str, bias_m: float, direction: int, seed: int) -> Block:
     """Return a block whose images all lie ``bias_m`` off in one of eight directions; its place goes with the seed."""
     angle = 2.0 * np.pi * direction / DIRECTIONS
-    error = OrientationError(position_m=(bias_m * np.sin(angle), bias_m * np.cos(angle), 0.0))
-    views = make_along_track_views(SENSORS[sensor], 2, (2000, 2000))
+    error = lab.OrientationError(position_m=(bias_m * np.sin(angle), bias_m * np.cos(angle), 0.0))
+    views = lab.make_along_track_views(lab.SENSORS[sensor], 2, (2000, 2000))
     views = tuple(replace(view, vendor_error=error) for view in views)
     lon, lat = PLACES[seed % len(PLACES)]
-    return simulate_block(SceneSpec(lon, lat, relief_m=100.0, seed=seed), views, PointCounts(8, 30, 200), Noise()).block
+    return lab.simulate_block(
+        lab.SceneSpec(lon, lat, relief_m=100.0, seed=seed), views, lab.PointCounts(8, 30, 200), lab.Noise()
+    ).block
 
 
 def judge_block(block: Block) -> Verdict:

@@ -26,16 +26,6 @@ GCPS = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
 
 
 @pytest.fixture(scope="module")
-def hobart(repository) -> dict:
-    folder = repository / "examples" / "hobart"
-    return {
-        "images": [str(folder / f"hobart_ikonos_{k}_RPC.TXT") for k in (1, 2, 3)],
-        "gcps": str(folder / "hobart_ground_points.csv"),
-        "image_points": str(folder / "hobart_image_points.csv"),
-    }
-
-
-@pytest.fixture(scope="module")
 def adjusted(hobart, tmp_path_factory) -> tuple[dict, Path]:
     folder = tmp_path_factory.mktemp("hobart")
     report = run("adjust", **hobart, gcp_ids=GCPS.split(","), model="shift", output_dir=str(folder))
@@ -74,39 +64,13 @@ def test_choices_are_the_engines():
 # ---- Hobart ---------------------------------------------------------------------------------------------------------
 
 
-def test_report_has_the_schema(adjusted):
-    report, folder = adjusted
-    on_disk = json.loads((folder / "report.json").read_text())
-    assert on_disk["schema"] == 1
-    assert on_disk["algorithm"] == "adjust"
-    assert on_disk["control"]["points"] == 10
-    assert on_disk["check"]["points"] == 61
-    assert on_disk["ties"]["points"] == 0
-    assert on_disk["ties"]["rmse_px"] is None
-    # what the points say of the images' drift, four unknowns each, which the shift leaves to its prior
-    drift = on_disk["observations"] - on_disk["unknowns"] - on_disk["redundancy"]
-    assert 0.0 < drift < 4 * len(on_disk["images"])
-    assert {"total", "adjust", "write"} <= set(on_disk["seconds"])
-    image = on_disk["images"]["hobart_ikonos_2"]
-    assert image["observations"] == 17
-    assert image["rmse_sample_px"] < image["before_rmse_sample_px"]
-    assert set(image["parameters"]) == {"sample_0", "line_0"}
-    assert image["parameters"]["line_0"]["sigma"] > 0
-    assert (folder / "report.html").stat().st_size > 5000
-    assert report["check"]["rmse_east_m"] == pytest.approx(on_disk["check"]["rmse_east_m"])
-
-
 def test_with_control_and_check_named_the_others_take_no_part(hobart, tmp_path):
     """Not as check points, and not as ties: as if they were in no file."""
     chosen = {"gcp_ids": GCPS.split(","), "check_ids": ["H001", "H002"]}
     report = run("adjust", **hobart, **chosen, output_dir=str(tmp_path / "all"), check_as_ties=True)
     assert (report["control"]["points"], report["check"]["points"], report["ties"]["points"]) == (10, 2, 0)
-    assert set(layer_columns(tmp_path / "all" / "block.gpkg", "ground_points")["id"]) == {
-        *GCPS.split(","),
-        "H001",
-        "H002",
-    }
     known = {*GCPS.split(","), "H001", "H002"}
+    assert set(layer_columns(tmp_path / "all" / "block.gpkg", "ground_points")["id"]) == known
     for name in ("gcps", "image_points"):
         with open(hobart[name]) as file:
             header, *rows = file.readlines()
@@ -116,20 +80,6 @@ def test_with_control_and_check_named_the_others_take_no_part(hobart, tmp_path):
     alone = run("adjust", **hobart | files, **chosen, output_dir=str(tmp_path / "alone"), check_as_ties=True)
     assert alone["check"] == report["check"]
     assert alone["sigma0"] == pytest.approx(report["sigma0"])
-
-
-def test_layers_are_complete(adjusted):
-    _, folder = adjusted
-    dataset = gdal.OpenEx(str(folder / "block.gpkg"))
-    names = {dataset.GetLayer(k).GetName() for k in range(dataset.GetLayerCount())} - {"layer_styles"}
-    assert names == {"images", "ground_points", "image_points", "residuals_wgs84", "residuals_utm"}
-    assert dataset.GetLayerByName("images").GetFeatureCount() == 3
-    assert dataset.GetLayerByName("ground_points").GetFeatureCount() == 71
-    assert dataset.GetLayerByName("image_points").GetFeatureCount() == 159
-    for name, code in (("residuals_wgs84", "4979"), ("residuals_utm", "32755")):
-        layer = dataset.GetLayerByName(name)
-        assert layer.GetFeatureCount() == 71 + 159
-        assert layer.GetSpatialRef().GetAuthorityCode(None) == code
 
 
 def test_utm_residuals_lie_at_the_printed_coordinates(adjusted, hobart):
@@ -177,12 +127,8 @@ def test_residual_crs_chooses_the_layers(hobart, tmp_path):
     dataset = gdal.OpenEx(str(tmp_path / "block.gpkg"))
     assert dataset.GetLayerByName("residuals_utm")
     assert dataset.GetLayerByName("residuals_wgs84") is None
-    assert {file.name for file in tmp_path.iterdir()} == {
-        "block.gpkg",
-        "block.json",
-        "block_cameras.npz",
-        "report.json",
-    }
+    names = {"block.gpkg", "block.json", "block_cameras.npz", "report.json"}
+    assert {file.name for file in tmp_path.iterdir()} == names
 
 
 # ---- the real triplet -----------------------------------------------------------------------------------------------
@@ -191,7 +137,6 @@ def test_residual_crs_chooses_the_layers(hobart, tmp_path):
 @pytest.mark.real
 def test_triplet_ties_fit(triplet):
     ties = triplet[0]["ties"]["by_rays"]["3"]
-    print(f"triplet, 3-view tracks: {ties['points']}, RMSE {ties['before_rmse_px']:.3f} -> {ties['rmse_px']:.3f} px")
     assert ties["points"] > 1000
     assert 0.5 < ties["before_rmse_px"] < 0.66  # about 0.58 by an independent matcher
     assert ties["rmse_px"] <= 0.20
@@ -216,7 +161,6 @@ def test_refined_copies_read_by_rasterio_and_gdal_project_as_reported(triplet):
         transformer = gdal.Transformer(gdal.Open(entry["output"]), None, ["METHOD=RPC"])
         by_gdal = np.array(transformer.TransformPoints(1, list(zip(lon, lat, height, strict=True)))[0])[:, :2] - 0.5
         worst = [np.abs(other - computed).max() for other in (by_rasterio, by_gdal)]
-        print(f"{image_id}: {here.sum()} tie points, rasterio and GDAL differ by {worst[0]:.1e}, {worst[1]:.1e} px")
         assert max(worst) < 0.01
 
 
@@ -225,7 +169,6 @@ def test_ties_without_gcps_stay_near_the_vendors_position(triplet, real_data):
     """The block's height is the vendor's within the RPCs' accuracy: 206 m by the data's description, 85 to 275 m."""
     ground = layer_columns(triplet[1] / "block.gpkg", "ground_points")
     heights = np.array([g.GetZ() for g in ground["geometry"]])
-    print("median height", np.median(heights).round(1))
     assert abs(np.median(heights) - 206) < 60
 
 
@@ -241,18 +184,12 @@ def test_dem_narrows_the_search(real_data, tmp_path):
         output_dir=str(tmp_path),
     )
     ties = report["ties"]
-    print(f"Ventoux: {ties['points']} ties, RMSE {ties['before_rmse_px']:.2f} -> {ties['rmse_px']:.3f} px")
     assert ties["points"] > 300
     assert ties["before_rmse_px"] > 2.0
     assert ties["rmse_px"] < 0.25
 
 
 # ---- wrong input ----------------------------------------------------------------------------------------------------
-
-
-def plain_tif(path: Path) -> str:
-    gdal.GetDriverByName("GTiff").Create(str(path), 8, 8).FlushCache()
-    return str(path)
 
 
 def layer_without_crs(path: Path) -> str:
@@ -282,26 +219,7 @@ def two_points(path: Path, hobart: dict) -> str:
     return str(path)
 
 
-def far_image(folder: Path, real_data: Path) -> str:
-    path = folder / "far.tif"
-    shutil.copyfile(real_data / "s2p_triplet_phr" / "img_02.tif", path)
-    dataset = gdal.Open(str(path), gdal.GA_Update)
-    rpc = dataset.GetMetadata("RPC")
-    rpc["LONG_OFF"] = str(float(rpc["LONG_OFF"]) + 2)
-    dataset.SetMetadata(rpc, "RPC")
-    dataset = None
-    return str(path)
-
-
 BAD = {
-    "missing image": (lambda t, h, r: ["adjust", "nowhere.tif", "--image-points", h["image_points"]], 2, "nowhere.tif"),
-    "image without RPC": (
-        lambda t, h, r: ["adjust", plain_tif(t / "plain.tif"), "--image-points", h["image_points"]], 2, "RPC",
-    ),
-    "missing GCP file": (
-        lambda t, h, r: ["adjust", *h["images"], "--gcps", "no.gpkg", "--image-points", h["image_points"]],
-        2, "no.gpkg",
-    ),
     "GCP layer without CRS": (
         lambda t, h, r: [
             "adjust", *h["images"], "--gcps", layer_without_crs(t / "g.shp"), "--image-points", h["image_points"],
@@ -331,12 +249,6 @@ BAD = {
         lambda t, h, r: ["triangulate", *h["images"], "--gcps", h["gcps"], "--tie-points", "none"], 2, "--image-points",
     ),
     "no pixels to match": (lambda t, h, r: ["triangulate", *h["images"]], 2, "pixels"),
-    "no overlap": (
-        lambda t, h, r: [
-            "triangulate", str(r / "s2p_triplet_phr" / "img_01.tif"), far_image(t, r),
-        ],
-        2, "overlap",
-    ),
     "one image twice": (
         lambda t, h, r: ["adjust", h["images"][0], h["images"][0], "--image-points", h["image_points"]],
         2, "is given twice",
@@ -352,9 +264,6 @@ BAD = {
         ],
         2, "leaves out _RPC at the end of a file name: rename one, or give only one",
     ),
-    "unknown model": (
-        lambda t, h, r: ["adjust", *h["images"], "--image-points", h["image_points"], "--model", "affin"], 2, "--model",
-    ),
 }  # fmt: skip
 
 
@@ -365,7 +274,6 @@ def test_bad_input_is_one_line_and_leaves_nothing(case, hobart, real_data, tmp_p
     status = main([*arguments(tmp_path, hobart, real_data), "--output-dir", str(output)])
     printed = capfd.readouterr()
     errors = [line for line in printed.err.splitlines() if line.startswith("ERROR:")]
-    print(errors)
     assert status == code
     assert len(errors) == 1
     assert word in errors[0]

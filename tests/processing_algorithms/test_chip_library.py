@@ -96,7 +96,6 @@ def test_points_are_found_on_another_day(folder: Path, truth: Truth, library: st
     """At RPCs as delivered half of them, the rest being refused; with the first ones accepted those nearby are more."""
     session = open_new(folder, library)
     off, asked = list_found(session, truth)
-    print(f"{len(off)} of {asked} GCPs found by their chips, worst {max(off):.2f} px")
     assert asked >= 10 and len(off) >= 0.5 * asked and max(off) < LARGEST_PX
     for image in session.images:
         name, one = next(
@@ -107,7 +106,6 @@ def test_points_are_found_on_another_day(folder: Path, truth: Truth, library: st
         )
         session.accept_transfers(name, {image: one})
     more, asked = list_found(session, truth)
-    print(f"with one accepted in each image {len(more)} of {asked}, worst {max(more):.2f} px")
     assert len(more) >= 0.6 * asked and max(more) < LARGEST_PX
 
 
@@ -135,7 +133,6 @@ def test_coarser_images_are_searched(folder: Path, truth: Truth, library: str, t
         for name in session.points for image, full in ids.items() if (name, full) in truth
     }  # fmt: skip
     off, asked = list_found(session, places)
-    print(f"half the resolution: {len(off)} of {asked}, worst {max(off):.2f} px")
     assert len(off) >= 0.3 * asked and max(off) < LARGEST_PX
 
 

@@ -73,7 +73,6 @@ def test_other_programs_see_the_original_camera(
     for program, seen in read_elsewhere(output, ground).items():
         expected = (before[program] - first) * scale
         worst = float(np.abs(seen - expected).max())
-        print(f"crop {window} x {factor} {format}: {program} {worst:.2g} px")
         assert worst < EXACT_PX, program
     (entry,) = report["images"].values()
     assert (entry["samples"], entry["lines"]) == (made.RasterXSize, made.RasterYSize)

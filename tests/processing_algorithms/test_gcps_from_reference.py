@@ -177,7 +177,6 @@ def test_quickbird_positions_differ_as_the_geoid_says(real_data):
     towards = difference[:, 0] * np.sin(away) + difference[:, 1] * np.cos(
         away
     )  # lower ground: towards the satellite's foot
-    print(f"N {np.median(undulation):.2f} m, shift {np.median(towards):.2f} m, N tan(incidence) {expected:.2f} m")
     assert abs(np.median(towards)) == pytest.approx(expected, rel=0.05)
     assert expected > 7.0  # more than a pixel of 6.5 m
 

@@ -89,7 +89,6 @@ def test_observed_cameras_make_two_steps_one(scene: Path, tmp_path: Path, model:
     for image in (*OLD, NEW):
         here, sigma = values(grown, image)
         there, sigma_there = values(whole, image)
-        print(model, control, image, np.abs(here - there).max() / sigma.max(), (sigma / scale / sigma_there).round(4))
         assert (np.abs(here - there) < 0.01 * sigma_there).all()
         np.testing.assert_allclose(sigma / scale, sigma_there, rtol=0.01)
     # Beyond that of its own points, the second step's redundancy lacks what the old cameras learn from the new points,
@@ -188,7 +187,6 @@ def test_a_search_goes_on_with_new_pairs_only(scene: Path, searched: Path, tmp_p
         np.testing.assert_array_equal(np.asarray(getattr(after, name))[kept], np.asarray(getattr(before, name)))
     # Earlier points are seen by the new image, else two views of the pairs would not place it; the others are new
     earlier = len(set(before.ids.tolist()))
-    print("earlier points on the new image:", (known & ~kept).sum(), "of", earlier)
     assert (known & ~kept).sum() > 100
     assert len(set(after.ids[~known].tolist())) == report["ties"]["points"] - earlier
     places = np.column_stack([np.unique(images, return_inverse=True)[1], after.xy])
@@ -219,7 +217,6 @@ def test_triangulate_joins_a_block(scene: Path, searched: Path, tmp_path: Path) 
     assert set(grown["images"]) == set(OLD[:3])
     for image in OLD[:3]:
         apart = np.abs(values(grown, image)[0] - values(whole, image)[0])
-        print(image, apart, values(whole, image)[1], values(grown, image)[1])
         assert (apart < 3.0 * np.hypot(values(whole, image)[1], values(grown, image)[1])).all()
     with pytest.raises(InputError, match="set `earlier_cameras` to free"):
         run("triangulate", images=paths[2:], output_dir=str(tmp_path / "no"), earlier_cameras="observed", **joining)

@@ -31,20 +31,26 @@ from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.declarations.rpcs import NEXT_PROGRAMS
 
 
+def simulate(made: Path, **options: object) -> None:
+    run(
+        "simulate", sensor="pleiades", images=3, along="-12,0,12", size=240, gcps=6, checks=4, ties=60, relief=40.0,
+        seed=3, output_dir=str(made), **options,
+    )  # fmt: skip
+
+
+def adjust(made: Path, result: Path, **options: object) -> None:
+    given = {"gcps": str(made / "ground_points.csv"), "image_points": str(made / "image_points.csv"),
+             "height_datum": "ellipsoidal", "report": False}  # fmt: skip
+    images = [str(made / f"image_{number}.tif") for number in (1, 2, 3)]
+    run("adjust", images=images, output_dir=str(result), **given | options)
+
+
 @pytest.fixture(scope="module")
 def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated block of three images with pixels, adjusted."""
     folder = tmp_path_factory.mktemp("block")
-    made = folder / "made"
-    run(
-        "simulate", sensor="pleiades", images=3, along="-12,0,12", size=240, gcps=6, checks=4, ties=60, relief=40.0,
-        seed=3, output_dir=str(made),
-    )  # fmt: skip
-    run(
-        "adjust", images=[str(made / f"image_{number}.tif") for number in (1, 2, 3)],
-        gcps=str(made / "ground_points.csv"), image_points=str(made / "image_points.csv"),
-        height_datum="ellipsoidal", report=False, output_dir=str(folder / "result"),
-    )  # fmt: skip
+    simulate(folder / "made")
+    adjust(folder / "made", folder / "result")
     return folder
 
 
@@ -62,16 +68,9 @@ def gdal_rpc(path: Path) -> dict[str, str]:
 def test_images_without_jitter_are_handed_over_where_they_were_written(tmp_path):
     """Images that were copied have their jitter still: a warning says so."""
     made, result, folder = tmp_path / "made", tmp_path / "without_jitter", tmp_path / "s2p_without_jitter"
-    run(
-        "simulate", sensor="pleiades", images=3, along="-12,0,12", size=240, gcps=6, checks=4, ties=60, relief=40.0,
-        seed=3, jitter="2,100", output_dir=str(made),
-    )  # fmt: skip
+    simulate(made, jitter="2,100")
     for write, place, told in (("copy", tmp_path / "shaken", True), ("resampled", result, False)):
-        run(
-            "adjust", images=[str(made / f"image_{number}.tif") for number in (1, 2, 3)], jitter="40", write=write,
-            gcps=str(made / "ground_points.csv"), image_points=str(made / "image_points.csv"),
-            height_datum="ellipsoidal", report=False, output_dir=str(place),
-        )  # fmt: skip
+        adjust(made, place, jitter="40", write=write)
         report = run("hand-over", result=str(place), to="s2p", output_dir=str(folder), overwrite=True)
         assert any("the images contain jitter" in warning for warning in report["warnings"]) == told
     for name in ("image_1.tif", "image_2.tif"):
@@ -221,20 +220,22 @@ def evaluate_rpcm(rpc: dict, ground: np.ndarray) -> np.ndarray:
     ])  # fmt: skip
 
 
+def read_adjusted(block: Path) -> tuple[dict, dict]:
+    """Return the adjusted ground points, and residuals (sample, line) by image and point."""
+    told, ground = (
+        read_layer_table(str(block / "result" / "block.gpkg"), name) for name in ("image_points", "ground_points")
+    )
+    columns = (told[name] for name in ("image", "id", "residual_sample_px", "residual_line_px"))
+    return ground, {(image, name): (dx, dy) for image, name, dx, dy in zip(*columns, strict=True)}
+
+
 @pytest.mark.parametrize("factor", [1.0, 0.5, 0.37])
 def test_views_reproject_tie_points_to_the_adjusted_residuals(block, factor):
     """After crop and scale: the view's RPC misses its keypoints by the adjustment's residuals, in the crop's pixels."""
     folder, _ = hand_over(block, "nerf", f"nerf_{factor}", factor=factor)
-    told = read_layer_table(str(block / "result" / "block.gpkg"), "image_points")
-    ground = read_layer_table(str(block / "result" / "block.gpkg"), "ground_points")
+    ground, residual = read_adjusted(block)
     position = {name: row for row, name in enumerate(ground["id"])}
     lonlat = np.column_stack([ground[name] for name in ("lon", "lat", "height")])
-    residual = {
-        (image, name): (dx, dy)
-        for image, name, dx, dy in zip(
-            told["image"], told["id"], told["residual_sample_px"], told["residual_line_px"], strict=True
-        )
-    }
     points = np.load(folder / "pts3d.npy")
     for number in (1, 2, 3):
         view = json.loads((folder / f"image_{number}.json").read_text())
@@ -278,14 +279,7 @@ def test_colmap_project(block, factor):
     folder, report = hand_over(block, "colmap", f"colmap_{factor}", factor=factor)
     cameras, images, points = read_colmap(folder)
     assert sorted(cameras) == sorted(images) == [1, 2, 3]
-    told = read_layer_table(str(block / "result" / "block.gpkg"), "image_points")
-    ground = read_layer_table(str(block / "result" / "block.gpkg"), "ground_points")
-    residual = {
-        (image, name): np.hypot(dx, dy)
-        for image, name, dx, dy in zip(
-            told["image"], told["id"], told["residual_sample_px"], told["residual_line_px"], strict=True
-        )
-    }
+    ground, residual = read_adjusted(block)
     for number, (pose, camera, name, xy) in images.items():
         w, x, y, z, *t = pose
         rotation = np.array([
@@ -306,7 +300,8 @@ def test_colmap_project(block, factor):
         error = report["perspective"][name.removesuffix(".png")]
         assert error["max_px"] < 0.25  # well below what matching resolves
         ties = ground["role"][ids - 1] == "tie"  # residuals of GCPs are those of their surveyed positions
-        allowed = np.array([residual[name.removesuffix(".png"), ground["id"][one - 1]] for one in ids]) * factor
+        left = np.array([residual[name.removesuffix(".png"), ground["id"][one - 1]] for one in ids])
+        allowed = np.hypot(*left.T) * factor
         assert (np.hypot(*(projected - xy[:, :2]).T) < allowed + error["max_px"] + 1e-3)[ties].all()
         for row, one in enumerate(ids):  # the track leads back
             track = np.array(points[one][7:], int).reshape(-1, 2).tolist()
@@ -426,10 +421,8 @@ def test_points_project(block):
 
 
 def test_a_block_without_gcps_is_handed_over(block, tmp_path):
-    run(
-        "adjust", images=[str(block / "made" / f"image_{number}.tif") for number in (1, 2, 3)],
-        tie_points=str(block / "made" / "image_points.csv"), report=False, output_dir=str(tmp_path / "result"),
-    )  # fmt: skip
+    free = {"gcps": None, "image_points": None, "tie_points": str(block / "made" / "image_points.csv")}
+    adjust(block / "made", tmp_path / "result", **free)
     report = run("hand-over", result=str(tmp_path / "result"), to="points", output_dir=str(tmp_path / "out"))
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.json", "tie_points.las", "tie_points.ply"}
     assert report["warnings"] == []

@@ -13,11 +13,8 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.laboratory.interest_points import DETECTORS
-from hrsi.hrsi_engine.laboratory.interest_points.options import DETECTOR_SETS
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.command_line.cli import main
-from hrsi.processing_algorithms.laboratory.match import summarise
 
 
 def write(path: Path, grey: np.ndarray, nodata: int | None = None) -> Path:
@@ -45,10 +42,6 @@ def files(pair: TruePair, tmp_path_factory: pytest.TempPathFactory) -> list[Path
 def rows_of(path: Path, layer: str) -> list[dict]:
     dataset = ogr.Open(str(path))
     return [feature.items() for feature in dataset.GetLayerByName(layer)]
-
-
-def test_choices_are_the_engine_s():
-    assert {name for names in DETECTOR_SETS.values() for name in names} == set(DETECTORS)
 
 
 def test_results_are_written(files: list[Path], pair: TruePair, tmp_path: Path):
@@ -94,16 +87,6 @@ def test_windows_of_one_file_get_ids_of_their_own(files: list[Path], tmp_path: P
     np.testing.assert_allclose(moved, 0.0, atol=1e-3)  # the same pixels
 
 
-def test_no_match_is_a_status(files: list[Path], tmp_path: Path):
-    flat = write(tmp_path / "flat.tif", np.full((300, 300), 700, np.uint16))
-    report = run("match", images=[files[0], flat], output_dir=tmp_path / "out", threads=1)
-    assert (report["status"], report["correspondences"]) == ("no match", 0)
-    assert "second window has 0 interest points" in report["unsolved"]
-    assert summarise(report) == "first and flat: no match"
-    assert rows_of(tmp_path / "out" / "match.gpkg", "correspondences") == []
-    assert json.loads((tmp_path / "out" / "report.json").read_text())["rotation_deg"] is None
-
-
 @pytest.mark.parametrize("form", [[], ["--json"], ["--quiet"]])
 def test_no_match_ends_with_1_on_the_command_line(
     files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture, form: list[str]
@@ -121,7 +104,8 @@ def test_no_match_ends_with_1_on_the_command_line(
     else:
         assert ("first and flat: no match\n" in told.err) == (not form)
         assert told.out.splitlines() == ([] if form else [str(path) for path in sorted(out.iterdir())])
-    assert written["rotation_deg"] is None
+    assert (written["status"], written["correspondences"], written["rotation_deg"]) == ("no match", 0, None)
+    assert rows_of(out / "match.gpkg", "correspondences") == []
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.jitter_files import JitterFile
-from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.command_line.cli import main
 
@@ -161,24 +160,6 @@ def test_a_dem_is_not_replaced_by_its_orthoimage(folder: Path, tmp_path: Path) -
             run("orthorectify", images=[str(folder / "image_1.tif")], dem=str(dem), output_dir=str(output),
                 overwrite=True)  # fmt: skip
     assert digests(output) == before
-
-
-def test_an_images_only_rpc_file_comes_back(folder: Path, tmp_path: Path) -> None:
-    """Written by this program or not: beside an image without RPC it is all there is."""
-    images = [folder / f"image_{number}.tif" for number in (1, 2, 3)]
-    for image in images:
-        gdal.Translate(str(tmp_path / "plain.tif"), str(image), creationOptions=["PROFILE=BASELINE"])
-        shutil.move(tmp_path / "plain.tif", image)
-        rpc = read_rpc(str(folder / f"{image.stem}_RPC.TXT")).rpc
-        write_rpc_text(str(folder / f"{image.stem}_RPC.TXT"), rpc)
-    before = digests(folder)
-    for how in ("sidecar", "in-place"):
-        adjust(folder, folder, write=how, overwrite=True)
-        run("write-rpc", images=[str(image) for image in images], restore=True)
-        after = digests(folder)
-        assert {name: after[name] for name in before if "RPC" in name} == {
-            name: before[name] for name in before if "RPC" in name
-        }
 
 
 @pytest.mark.killed

@@ -1,6 +1,5 @@
 """`ortho-check` on orthoimages with known shifts, and the whole way from a simulated block to the true orthophoto."""
 
-import json
 import os
 import sqlite3
 from pathlib import Path
@@ -184,6 +183,5 @@ def test_refined_orthoimages_lie_on_the_true_orthophoto(tmp_path: Path) -> None:
     orthos = [str(tmp_path / "orthos" / f"image_{k}_ortho.tif") for k in (1, 2)]
     report = run("ortho-check", images=orthos, reference=str(block / "orthophoto.tif"), most=8,
                  output_dir=str(tmp_path / "check"))  # fmt: skip
-    print(json.dumps({pair["second"]: pair["after"] for pair in report["pairs"]}, indent=1))
     for pair in report["pairs"]:
         assert pair["after"]["windows"] > 20 and pair["after"]["median_px"] < 0.2

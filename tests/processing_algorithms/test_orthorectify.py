@@ -1,6 +1,5 @@
 """`orthorectify`: pixels against gdalwarp's, formats, datums, what is kept and what is told."""
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -373,12 +372,6 @@ def test_cancelling_leaves_finished_images_only(scene: Path, tmp_path: Path) -> 
     assert [report["images"][name]["status"] for name in "ab"] == ["kept", "made"]
 
 
-def test_threads_do_not_change_pixels(scene: Path, tmp_path: Path) -> None:
-    for threads in (1, 3):
-        ortho(scene, tmp_path / str(threads), threads=threads, resolution=0.5)
-    assert (pixels(tmp_path / "1" / "a_ortho.tif") == pixels(tmp_path / "3" / "a_ortho.tif")).all()
-
-
 @pytest.mark.parametrize("compression", sorted(COMPRESSION))
 def test_formats_hold_the_same_pixels(scene: Path, tmp_path: Path, compression: str) -> None:
     """Chunks smaller than a tile, too: here two image pixels and more lie in one of the map."""
@@ -426,15 +419,6 @@ def test_faults_are_told(scene: Path, tmp_path: Path, options: dict[str, Any], m
     assert not os.listdir(tmp_path)
 
 
-def test_a_dem_elsewhere_is_told(scene: Path, tmp_path: Path) -> None:
-    dem = write_dem(tmp_path / "far.tif")
-    dataset = gdal.Open(dem, gdal.GA_Update)
-    dataset.SetGeoTransform((10.0, 1e-4, 0.0, 50.0, 0.0, -1e-4))
-    del dataset
-    with pytest.raises(InputError, match="a: the DEM has no heights where the image lies"):
-        ortho(scene, tmp_path / "out", dem=dem)
-
-
 def test_an_rpc_file_alone_has_no_pixels(scene: Path, tmp_path: Path) -> None:
     write_rpc_text(str(tmp_path / "x_RPC.TXT"), camera())
     with pytest.raises(InputError, match="without pixels"):
@@ -452,13 +436,6 @@ def test_every_kernel_shows_the_image(scene: Path, tmp_path: Path, resampling: s
     ortho(scene, tmp_path, extent=BOX, resolution=2.0, resampling=resampling, format="gtiff", compression="none")
     values = pixels(tmp_path / "a_ortho.tif")
     assert (values > 0).all() and 1000 < values.mean() < 2500
-
-
-def test_the_report_page_and_json(scene: Path, tmp_path: Path) -> None:
-    ortho(scene, tmp_path, extent=BOX, report=True)
-    assert "a_ortho.tif" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
-    assert report["algorithm"] == "orthorectify" and report["images"]["a"]["status"] == "made"
 
 
 def test_changed_pixels_are_noticed_though_size_and_time_are_the_same(scene: Path, tmp_path: Path) -> None:

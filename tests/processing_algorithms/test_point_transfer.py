@@ -67,8 +67,6 @@ def test_ties_are_transferred(session: PointSession, truth: Truth, is_adjusted: 
                     off.append(np.hypot(*np.subtract(one.xy, places[image])))
                     sigma.append(one.sigma_px)
     rmse = float(np.sqrt(np.mean(np.square(off))))
-    print(f"{'adjusted' if is_adjusted else 'RPCs as delivered'}: {len(off)} of {asked} transferred, "
-          f"{rmse:.3f} px from the truth, worst {max(off):.2f}; sigma said {np.median(sigma):.3f}")  # fmt: skip
     assert asked > 24 and len(off) > 0.6 * asked
     assert rmse < RMSE_PX and max(off) < WORST_PX
 

@@ -101,8 +101,6 @@ def test_a_thousand_images(small: tuple[Adjustment, Residuals], tmp_path: Path) 
     result, size, seconds = page_of(small, copied, tmp_path / "page.html")
     left = many_residuals(small[1], copied)
     known = int(result.block.known.sum())
-    ties = len(result.block.points) - known
-    print(f"{len(result.block.images)} images, {ties} ties: {size / 1e6:.2f} MB in {seconds:.1f} s of CPU")
     assert len(result.block.images) >= 1000
     assert size < MOST_BYTES
     assert seconds < MOST_SECONDS

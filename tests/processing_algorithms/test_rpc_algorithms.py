@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from osgeo import ogr
 
 import hrsi
 from hrsi.hrsi_engine.camera.rpc import RPC
@@ -109,27 +108,6 @@ def test_nobody_waits_for_a_person(scene: tuple[str, RPC], monkeypatch: pytest.M
 
 
 # ---- point files -----------------------------------------------------------------------------------------------
-
-
-def test_point_files_through_both_ways(scene: tuple[str, RPC], tmp_path: Path) -> None:
-    path, rpc = scene
-    ground = np.random.default_rng(51).uniform((11.97, 47.97, 0), (12.03, 48.03, 600), (30, 3))
-    points = write_rows(tmp_path / "ground.csv", "lon,lat,height", ground)
-    report = run("project", images=[path], points=points, height_datum="ellipsoidal")
-    image = np.array([[row["sample"], row["line"]] for row in report["points"]])
-    np.testing.assert_allclose(image, rpc.project(ground), atol=1e-9)
-    assert report["points"][3]["id"] == "p3"
-
-    measured = write_rows(tmp_path / "image.csv", "sample,line,height", np.column_stack([image, ground[:, 2]]))
-    out = tmp_path / "out"
-    report = run("localize", images=[path], points=measured, output_dir=str(out))
-    assert report["count"] == 30
-    assert "points" not in report
-    dataset = ogr.Open(str(out / "points.gpkg"))  # kept: a layer does not outlive its dataset
-    found = np.array([[*feature.geometry().GetPoint()] for feature in dataset.GetLayerByName("ground_points")])
-    np.testing.assert_allclose(found, ground, rtol=0, atol=1e-9)
-    with pytest.raises(InputError, match="overwrite"):
-        run("localize", images=[path], points=measured, output_dir=str(out))
 
 
 def test_points_without_height_take_the_dem(real_data: Path, tmp_path: Path) -> None:

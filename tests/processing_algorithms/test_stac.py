@@ -113,14 +113,8 @@ def test_items_lead_back_to_the_refined_block(refined: Path):
 
 @pytest.mark.parametrize("write", ["sidecar", "vrt"])
 def test_pixels_that_stay_where_they_are(write: str, sources: Path, options: dict[str, Any], tmp_path: Path):
-    run(
-        "adjust",
-        images=[str(sources / "items.json")],
-        output_dir=str(tmp_path / "out"),
-        stac=True,
-        write=write,
-        **options,
-    )
+    given = {"images": [str(sources / "items.json")], "output_dir": str(tmp_path / "out"), "write": write}
+    run("adjust", stac=True, **given, **options)
     assets = read(tmp_path / "out", "stac.json")["features"][1]["assets"]
     if write == "vrt":
         assert assets["image"]["href"] == "./hobart_ikonos_2.vrt"

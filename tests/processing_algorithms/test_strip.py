@@ -199,7 +199,6 @@ def test_parts_of_worldview_1(wv1: tuple[list[str], RPC, tuple[int, int]], tmp_p
             ground = rpc.localize(xy, height).ground
             worst.append(np.hypot(*(strip.project(ground) - xy - [0, line]).T).max())
             beyond.append(np.hypot(*(whole.project(ground) - xy - [0, line]).T).max())
-    print(f"WorldView-1, P001 + P002: {max(worst):.3f} px from the parts; RPC of dg_mosaic {max(beyond):.1f} px")
     assert max(worst) < HOLD_PX
     assert entry["rpc_fit_max_px"] == pytest.approx(max(worst), abs=0.02)
 
@@ -220,7 +219,6 @@ def test_a_strip_cut_into_parts_is_the_strip(wv1: tuple[list[str], RPC, tuple[in
         np.hypot(*(strip.rpc.project(whole.localize(xy, height).ground) - xy).T).max()
         for height in (*whole.height_range, whole.height_off)
     ]
-    print(f"WorldView-1, strip of {lines} lines in {len(parts)} parts: {max(off):.2g} px from the strip's RPC")
     assert max(off) < HOLD_PX
 
 

@@ -26,20 +26,27 @@ from hrsi.processing_algorithms import run
 SIZE = 420
 
 
+def make_block(folder: Path, scene: dict[str, Any], images: int = 3, **options: Any) -> None:
+    """Simulate images into ``made``, and adjust them into ``result``."""
+    made = folder / "made"
+    run("simulate", images=images, output_dir=str(made), **scene)
+    run(
+        "adjust", images=sorted(map(str, made.glob("image_?.tif"))), gcps=str(made / "ground_points.csv"),
+        image_points=str(made / "image_points.csv"), height_datum="ellipsoidal", report=False,
+        output_dir=str(folder / "result"), **options,
+    )  # fmt: skip
+
+
+EXACT = {"size": SIZE, "gcps": 30, "ties": 100, "noise_image": 0.02, "noise_gcp_xy": 0.01, "noise_gcp_h": 0.01,
+         "vendor_error": 0.0}  # fmt: skip
+SIGMAS = {"sigma_gcp_xy": 0.01, "sigma_gcp_h": 0.01, "sigma_image": 0.05}
+
+
 @pytest.fixture(scope="module")
 def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three simulated images of hills with exact RPCs, and the block adjusted with many GCPs."""
     folder = tmp_path_factory.mktemp("block")
-    made = folder / "made"
-    run(
-        "simulate", images=3, along="-10,0,10", size=SIZE, gcps=30, checks=2, ties=100, landform="hills", seed=11,
-        noise_image=0.02, noise_gcp_xy=0.01, noise_gcp_h=0.01, vendor_error=0.0, output_dir=str(made),
-    )  # fmt: skip
-    run(
-        "adjust", images=[str(made / f"image_{k}.tif") for k in (1, 2, 3)], gcps=str(made / "ground_points.csv"),
-        image_points=str(made / "image_points.csv"), height_datum="ellipsoidal", report=False, sigma_gcp_xy=0.01,
-        sigma_gcp_h=0.01, sigma_image=0.05, output_dir=str(folder / "result"),
-    )  # fmt: skip
+    make_block(folder, EXACT | {"along": "-10,0,10", "checks": 2, "landform": "hills", "seed": 11}, **SIGMAS)
     return folder
 
 
@@ -133,13 +140,8 @@ def test_stopped_run_continues(block: Path, surface: tuple[Path, dict]):
 
 def test_pair_without_angle_is_refused(block: Path, tmp_path: Path):
     """Two images from the same direction: the message has the angle of the pair."""
-    made = tmp_path / "made"
-    run("simulate", images=2, along="0,0.4", size=160, gcps=8, checks=0, ties=40, seed=2, output_dir=str(made))
-    run(
-        "adjust", images=[str(made / f"image_{k}.tif") for k in (1, 2)], gcps=str(made / "ground_points.csv"),
-        image_points=str(made / "image_points.csv"), height_datum="ellipsoidal", report=False, force_write=True,
-        output_dir=str(tmp_path / "result"),
-    )  # fmt: skip
+    scene = {"along": "0,0.4", "size": 160, "gcps": 8, "checks": 0, "ties": 40, "seed": 2}
+    make_block(tmp_path, scene, images=2, force_write=True)
     with pytest.raises(InputError, match=r"image_1 and image_2: convergence 0\.\d\d deg"):
         run("surface-model", result=str(tmp_path / "result"), output_dir=str(tmp_path / "surface"))
 
@@ -254,16 +256,8 @@ def test_disparities_have_no_preference_for_whole_pixels():
 @pytest.mark.parametrize("seed", mark_beyond(1, "thorough", [71, 72, 73]))
 def test_roofs_without_texture_say_so(tmp_path: Path, seed: int):
     """A city of uniform roofs between lit and dark walls: less than a tenth is wrong by 1 m and three sigma."""
+    make_block(tmp_path, EXACT | {"along": "-12,2,14", "checks": 0, "landform": "city", "seed": seed}, **SIGMAS)
     made, result = tmp_path / "made", tmp_path / "result"
-    run(
-        "simulate", images=3, along="-12,2,14", size=420, landform="city", gcps=30, checks=0, ties=100, seed=seed,
-        noise_image=0.02, noise_gcp_xy=0.01, noise_gcp_h=0.01, vendor_error=0.0, output_dir=str(made),
-    )  # fmt: skip
-    run(
-        "adjust", images=[str(made / f"image_{k}.tif") for k in (1, 2, 3)], gcps=str(made / "ground_points.csv"),
-        image_points=str(made / "image_points.csv"), height_datum="ellipsoidal", report=False, sigma_gcp_xy=0.01,
-        sigma_gcp_h=0.01, sigma_image=0.05, output_dir=str(result),
-    )  # fmt: skip
     run("surface-model", result=str(result), output_dir=str(tmp_path / "surface"), report=False, resolution=0.7)
     grid = gdal.Open(str(tmp_path / "surface" / "surface.tif"))
     height, sigma, _ = grid.ReadAsArray()

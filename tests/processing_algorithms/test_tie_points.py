@@ -22,15 +22,8 @@ from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.point_files import ogr_layer, read_points
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.laboratory.simulated_files import write_image
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    Noise,
-    PointCounts,
-    SceneSpec,
-    make_along_track_views,
-    simulate_block,
-)
 from hrsi.hrsi_engine.laboratory.simulation.render import render_window
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.measurement.block_matching import search, star
@@ -239,9 +232,9 @@ def test_changed_pixels_are_matched_again_though_size_and_time_are_the_same(pair
 @pytest.mark.parametrize("trap", mark_beyond(0, "rendered", ["negative", "cliffs"]))
 def test_a_negative_and_cliffs_give_no_false_tie_points(tmp_path: Path, trap: str) -> None:
     """Through the command line, against the cameras and the surface that made the images."""
-    simulated = simulate_block(
-        SceneSpec(seed=3, cliff_m=60.0 if trap == "cliffs" else 0.0),
-        make_along_track_views(SENSORS["pleiades"], 2, (500, 500)), PointCounts(0, 0, 10), Noise(),
+    simulated = lab.simulate_block(
+        lab.SceneSpec(seed=3, cliff_m=60.0 if trap == "cliffs" else 0.0),
+        lab.make_along_track_views(lab.SENSORS["pleiades"], 2, (500, 500)), lab.PointCounts(0, 0, 10), lab.Noise(),
     )  # fmt: skip
     files = []
     for index, image in enumerate(simulated.block.images):

@@ -113,15 +113,6 @@ def test_image_without_pixels_becomes_a_sidecar(new: Path, tmp_path: Path) -> No
     assert report["images"]["image"]["output"] == str(tmp_path / "out" / "image_RPC.TXT")
 
 
-def test_sidecar_beside_the_image(image: Path, new: Path) -> None:
-    run(image, rpc=new, write="sidecar")
-    assert read_rpc(str(image)).rpc == NEW
-    with pytest.raises(InputError, match="exists already"):
-        run(image, rpc=new, write="sidecar")
-    run(image, restore=True)
-    assert read_rpc(str(image)).rpc == OLD
-
-
 def test_refused_before_anything_is_written(image: Path, new: Path, tmp_path: Path) -> None:
     write_image(tmp_path / "second.tif", NEW)
     bare = tmp_path / "bare.tif"

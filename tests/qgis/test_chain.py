@@ -52,8 +52,7 @@ def test_model_runs_in_qgis_process(block: Path, tmp_path: Path) -> None:
     ortho = reports["orthorectify"]
     assert Path(ortho["settings"]["dem"]).parent == folders["surfacemodel"] and ortho["settings"]["visibility"]
     assert Path(ortho["mosaic"]["output"]).exists() and Path(ortho["mosaic"]["seamlines"]).exists()
-    (pair,) = reports["orthocheck"]["pairs"]
-    print(f"misregistration of the model's orthoimages: {pair}")
+    assert len(reports["orthocheck"]["pairs"]) == 1
 
 
 def test_model_is_the_one_that_the_script_makes(tmp_path: Path) -> None:

@@ -243,7 +243,6 @@ def test_cancel_within_a_second(hrsi_provider, pixels: Path, tmp_path: Path, nam
     if successful:
         pytest.skip(f"{name} was done before it could be cancelled")
     seconds, busy = ended_at - cancelled_at[0][0], cpu_at_end - cancelled_at[0][1]
-    print(f"{name}: stopped {seconds:.2f} s after the cancel, {busy:.2f} s of them computing")
     assert min(seconds, busy) < CANCEL_S  # other programs may keep the processors busy
     left = [path for path in folder.rglob("*.*") if not path.name.startswith(".")] if folder.exists() else []
     if seconds < AT_THE_END_S and folder / "report.json" in left:  # QGIS calls that unsuccessful, too

@@ -1,6 +1,5 @@
 """The tour as a newcomer takes it: by its buttons and clicks on the image; and how it is skipped for ever."""
 
-import time
 from pathlib import Path
 
 import pytest
@@ -41,7 +40,7 @@ def press(button: QPushButton) -> None:
 
 
 def test_tour_from_nothing_to_arrows(tour: FirstSteps) -> None:
-    dock, start = tour._dock, time.process_time()
+    dock = tour._dock
     assert [button.isEnabled() for button in tour.buttons] == [True, False, False, False]
     assert not tour.isModal()
     press(tour.buttons[0])
@@ -68,7 +67,6 @@ def test_tour_from_nothing_to_arrows(tour: FirstSteps) -> None:
     layers = {layer.name(): layer for layer in QgsProject.instance().mapLayers().values()}
     assert {"images", "residuals_utm"} <= set(layers)
     assert layers["residuals_utm"].featureCount() > 0 and not dock.session.changed
-    print(f"tour: {time.process_time() - start:.1f} s CPU, 4 buttons and a click on the image")
 
 
 def test_one_click_skips_it_for_ever(tour: FirstSteps) -> None:

@@ -97,11 +97,6 @@ def test_ten_gcps_on_three_images(dock, block: Path, truth: Truth) -> None:
             wait_for(lambda: is_at_rest(dock))
         missed += [(name, image) for image in wanted if (name, image) not in dock.session.measured]
     off = [np.hypot(one.sample - truth[key][0], one.line - truth[key][1]) for key, one in dock.session.measured.items()]
-    print(
-        f"10 GCPs on 3 images off by 80 px: {actions} actions, {len(off)} measurements, of which {found} found by "
-        f"matching, RMS {np.sqrt(np.mean(np.square(off))):.3f} px, largest {max(off):.3f} px from the truth; "
-        f"not measured: {missed}"
-    )
     assert actions <= MOST_ACTIONS
     assert not missed
     assert max(off) < LARGEST_PX
@@ -109,7 +104,6 @@ def test_ten_gcps_on_three_images(dock, block: Path, truth: Truth) -> None:
     predicted = [
         np.hypot(*(dock.session.predict_place(*key) - place)) for key, place in truth.items() if key[0][0] == "G"
     ]
-    print(f"predicted places after it: largest {max(predicted):.3f} px from the truth")
     assert max(predicted) < LARGEST_PX
 
 
@@ -198,7 +192,6 @@ def test_center_takes_what_is_seen_where_no_shape_is(dock, block: Path, truth: T
             assert dock.session.fit("image_1", tuple(xy), "center", is_seen=False).refusal
         else:
             moved.append(float(np.hypot(fit.measured.sample - xy[0], fit.measured.line - xy[1])))
-    print(f"{len(clicks)} clicks on texture: {len(clicks) - len(moved)} taken as they are, others moved by {moved} px")
     assert len(moved) <= 0.05 * len(clicks)  # the ground has a few closed shapes of its own
     for place in targets:
         assert dock.session.fit("image_1", tuple(place + (3.4, -2.6)), "center").measured.kind == "center"
@@ -253,8 +246,6 @@ def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int, is
         assert dock.session.history.state != before
         dock.undo()
         wait_for(lambda: is_at_rest(dock))
-    what = "measured" if is_measured else "new"
-    print(f"a click on a {what} point with {number} images: {min(took):.3f} s CPU (median {np.median(took):.3f})")
     assert min(took) <= LONGEST_CLICK_S
 
 

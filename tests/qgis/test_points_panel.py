@@ -127,8 +127,6 @@ def test_map_coordinates_are_sample_and_minus_line(dock, simulated: Path) -> Non
 
 def test_click_measures_to_subpixel(clicked) -> None:
     distances = clicked[1]
-    print(f"clicks {CLICK_OFF} px off: {len(distances)} targets, mean {sum(distances) / len(distances):.3f} px, "
-          f"largest {max(distances):.3f} px from the truth")  # fmt: skip
     assert len(distances) == 20
     assert sum(distances) / len(distances) < SUBPIXEL / 2.0
     assert max(distances) < SUBPIXEL
@@ -163,7 +161,6 @@ def test_save_adjust_and_reopen(measured, tmp_path: Path) -> None:
     assert all(abs(part) < 0.5 for row in rows for part in row.residual_m)  # metres, of pixels of 0.7 m
     assert "Verdict: " in measured.ui.message.text().splitlines()[0]
     check = measured.session.adjusted.check
-    print(f"check points after the panel's adjustment: CE90 {check['ce90_m']:.3f} m, LE90 {check['le90_m']:.3f} m")
     assert check["points"] == 3
     columns = measured.points_model.titles
     texts = [measured.points_model.index(0, columns.index(title)).data() for title in ("dE m", "dN m", "dH m")]

@@ -593,10 +593,7 @@ def test_many_images_and_points_answer_at_once(dock, large: PointSession, live: 
         assert large.measured[key].sample == pytest.approx(place.sample + step, abs=0.6)
         if live:
             assert large.measurement(*key).residual_px[0] == pytest.approx(step, abs=1.0 + 0.1 * step)
-    fastest = min(took)
-    what = "residuals of the block as measured now" if live else "the redrawn panel"
-    print(f"a click with 50 images x 500 points: {fastest:.3f} s CPU to {what} (fastest of {len(took)})")
-    assert fastest < 0.4  # 0.2 s is the aim; a machine whose processors others use takes twice the CPU seconds
+    assert min(took) < 0.4  # 0.2 s is the aim; a machine whose processors others use takes twice the CPU seconds
     large.note_save("")
 
 
@@ -658,7 +655,6 @@ def test_tie_points_are_clicked_once_and_found_in_the_other_images(dock, rendere
             wanted = np.array(truth[(name, image)]) + (clicked.sample - sample, clicked.line - line)
             off.append(float(np.hypot(made.sample - wanted[0], made.line - wanted[1])))
             assert made.kind == "transfer"
-    print(f"{len(off)} transferred by keys: mean {np.mean(off):.3f} px, largest {max(off):.3f} px from the truth")
     assert len(off) >= 5 and max(off) < 0.5
     known = dict(dock.session.measured)
     press(dock, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)

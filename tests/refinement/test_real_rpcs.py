@@ -36,7 +36,6 @@ def test_written_rpcs_do_what_the_model_does(path, real_data):
             pytest.skip(f"no RPC: {error}")
     largest = {name: difference_px(model, image) for name, model in SINGLE_IMAGE_MODELS.items()}
     worst = max(largest, key=lambda name: largest[name])
-    print(f"{path.name}: {len(largest)} models, largest difference {largest[worst]:.1e} px ({worst})")
     assert largest[worst] <= 0.01
 
 

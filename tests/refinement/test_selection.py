@@ -11,14 +11,7 @@ from real_control import ZY3_CONTROL, quickbird, rmse_2d, ziyuan
 from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    Noise,
-    PointCounts,
-    SceneSpec,
-    make_along_track_views,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.refinement import MODELS, selection
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
 from hrsi.hrsi_engine.refinement.model_table import RefineOptions
@@ -138,9 +131,9 @@ def test_what_has_no_minimum_is_not_taken_unjudged(image, monkeypatch):
 
 def test_heights_that_nothing_explains_are_found_wrong_and_not_bent_to():
     """Two of seven heights 120 m too high: the generic method misses them least, by ten pixels, and is no model."""
-    views = make_along_track_views(SENSORS["pleiades"], 2, (2000, 2000))
-    scene = SceneSpec(relief_m=100.0, seed=30)
-    block = simulate_block(scene, views, PointCounts(7, 10, 100), Noise()).block
+    views = lab.make_along_track_views(lab.SENSORS["pleiades"], 2, (2000, 2000))
+    scene = lab.SceneSpec(relief_m=100.0, seed=30)
+    block = lab.simulate_block(scene, views, lab.PointCounts(7, 10, 100), lab.Noise()).block
     wrong = np.flatnonzero(block.points.role == Role.GCP)[:2]
     ground = block.points.ground.copy()
     ground[wrong, 2] += 120.0
@@ -164,8 +157,6 @@ def test_quickbird(real_data):
     found = refine_image(image, control)
     left_out = rmse_2d(found.estimate.left_out_px)
     affine = rmse_2d(estimate(MODELS["affine"], image, control).left_out_px)
-    print(f"QB2: before {before:.3f} px, {found.model.name}, leave-one-out {left_out:.3f} px (affine {affine:.3f})")
-    print(found.choice.reason)
     assert before == pytest.approx(3.639, abs=0.005)
     assert found.model.name == "shift"
     assert left_out <= 0.135
@@ -177,8 +168,6 @@ def test_quickbird_with_a_blunder(real_data, index):
     image, control = quickbird(real_data)
     found = refine_image(image, with_blunder(control, index))
     after = rmse_2d(control.xy - found.model.project(image, found.estimate.values, control.ground))
-    named = [suspect.id for suspect in found.left_out]
-    print(f"40 px at {control.ids[index]}: named {named}, all 5 true positions to {after:.3f} px")
     assert [suspect.id for suspect in found.left_out] == [control.ids[index]]
     assert found.model.name == "shift"
     assert after < 0.2
@@ -197,8 +186,6 @@ def test_ziyuan(real_data, name, most):
             figures[key] = rmse_2d(refinement.residuals_px(check))
     best = min(figures, key=lambda key: figures[key])
     ours = rmse_2d(generic.residuals_px(check))
-    print(f"ZY-3 {name}: shift {figures['shift']:.3f} px, generic ({generic.model.name}) {ours:.3f} px, ", end="")
-    print(f"auto {chosen.model.name}, best {best} {figures[best]:.3f} px; {generic.choice.reason}")
     assert figures["shift"] <= most
     assert chosen.model.name == "shift"
     assert ours <= 1.05 * figures[best]

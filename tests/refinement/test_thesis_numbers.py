@@ -34,7 +34,6 @@ def test_no_printed_number_is_open(numbers):
 def test_most_numbers_are_those_of_the_thesis(numbers, table, least):
     of_table = [number for number in numbers if number.table == table]
     same = np.mean([number.status in (EQUAL, CHANCE) for number in of_table])
-    print(f"table {table}: {len(of_table)} numbers, {same:.0%} equal or within chance")
     assert len(of_table) >= 20
     assert same >= least
 
@@ -50,7 +49,6 @@ def test_residuals_of_bias_compensation_are_equal_to_the_last_digit(numbers):
 def test_residuals_of_the_formulas_are_met(numbers):
     """0.05 px: what 100 km of the pseudo sensor's height, which is not printed, changes."""
     away = [abs(n.ours - float(n.printed)) for n in numbers if n.table == RESIDUALS and n.column.startswith("generic")]
-    print(f"{len(away)} residuals, at most {max(away):.3f} px from the printed ones")
     assert len(away) == 200
     assert max(away) <= 0.05
 
@@ -58,7 +56,6 @@ def test_residuals_of_the_formulas_are_met(numbers):
 def test_the_printed_residuals_give_the_geometry(thesis_data):
     """The owner of SPOT 5 states 3.004 microradians (6.5 um / 1.082 m / 2) and 2660 lines a second."""
     geometry, left = fit_geometry(thesis_data)
-    print(geometry, {case: round(px, 4) for case, px in left.items()})
     assert abs(geometry.pixel_urad / 3.004 - 1.0) <= 0.005
     assert abs(geometry.lines_per_s / 2660.0 - 1.0) <= 0.005
     assert all(left[case] <= 0.05 for case in (3, 4, 5, 6, 9))

@@ -13,30 +13,21 @@ from hrsi.hrsi_engine.block.block import Block
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.io.pages.report import write_report_html
 from hrsi.hrsi_engine.io.rasters.sun_angles import read_line_rate
-from hrsi.hrsi_engine.laboratory.simulation import (
-    SENSORS,
-    Noise,
-    OrientationError,
-    PointCounts,
-    SceneSpec,
-    Vibration,
-    make_along_track_views,
-    simulate_block,
-)
+from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.results.block_results import BlockResult, assemble_result
 from hrsi.hrsi_engine.results.judged_block import judge_block
 
-SENSOR = SENSORS["pleiades"]
+SENSOR = lab.SENSORS["pleiades"]
 PERIOD = 1200.0
 
 
 def simulate_pair(amplitude_px: float) -> Block:
     """Return two images of which the first vibrates, with GCPs, check points and tie points without pixels."""
-    first, second = make_along_track_views(SENSOR, 2, (3000, 9000))
+    first, second = lab.make_along_track_views(SENSOR, 2, (3000, 9000))
     waves = ((PERIOD, amplitude_px * SENSOR.detector_angle_rad, 0.4),)
-    shaken = replace(first, jitter=OrientationError(vibration=Vibration(waves=waves)))
-    scene = SceneSpec(10.0, 45.0, 300.0, relief_m=150.0, seed=12)
-    return simulate_block(scene, [shaken, second], PointCounts(8, 40, 500), Noise(0.2)).block
+    shaken = replace(first, jitter=lab.OrientationError(vibration=lab.Vibration(waves=waves)))
+    scene = lab.SceneSpec(10.0, 45.0, 300.0, relief_m=150.0, seed=12)
+    return lab.simulate_block(scene, [shaken, second], lab.PointCounts(8, 40, 500), lab.Noise(0.2)).block
 
 
 def assemble_results(block: Block) -> BlockResult:

@@ -108,7 +108,6 @@ def test_check_points_are_judged_with_what_was_predicted(options, scene, single)
     # 240 points, whose common part is that of four blocks: known to about 10 %
     for level, found in squares.items():
         ratio = np.sqrt(np.mean(found, axis=0))
-        print(level, ratio)
         assert len(ratio) == 3 - (single or level == "image")
         np.testing.assert_allclose(ratio, 1.0, atol=0.2)
     assert outliers <= 4  # one in 1000 to 3000 of 960 rows, three of one point together
