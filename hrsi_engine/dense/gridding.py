@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..foundation.pixel_filters import load_opencv
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 from ..ortho.grid import GridWindow
 
 
@@ -22,7 +22,6 @@ class GRIDDING:
     """Gridding of matched points, and fusion of pairs."""
 
     level_px: float = threshold(1.0, "px", "largest height difference of the points of a cell, in disparity")
-    outlier: float = threshold(3.0, "sigma", "deviation of a pair from the others above which it is not used")
 
 
 WIDTH_CELLS = 0.5  #: standard deviation of the Gaussian weights of points
@@ -138,9 +137,9 @@ def fuse_heights(heights: np.ndarray, sigmas: np.ndarray) -> FusedHeights:
     for _ in range(FUSION_ROUNDS):
         # Geman and McClure's weights: a surface has no steps where a pair begins to contradict
         deviation = (filled - height) / np.hypot(np.where(use, sigmas, 1.0), smallest)
-        robust = weight / (1.0 + (deviation / GRIDDING.outlier) ** 2) ** 2
+        robust = weight / (1.0 + (deviation / SIGNIFICANCE.sigmas) ** 2) ** 2
         height = (robust * filled).sum(axis=0) / np.maximum(robust.sum(axis=0), 1e-30)
-    agrees = use & (np.abs(deviation) <= GRIDDING.outlier)
+    agrees = use & (np.abs(deviation) <= SIGNIFICANCE.sigmas)
     count = agrees.sum(axis=0)
     # Where as many pairs contradict a height, their scatter is its standard deviation
     counted = agrees | (use & (2 * count <= use.sum(axis=0)))

@@ -37,7 +37,6 @@ from .tile_matching.types import TilePairGeometry
 class LASER_TIES:
     """Selection of laser points, and of tie points around them."""
 
-    most_points: int = threshold(2000, "laser points", "largest number in use, of more an even choice")
     radius_m: float = threshold(15.0, "m", "largest distance of tie points", "footprints: ICESat-2 11 m, GEDI 25 m")
 
 
@@ -65,7 +64,7 @@ def measure_laser_ties(
     usable = [number for number, image in enumerate(images) if image.raster is not None]
     certain = np.flatnonzero(laser.doubt == "")
     rows = certain[np.lexsort((laser.ground[certain, 0], laser.ground[certain, 1], laser.track[certain]))]
-    rows = rows[:: max(1, int(np.ceil(len(rows) / LASER_TIES.most_points)))]
+    rows = rows[:: max(1, int(np.ceil(len(rows) / SAMPLES.large)))]
     windows = _plan_windows(images, usable, laser.ground[rows])
     with open_calls(threads=thread_count(threads)) as calls:
         matches_by_image = []

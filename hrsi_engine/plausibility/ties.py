@@ -18,9 +18,9 @@ import numpy as np
 from ..block.block import Block, Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from ..foundation.thresholds import EQUALITY, MEMORY, SAMPLES, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..ground.geodesy import move_ground
-from .accuracy import SIMULATED, ImageAccuracy
+from .accuracy import ACCURACY, SIMULATED, ImageAccuracy
 from .control import StraightRays, compute_sightlines
 from .mistakes import PIXEL_MISTAKES, Mistake
 
@@ -29,7 +29,6 @@ from .mistakes import PIXEL_MISTAKES, Mistake
 class TIE_CHECK:
     """Limits for tie points whose rays do not intersect, by pairs of images."""
 
-    sample_per_pair: int = threshold(60, "points", "largest number of points of a pair that are tested")
     least_slope: float = threshold(
         0.005,
         "m/m",
@@ -37,9 +36,6 @@ class TIE_CHECK:
         "m; with 0.02 every twentieth pair of correct blocks failed",
         "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
     )
-    miss_px: float = threshold(4.0, "px", "largest distance of the rays of a correct point, or …", SIMULATED)
-    miss_sigmas: float = threshold(6.0, "sigma", "… in standard deviations of the measurement, or …", SIMULATED)
-    miss_drift: float = threshold(3e-4, "px/px", "… by drift over half an image (the largest of these)", SIMULATED)
     largest_drift: float = threshold(4e-3, "px/px", "largest relative drift of two RPCs", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
     bulk_sigmas: float = threshold(8.0, "sigma", "largest mode of ray distances by errors of the RPCs", SIMULATED)
@@ -109,7 +105,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     sizes = np.diff(np.r_[starts, len(key)])
     pair = np.repeat(np.arange(len(starts)), sizes)
-    per_pair = max(SAMPLES.tested, min(TIE_CHECK.sample_per_pair, MEMORY.rows // len(starts)))
+    per_pair = max(SAMPLES.tested, min(SAMPLES.local, MEMORY.rows // len(starts)))
     # every k-th point of a pair: a point is taken where rank * wanted / size passes the next integer
     rank = np.arange(len(key)) - starts[pair]
     quota = np.minimum(sizes, per_pair)[pair]
@@ -187,8 +183,8 @@ def check_pairs(
     figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
     gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
     reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
-    miss_px = np.maximum(TIE_CHECK.miss_sigmas * pairs.sigma_px, TIE_CHECK.miss_drift * reach)
-    tolerance = min(stretch, 1.0) * gsd * np.maximum(TIE_CHECK.miss_px, miss_px)
+    tolerance = np.maximum(SIGNIFICANCE.certain * pairs.sigma_px, ACCURACY.usual_drift * reach)
+    tolerance *= min(stretch, 1.0) * gsd
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / steep
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))

@@ -35,6 +35,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..block.imaging_geometry import GEOMETRY
+from ..camera.perspective import PERSPECTIVE
 from ..camera.rpc import RPC
 from ..foundation.errors import SolveError
 from ..foundation.thresholds import EQUALITY, threshold, thresholds
@@ -49,8 +50,6 @@ class SENSOR:
     """Limits for plausible pseudo sensors, and for the convergence of their rays."""
 
     usual_height_m: float = threshold(600e3, "m", "height of the sensor, if not computed", "thesis, section 4.3")
-    least_height_m: float = threshold(1e3, "m", "smallest plausible height: an aircraft")
-    largest_height_m: float = threshold(2e6, "m", "largest plausible height: above all mapping satellites")
     height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays at convergence")
 
 
@@ -120,7 +119,7 @@ def compute_sensor_frame(image: Image) -> SensorFrame:
         z = rays[::2, SENSOR_HEIGHT] + np.sum(difference * opening, axis=1) / np.sum(opening**2, axis=1)
     first, middle, last = z.tolist()
     heights = first, middle, last
-    if not SENSOR.least_height_m <= middle <= SENSOR.largest_height_m:
+    if not PERSPECTIVE.distance_m[0] <= middle <= PERSPECTIVE.distance_m[1]:
         heights = (SENSOR.usual_height_m,) * 3
     elif not max(abs(first - middle), abs(last - middle)) <= EQUALITY.alike * middle:
         heights = (middle,) * 3

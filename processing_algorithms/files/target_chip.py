@@ -6,6 +6,7 @@ from ...hrsi_engine.block.block import Image, Raster
 from ...hrsi_engine.drawing.target_chips import TargetChip
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement, measure_target
+from ...hrsi_engine.plausibility.places import SURVEY
 
 
 @thresholds
@@ -13,7 +14,6 @@ class TARGET_CHIP:
     """Limits for the picture of a target."""
 
     margin_px: float = threshold(8.0, "px", "margin around the target")
-    same_target_px: float = threshold(3.0, "px", "largest distance of a target from its measurement")
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:
@@ -36,5 +36,5 @@ def find_outline(image: Image, measured_px: np.ndarray) -> tuple[np.ndarray, ...
     if image.raster is None:
         return ()
     made = measure_target(image.raster, measured_px, "center")
-    found = not made.refusal and float(np.linalg.norm(made.xy - measured_px)) < TARGET_CHIP.same_target_px
+    found = not made.refusal and float(np.linalg.norm(made.xy - measured_px)) < SURVEY.same_target_px
     return made.curves if found else ()

@@ -24,7 +24,6 @@ class CHIPS:
     same_id_m: float = threshold(10.0, "m", "largest distance of a chip with the id of a point")
     same_place_m: float = threshold(0.5, "m", "largest distance of a chip with another id")
     most: int = threshold(6, "chips", "largest number compared for a point, most similar pixel sizes first")
-    agree_px: float = threshold(1.0, "px", "largest distance of the positions by two chips")
 
 
 class ChipLibrary:

@@ -27,6 +27,7 @@ from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.io.rasters.sun_angles import read_time
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.measurement.targets.measuring import make_refusal
+from ...hrsi_engine.plausibility.places import SURVEY
 from ..files.target_chip import chip_of
 from .chip_library import CHIPS, ChipLibrary
 from .rows import ROLES, SurveyPoint
@@ -83,7 +84,7 @@ def _find_on_image(
         for row in alike[: CHIPS.most]
     ]
     best, *others = sorted(found, key=lambda one: (bool(one.refusal), -one.correlation))
-    if any(np.hypot(*np.subtract(one.xy, best.xy)) > CHIPS.agree_px for one in others if not one.refusal):
+    if any(np.hypot(*np.subtract(one.xy, best.xy)) > SURVEY.same_target_px for one in others if not one.refusal):
         return Transfer(refusal="its chips are found at different places")
     return best
 

@@ -26,7 +26,6 @@ class PANEL:
     adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
     shifted_px: float = threshold(10.0, "px", "error of RPCs corrected by a shift: drift, heights")
     half_view_px: float = threshold(60.0, "px", "half side of a view of an image with corrected RPC")
-    beside_px: float = threshold(2.0, "px", "largest distance of a click from the outline of the target")
     rpc_reach: float = threshold(1.5, "of the RPC's scales", "normalised distance to which an RPC is used")
 
 

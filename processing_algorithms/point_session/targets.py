@@ -11,8 +11,9 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.interest_points.gravity_centres import CENTRE
 from ...hrsi_engine.measurement.targets.measuring import TARGET_CENTER, TargetMeasurement, make_refusal, measure_target
+from ...hrsi_engine.plausibility.places import SURVEY
 from ..files.target_chip import chip_of
-from .rows import PANEL, ImageMeasurement
+from .rows import ImageMeasurement
 
 BY_HAND = "point"
 #: Error of identifying the surveyed point with the centre of an object, and of the cameras' models, in px: the sigma
@@ -59,5 +60,5 @@ def fit_target(image: Image, click: tuple[float, float], kind: str, is_seen: boo
 
 
 def _is_clear(made: TargetMeasurement, click: np.ndarray) -> bool:
-    reach_px = np.hypot(*(made.edges - made.xy).T).max() + PANEL.beside_px
+    reach_px = np.hypot(*(made.edges - made.xy).T).max() + SURVEY.same_target_px
     return made.quality >= CENTRE.strong_quality and bool(np.hypot(*(made.xy - click)) <= reach_px)

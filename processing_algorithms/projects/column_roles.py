@@ -32,7 +32,6 @@ LINE_NAMES = re.compile(r"line|lig|row|zeile|y|fila|reng", re.IGNORECASE)
 class COLUMN_ROLES:
     """Limits for the interpretation of columns and files."""
 
-    most_rows: int = threshold(2000, "rows", "rows that are read to find what the columns mean")
     margin_deg: float = threshold(0.5, "degree", "margin of ground points around the footprints")
     equal_m: float = threshold(5.0, "m", "largest distance of points with one id in two files of the same survey")
 
@@ -61,7 +60,7 @@ class TextTable:
 
 def read_text_table(path: str) -> TextTable | None:
     """Return the first rows of a text; None if it has no rows of equal length."""
-    lines = read_lines(path, COLUMN_ROLES.most_rows)
+    lines = read_lines(path, SAMPLES.large)
     if len(lines) > 1 and lines[0].isdigit():  # the number of points
         lines = lines[1:]
     separator, rows = split_rows(lines)

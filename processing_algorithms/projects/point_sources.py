@@ -13,7 +13,7 @@ import pyproj
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role, are_apart
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
-from ...hrsi_engine.foundation.thresholds import EQUALITY
+from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names
@@ -235,13 +235,13 @@ def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSo
 
 def _complete(spec: str, tables: PointTables, images: Mapping[str, Image], crs: str) -> tuple[str, PointTables]:
     """Return the text and the points of a file with what its other fields state: roles, heights, image positions."""
-    if tables.ground is None or len(tables.ground) > COLUMN_ROLES.most_rows:
+    if tables.ground is None or len(tables.ground) > SAMPLES.large:
         return spec, tables
     try:
         table = read_table(spec)
     except HrsiError:
         return spec, tables
-    if len(table) > COLUMN_ROLES.most_rows:
+    if len(table) > SAMPLES.large:
         return spec, tables
     listed = spec.partition("|columns=")[2]  # meanings of all columns, or fields chosen by name
     known = match_fields(table.field_names).values()
