@@ -177,6 +177,8 @@ class Threshold:
 
     def vary(self, change: str) -> Any:
         """Return another value of the same type."""
+        if isinstance(self.value, tuple):
+            return tuple(Threshold(self.home, self.topic, value=one).vary(change) for one in self.value)
         value = CHANGES[change](self.value)
         return int(value) if isinstance(self.value, int) else value
 
@@ -193,7 +195,8 @@ def find_thresholds(areas: Sequence[str]) -> list[Threshold]:
             continue
         for name in topic.values.__dataclass_fields__:
             value = getattr(topic.values, name)
-            if isinstance(value, int | float) and not isinstance(value, bool):
+            numbers = value if isinstance(value, tuple) else (value,)
+            if all(isinstance(one, int | float) and not isinstance(one, bool) for one in numbers):
                 found.append(Threshold(f"{module}.{topic.name}.{name}", topic.values, name, value))
     return found
 

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import argparse
 import csv
+import json
 import os
 import resource
 import select
+import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Sequence
@@ -25,7 +27,7 @@ from hrsi.benchmarks.rules import ROOT, TABLE, Threshold, changed, find_threshol
 TESTS = ("adjustment", "plausibility", "results", "refinement", "measurement", "ortho", "io", "processing_algorithms")
 LONG = "coverage or rendered or killed or wrong_inputs or real or programs or large or thorough"
 MOST_TESTS = 40
-ENDED_S, ENDED_CPU_S = 120.0, 15  # a run that takes longer has failed
+ENDED_S, ENDED_CPU_S = 60.0, 15  # a run that takes longer has failed
 
 
 class Trial:
@@ -38,7 +40,7 @@ class Trial:
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Replace the loop of pytest."""
-        readers = self.note_reads(session.items)
+        readers = note_reads(session.items, self.thresholds)
         for one in self.thresholds:
             tests, spent = [], 0.0
             for seconds, _, item in sorted(readers[one.home], key=lambda row: (row[0] + 0.02) * row[1] ** 0.5):
@@ -49,18 +51,6 @@ class Trial:
             print(f"{one.home} | {failing or f'none of {len(tests)} of {len(readers[one.home])}'}", flush=True)
         return True
 
-    def note_reads(self, items: Sequence[pytest.Item]) -> dict[str, list[tuple[float, int, pytest.Item]]]:
-        """Return for each threshold the tests that read it, with their time and the number of thresholds they read."""
-        readers = defaultdict(list)
-        with noted_reads(self.thresholds) as noted:
-            for item, following in zip(items, [*items[1:], None], strict=True):
-                noted.clear()
-                start = time.process_time()
-                runtestprotocol(item, nextitem=following, log=False)
-                for home in noted:
-                    readers[home].append((time.process_time() - start, len(noted), item))
-        return readers
-
     def find_failing(self, threshold: Threshold, tests: Sequence[pytest.Item]) -> str:
         """Return the first test that fails without a threshold; empty if none does."""
         for change in ("none", "any"):
@@ -70,6 +60,32 @@ class Trial:
                     return rest[number].nodeid
                 rest = rest[number + 1 :]
         return ""
+
+
+def note_reads(
+    items: Sequence[pytest.Item], thresholds: Sequence[Threshold]
+) -> dict[str, list[tuple[float, int, pytest.Item]]]:
+    """Return for each threshold the tests that read it, with their time and the number of thresholds they read.
+
+    The tests run in a process of their own: one with threads, as GDAL and OpenBLAS have, cannot be forked later.
+    """
+    with tempfile.TemporaryFile("w+") as file:
+        if (child := os.fork()) == 0:
+            with noted_reads(thresholds) as noted:
+                for number, (item, following) in enumerate(zip(items, [*items[1:], None], strict=True)):
+                    noted.clear()
+                    start = time.process_time()
+                    runtestprotocol(item, nextitem=following, log=False)
+                    file.write(json.dumps([number, time.process_time() - start, sorted(noted)]) + "\n")
+            file.flush()
+            os._exit(0)
+        os.waitpid(child, 0)
+        file.seek(0)
+        readers = defaultdict(list)
+        for number, seconds, homes in map(json.loads, file):
+            for home in homes:
+                readers[home].append((seconds, len(homes), items[number]))
+    return readers
 
 
 def run_apart(tests: Sequence[pytest.Item], threshold: Threshold, change: str) -> int | None:

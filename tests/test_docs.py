@@ -25,11 +25,11 @@ from hrsi.hrsi_engine.adjustment.external.heights import HEIGHTS
 from hrsi.hrsi_engine.adjustment.outcome.area_accuracy import AREA_ACCURACY
 from hrsi.hrsi_engine.block.orthoimage import DEM
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.foundation.robust_scale import ROBUST
 from hrsi.hrsi_engine.ground import geoids
 from hrsi.hrsi_engine.ground.geoids import GEOID
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.hrsi_engine.laboratory import simulation as lab
-from hrsi.hrsi_engine.results.verdict.significance import EFFECT
 from hrsi.hrsi_engine.surface.dem import dem_sigma_m
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 from hrsi.processing_algorithms import REGISTRY, run
@@ -120,10 +120,8 @@ def test_sentences_state_the_limits_of_the_code():
     pixel_m, *pairs = limits
     for limit_m, base_to_height in (pairs[:2], pairs[2:]):
         assert limit_m == pytest.approx(gsds * pixel_m * base_to_height, rel=0.05)
-    assert _find_numbers("verdict.md", "by more than # standard deviations of the pointing") == [EFFECT.doubtful_factor]
-    assert _find_numbers("what-it-cannot-detect.md", "# standard deviations of heights by RPCs") == [
-        EFFECT.doubtful_factor
-    ]
+    assert _find_numbers("verdict.md", "by more than # standard deviations of the pointing") == [ROBUST.outlier]
+    assert _find_numbers("what-it-cannot-detect.md", "# standard deviations of heights by RPCs") == [ROBUST.outlier]
     assert HEIGHTS.dem_whole == 0.8  # "four fifths" of the page and of the option
     [option] = [param for param in REGISTRY["adjust"].params if param.name == "sigma-surface"]
     assert "four fifths of it common to all heights" in option.help

@@ -14,7 +14,7 @@ from scipy import sparse
 
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
-from ..foundation.thresholds import EQUALITY, SAMPLES
+from ..foundation.thresholds import EQUALITY, GRIDS, SAMPLES
 from .options import HOLD_OUT
 
 
@@ -61,10 +61,10 @@ def sample_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:
         np.array([getattr(one, attribute) for one in block.images]) for attribute in ("centre_px", "half_size_px")
     )
     place = (rows.xy[head] - centre[image]) / (2.0 * np.maximum(half[image], 0.5)) + 0.5
-    cell = np.clip((place * HOLD_OUT.cells).astype(np.int64), 0, HOLD_OUT.cells - 1)
-    cell_of_block = (image * HOLD_OUT.cells + cell[:, 1]) * HOLD_OUT.cells + cell[:, 0]
+    cell = np.clip((place * GRIDS.cells).astype(np.int64), 0, GRIDS.cells - 1)
+    cell_of_block = (image * GRIDS.cells + cell[:, 1]) * GRIDS.cells + cell[:, 0]
     order = np.lexsort((rows.xy[head, 0], rows.xy[head, 1]))
-    order = order[group_by_number(cell_of_block[order], len(block.images) * HOLD_OUT.cells**2)[0]]
+    order = order[group_by_number(cell_of_block[order], len(block.images) * GRIDS.cells**2)[0]]
     number = np.arange(1, len(order) + 1)
     is_taken = np.floor(number * share) > np.floor((number - 1) * share)
     return np.sort(point[order[is_taken]])

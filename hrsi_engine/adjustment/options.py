@@ -58,7 +58,6 @@ class HOLD_OUT:
     """Limits for holding out tie tracks."""
 
     fewest_tracks: int = threshold(500, "tracks", "number of tie tracks up to which none is held out")
-    cells: int = threshold(8, "cells", "cells along each side of an image, for an even choice of tracks")
     most_evaluated: int = threshold(
         5000, "tracks", "held-out tracks evaluated, chosen evenly", "standard deviation of their RMSE below 1 %"
     )

@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg, special
 
+from ..block.placement import FRAME
 from ..foundation.thresholds import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..refinement.model import estimate_priors
 from ..refinement.selection import can_estimate_drift
@@ -48,9 +49,6 @@ class SIGMA:
     """Limits for the test of a priori sigmas, for their estimation and its convergence."""
 
     most_plausible: float = threshold(20.0, "", "estimated over given sigma beyond which image points are wrong")
-    of_camera_px: float = threshold(
-        1.0, "px", "… unless residuals are smaller: images move in a way that is not modelled", "pixel size"
-    )
     beside_held: float = threshold(2.0, "", "the same without tie points, or with external heights or positions")
     hidden_by_drift: int = threshold(25, "GCPs", "number of GCPs up to which drifts of a few images can absorb errors")
 
@@ -127,7 +125,7 @@ class SigmaEstimation:
         redundancy = self.sums[: -components.SURVEYS : 2, 1].sum()
         is_free = not self.problem.position_observations and redundancy >= REDUNDANCY.common
         largest = SIGMA.most_plausible if is_free else SIGMA.beside_held
-        least_px = SIGMA.of_camera_px if is_free else 0.0
+        least_px = FRAME.gross_px if is_free else 0.0
         # RMS of the stated sigmas of the image points of each group that has any
         of_point, names = self.groups.of_image_point, self.groups.names[: -components.SURVEYS]
         count = np.bincount(of_point, minlength=len(names))

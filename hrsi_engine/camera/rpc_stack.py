@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..foundation.compiled_code import COMPILED_LOOPS, Arrays, is_wanted
-from ..foundation.thresholds import EQUALITY, ITERATIONS
+from ..foundation.compiled_code import Arrays, is_wanted
+from ..foundation.thresholds import EQUALITY, ITERATIONS, MEMORY
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .rpc import RPC
 from .rpc_terms import DERIVATIVES, EVALUATION, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio, solve_pair
@@ -31,7 +31,7 @@ class RPCStack:
 
     def project(self, rpc_index: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return image points ``(n, 2)`` of ground points ``(n, 3)``, see `RPC.project`."""
-        if is_wanted(len(ground) >= COMPILED_LOOPS.from_points):
+        if is_wanted(len(ground) >= MEMORY.rows):
             return self._project_by_loops(rpc_index, ground)[0]
         image = np.empty((len(ground), 2))
         for part in chunks(len(ground)):
@@ -42,7 +42,7 @@ class RPCStack:
 
     def project_with_metric_jacobian(self, rpc_index: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return image points ``(n, 2)`` and derivatives ``(n, 2, 3)``, see `RPC.project_with_metric_jacobian`."""
-        if is_wanted(len(ground) >= COMPILED_LOOPS.from_points):
+        if is_wanted(len(ground) >= MEMORY.rows):
             return self._project_by_loops(rpc_index, ground)
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         for part in chunks(len(ground)):
@@ -70,7 +70,7 @@ class RPCStack:
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
         has_converged = np.empty(len(image), dtype=bool)
-        solve = self._solve_by_loops if is_wanted(len(image) >= COMPILED_LOOPS.from_points) else self._solve
+        solve = self._solve_by_loops if is_wanted(len(image) >= MEMORY.rows) else self._solve
         with np.errstate(all="ignore"):
             for part in chunks(len(image)):
                 rpc_part = rpc_index[part]

@@ -5,8 +5,6 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
-from .thresholds import threshold, thresholds
-
 #: Options of numba: release the GIL, cache on disk, sums may be reordered, division by zero as in NumPy.
 OPTIONS: dict[str, Any] = {
     "nogil": True,
@@ -15,15 +13,6 @@ OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
 }
 Arrays = tuple[Any, ...]
-
-
-@thresholds
-class COMPILED_LOOPS:
-    """Use of compiled loops, whose loading takes a second."""
-
-    from_points: int = threshold(
-        20_000, "points", "number from which they are faster", "measured for speed, 2026-11-21"
-    )
 
 
 def is_wanted(worth_it: bool = True) -> bool:

@@ -8,8 +8,8 @@ Lemarechal and Pedersen 1982, "the watchdog technique", Math. Programming Study 
    not lower the cost raises the damping, by a larger factor each time; one that does lowers it, depending on the gain
    ratio. Once needed, the damping is never reset to 0, except for the last test (3).
 2. A step that raises the cost can still be useful: along a curved valley it leaves the floor by the square of its
-   length, and the next step returns to it, far ahead. Therefore a step is refused only if the steps that follow do not
-   reduce the cost quickly to below the cost before it.
+   length, and the next step returns to it, far ahead. Therefore a step is refused only if none of the next
+   `DESCENT.look_ahead` steps reduces the cost to below the cost before it.
 3. `converged` means at the minimum: twice the decrease that the undamped step predicts is g' N^-1 g, the squared
    distance to the minimum in standard deviations: no linear function of the unknowns differs from its value there by
    more multiples of its own sigma. The descent ends at a distance of `DESCENT.done_sigma`; after the last permitted
@@ -30,11 +30,8 @@ class DESCENT:
     """Damping and convergence of the Levenberg-Marquardt iteration."""
 
     first_damping: float = threshold(1e-4, "", "damping after the first rejected step, relative to the diagonal")
-    most_damping: float = threshold(1e8, "", "damping beyond which the iteration fails")
-    raised: float = threshold(4.0, "", "factor of the damping after a rejected step, doubled after each further one")
     lowered: float = threshold(0.1, "", "smallest factor of the damping after an accepted step")
     look_ahead: int = threshold(2, "steps", "steps after a rise of the cost, before it is rejected")
-    great_leap: float = threshold(0.5, "", "largest ratio of costs after and before such a step")
     done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum at convergence (sigma0 included)")
 
 
@@ -97,7 +94,7 @@ def descend(
     """
     best = current = start
     del start  # frees its memory, which can be large
-    damping, fallback_damping, growth, ahead_steps = 0.0, DESCENT.first_damping, DESCENT.raised, 0
+    damping, fallback_damping, growth, ahead_steps = 0.0, DESCENT.first_damping, 1.0 / DESCENT.lowered, 0
     predicted = np.inf
     for number in range(1, largest + 1):
         if number == largest:  # only an undamped step shows the distance to the minimum
@@ -119,24 +116,19 @@ def descend(
         if decreased:
             gain = (best.cost - trial.ahead.cost) / max(predicted - damping_term, 1e-300)
             best = current = weighed(trial.ahead) if weighed else trial.ahead
-            ahead_steps, growth = 0, DESCENT.raised
+            ahead_steps, growth = 0, 1.0 / DESCENT.lowered
             if damping:
                 # a damped step always predicts little, therefore the next step is undamped if this one predicts little
                 fallback_damping = max(
                     _lower_damping(damping, gain, damping_term / max(predicted, 1e-300)), EQUALITY.rounding
                 )
                 damping = 0.0 if converged else fallback_damping
-        elif ahead_steps < DESCENT.look_ahead and trial.ahead.cost < (
-            DESCENT.great_leap * current.cost if ahead_steps else np.inf
-        ):
+        elif ahead_steps < DESCENT.look_ahead and np.isfinite(trial.ahead.cost):
             current, ahead_steps = trial.ahead, ahead_steps + 1
         else:
             current, ahead_steps = best, 0
             damping = fallback_damping = growth * damping if damping else fallback_damping
             growth *= 2.0
-            if damping > DESCENT.most_damping:
-                status = f"no step lowers the cost, {_distance_text(predicted, variance(best))}"
-                return Descent(best, False, status, number)
     raise AssertionError("a descent has one step at least")
 
 

@@ -126,6 +126,7 @@ class EQUALITY:
     rounding: float = threshold(1e-9, "", "difference of equal numbers, relative or in pixels", "rounding of sums")
     negligible: float = threshold(0.05, "", "share of a variance or number without effect", "2.5 % of a sigma")
     majority: float = threshold(0.5, "", "smallest share of a majority, and largest that an explanation leaves")
+    camera_px: float = threshold(0.05, "px", "errors of cameras that are not modelled, without effect")
     rpc_px: float = threshold(0.1, "px", "difference of two RPCs that needs no new fit")
     position_m: float = threshold(0.1, "m", "distance, scatter or loss of accuracy without effect")
     direction_deg: float = threshold(20.0, "°", "angle up to which two directions count as equal")
@@ -167,6 +168,7 @@ class GRIDS:
     coarse: int = threshold(5, "nodes", "nodes along each side at which a smooth difference is computed")
     fine: int = threshold(41, "nodes", "nodes along each side at which the terrain, or an edge, is found")
     nodes: int = threshold(15, "nodes", "nodes along each side at which two cameras are compared")
+    spacing_px: int = threshold(32, "px", "spacing of positions that are computed exactly, bilinear between them")
 
 
 @thresholds

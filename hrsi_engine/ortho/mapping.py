@@ -1,7 +1,7 @@
 """Image positions of the pixels of an orthoimage: from the map to the ground, its height, and through the RPC.
 
 Smooth functions (map projection, coordinates in the DEM, the RPC as a polynomial of the height) are evaluated at nodes
-every `ORTHO.lattice_px` pixels and interpolated bilinearly; the height is interpolated in the DEM at each pixel. Nodes
+every `GRIDS.spacing_px` pixels and interpolated bilinearly; the height is interpolated in the DEM at each pixel. Nodes
 are counted from the origin of the CRS, and the polynomial is that of the complete image. Therefore a pixel has the same
 position in every window: orthoimages of parts of an area have the pixels of that of the complete area. With an error of
 0 every pixel is computed exactly.
@@ -179,7 +179,7 @@ class OrthoMapping:
         else:
             lattice, first = self._map_lattice(window)
             if isinstance(self.surface, ConstantHeight) and self.jitter is None:  # no height between the nodes
-                positions, step = lattice[2:4], ORTHO.lattice_px
+                positions, step = lattice[2:4], GRIDS.spacing_px
             else:
                 positions, first = self._map_pixels(window, lattice, first), (1, 1)
         flat = positions.reshape(2, -1)
@@ -206,7 +206,7 @@ class OrthoMapping:
         slopes = compute_sight_slopes(self.rpc, surface, lonlat, (middle_m - half_m, middle_m + half_m))
         lattice = np.concatenate([surface.grid_coordinates(lonlat).T, slopes.T]).reshape(4, *shape)
         positions = mapping.positions
-        occlusion = find_occlusions(surface, lattice, ORTHO.lattice_px, (column - 1, row - 1), positions.shape[1:])
+        occlusion = find_occlusions(surface, lattice, GRIDS.spacing_px, (column - 1, row - 1), positions.shape[1:])
         limits = np.array(self.size)[:, None, None] - 0.5
         with np.errstate(invalid="ignore"):
             occlusion &= ((positions > -0.5) & (positions < limits)).all(axis=0)
@@ -233,7 +233,7 @@ class OrthoMapping:
 
     def _find_nodes(self, window: GridWindow) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]]:
         """Return lon, lat ``(n, 2)`` of the nodes around a window, their rows and columns, and the first pixel."""
-        spacing = ORTHO.lattice_px
+        spacing = GRIDS.spacing_px
         column, row = (self.grid.left + window.column - 1) % spacing + 1, (window.row - self.grid.top - 1) % spacing + 1
         columns, rows = (column + window.columns) // spacing + 2, (row + window.rows) // spacing + 2
         pixels = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * spacing
@@ -242,7 +242,7 @@ class OrthoMapping:
     def _map_pixels(self, window: GridWindow, lattice: np.ndarray, first: tuple[int, int]) -> np.ndarray:
         """Return the positions of all pixels of a window and of those around it, from the nodes of the lattice."""
         heights = self._open_heights(lattice[:2])
-        shares = np.arange(ORTHO.lattice_px) / ORTHO.lattice_px
+        shares = np.arange(GRIDS.spacing_px) / GRIDS.spacing_px
         left, top, columns, rows = first[0] - 1, first[1] - 1, window.columns + 2, window.rows + 2
         # Interpolate along the rows of the lattice: ``(k, rows, m)`` to ``(k, rows, n)``
         result = np.diff(lattice, axis=2)[..., None] * shares

@@ -28,12 +28,15 @@ from ..foundation.pixel_filters import blur, reduce_by_area
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import ITERATIONS, threshold, thresholds
 from ..foundation.workers.scheduling import open_calls
+from ..measurement.reference.predicted_patches import BIAS
+from ..measurement.tile_matching.options import TILE_MATCH
 from ..measurement.window_matching.correlation import (
     compute_orientation_field,
     correlate_fields,
     correlate_template,
     find_correlation_peak,
 )
+from ..measurement.window_matching.windows import MATCHING
 from .options import MisregistrationOptions
 
 
@@ -42,14 +45,10 @@ class SHIFT:
     """Measurement of the shift between two orthoimages: by windows, and the common shift."""
 
     reach_px: float = threshold(1.0, "px", "largest shift of a window from the best whole pixel")
-    smoothing_px: float = threshold(0.8, "px", "sigma of both windows' smoothing")
-    border_px: int = threshold(4, "px", "border of the search area for interpolation and smoothing")
     weight_sigma: float = threshold(0.5, "", "sigma of the weights over half the window")
-    farthest_px: int = threshold(256, "px", "largest common shift of two orthoimages that is found")
     reduction: int = threshold(2, "", "reduction factor of orthoimages for the common shift")
     probe_px: int = threshold(256, "px", "side of a probe (smaller in a small area)")
     probes: int = threshold(4, "probes", "probes along each side of the common area")
-    contrast: float = threshold(8.0, "sigma", "smallest height of a peak in robust sigmas", "by chance 5, 2026-11-21")
 
 
 Read = Callable[[int, int, int, int], tuple[np.ndarray, np.ndarray]]  #: `block.Raster.read`
@@ -105,7 +104,7 @@ def window_centres(columns: int, rows: int, options: MisregistrationOptions) -> 
     columns, rows : size of the area in pixels; options : size and number of the windows
     Result: (n, 2) column, row.
     """
-    reach = options.window_px // 2 + options.search_px + SHIFT.border_px
+    reach = options.window_px // 2 + options.search_px + TILE_MATCH.edge_px
     spacing = max(options.window_px // 2, -(-max(columns, rows) // options.most))
     axes = []
     for size in (columns, rows):
@@ -143,18 +142,20 @@ def measure_shifts(
 
 def _match_window(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
     """Return the shift of the window around column, row."""
-    (column, row), side = centre, options.window_px // 2 + SHIFT.border_px
+    (column, row), side = centre, options.window_px // 2 + TILE_MATCH.edge_px
     reach = side + options.search_px
     template = first(column - side, row - side, 2 * side, 2 * side)
     if not template[1].all():
         return _make_failure(WindowOutcome.NODATA)
     area = second(column - reach, row - reach, 2 * reach, 2 * reach)
     pixel_pair = template[0], np.where(area[1], area[0], np.mean(area[0]))
-    grey, place = (blur(np.asarray(pixels, dtype=np.float32), SHIFT.smoothing_px) for pixels in pixel_pair)
-    core = grey[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px]
+    grey, place = (blur(np.asarray(pixels, dtype=np.float32), MATCHING.gradient_smoothing_px) for pixels in pixel_pair)
+    core = grey[TILE_MATCH.edge_px : -TILE_MATCH.edge_px, TILE_MATCH.edge_px : -TILE_MATCH.edge_px]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # no overflow
         return _make_failure(WindowOutcome.FLAT)
-    score = correlate_template(core, place[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px])
+    score = correlate_template(
+        core, place[TILE_MATCH.edge_px : -TILE_MATCH.edge_px, TILE_MATCH.edge_px : -TILE_MATCH.edge_px]
+    )
     row, column = divmod(int(np.argmax(score)), score.shape[1])
     best = float(score[row, column])
     if best < options.min_correlation:
@@ -191,9 +192,13 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     # correlation is a Gaussian of sqrt(2) times the width, so that neighbouring pixels are not independent observations
     weighted = A * weight
     side = round(np.sqrt(weighted.shape[1]))
-    spread = np.stack([blur(row.reshape(side, side), np.sqrt(2.0) * SHIFT.smoothing_px) for row in weighted])
+    spread = np.stack(
+        [blur(row.reshape(side, side), np.sqrt(2.0) * MATCHING.gradient_smoothing_px) for row in weighted]
+    )
     inverse = np.linalg.inv(N)
-    covariance = np.array(inverse @ (4 * np.pi * SHIFT.smoothing_px**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
+    covariance = np.array(
+        inverse @ (4 * np.pi * MATCHING.gradient_smoothing_px**2 * weighted @ spread.reshape(4, -1).T) @ inverse
+    )
     Q = covariance * variance
     sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
     if sigma > options.max_sigma_px:
@@ -222,8 +227,8 @@ def _interpolate_window(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.nda
     whole_px = np.floor(d).astype(int)
     x_values, x_slopes = _weigh_spline(float(d[0] - whole_px[0]))
     y_values, y_slopes = _weigh_spline(float(d[1] - whole_px[1]))
-    side = len(coefficients) - 2 * SHIFT.border_px
-    start = SHIFT.border_px - 1 + whole_px
+    side = len(coefficients) - 2 * TILE_MATCH.edge_px
+    start = TILE_MATCH.edge_px - 1 + whole_px
     parts = [coefficients[:, start[0] + k : start[0] + k + side] for k in range(4)]
     across, slope_across = (sum(w * p for w, p in zip(ws, parts, strict=True)) for ws in (x_values, x_slopes))
 
@@ -272,19 +277,19 @@ def find_common_shift(first: Read, second: Read, columns: int, rows: int) -> np.
     side = min(SHIFT.probe_px, columns // 2, rows // 2) // SHIFT.reduction * SHIFT.reduction
     if side < 16 * SHIFT.reduction:
         return np.zeros(2, dtype=int)
-    total = np.zeros((2 * SHIFT.farthest_px // SHIFT.reduction + 1,) * 2)
-    wide = side + 2 * SHIFT.farthest_px
+    total = np.zeros((2 * SHIFT.probe_px // SHIFT.reduction + 1,) * 2)
+    wide = side + 2 * SHIFT.probe_px
     for row in np.linspace(0, rows - side, SHIFT.probes).astype(int).tolist():
         for column in np.linspace(0, columns - side, SHIFT.probes).astype(int).tolist():
             probe = _compute_field(*first(column, row, side, side))
             if probe.any():
                 total += correlate_fields(
-                    probe, _compute_field(*second(column - SHIFT.farthest_px, row - SHIFT.farthest_px, wide, wide))
+                    probe, _compute_field(*second(column - SHIFT.probe_px, row - SHIFT.probe_px, wide, wide))
                 )
     peak = find_correlation_peak(total)
-    if peak.contrast < SHIFT.contrast:
+    if peak.contrast < BIAS.contrast:
         return np.zeros(2, dtype=int)
-    return np.rint(peak.shift * SHIFT.reduction - SHIFT.farthest_px).astype(int)
+    return np.rint(peak.shift * SHIFT.reduction - SHIFT.probe_px).astype(int)
 
 
 def _compute_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from scipy import ndimage
 from ..foundation.pixel_filters import blur, load_opencv
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import REDUNDANCY, SIGNIFICANCE, threshold, thresholds
+from .grid import ORTHO
 
 NONE = -1  #: label of pixels that no image shows
 
@@ -30,7 +31,6 @@ class MOSAIC:
     )
     sampled_px: int = threshold(10_000, "px", "pixels of an overlap from which levels are estimated (time)")
     gains: tuple[float, float] = threshold((0.5, 2.0), "", "smallest and largest gain of an image")
-    margin_px: int = threshold(2, "px", "distance from hidden ground within which another image is preferred")
     blend_px: float = threshold(1.0, "px", "standard deviation of the transition at a seamline")
 
 
@@ -127,7 +127,7 @@ def choose_images(valid: np.ndarray, areas: np.ndarray, order: Sequence[int]) ->
     order : indices of the images, the best one first
     """
     cv2 = load_opencv()
-    kernel = np.ones((2 * MOSAIC.margin_px + 1,) * 2, np.uint8)
+    kernel = np.ones((2 * ORTHO.margin_px + 1,) * 2, np.uint8)
     labels = np.full(areas.shape, NONE)
     away = np.array([cv2.erode(one.astype(np.uint8), kernel) > 0 for one in valid])
     row, column = np.indices(areas.shape, sparse=True)

@@ -13,8 +13,8 @@ from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.robust_scale import ROBUST
-from ..foundation.thresholds import threshold, thresholds
-from .accuracy import ACCURACY, SIMULATED
+from ..foundation.thresholds import EQUALITY, SIGNIFICANCE, threshold, thresholds
+from .accuracy import ACCURACY
 from .control import (
     CONTROL_FIT,
     ControlFit,
@@ -26,6 +26,7 @@ from .control import (
 )
 from .identities import find_image_permutation, find_point_permutation
 from .mistakes import PIXEL_MISTAKES, RPC_MISTAKES, Mistake, estimate_common_lift, iterate_ground_mistakes
+from .ties import TIE_CHECK
 
 
 @thresholds
@@ -36,14 +37,7 @@ class MISTAKE:
     least_cost: float = threshold(
         22.0, "", "smallest decrease of the cost by an input error: by chance 1 in 10 000", "theory: likelihood ratio"
     )
-    least_lead: float = threshold(6.0, "", "smallest lead of the input error over all others, in cost", SIMULATED)
-    explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift after a correction", SIMULATED)
-    explained_share: float = threshold(0.02, "", "… or this share of the shift before", SIMULATED)
     wrong_share: float = threshold(0.25, "", "share of GCPs, or of all points, whose errors make surveys unusable")
-    height_sigmas: float = threshold(6.0, "sigma", "common height offset of surveys that is reported", SIMULATED)
-    few_points_gain: float = threshold(
-        3.0, "", "smallest improvement of residuals by the input error of a few points", SIMULATED
-    )
 
 
 #: Input errors of heights, which the data hardly distinguish: only the likeliest is named.
@@ -107,7 +101,7 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     if not control_fit.fits:
         return [_make_misfit_reason(control, control_fit, rivals)]
     reasons = _find_large_shifts(control, control_fit, datum)
-    if sigma > 0.0 and abs(lift) >= MISTAKE.height_sigmas * sigma:
+    if sigma > 0.0 and abs(lift) >= SIGNIFICANCE.certain * sigma:
         reasons.append(
             Reason(
                 "height-offset",
@@ -144,7 +138,7 @@ def _find_best_mistake(
             continue  # a shift explains all: of a crop, of a biased RPC, or of a single point
         # all points fit as in a correct block, and the misfit has become clearly smaller
         largest, shift_before = float(fit.shift_sigmas.max()), float(control_fit.shift_sigmas.max())
-        good_shift = largest < max(MISTAKE.explained_shift_sigmas, MISTAKE.explained_share * shift_before)
+        good_shift = largest < max(SIGNIFICANCE.certain, EQUALITY.alike * shift_before)
         explains = control_fit.cost - reading.cost > MISTAKE.least_cost and fit.fits and good_shift
         if explains and (code not in best or reading.cost < best[code].cost):
             best[code] = reading
@@ -152,7 +146,7 @@ def _find_best_mistake(
     datum = best.pop("horizontal-datum", None) if biased else None
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
     rivals = [reading for reading in ranked[1:] if not {reading.mistake.code, ranked[0].mistake.code} <= HEIGHT_CODES]
-    beaten = not rivals or rivals[0].cost - ranked[0].cost >= MISTAKE.least_lead
+    beaten = not rivals or rivals[0].cost - ranked[0].cost >= SIGNIFICANCE.decisive
     if not ranked or not beaten or len(control.points) < MISTAKE.fewest_points:
         return None, datum, ranked
     return ranked[0], datum, []
@@ -256,9 +250,9 @@ def _find_mistake_of_points(
     rows = np.isin(control.point, disagreement.points)
     remaining = control.select(~rows)
     shift = fit_control(remaining).shift_m
-    limit = control_fit.agreeing_m[rows] / MISTAKE.few_points_gain
+    limit = control_fit.agreeing_m[rows] / TIE_CHECK.cured_ratio
     distance_before = np.hypot(*(control_fit.distance_m - shift[control.image])[rows].T)
-    if np.median(distance_before / limit) < MISTAKE.few_points_gain:
+    if np.median(distance_before / limit) < TIE_CHECK.cured_ratio:
         return None
     fitting: dict[str, Mistake] = {}
     owners = find_point_permutation(control.select(rows))

@@ -18,7 +18,7 @@ from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import EQUALITY, GRIDS, GROUND, threshold, thresholds
 from ..ground.geodesy import metres_per_degree, to_ecef
 from ..ground.geoids import height_difference
-from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
+from ..surface.dem import RAY_TRACING, HeightSurface, Status, intersect_surface, surface_heights
 from .accuracy import ImageAccuracy
 from .control import CONTROL_FIT, GROUP
 from .mistakes import FEET_M, find_undulations
@@ -36,7 +36,6 @@ class PLACEMENT:
         "60 vendor RPCs of 12 sensors: medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25",
     )
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM covers without a message")
-    copied_height_m: float = threshold(1e-3, "m", "smallest difference of surveyed heights not read from the DEM")
     dem_difference_m: float = threshold(20.0, "m", "largest median height difference from the DEM without a message")
 
 
@@ -52,9 +51,6 @@ class SURVEY:
 
     coarse_decimals: int = threshold(
         5, "decimals", "decimals of a degree without effect", "theory: 1e-5 degrees are 1.1 m"
-    )
-    decimal_slack: float = threshold(
-        0.02, "", "tolerance for rounded coordinates in units of the last decimal", "a geoid's slope: 0.2 m in 10 km"
     )
     harmful_px: float = threshold(0.5, "px", "smallest standard deviation of the rounding that is reported")
     same_target_px: float = threshold(1.5, "px", "largest distance of two measurements of one target")
@@ -229,7 +225,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     known = block.known & finite_rows(block.points.ground)
     ground = block.points.ground[known]
     of_dem = surface_heights(surface, ground[:, :2])
-    of_dem[np.abs(ground[:, 2] - of_dem) < PLACEMENT.copied_height_m] = np.nan  # read from the DEM: no comparison
+    of_dem[np.abs(ground[:, 2] - of_dem) < RAY_TRACING.accuracy_m] = np.nan  # read from the DEM: no comparison
     geoid = find_undulations(ground)
     found = height_difference(ground[:, 2], of_dem, np.full(len(ground), np.nan) if geoid is None else geoid[1])
     if found is None or not found.significant:
@@ -320,7 +316,7 @@ def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], lev
 def _have_step(values: np.ndarray, step: float) -> bool:
     """Return True if coordinates ``(k, c)`` differ by multiples of a step, also after a change of their datum."""
     steps = (values - values[0]) / step
-    return bool((np.abs(steps - np.rint(steps)) < SURVEY.decimal_slack).all() and np.ptp(np.rint(steps)) > 0.0)
+    return bool((np.abs(steps - np.rint(steps)) < EQUALITY.alike).all() and np.ptp(np.rint(steps)) > 0.0)
 
 
 def find_dependent_check_points(block: Block) -> list[Reason]:

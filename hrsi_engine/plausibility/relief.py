@@ -9,7 +9,7 @@ import numpy as np
 
 from ..foundation.reasons import Level, Reason
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.thresholds import EQUALITY, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, GROUND, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..surface.dem import HeightSurface, cell_size_m, dem_sigma_m, surface_heights
 from ..surface.matching import SurfaceMatch, match_surface
 from .accuracy import SIMULATED
@@ -20,7 +20,6 @@ class RELIEF:
     """Limits for a DEM that does not show the ground of the adjusted tie points."""
 
     unlike_m: float = threshold(15.0, "m", "scatter of height differences that is reported", SIMULATED)
-    far_off_m: float = threshold(50.0, "m", "difference that vegetation, buildings and changes do not explain")
     far_off_points: int = threshold(
         5, "points", "smallest number of such differences: more than a few wrong tie points"
     )
@@ -47,10 +46,10 @@ def find_relief_reasons(
     if len(ground) < SAMPLES.trend:
         return []
     miss = ground[:, 2] - of_dem
-    is_far = np.abs(miss - np.median(miss)) > RELIEF.far_off_m
+    is_far = np.abs(miss - np.median(miss)) > GROUND.margin_m
     if max(RELIEF.far_off_points, RELIEF.far_off_share * len(is_far)) <= is_far.sum() < len(is_far):
         low, value, high = np.percentile(of_dem[is_far], [20.0, 50.0, 80.0])
-        is_isolated = abs(value - np.median(of_dem[~is_far])) > RELIEF.far_off_m
+        is_isolated = abs(value - np.median(of_dem[~is_far])) > GROUND.margin_m
     else:
         low, value, high, is_isolated = 0.0, 0.0, 0.0, False
     if is_isolated and high - low < RELIEF.same_value_m:

@@ -21,7 +21,7 @@ from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import EQUALITY, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..ground.geodesy import move_ground
 from .accuracy import ACCURACY, SIMULATED, ImageAccuracy
-from .control import StraightRays, compute_sightlines
+from .control import CONTROL_FIT, StraightRays, compute_sightlines
 from .mistakes import PIXEL_MISTAKES, Mistake
 
 
@@ -38,7 +38,6 @@ class TIE_CHECK:
     )
     largest_drift: float = threshold(4e-3, "px/px", "largest relative drift of two RPCs", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
-    bulk_sigmas: float = threshold(8.0, "sigma", "largest mode of ray distances by errors of the RPCs", SIMULATED)
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
     unusable_share: float = threshold(0.37, "", "share of wrong measurements of unusable tie points", SIMULATED)
     broken_share: float = threshold(
@@ -200,7 +199,7 @@ def check_pairs(
         )
     is_wrong |= np.abs(deviation) > tolerance
     if not shifted:
-        is_wrong |= np.repeat(np.abs(bulk) > TIE_CHECK.bulk_sigmas * sigma[starts], sizes)
+        is_wrong |= np.repeat(np.abs(bulk) > CONTROL_FIT.agreeing_sigmas * sigma[starts], sizes)
     share = np.add.reduceat(is_wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
     return PairConsistency.from_points(pairs, is_wrong, np.where(sizes >= SAMPLES.tested, 1.0 - share, np.nan))
 

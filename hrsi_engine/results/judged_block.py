@@ -8,19 +8,12 @@ from typing import Any
 
 from ..adjustment.result import Adjustment
 from ..foundation.reasons import Reason
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import EQUALITY
 from ..foundation.workers.threads import one_thread_calls
 from .figures import block_report, rejection_warnings
 from .lineage import state_accuracy
 from .residuals import Residuals, compute_residuals
 from .verdict import Evidence, Verdict, describe_residual_fields, find_reasons, summarise_accuracy
-
-
-@thresholds
-class RPC_AGREEMENT:
-    """Limit for the difference of a refined RPC from its model."""
-
-    warned_px: float = threshold(0.01, "px", "largest difference of a refined RPC from its model without a warning")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +68,7 @@ def judge_block(
         different_rpcs = [
             f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
             for image, new in zip(images, refined, strict=True)
-            if new.fit_max_px > RPC_AGREEMENT.warned_px
+            if new.fit_max_px > EQUALITY.file_px
         ]
         texts = [
             *warnings,

@@ -11,16 +11,8 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import Role
 from ..foundation.large_arrays import finite_rows
-from ..foundation.thresholds import GRIDS, LISTS, threshold, thresholds
+from ..foundation.thresholds import GRIDS, LISTS, REDUNDANCY
 from .residuals import Residuals
-
-
-@thresholds
-class STATISTIC:
-    """Limits for residuals that are normalised, and for the lists in the report."""
-
-    least_redundancy: float = threshold(0.02, "", "smallest redundancy number of a normalised residual")
-
 
 IMAGE_AXES = ("sample", "line")
 
@@ -35,7 +27,7 @@ def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = result.tested_residual_px / (result.sigma_px[:, None] * np.sqrt(redundancy))
     is_adjusted = ~np.isin(result.block.points.role[result.block.measurements.point], [Role.CHECK, Role.HELD_OUT])
-    usable = np.isfinite(normalised) & (redundancy > STATISTIC.least_redundancy) & is_adjusted[:, None]
+    usable = np.isfinite(normalised) & (redundancy > REDUNDANCY.tested) & is_adjusted[:, None]
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(IMAGE_AXES)}
 
 

@@ -36,7 +36,6 @@ _STEP_M = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
 class SURFACE_MATCHING:
     """Search, refinement and covariance of the match of points with a surface."""
 
-    coarse_points: int = threshold(700, "points", "largest number of points in the search")
     most_points: int = threshold(8000, "points", "largest number of points in the refinement")
     coarse_steps: int = threshold(20, "steps", "steps from the middle to the end of the search, at least 1/4 cell")
     in_cell: float = threshold(1.0, "points", "mean number per cell above which their heights are averaged like cells")
@@ -233,7 +232,7 @@ class SurfaceMatcher:
         axis = step * np.arange(-int(search_m / step), int(search_m / step) + 1)
         offsets = np.stack(np.meshgrid(axis, axis), axis=2).reshape(-1, 2)
         valid = np.flatnonzero(np.isfinite(self._heights(np.zeros((1, 2)))[0]))
-        rows = valid[:: 1 + len(valid) // SURFACE_MATCHING.coarse_points]
+        rows = valid[:: 1 + len(valid) // SAMPLES.large]
         if len(rows) < SAMPLES.trend:
             return offsets, np.full(len(offsets), np.nan), np.zeros(len(offsets))
         parts = np.array_split(offsets, 16)

@@ -182,7 +182,7 @@ class _Mosaic:
 
     def label(self, window: GridWindow) -> np.ndarray:
         """Return the image of each pixel of a window; -1: none."""
-        box = _enlarge(window, self._plan.grid, mosaicking.MOSAIC.margin_px)
+        box = _enlarge(window, self._plan.grid, mosaicking.ORTHO.margin_px)
         images = [number for number, source in enumerate(self._sources) if source.meets(box)]
         valid = np.zeros((len(self._sources), box.rows, box.columns), dtype=bool)
         for number in images:

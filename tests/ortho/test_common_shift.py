@@ -13,13 +13,13 @@ SIDE = 900
 
 def reader(grey: np.ndarray):
     """Return a reader of the middle part of an array, which also reads what lies around it; nothing beyond."""
-    padded = np.pad(grey, SHIFT.farthest_px)
-    known = np.pad(np.ones(grey.shape, dtype=bool), SHIFT.farthest_px)
+    padded = np.pad(grey, SHIFT.probe_px)
+    known = np.pad(np.ones(grey.shape, dtype=bool), SHIFT.probe_px)
 
     def read(x: int, y: int, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
         place = np.s_[
-            y + SHIFT.farthest_px : y + SHIFT.farthest_px + rows,
-            x + SHIFT.farthest_px : x + SHIFT.farthest_px + columns,
+            y + SHIFT.probe_px : y + SHIFT.probe_px + rows,
+            x + SHIFT.probe_px : x + SHIFT.probe_px + columns,
         ]
         return padded[place], known[place]
 

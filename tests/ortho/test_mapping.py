@@ -10,9 +10,9 @@ from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
 from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
-from hrsi.hrsi_engine.foundation.thresholds import MEMORY
+from hrsi.hrsi_engine.foundation.thresholds import GRIDS, MEMORY
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid, find_terrain_points
+from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid, find_terrain_points
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping
 from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
@@ -88,7 +88,7 @@ def test_constant_height_needs_no_position_between_the_nodes(tmp_path: Path) -> 
     found = mapping(tmp_path)
     terrain = np.column_stack([found.terrain[:, :2], np.full(len(found.terrain), 240.0)])
     chunk = replace(found, surface=ConstantHeight(240.0), terrain=terrain).chunk(GridWindow(0, 0, 256, 256))
-    assert chunk is not None and chunk.step == ORTHO.lattice_px and chunk.errors_px.max() < 1e-3
+    assert chunk is not None and chunk.step == GRIDS.spacing_px and chunk.errors_px.max() < 1e-3
 
 
 def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:

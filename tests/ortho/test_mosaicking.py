@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.ortho import mosaicking
+from hrsi.hrsi_engine.ortho.grid import ORTHO
 from hrsi.hrsi_engine.ortho.mosaicking import MOSAIC, NONE
 
 
@@ -61,7 +62,7 @@ def test_the_image_of_a_pixel_is_chosen_as_one_by_one() -> None:
     areas = rng.integers(NONE, 3, (40, 50))
     order = [2, 0, 1]
     labels = mosaicking.choose_images(valid, areas, order)
-    reach = MOSAIC.margin_px
+    reach = ORTHO.margin_px
     for row, column in rng.integers([0, 0], [40, 50], (300, 2)).tolist():
         around = valid[:, max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
         turn = [areas[row, column]] * int(areas[row, column] != NONE) + order

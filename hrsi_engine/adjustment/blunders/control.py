@@ -41,7 +41,6 @@ from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 class GCP_TESTS:
     """Limits for the detection of wrong GCPs, of their wrong parts, and of ambiguity."""
 
-    all_subsets: int = threshold(1000, "subsets", "number of subsets up to which all of them are tested")
     starts: int = threshold(12, "starts", "random starts of the search for groups", "Rousseeuw and Van Driessen 1999")
 
 
@@ -211,7 +210,7 @@ class _SuspectSearch:
 
     def find_core(self, size: int) -> tuple[int, ...]:
         """Return the group of ``size`` GCPs without which the others agree best."""
-        if special.binom(self.gcps, size) <= GCP_TESTS.all_subsets:
+        if special.binom(self.gcps, size) <= SAMPLES.large:
             return max(combinations(range(self.gcps), size), key=lambda group: self.test_group(group)[0])
         rng = np.random.default_rng(1)  # reproducible starts
         single = np.array([self.test_group((gcp,))[0] for gcp in range(self.gcps)])
@@ -294,7 +293,7 @@ class _SuspectSearch:
         best, _ = self.test_group(group)
         limit = best - max(SIGNIFICANCE.decisive * factor.largest, EQUALITY.alike * best)
         candidates: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
-        if special.binom(self.gcps, len(group)) > GCP_TESTS.all_subsets:  # only one GCP exchanged
+        if special.binom(self.gcps, len(group)) > SAMPLES.large:  # only one GCP exchanged
             outside = sorted(set(range(self.gcps)) - set(group))
             candidates = (tuple(sorted((set(group) - {one}) | {candidate})) for one in group for candidate in outside)
         for candidate in candidates:

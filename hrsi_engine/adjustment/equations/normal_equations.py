@@ -23,9 +23,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ...foundation.compiled_code import COMPILED_LOOPS, is_wanted
+from ...foundation.compiled_code import is_wanted
 from ...foundation.large_arrays import allocate_zeros
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import MEMORY, threshold, thresholds
 from ...foundation.workers.threads import thread_count
 from ...ground.geodesy import move_ground
 from ...refinement.model import RefinementModel
@@ -71,7 +71,7 @@ class NormalEquations:
     ) -> None:
         self.observations, self.pattern = observations, pattern
         self._elimination: NumpyElimination
-        if is_wanted(max(observations.count, drawn_from) >= COMPILED_LOOPS.from_points):
+        if is_wanted(max(observations.count, drawn_from) >= MEMORY.rows):
             from .elimination_kernels import NumbaElimination  # needs numba, and takes a second
 
             self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)

@@ -16,7 +16,7 @@ from ...block.block import Block, Role, number_exposures
 from ...block.jitter_curve import JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, stage
-from ...foundation.thresholds import ITERATIONS
+from ...foundation.thresholds import EQUALITY, ITERATIONS
 from ..gauss_newton import Solution
 from ..options import JITTER_CHOICES, AdjustOptions
 from ..preparation.problem import Problem
@@ -102,8 +102,7 @@ def choose_spacings(result: Adjustment, choice: str) -> tuple[dict[int, float], 
         return {}, np.inf
     waves_of_images = find_block_waves(collect_line_profiles(result))
     waves = [
-        [wave for wave in image_waves if wave.amplitude_px >= JITTER_CURVES.least_wave_px]
-        for image_waves in waves_of_images
+        [wave for wave in image_waves if wave.amplitude_px >= EQUALITY.camera_px] for image_waves in waves_of_images
     ]
     shortest = pixel * [min((wave.period_lines for wave in image_waves), default=np.inf) for image_waves in waves]
     if not np.isfinite(shortest).any():

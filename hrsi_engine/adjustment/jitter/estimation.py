@@ -39,9 +39,6 @@ class JITTER_CURVES:
     """Limits for the estimation of jitter curves and for its convergence."""
 
     knots_in_period: int = threshold(6, "knots", "knots of the spline in the shortest period: 99.7 % of a sine remain")
-    least_wave_px: float = threshold(
-        0.05, "px", "smallest amplitude of a wave that is corrected", "amplitude 0.02 px of the Pleiades triplet"
-    )
     least_spacing: float = threshold(8.0, "lines", "smallest distance between knots")
     most_points: int = threshold(100_000, "points", "largest number in use; of more points, an even choice")
     settled_px: float = threshold(0.03, "px", "RMS change of the curves at convergence", "smaller than an image error")

@@ -31,7 +31,7 @@ from scipy import fft, special
 from ...block.columns import group_by_number
 from ...foundation.large_arrays import any_of_rows
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.thresholds import ITERATIONS, SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, ITERATIONS, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ..result import Adjustment, Decision
 
 #: Image axes of a residual: sample is across the track of a scanner, line along it.
@@ -60,9 +60,6 @@ class WAVES:
         "0.97 by frequencies, 0.94 by cells",
     )
     cells_in_period: int = threshold(8, "cells", "cells in the shortest period (amplitude reduced by 3 %)", "sinc")
-    least_free: float = threshold(
-        0.05, "", "smallest part of a sine's square that trend and earlier waves leave", "half of it for a free sine"
-    )
     strips: int = threshold(4, "strips", "strips along the samples whose waves are compared")
 
 
@@ -343,7 +340,7 @@ def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) ->
     ss = 0.5 * (total - doubled.real) - np.sum(of_basis.imag**2, axis=0)
     cs = 0.5 * doubled.imag - np.sum(of_basis.real * of_basis.imag, axis=0)
     c, s, determinant = of_value.real, of_value.imag, cc * ss - cs**2
-    sound = determinant > (WAVES.least_free * total) ** 2
+    sound = determinant > (EQUALITY.negligible * total) ** 2
     explained = (ss * c**2 - 2.0 * cs * c * s + cc * s**2) / np.where(sound, determinant, 1.0)
     return np.where(sound, np.clip(explained / residual_square, 0.0, 1.0), 0.0), residual_square
 

@@ -5,20 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...foundation.errors import list_ids
-from ...foundation.thresholds import EQUALITY, threshold, thresholds
+from ...foundation.thresholds import EQUALITY
 from ..gauss_newton import GaussNewton
 from ..preparation.problem import Problem
 from ..result import DatumPart, HeightAgreement, PlanAgreement
 from ..starting_values.weak_geometry import RAY_GEOMETRY
-
-
-@thresholds
-class RESULT_WARNINGS:
-    """Limits for the warnings of an adjustment."""
-
-    unused: float = threshold(0.02, "", "largest share of unused heights or points on parallel rays without a warning")
-    many_places_left_out: float = threshold(0.1, "", "largest share of left out places without a warning")
-
 
 WHAT_STANDS_OUT = {
     "DEM": "trees, buildings, or errors of the DEM",
@@ -44,7 +35,7 @@ def warn_of_result(
             f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: their heights are uncertain and not included in the predicted "
             f"accuracy: {list_ids(part.parallel)}"
             for part in parts
-            if part.points and len(part.parallel) > RESULT_WARNINGS.unused * (part.points + len(part.parallel))
+            if part.points and len(part.parallel) > EQUALITY.negligible * (part.points + len(part.parallel))
         ),
     ]
 
@@ -86,7 +77,7 @@ def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
                 f"{consequence}"
             )
     lone = plan.left_out - sum(group.observations for group in plan.groups if group.left_out)
-    if lone > RESULT_WARNINGS.many_places_left_out * plan.observations:
+    if lone > EQUALITY.negligible * plan.observations:
         warnings.append(
             f"{lone} of {plan.observations} points of the {plan.source} are outliers and are not used: likely causes "
             "are changed ground, false matches or heights of the DEM"
@@ -116,7 +107,7 @@ def _warn_of_heights(heights: Sequence[HeightAgreement]) -> list[str]:
                     "check their height datum"
                 )
         wrong_groups = sum(group.observations for group in one.groups if group.left_out)
-        if one.left_out - wrong_groups > RESULT_WARNINGS.unused * one.observations:
+        if one.left_out - wrong_groups > EQUALITY.negligible * one.observations:
             source = WHAT_STANDS_OUT[one.source]
             warnings.append(
                 f"{one.left_out} of {one.observations} heights of the {one.source} are outliers and are not used (the "

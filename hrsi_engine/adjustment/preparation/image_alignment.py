@@ -37,7 +37,6 @@ from ..weights import cauchy
 class IMAGE_ALIGNMENT:
     """Limits for the approximate alignment of images before tie measurements are tested."""
 
-    points_per_image: int = threshold(96, "points", "number of points of an image, divided among its pairs")
     apart_px: float = threshold(100.0, "px", "sigma of image points in the first intersection")
     least_height_m: float = threshold(200.0, "m", "smallest a priori sigma of a height in the alignment")
     coarse_share: float = threshold(0.9, "", "share of measurements with residuals below the first scale")
@@ -156,9 +155,7 @@ def _choose_points(observations: Observations) -> np.ndarray:
     pair_count = np.stack(np.divmod(key[order[begin]].astype(np.int64), cameras))
     links = np.bincount(pair_count.ravel(), minlength=cameras)
     fewest, largest = SAMPLES.fewest, SAMPLES.local
-    target_count = np.clip(
-        IMAGE_ALIGNMENT.points_per_image // links[pair_count].min(axis=0, initial=cameras), fewest, largest
-    )
+    target_count = np.clip(SAMPLES.local // links[pair_count].min(axis=0, initial=cameras), fewest, largest)
     step, last = np.repeat(np.maximum(count // target_count, 1), count), np.repeat(target_count, count)
     rank = np.arange(len(order)) - np.repeat(begin, count)
     is_chosen = np.zeros(len(observations.points), dtype=bool)

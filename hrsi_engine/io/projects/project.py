@@ -37,9 +37,6 @@ class PROJECTS:
     margin: float = threshold(0.25, "", "margin of the initial DEM relative to the area's extent")
     margin_deg: float = threshold(0.02, "deg", "margin of the initial DEM in addition to that")
     held_out_of: int = threshold(8, "views", "one of so many views is held out for a test", "custom of LLFF")
-    perspective_px: float = threshold(
-        0.5, "px", "largest difference of a perspective camera from its RPC without a message", "as COLMAP filters"
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ from ...foundation.errors import InputError, OutputError
 from ...foundation.json_values import json_text
 from ...foundation.pixel_filters import STRETCH
 from ...foundation.progress import silent
-from ...foundation.thresholds import GRIDS, GROUND
+from ...foundation.thresholds import EQUALITY, GRIDS, GROUND
 from ...ground.geodesy import LocalFrame, to_ecef
 from ..opening.datasets import config_option, gdal_messages
 from ..rasters.cropping import CropWindow, open_window, save_image
@@ -196,7 +196,7 @@ def plan_colmap_project(project: BlockProject) -> PlannedProject:
             f"{name}: its perspective camera differs from its RPC by {error['rms_px']:.2f} px (RMS), at most "
             f"{error['max_px']:.2f} px: take a smaller `extent`"
             for name, error in errors.items()
-            if error["max_px"] > PROJECTS.perspective_px
+            if error["max_px"] > EQUALITY.rpc_px
         ),
         {"perspective": errors},
     )

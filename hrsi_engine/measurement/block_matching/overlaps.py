@@ -29,7 +29,7 @@ from ...block.sliding_footprints import (
     intersect_heights,
 )
 from ...foundation.errors import InputError
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, threshold, thresholds
 from ...surface.dem import HeightSurface, surface_heights
 
 _YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
@@ -43,7 +43,6 @@ class CHOICE:
     agreeing_px: float = threshold(4.0, "px of the overview", "range of the offsets across epipolar lines that agree")
     partners: int = threshold(40, "images", "most images with which an image is compared")
     measured_partners: int = threshold(60, "images", "most overlaps of an image that are computed; beyond, estimated")
-    angle_scale_deg: float = threshold(20.0, "°", "difference of viewing angles at which similarity is 1/e")
     chance: int = threshold(5, "features", "number that agree by chance; a comparison with no more is not used", _YEAR)
     narrow_deg: float = threshold(1.5, "°", "smallest angle between the views of a pair for heights")
     narrow_worth: float = threshold(0.6, "", "weight of pairs with a smaller angle in the selection")
@@ -145,7 +144,7 @@ def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, limit: int = C
     The prior is overlap times a function of the angle. The cost grows with the number of images, not of pairs.
     """
     first, second = (np.array([getattr(pair, name) for pair in overlaps], np.int64) for name in ("first", "second"))
-    prior = np.array([pair.share for pair in overlaps]) * np.exp(-angle_deg / CHOICE.angle_scale_deg)
+    prior = np.array([pair.share for pair in overlaps]) * np.exp(-angle_deg / EQUALITY.direction_deg)
     image, row = np.r_[first, second], np.tile(np.arange(len(overlaps)), 2)
     order = np.lexsort((-prior[row], image))
     return np.unique(row[order[rank_in_groups(image[order]) < limit]])

@@ -25,6 +25,7 @@ import numpy as np
 
 from ...block.block import Image
 from ...camera.rpc import Localization
+from ...camera.rpc_fit import FIT
 from ...camera.rpc_terms import monomials
 from ...foundation.thresholds import GROUND, MEMORY, SAMPLES
 from ...foundation.workers.scheduling import PartResult
@@ -73,7 +74,7 @@ def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: 
     if not np.isfinite(positions).all():
         return geometry
     coefficients = _FIT @ positions
-    if np.abs(_TERMS.T @ coefficients - positions).max() > TIE_WINDOWS.miss_px:
+    if np.abs(_TERMS.T @ coefficients - positions).max() > FIT.good_px:
         return geometry
     local_transfer = _LocalTransfer(geometry.first.height_range, middle, reach, coefficients)
     return replace(geometry, first=local_transfer, second=local_transfer)

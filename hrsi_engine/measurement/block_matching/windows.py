@@ -24,7 +24,6 @@ class TIE_WINDOWS:
     surplus: int = threshold(3, "", "ratio of measured and wanted points of a cell; tracks are selected later")
     valid_share: float = threshold(0.3, "", "smallest share of valid pixels in a window")
     side_px: int = threshold(64, "px", "smallest side of a window's part in a partner image")
-    miss_px: float = threshold(1e-3, "px", "largest error of a cubic that replaces the RPCs")
 
 
 class ImageWindow(NamedTuple):

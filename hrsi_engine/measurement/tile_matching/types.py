@@ -18,10 +18,9 @@ import numpy as np
 from scipy import ndimage
 
 from ...foundation.pixel_filters import blur, interpolate
-from ...foundation.thresholds import GROUND, MEMORY
+from ...foundation.thresholds import GRIDS, GROUND, MEMORY
 from ..window_matching.windows import ResultCache
 from .epipolar import EPIPOLAR, LocalizingCamera, transfer
-from .options import TILE_MATCH
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,8 +216,8 @@ class TileFrame:
     def resampled(self) -> ImageTile:
         """The second tile in this frame: origin ``(-pad, -pad)``, step 1, both in pixels of the first tile."""
         rows, columns = (length + 2 * self.pad_px for length in self.first.pixels.shape)
-        count = [max(2, -(-(length - 1) // TILE_MATCH.node_px) + 1) for length in (columns, rows)]
-        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(TILE_MATCH.node_px) for n in count)), -1).reshape(-1, 2)
+        count = [max(2, -(-(length - 1) // GRIDS.spacing_px) + 1) for length in (columns, rows)]
+        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(GRIDS.spacing_px) for n in count)), -1).reshape(-1, 2)
         positions = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2).astype(np.float32)
         if not np.isfinite(positions).all():
             positions = np.full_like(positions, NOWHERE_PX)
@@ -232,8 +231,8 @@ class TileFrame:
 
 
 def _make_interpolation_matrix(length: int, nodes: int) -> np.ndarray:
-    """Return the matrix of linear interpolation from nodes ``TILE_MATCH.node_px`` apart to every pixel."""
-    position = np.arange(length) / TILE_MATCH.node_px
+    """Return the matrix of linear interpolation from nodes ``GRIDS.spacing_px`` apart to every pixel."""
+    position = np.arange(length) / GRIDS.spacing_px
     node = np.minimum(position.astype(np.int64), nodes - 2)
     weights = np.zeros((length, nodes), dtype=np.float32)
     weights[np.arange(length), node] = 1.0 - (position - node)

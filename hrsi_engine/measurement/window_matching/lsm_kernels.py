@@ -13,7 +13,7 @@ from ...foundation.thresholds import EQUALITY
 from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, MATCHING, OUTSIDE, TERMS, WEAK
 
 # Compiled loops can use module names only, not attributes
-RIVAL_PX, ROUNDING_SHARE, SMALLEST_GAIN = MATCHING.rival_px, EQUALITY.rounding, MATCHING.smallest_gain
+RIVAL_PX, ROUNDING_SHARE, SMALLEST_GAIN = MATCHING.rival_px, EQUALITY.rounding, EQUALITY.negligible
 SIDE_BY_SIDE = 8  # number of products computed together: as many as fit into a register of 32 bytes
 
 

@@ -24,7 +24,6 @@ TERMS = 8  # two shifts, four affine terms, gain, offset
 class MATCHING:
     """Weights and limits of correlation and least-squares matching."""
 
-    smallest_gain: float = threshold(0.05, "", "smallest gain of the grey values; with a smaller one matching fails")
     rival_px: int = threshold(3, "px", "distance up to which peaks or tracks are one")
     spline_reach_px: int = threshold(12, "px", "half length of the spline's filter (error 1e-7)", "Unser 1999")
     taper: float = threshold(0.6, "", "sigma of the Gaussian weights relative to half the window")

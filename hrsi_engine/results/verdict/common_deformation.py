@@ -9,8 +9,8 @@ from ...block.block import Image, Role, stack_rpcs
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import SAMPLES, SIGNIFICANCE
 from ...ground.geodesy import ground_difference_m
+from ...refinement.selection import SELECTION
 from .evidence import Evidence
-from .significance import EFFECT
 
 _DRIFTS = ("sample_s", "sample_l", "line_s", "line_l")
 
@@ -42,7 +42,7 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
         height_m = half_m * float(np.linalg.norm(gradient[2]))
         if (
             max(excess, likeness) < SIGNIFICANCE.false_alarm
-            and max(plan_m / part.ce90_m, height_m / part.le90_m) > EFFECT.agreeing_factor
+            and max(plan_m / part.ce90_m, height_m / part.le90_m) > SELECTION.expected_error
         ):
             yield Reason(
                 "survey-deformed",

@@ -10,10 +10,10 @@ from ...adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, collect_
 from ...adjustment.result import Adjustment, Decision
 from ...block.block import Role, stack_rpcs
 from ...foundation.errors import list_ids
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.thresholds import EQUALITY, threshold, thresholds
 from ...refinement.model import RefitRPC, estimate_priors
 from ..residuals import Residuals
-from .fields import FIELD, NESTED, ResidualField, find_residual_fields
+from .fields import NESTED, ResidualField, find_residual_fields
 from .significance import SOUND_BLOCKS
 
 
@@ -125,7 +125,7 @@ class Evidence:
 
 def describe_residual_fields(evidence: Evidence) -> list[str]:
     """Return notes of significant systematic fields in the residuals of images, with the model that removes them."""
-    fields = [field for field in evidence.fields if field.rms_px >= FIELD.noted_px]
+    fields = [field for field in evidence.fields if field.rms_px >= EQUALITY.camera_px]
     if not fields:
         return []
     worst, name = fields[0], evidence.result.model.name

@@ -22,7 +22,6 @@ class FIELD:
     equal_share: float = threshold(
         0.8, "", "share of the squares explained by the largest model that a simpler model needs"
     )
-    noted_px: float = threshold(0.05, "px", "smallest RMS of a field in the notes")
 
 
 NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many

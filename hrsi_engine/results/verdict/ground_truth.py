@@ -17,9 +17,10 @@ from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ...refinement.selection import SELECTION
 from ..residuals import state_known_sigmas_px
 from .evidence import CAMERA, Evidence
-from .significance import EFFECT, SOUND_BLOCKS, compute_chi_square_limit, is_significant
+from .significance import SOUND_BLOCKS, compute_chi_square_limit, is_significant
 
 
 @thresholds
@@ -255,7 +256,7 @@ def do_check_points_agree(evidence: Evidence) -> bool:
         return False
     on_ground = MajorityFit.estimate(*_compute_chi_squares(error[usable], covariance[usable]))
     confirming = check[usable][~on_ground.is_outlier]
-    if len(confirming) < SAMPLES.plane or on_ground.factor >= EFFECT.agreeing_factor:
+    if len(confirming) < SAMPLES.plane or on_ground.factor >= SELECTION.expected_error:
         return False
     rows, by_ground = evidence.check_rays
     point, residual_px = block.measurements.point[rows], evidence.left.at_known_px[rows]
@@ -263,7 +264,7 @@ def do_check_points_agree(evidence: Evidence) -> bool:
     survey = block.points.survey_covariance_m2(point[used])
     expected = pixel**2 * np.eye(2) + by_ground[used] @ survey @ by_ground[used].swapaxes(1, 2)
     in_images = _compute_chi_squares(residual_px[used], expected)[0]
-    return not len(in_images) or float(np.sqrt(in_images.mean() / 2.0)) < EFFECT.agreeing_factor
+    return not len(in_images) or float(np.sqrt(in_images.mean() / 2.0)) < SELECTION.expected_error
 
 
 def are_other_gcps_consistent(evidence: Evidence, suspects: Sequence[str]) -> bool:

@@ -8,24 +8,15 @@ from ...adjustment.external.laser_heights import MISFIT
 from ...adjustment.result import HeightAgreement, SourceGroup
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import EQUALITY, GROUND, threshold, thresholds
+from ...foundation.robust_scale import ROBUST
+from ...foundation.thresholds import EQUALITY, GROUND, SAMPLES, threshold, thresholds
 from .evidence import Evidence
-from .significance import EFFECT, SOUND_BLOCKS
 
 
 @thresholds
 class HEIGHT_CONFLICTS:
     """Limits for heights that contradict the block."""
 
-    few_laser: int = threshold(
-        10, "points", "number below which laser points that alone determine the height are reported", SOUND_BLOCKS
-    )
-    few_share: float = threshold(
-        0.1,
-        "",
-        "… if also less than this share of their file; share in contradicting parts that is not reported",
-        SOUND_BLOCKS,
-    )
     woods_m: float = threshold(30.0, "m", "height above the ground up to which parts of a DEM are woods or buildings")
 
 
@@ -43,7 +34,7 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
         beyond = [
             group
             for group in one.groups
-            if group.wrong and abs(group.offset_m) > EFFECT.doubtful_factor * _compute_full_sigma_m(one, group)
+            if group.wrong and abs(group.offset_m) > ROBUST.outlier * _compute_full_sigma_m(one, group)
         ]
         higher = [group for group in beyond if group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.woods_m]
         covered = sum(group.observations for group in higher)
@@ -54,7 +45,7 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
         middle = float(np.median([group.offset_m for group in contradicting])) if contradicting else 0.0
         share = sum(group.observations for group in contradicting) / max(one.observations, 1)
         outvoted = off > EQUALITY.majority * compared and one.left_out < one.observations
-        if not (undecided or outvoted or share > HEIGHT_CONFLICTS.few_share):
+        if not (undecided or outvoted or share > EQUALITY.negligible):
             continue
         open_between = undecided or (not compared and share > EQUALITY.majority)
         if outvoted:
@@ -90,7 +81,7 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
     if not result.heights or result.rpcs_alone_m is None or sigma_m is None:
         return
     away_m = -result.rpcs_alone_m[2]
-    if abs(away_m) > EFFECT.doubtful_factor * sigma_m:
+    if abs(away_m) > ROBUST.outlier * sigma_m:
         held = [one.source for one in result.heights if one.left_out < one.observations]
         yield Reason(
             "sources-disagree",
@@ -105,7 +96,7 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
 def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for heights whose scatter about the ground is much larger than their standard deviations."""
     for one in evidence.result.heights:
-        if one.sigma_factor > EFFECT.doubtful_factor and not one.contradicts:
+        if one.sigma_factor > ROBUST.outlier and not one.contradicts:
             yield Reason(
                 "sources-disagree",
                 Level.DOUBTFUL,
@@ -122,9 +113,7 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
         return
     fits = laser.reason == ""
     low = (laser.reason == MISFIT) & (laser.residual_m < -GROUND.canopy_m)
-    if low.sum() < max(
-        HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_share * (fits.sum() + (laser.reason == MISFIT).sum())
-    ):
+    if low.sum() < max(SAMPLES.fewest, EQUALITY.negligible * (fits.sum() + (laser.reason == MISFIT).sum())):
         return
     yield Reason(
         "sources-disagree",
@@ -142,7 +131,7 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     if found is None:
         return
     used, number = int((found.reason == "").sum()), len(found.reason)
-    enough = min(HEIGHT_CONFLICTS.few_laser, HEIGHT_CONFLICTS.few_share * number)
+    enough = min(SAMPLES.fewest, EQUALITY.negligible * number)
     if used and (used >= enough or any(part.gcps for part in evidence.result.parts)):
         return
     reasons, count = np.unique(found.reason[found.reason != ""], return_counts=True)

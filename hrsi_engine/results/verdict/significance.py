@@ -2,18 +2,10 @@
 
 from scipy import special
 
-from ...foundation.thresholds import SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import SIGNIFICANCE
 
 #: Source of most thresholds of the verdict.
 SOUND_BLOCKS = "correct simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/protocols/sound_blocks.md)"
-
-
-@thresholds
-class EFFECT:
-    """Sizes of effects over their standard deviations."""
-
-    agreeing_factor: float = threshold(2.0, "", "error over its prediction up to which observations agree")
-    doubtful_factor: float = threshold(3.5, "", "error over its standard deviation that is reported", SOUND_BLOCKS)
 
 
 def compute_chi_square_limit(freedom: float, risk: float = SIGNIFICANCE.false_alarm) -> float:

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...block.placement import FRAME
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from .evidence import CAMERA, Evidence
 from .significance import SOUND_BLOCKS, is_significant
 
@@ -21,11 +22,6 @@ class SOLUTION:
     implausible_factor: float = threshold(
         2.5, "", "smallest reported residuals, of a group or of all (sigma0), over the given sigmas", SOUND_BLOCKS
     )
-    smallest_sigma_px: float = threshold(
-        0.05, "px", "smallest standard deviation of image points in a block: cameras have errors of this size"
-    )
-    doubtful_fit_px: float = threshold(0.1, "px", "difference of a refined RPC from its model that is reported")
-    unusable_fit_px: float = threshold(1.0, "px", "… beyond which a block is unusable")
 
 
 def find_divergence(evidence: Evidence) -> Iterator[Reason]:
@@ -55,7 +51,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
 
     Residuals are unusable if they are much larger than the noise, the unmodelled errors of cameras, and jitter.
     """
-    result, reported_px = evidence.result, SOLUTION.implausible_factor * SOLUTION.smallest_sigma_px
+    result, reported_px = evidence.result, SOLUTION.implausible_factor * EQUALITY.camera_px
     texts = [
         f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
         for part in result.variance_components
@@ -126,8 +122,8 @@ def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
     block = evidence.result.block
     fit = np.array([one.fit_max_px for one in evidence.refined])
     for level, low, high in (
-        (Level.UNUSABLE, SOLUTION.unusable_fit_px, np.inf),
-        (Level.DOUBTFUL, SOLUTION.doubtful_fit_px, SOLUTION.unusable_fit_px),
+        (Level.UNUSABLE, FRAME.gross_px, np.inf),
+        (Level.DOUBTFUL, EQUALITY.rpc_px, FRAME.gross_px),
     ):
         images = np.flatnonzero(~(fit < low) & ~(fit >= high))
         if len(images):

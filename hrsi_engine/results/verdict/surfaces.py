@@ -6,8 +6,8 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
+from ...foundation.robust_scale import ROBUST
 from .evidence import Evidence
-from .significance import EFFECT
 
 
 def find_surface_reasons(evidence: Evidence) -> Iterator[Reason]:
@@ -26,7 +26,7 @@ def find_surface_reasons(evidence: Evidence) -> Iterator[Reason]:
                 "orthoimage",
                 images=one.images,
             )
-        elif one.beyond_pointing > EFFECT.doubtful_factor:
+        elif one.beyond_pointing > ROBUST.outlier:
             yield Reason(
                 "surface-offset",
                 Level.DOUBTFUL,

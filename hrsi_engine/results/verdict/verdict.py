@@ -9,10 +9,10 @@ from typing import Any
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
+from ...foundation.robust_scale import ROBUST
 from ..lineage import add_untested_error
 from . import common_deformation, connections, datums, ground_truth, heights, jitter, solution, surfaces
 from .evidence import Evidence
-from .significance import EFFECT
 
 #: Every check of a finished adjustment.
 CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
@@ -207,7 +207,7 @@ def _describe_prediction(report: Mapping[str, Any]) -> str:
     of_gcps = " (by leave-one-out of the GCPs)" if part["leave_one_out"] > 1.0 else ""
     sources = [one["source"] for one in report["heights"] if one["left_out"] < one["observations"]]
     if len(sources) == 1 and (sigma_m := report.get("rpcs_height_sigma_m")):
-        unseen_m = format_figure(EFFECT.doubtful_factor * sigma_m)
+        unseen_m = format_figure(ROBUST.outlier * sigma_m)
         texts.append(f"heights rest on the {sources[0]} alone: an error of its datum below {unseen_m} m does not show")
     return f"{'; '.join(texts)}{of_gcps}"
 
