@@ -28,8 +28,6 @@ from ..foundation.pixel_filters import blur, reduce_by_area
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import ITERATIONS, threshold, thresholds
 from ..foundation.workers.scheduling import open_calls
-from ..measurement.reference.predicted_patches import BIAS
-from ..measurement.tile_matching.options import TILE_MATCH
 from ..measurement.window_matching.correlation import (
     compute_orientation_field,
     correlate_fields,
@@ -104,7 +102,7 @@ def window_centres(columns: int, rows: int, options: MisregistrationOptions) -> 
     columns, rows : size of the area in pixels; options : size and number of the windows
     Result: (n, 2) column, row.
     """
-    reach = options.window_px // 2 + options.search_px + TILE_MATCH.edge_px
+    reach = options.window_px // 2 + options.search_px + MATCHING.edge_px
     spacing = max(options.window_px // 2, -(-max(columns, rows) // options.most))
     axes = []
     for size in (columns, rows):
@@ -142,7 +140,7 @@ def measure_shifts(
 
 def _match_window(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
     """Return the shift of the window around column, row."""
-    (column, row), side = centre, options.window_px // 2 + TILE_MATCH.edge_px
+    (column, row), side = centre, options.window_px // 2 + MATCHING.edge_px
     reach = side + options.search_px
     template = first(column - side, row - side, 2 * side, 2 * side)
     if not template[1].all():
@@ -150,12 +148,10 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     area = second(column - reach, row - reach, 2 * reach, 2 * reach)
     pixel_pair = template[0], np.where(area[1], area[0], np.mean(area[0]))
     grey, place = (blur(np.asarray(pixels, dtype=np.float32), MATCHING.gradient_smoothing_px) for pixels in pixel_pair)
-    core = grey[TILE_MATCH.edge_px : -TILE_MATCH.edge_px, TILE_MATCH.edge_px : -TILE_MATCH.edge_px]
+    core = grey[MATCHING.edge_px : -MATCHING.edge_px, MATCHING.edge_px : -MATCHING.edge_px]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # no overflow
         return _make_failure(WindowOutcome.FLAT)
-    score = correlate_template(
-        core, place[TILE_MATCH.edge_px : -TILE_MATCH.edge_px, TILE_MATCH.edge_px : -TILE_MATCH.edge_px]
-    )
+    score = correlate_template(core, place[MATCHING.edge_px : -MATCHING.edge_px, MATCHING.edge_px : -MATCHING.edge_px])
     row, column = divmod(int(np.argmax(score)), score.shape[1])
     best = float(score[row, column])
     if best < options.min_correlation:
@@ -227,8 +223,8 @@ def _interpolate_window(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.nda
     whole_px = np.floor(d).astype(int)
     x_values, x_slopes = _weigh_spline(float(d[0] - whole_px[0]))
     y_values, y_slopes = _weigh_spline(float(d[1] - whole_px[1]))
-    side = len(coefficients) - 2 * TILE_MATCH.edge_px
-    start = TILE_MATCH.edge_px - 1 + whole_px
+    side = len(coefficients) - 2 * MATCHING.edge_px
+    start = MATCHING.edge_px - 1 + whole_px
     parts = [coefficients[:, start[0] + k : start[0] + k + side] for k in range(4)]
     across, slope_across = (sum(w * p for w, p in zip(ws, parts, strict=True)) for ws in (x_values, x_slopes))
 
@@ -287,7 +283,7 @@ def find_common_shift(first: Read, second: Read, columns: int, rows: int) -> np.
                     probe, _compute_field(*second(column - SHIFT.probe_px, row - SHIFT.probe_px, wide, wide))
                 )
     peak = find_correlation_peak(total)
-    if peak.contrast < BIAS.contrast:
+    if peak.contrast < MATCHING.contrast:
         return np.zeros(2, dtype=int)
     return np.rint(peak.shift * SHIFT.reduction - SHIFT.probe_px).astype(int)
 

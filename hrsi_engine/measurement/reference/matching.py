@@ -36,7 +36,7 @@ from ...surface.dem import HeightSurface, Status, intersect_surface, surface_hei
 from ..tile_matching.options import TILE_MATCH
 from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak
 from ..window_matching.least_squares_matching import match_patches
-from ..window_matching.windows import DONE, LsmOptions, MatchImage
+from ..window_matching.windows import DONE, MATCHING, LsmOptions, MatchImage
 from .options import ReferenceOptions
 from .predicted_patches import BIAS, ImageBias, predict_patch, read_means, read_patch, search_bias
 
@@ -248,13 +248,13 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     """Return the measurement of a place near its expected position ``(2,)``; None if it is not found."""
     half, reach = options.window_px // 2, options.reach_px
     side = 2 * half + 1
-    origin = expected - task.step * (half + TILE_MATCH.edge_px)
+    origin = expected - task.step * (half + MATCHING.edge_px)
     template = predict_patch(
         task.image,
         task.reference,
         task.surface,
         origin=origin,
-        shape=(side + 2 * TILE_MATCH.edge_px, side + 2 * TILE_MATCH.edge_px),
+        shape=(side + 2 * MATCHING.edge_px, side + 2 * MATCHING.edge_px),
         step=task.step,
         offset_px=task.bias.offset_px,
         node_px=options.node_px,
@@ -262,13 +262,13 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     )
     if template.valid.mean() < 0.9:
         return None
-    corner = expected - task.step * (half + reach + TILE_MATCH.edge_px)
+    corner = expected - task.step * (half + reach + MATCHING.edge_px)
     corner = np.round(corner) if task.step == 1.0 else corner
-    window = side + 2 * (reach + TILE_MATCH.edge_px)
+    window = side + 2 * (reach + MATCHING.edge_px)
     search = read_patch(task.image.pixels, corner, (window, window), task.step)
     if not search.valid.any():
         return None
-    inner = (slice(TILE_MATCH.edge_px, -TILE_MATCH.edge_px),) * 2
+    inner = (slice(MATCHING.edge_px, -MATCHING.edge_px),) * 2
     surface = correlate_orientations(
         compute_orientation_field(template.grey, template.valid)[inner],
         compute_orientation_field(search.grey, search.valid)[inner],
@@ -276,11 +276,11 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     peak = find_correlation_peak(surface)
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak is outside the search range
-    position = peak.shift + TILE_MATCH.edge_px + half  # position of the place's centre in the search window
+    position = peak.shift + MATCHING.edge_px + half  # position of the place's centre in the search window
     # Least-squares matching; if grey values do not correlate, the peak itself with a larger sigma
-    middle = half + TILE_MATCH.edge_px
+    middle = half + MATCHING.edge_px
     step = task.step
-    settings = LsmOptions(window_px=2 * (middle - TILE_MATCH.edge_px) + 1, reach_px=REFERENCE_MATCHES.lsm_reach)
+    settings = LsmOptions(window_px=2 * (middle - MATCHING.edge_px) + 1, reach_px=REFERENCE_MATCHES.lsm_reach)
     first = MatchImage(template.grey, template.valid, BLUR.sigma_px)
     second = MatchImage(search.grey, search.valid, BLUR.sigma_px)
     matched = match_patches(first, second, np.array([[middle, middle]]), position[None], np.eye(2)[None], settings)

@@ -26,6 +26,7 @@ from ..window_matching.correlation import (
     correlate_fields,
     find_correlation_peak,
 )
+from ..window_matching.windows import MATCHING
 
 
 @thresholds
@@ -173,7 +174,6 @@ class BIAS:
     least_side: int = threshold(128, "working px", "smallest shorter side of an image at the coarsest level")
     fine_reach: int = threshold(8, "working px", "half width of the search at finer levels")
     site: int = threshold(160, "working px", "side of a correlated part of the image")
-    contrast: float = threshold(9.0, "sigma", "smallest height of a peak above the others, in robust sigmas")
     rival: float = threshold(0.75, "", "largest ratio of the second and the highest peak (ambiguity)")
 
 
@@ -200,7 +200,7 @@ def search_bias(
         peak = _find_peak(
             image, reference, surface, gsd_m=gsd_m, step=coarse, offset=np.zeros(2), reach=int(np.ceil(reach / coarse))
         )
-        if peak is not None and peak.contrast >= BIAS.contrast and peak.rival <= BIAS.rival:
+        if peak is not None and peak.contrast >= MATCHING.contrast and peak.rival <= BIAS.rival:
             break
         if reach >= search_px:
             return None

@@ -16,6 +16,7 @@ from ...foundation.pixel_filters import STRETCH, box_mean, compute_smaller_eigen
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.corners import compute_structure_tensor, find_local_maxima, mask_usable_surroundings
 from ..interest_points.windows import estimate_noise
+from ..window_matching.windows import MATCHING
 from .options import TILE_MATCH, TileMatchOptions
 from .types import ImageTile
 
@@ -80,13 +81,13 @@ def invert_descriptors(descriptors: np.ndarray) -> np.ndarray:
 def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     """Return columns and rows ``(n, 2)``, int64, of the interest points of a tile; they depend on this tile alone."""
     half = max(options.windows_px) // 2
-    if min(tile.pixels.shape) <= 2 * half + 2 * TILE_MATCH.edge_px:
+    if min(tile.pixels.shape) <= 2 * half + 2 * MATCHING.edge_px:
         return np.empty((0, 2), dtype=np.int64)
     tensor = compute_structure_tensor(tile.pixels)
     strength = compute_smaller_eigenvalue(tensor.xx, tensor.yy, tensor.xy)
     smallest = min(options.windows_px) // 2
-    strength[~mask_usable_surroundings(tile.valid, smallest + TILE_MATCH.edge_px)] = 0.0
-    margin = smallest + TILE_MATCH.edge_px
+    strength[~mask_usable_surroundings(tile.valid, smallest + MATCHING.edge_px)] = 0.0
+    margin = smallest + MATCHING.edge_px
     strength[:margin], strength[-margin:], strength[:, :margin], strength[:, -margin:] = 0.0, 0.0, 0.0, 0.0
     rows, columns = np.nonzero(find_local_maxima(strength, options.spacing_px))
     noise = estimate_noise(tile.pixels, tile.valid) if tile.noise is None else tile.noise

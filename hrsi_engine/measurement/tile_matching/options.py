@@ -13,7 +13,6 @@ class TILE_MATCH:
         0.1, "px", "largest expected sigma of a match; as its sigma, it has quality one half"
     )
     weakest_corner: float = threshold(0.02, "", "smallest strength or texture over the median one")
-    edge_px: int = threshold(4, "px", "border of tiles and templates for filters and gradients")
     cells: int = threshold(16, "cells", "cells along each side, with equal numbers of points")
     spread: float = threshold(0.7, "", "half length of the search over the range of the neighbours' parallax")
     slope: float = threshold(0.02, "px/px", "half length of the search per distance of the seeds")

@@ -24,6 +24,8 @@ TERMS = 8  # two shifts, four affine terms, gain, offset
 class MATCHING:
     """Weights and limits of correlation and least-squares matching."""
 
+    contrast: float = threshold(9.0, "sigma", "smallest height of a peak above the others, in robust sigmas")
+    edge_px: int = threshold(4, "px", "border of tiles and templates for filters and gradients")
     rival_px: int = threshold(3, "px", "distance up to which peaks or tracks are one")
     spline_reach_px: int = threshold(12, "px", "half length of the spline's filter (error 1e-7)", "Unser 1999")
     taper: float = threshold(0.6, "", "sigma of the Gaussian weights relative to half the window")
