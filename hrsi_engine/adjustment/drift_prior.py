@@ -102,7 +102,14 @@ class DriftPrior:
                 squares[now.place], freedom[now.place] = now.predict_differences(
                     next_common, *of_part, prior_weight[now.place], weight[now.place]
                 )
-            return self._estimate_factors(squares, freedom)
+            self.sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
+            if not self.sums[1] > 0.0:
+                return self.factor
+            block = (DRIFT.of_sensor + self.sums[0]) / (DRIFT.of_sensor + self.sums[1])
+            term = (REDUNDANCY.stated * block + squares.sum(axis=0)) / (REDUNDANCY.stated + freedom.sum(axis=0))
+            individual = np.sqrt((REDUNDANCY.stated * term + squares) / (REDUNDANCY.stated + freedom))
+            self.of_block = float(np.sqrt(block))
+            return np.where(self.free, individual, self.factor)
 
         estimated = look_ahead(prior_weight, loop.common)
         by_solution = self._find_largest_change(estimated)
@@ -119,17 +126,6 @@ class DriftPrior:
                 break
         loop.set_prior_weight(np.where(self.free, weight, self.points_per_error * self.given), common)
         return by_solution
-
-    def _estimate_factors(self, squares: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-        """Return the factors estimated from squares and redundancies of the drifts, all ``(cameras, p)``."""
-        self.sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
-        if not self.sums[1] > 0.0:
-            return self.factor
-        block = (DRIFT.of_sensor + self.sums[0]) / (DRIFT.of_sensor + self.sums[1])
-        term = (REDUNDANCY.stated * block + squares.sum(axis=0)) / (REDUNDANCY.stated + freedom.sum(axis=0))
-        individual = np.sqrt((REDUNDANCY.stated * term + squares) / (REDUNDANCY.stated + freedom))
-        self.of_block = float(np.sqrt(block))
-        return np.where(self.free, individual, self.factor)
 
     def _find_largest_change(self, estimated: np.ndarray) -> float:
         return float(np.abs(estimated / self.factor - 1.0).max(initial=0.0))

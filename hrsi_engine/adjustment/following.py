@@ -80,7 +80,19 @@ class BlockUpdater:
         self._pattern, self._blocks = self._loop.pattern, self._last.normals.blocks
         self._system = CameraSystem(self._pattern)
         self._taken_out: tuple[np.ndarray, Pattern, Normals | None] | None = None
-        self._watched = self._prepare_reintersection(watched)
+        # The known and the watched points are intersected again: their equations with the final cameras, the state, the
+        # weights (n,) of the image points and the normal equations there; None without any
+        self._watched: tuple[NormalEquations, State, np.ndarray, Normals] | None = None
+        points = self._problem.observations.points
+        is_watched = block.known[points] | np.isin(self._ids, list(watched))
+        is_watched &= finite_rows(self.result.ground[points])
+        if is_watched.any():
+            selection = self._select_before(is_watched)
+            equations = form_point_equations(selection.observations, self._problem.model)
+            state = State(self._deliver(self._last.state.values), self.result.ground[points[is_watched]])
+            weighting = selection.weighting
+            normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
+            self._watched = equations, state, weighting.image, normals
 
     def follow(self, edited: Collection[str], block: Block) -> BlockUpdate:
         """Return the update of the block for its edited points.
@@ -183,27 +195,6 @@ class BlockUpdater:
         equations = NormalEquations(share.observations, self._problem.camera, self._pattern, threads=1)
         state = State(self._last.state.values, share.ground)
         return equations.form_normals(state, share.weighting.image, share.weighting.points, share.weighting.contributes)
-
-    # ---- positions -------------------------------------------------------------------------------------------------
-
-    def _prepare_reintersection(
-        self, ids: Collection[str]
-    ) -> tuple[NormalEquations, State, np.ndarray, Normals] | None:
-        """Return the equations of the known points and some others with the final cameras; None without any.
-
-        They are followed by the state, the weights ``(n,)`` of the image points and the normal equations there.
-        """
-        problem, points = self._problem, self._problem.observations.points
-        is_watched = problem.block.known[points] | np.isin(self._ids, list(ids))
-        is_watched &= finite_rows(self.result.ground[points])
-        if not is_watched.any():
-            return None
-        selection = self._select_before(is_watched)
-        equations, weighting = form_point_equations(selection.observations, problem.model), selection.weighting
-        delivered = self._deliver(self._last.state.values)
-        state = State(delivered, self.result.ground[points[is_watched]])
-        normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
-        return equations, state, weighting.image, normals
 
     # ---- look-up tables --------------------------------------------------------------------------------------------
 

@@ -96,7 +96,10 @@ def _score_pair(
         if first is None or second is None
         else float(np.degrees(np.arccos(np.clip(first.direction @ second.direction, -1.0, 1.0))))
     )
-    season = _days_between(*(times[name] for name in names))
+    # Difference of the two dates in days of the year, the shorter way around the year
+    days = [time.timetuple().tm_yday for name in names if (time := times[name]) is not None]
+    apart = abs(days[0] - days[-1]) if len(days) == 2 else None
+    season = None if apart is None else float(min(apart, 365 - apart))
     ties = [tie_images.get(name, set()) for name in names]
     similarity = len(ties[0] & ties[1]) / np.sqrt(len(ties[0]) * len(ties[1])) if all(ties) else None
     angle = 0.0 if pair.convergence_deg is None else pair.convergence_deg
@@ -105,11 +108,3 @@ def _score_pair(
         score /= 1.0 + ((difference or 0.0) / half) ** 2
     score *= 1.0 if similarity is None else similarity
     return StereoPair(names[0], names[1], pair, sun_deg=sun, season_days=season, similarity=similarity, score=score)
-
-
-def _days_between(first: datetime | None, second: datetime | None) -> float | None:
-    """Return the difference of two dates in days of the year, the shorter way around the year."""
-    if first is None or second is None:
-        return None
-    days = abs(first.timetuple().tm_yday - second.timetuple().tm_yday)
-    return float(min(days, 365 - days))

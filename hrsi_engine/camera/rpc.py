@@ -139,20 +139,18 @@ class RPC:
     def to_rasterio(self) -> rasterio.rpc.RPC:
         """Return the RPC for rasterio: for ``dataset.rpcs = …``, or its ``RPCTransformer``.
 
+        Nothing else of HRSI needs rasterio, so that an `ImportError` is raised if it is not installed.
+
         Returns
         -------
         rasterio.rpc.RPC
             The RPC with the same numbers.
-
-        Raises
-        ------
-        ImportError
-            rasterio is not installed; nothing else of HRSI needs it.
         """
         import rasterio.rpc
 
-        values = {theirs: getattr(self, name) for name, theirs in RASTERIO_NAMES.items()}
-        return rasterio.rpc.RPC(**{name: np.array(value).tolist() for name, value in values.items()})
+        return rasterio.rpc.RPC(
+            **{theirs: np.array(getattr(self, name)).tolist() for name, theirs in RASTERIO_NAMES.items()}
+        )
 
     # ---- derived constants -------------------------------------------------------------------------------------
 
@@ -387,16 +385,16 @@ class RPC:
         """
         image = _check_points(image, 2, "image")
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
-        ground = np.empty((len(image), 3))
-        converged = np.empty(len(image), dtype=bool)
-        solver = self._solver
+        ground, converged = np.empty((len(image), 3)), np.empty(len(image), dtype=bool)
 
         def localize_part(part: slice, work: Workspace) -> None:
             target = np.empty((2, part.stop - part.start))
             for axis in (0, 1):
                 np.subtract(image[part, axis], self._image_off[axis], out=target[axis])
             target /= self._image_scale[:, None]
-            lonlat, has_converged = solver.solve(target, (heights[part] - self.height_off) / self.height_scale, work)
+            lonlat, has_converged = self._solver.solve(
+                target, (heights[part] - self.height_off) / self.height_scale, work
+            )
             lonlat *= self._ground_scale[:2, None]
             lonlat += self._ground_off[:2, None]
             if np.abs(lonlat[0]).max() > 180.0:

@@ -267,7 +267,20 @@ class Solver:
         if height.size < EVALUATION.nodes**3:  # fewer than are needed for the fit of the inverse
             lonlat, error = self._predict_by_affine(target, height), np.full(height.size, np.inf)
         else:
-            lonlat, error = self._iterate_by_inverse(target, height, work)
+            # Newton's iteration with the derivatives of the inverse, which are constant for each point
+            start, slopes = self._predict(target, height, work)
+            terms = work.terms(height.size)
+            terms[1:3], terms[3] = start, height
+            for evaluation in range(1, EVALUATION.chord_evaluations + 1):
+                ratios, _ = work.ratios(self._polynomials, terms)
+                miss = np.subtract(target, ratios, out=ratios)
+                error = np.abs(miss * self._scale_px).max(axis=0)
+                still_open = height.size - np.count_nonzero(error <= EQUALITY.rounding)
+                if evaluation == EVALUATION.chord_evaluations or still_open <= EQUALITY.negligible * height.size:
+                    break
+                terms[1:3] += slopes[:2] * miss[0]
+                terms[1:3] += slopes[2:] * miss[1]
+            lonlat = terms[1:3].copy()
         unsolved = np.flatnonzero(~(error <= EQUALITY.rounding))
         error[unsolved] = np.inf  # the next iteration starts at these positions, and computes their errors again
         self._iterate_by_newton(lonlat, error, unsolved, target, height, limit=np.inf, iterations=ITERATIONS.most)
@@ -276,24 +289,6 @@ class Solver:
         lonlat[:, failed], error[failed] = 0.0, np.inf
         self._iterate_by_newton(lonlat, error, failed, target, height, limit=0.5, iterations=8 * ITERATIONS.most)
         return lonlat, error <= EVALUATION.accepted_px
-
-    def _iterate_by_inverse(
-        self, target: np.ndarray, height: np.ndarray, work: Workspace
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return lon, lat ``(2, n)`` and errors in px of Newton's iteration with the inverse's derivatives."""
-        lonlat, slopes = self._predict(target, height, work)
-        terms = work.terms(height.size)
-        terms[1:3], terms[3] = lonlat, height
-        for evaluation in range(1, EVALUATION.chord_evaluations + 1):
-            ratios, _ = work.ratios(self._polynomials, terms)
-            miss = np.subtract(target, ratios, out=ratios)
-            error = np.abs(miss * self._scale_px).max(axis=0)
-            still_open = height.size - np.count_nonzero(error <= EQUALITY.rounding)
-            if evaluation == EVALUATION.chord_evaluations or still_open <= EQUALITY.negligible * height.size:
-                break
-            terms[1:3] += slopes[:2] * miss[0]
-            terms[1:3] += slopes[2:] * miss[1]
-        return terms[1:3].copy(), error
 
     def _predict(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return approximate lon, lat ``(2, n)`` and their derivatives ``(4, n)`` by normalised sample, then line."""

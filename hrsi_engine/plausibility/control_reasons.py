@@ -223,14 +223,6 @@ def _describe_point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
 # ---- reasons -------------------------------------------------------------------------------------------------------
 
 
-def _list_rivals(rivals: list[MistakeHypothesis]) -> str:
-    """Return possible input errors as text, each with the misfit that remains after its correction."""
-    texts = dict.fromkeys(
-        f"{one.mistake.what} (then {_format_median_distance(one.fit, one.images)} remain)" for one in rivals
-    )
-    return ", or ".join(texts)
-
-
 def _format_median_distance(read: ControlFit, images: np.ndarray | None = None) -> str:
     """Return the median distance of points from their rays on images (all by default), as text ``1.2 km (2400 px)``."""
     rows = np.isin(read.control.image, read.control.images if images is None else images)
@@ -331,13 +323,16 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals:
     far = (given.shift_length_m > control.get_figures("far_m"))[control.image]
     points = np.unique(control.point[rows & (far | ~given.belongs)])
     alike = given.belongs[rows].mean() > CONTROL_FIT.agreeing_share
+    causes = dict.fromkeys(
+        f"{one.mistake.what} (then {_format_median_distance(one.fit, one.images)} remain)" for one in rivals
+    )
     return Reason(
         "control-implausible",
         Level.UNUSABLE,
         "the median distance of the ground points from their positions by the RPCs of "
         f"{list_ids(control.image_ids(wrong))} is {_format_median_distance(given, wrong)}, too much for an error of "
         f"these RPCs (about {sigma:.3g} m); "
-        + (f"possible causes: {_list_rivals(rivals)}" if rivals else "no frequent input error explains it")
+        + (f"possible causes: {', or '.join(causes)}" if rivals else "no frequent input error explains it")
         + (f" (equal for all points: {_format_shifts(control, wrong)})" if alike else ""),
         "check CRS, columns and ids of ground and image points, and that the RPC belongs to these pixels: a crop and "
         "its scene have different RPCs",

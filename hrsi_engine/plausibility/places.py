@@ -119,7 +119,11 @@ def find_reordered_rpcs(block: Block) -> list[Reason]:
     for image in block.images:
         bend_px = _compute_bend_px(image.rpc)
         if bend_px > PLACEMENT.bent_px:
-            reordered_px = [_compute_bend_px(_reorder(image.rpc, order)) for order in (A_TO_B, np.argsort(A_TO_B))]
+            polynomials = {name: getattr(image.rpc, name) for name in ("line_num", "line_den", "samp_num", "samp_den")}
+            reordered_px = [
+                _compute_bend_px(replace(image.rpc, **{name: one[order] for name, one in polynomials.items()}))
+                for order in (A_TO_B, np.argsort(A_TO_B))
+            ]
             if min(reordered_px) < EQUALITY.negligible * bend_px:
                 bent[image.id] = bend_px
     if not bent:
@@ -131,11 +135,6 @@ def find_reordered_rpcs(block: Block) -> list[Reason]:
     )
     advice = "get the RPC in another format, or reorder its coefficients"
     return [Reason("rpc-order", Level.DOUBTFUL, message, advice, tuple(bent))]
-
-
-def _reorder(rpc: RPC, order: np.ndarray) -> RPC:
-    names = ("line_num", "line_den", "samp_num", "samp_den")
-    return replace(rpc, **{name: getattr(rpc, name)[order] for name in names})
 
 
 def _compute_bend_px(rpc: RPC) -> float:

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Image
-from ..camera.rpc import RPC
 from ..camera.rpc_fit import fold_affine
 from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure, refit_camera
 from .model_table import IMAGE_SPACE_TABLE, make_models
@@ -125,7 +124,13 @@ class ImagePolynomial:
         """Return the refined RPC: exact for corrections up to the first degree, otherwise fitted."""
         if not np.any(values):
             return RefitRPC(image.rpc, 0.0)
-        folded = self._fold_affine(image, values)
+        if self.powers.sum(axis=1).max(initial=0) > 1:
+            return refit_camera(self, image, values)
+        affine = np.column_stack([np.zeros(2), np.eye(2)])  # columns: constant, sample, line
+        for (by_sample, by_line), column in zip(self.powers, (self.mixing @ values).T, strict=True):
+            affine[:, by_sample + 2 * by_line] += column if by_sample + by_line else column / image.camera_pixel
+        affine[:, 0] -= (affine[:, 1:] - np.eye(2)) @ image.camera_centre_px
+        folded = fold_affine(image.rpc, affine)
         return refit_camera(self, image, values) if folded is None else RefitRPC(folded, 0.0)
 
     def _compute_terms(self, image: Image, projected: np.ndarray) -> np.ndarray:
@@ -135,17 +140,6 @@ class ImagePolynomial:
         for power in range(1, of_axes.shape[1]):  # products: general powers take twenty times as long
             np.multiply(of_axes[:, power - 1], offset.T, out=of_axes[:, power])
         return np.asarray((of_axes[0, self.powers[:, 0]] * of_axes[1, self.powers[:, 1]]).T) / image.camera_pixel
-
-    def _fold_affine(self, image: Image, values: np.ndarray) -> RPC | None:
-        """Return the exact RPC of a correction of first degree; None if there is none."""
-        if self.powers.sum(axis=1).max(initial=0) > 1:
-            return None
-        coefficients = self.mixing @ values
-        affine = np.column_stack([np.zeros(2), np.eye(2)])  # columns: constant, sample, line
-        for (by_sample, by_line), column in zip(self.powers, coefficients.T, strict=True):
-            affine[:, by_sample + 2 * by_line] += column if by_sample + by_line else column / image.camera_pixel
-        affine[:, 0] -= (affine[:, 1:] - np.eye(2)) @ image.camera_centre_px
-        return fold_affine(image.rpc, affine)
 
 
 def correct_in_image(

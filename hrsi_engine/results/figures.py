@@ -178,7 +178,7 @@ def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     count, left_in = (
         np.bincount(exposure[block.measurements.image[rows]], minlength=len(exposure)) for rows in (is_tie, is_kept)
     )
-    used_rows = np.flatnonzero(result.has_residual & (block.points.role == Role.TIE)[point])
+    used_rows = np.flatnonzero(result.is_used_tie)
     rays = np.bincount(point[used_rows], minlength=len(block.points))
     points_with = np.bincount(rays)  # by the number of rays
     residuals = left.tie_before_px[used_rows], result.residual_px[used_rows]
@@ -250,9 +250,8 @@ def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[
     is_held_out = block.points.role == Role.HELD_OUT
     if not is_held_out.any():
         return NOT_EVALUATED | {"tracks": 0, "ties": NOT_EVALUATED}
-    adjusted = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
     evaluated = block.with_cameras([new.rpc for new in refined])
-    evaluated = evaluated.with_measurements(adjusted | is_held_out[block.measurements.point])
+    evaluated = evaluated.with_measurements(result.is_used_tie | is_held_out[block.measurements.point])
     several = evaluated.rays_per_point() >= 2
     tracks = int(np.count_nonzero(several & is_held_out))
     wanted = min(tracks, HOLD_OUT.most_evaluated)

@@ -14,7 +14,7 @@ from scipy import sparse
 from shapely.geometry import Polygon
 
 from ..adjustment.result import Adjustment
-from ..block.block import Image, Role, stack_rpcs
+from ..block.block import Image, stack_rpcs
 from ..block.imaging_geometry import ViewDirection, compute_pair_geometries, describe_views, find_touching_pairs
 from ..block.pointing import find_image_sensor
 from ..foundation.large_arrays import finite_rows, square_lengths
@@ -39,7 +39,7 @@ def add_image_facts(
     described = describe_views([images[k] for k in sound], np.concatenate([np.zeros((0, 3)), *centres]), footprints)
     geometry = dict(zip(sound, described, strict=True))
     corrections = _describe_corrections(images, refined, np.array(heights))
-    ties = np.flatnonzero(_tie_rows(result))
+    ties = np.flatnonzero(result.is_used_tie)
     owner = result.block.measurements.image[ties]
     tie_counts = np.bincount(owner, minlength=len(images)).tolist()
     before_px, after_px = (group_rmse(px[ties], owner, len(images)) for px in (left.tie_before_px, result.residual_px))
@@ -107,15 +107,9 @@ def describe_acquisition(image: Image) -> dict[str, Any]:
     }
 
 
-def _tie_rows(result: Adjustment) -> np.ndarray:
-    """Return True for the measurements of tie points that are used, ``(measurements,)``."""
-    tie = result.block.points.role[result.block.measurements.point] == Role.TIE
-    return np.asarray(result.has_residual & tie)
-
-
 def describe_pairs(result: Adjustment, views: Sequence[ViewDirection]) -> list[dict[str, Any]]:
     """Return overlap, geometry, common tie points and their RMSE of pairs that overlap or share tie points."""
-    rows, used_rows = result.block.measurements, np.flatnonzero(_tie_rows(result))
+    rows, used_rows = result.block.measurements, np.flatnonzero(result.is_used_tie)
     indices, shape = (rows.point[used_rows], rows.image[used_rows]), (len(result.block.points), len(views))
     incidence = sparse.csr_matrix((np.ones(len(used_rows)), indices), shape)
     # One product has the numbers of common tie points as its real part, and their squares on one image as the imaginary

@@ -268,14 +268,13 @@ def _tie_residuals_before(result: Adjustment) -> np.ndarray:
     """Return the residuals of the used tie points, intersected with the vendor's cameras."""
     block = result.block
     residual = np.full((len(block.measurements), 2), np.nan)
-    is_used = result.has_residual & (block.points.role == Role.TIE)[block.measurements.point]
-    if not is_used.any():
+    if not result.is_used_tie.any():
         return residual
-    ties = block.with_measurements(is_used)
+    ties = block.with_measurements(result.is_used_tie)
     observations = select_points(ties, ties.rays_per_point() >= 2)
     vendor, no_values = MODELS["none"], np.zeros((len(block.images), 0))
     start = result.ground[observations.points]
-    residual[np.flatnonzero(is_used)[observations.rows]] = compute_intersection_residuals(
+    residual[np.flatnonzero(result.is_used_tie)[observations.rows]] = compute_intersection_residuals(
         observations, vendor, no_values, start
     )
     return residual

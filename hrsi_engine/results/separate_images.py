@@ -118,7 +118,6 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
         redundancy_numbers=np.full((rows, 2), np.nan),
         statistic=np.full(rows, np.nan),
         decision=np.full(rows, int(Decision.KEPT), dtype=np.int8),
-        prior_share=np.zeros_like(values),
         sigma0=float(np.sqrt(squares / redundancy)) if redundancy > 0.5 else 1.0,
         observations=2 * sum(len(result.control) for result in refinements),
         unknowns=sum(len(result.model.parameters) for result in refinements),

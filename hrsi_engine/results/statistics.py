@@ -47,7 +47,7 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     """Return the number of used tie points in each cell of each image, ``(cells, cells)``, lines first."""
     block = result.block
     rows = block.measurements
-    used_rows = np.flatnonzero(result.has_residual & (block.points.role[rows.point] == Role.TIE))
+    used_rows = np.flatnonzero(result.is_used_tie)
     side, image = GRIDS.coarse, rows.image[used_rows]
     centre, half = (np.array([getattr(one, name) for one in block.images]) for name in ("centre_px", "half_size_px"))
     share = (rows.xy[used_rows] - centre[image]) / (2.0 * half + 1.0)[image] + 0.5

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment.result import Adjustment, SurfaceOutcome
+from ..adjustment.result import Adjustment
+from ..adjustment.source_results import SurfaceOutcome
 from ..drawing.block_figures import SurfacePicture
 from ..drawing.target_chips import encode_png
 from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds

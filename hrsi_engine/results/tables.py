@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment.result import Adjustment, LaserOutcome
+from ..adjustment.result import Adjustment
+from ..adjustment.source_results import LaserOutcome
 from ..block.block import Block, Image
 from ..block.imaging_geometry import compute_footprints
 from ..block.points import ROLE_LABELS

@@ -41,7 +41,9 @@ def test_without_gcps_equals_dense_least_squares(monkeypatch):
     np.testing.assert_allclose(result.values, dense.values, atol=1e-3 * (7.0 / 5.0) ** 2)
     # the RPCs' error terms hold the block, whatever sigma0 says of the image points
     np.testing.assert_allclose(result.values_sigma, np.sqrt(dense.values_cofactor), rtol=1e-4)
-    assert result.prior_share.sum() == pytest.approx(3.0, abs=0.5)  # three translations are not in the ties
+    assert sum(part.by_priors for part in result.parts) == pytest.approx(
+        3.0, abs=0.5
+    )  # three translations are not in the ties
 
 
 def test_check_points_do_not_touch_the_cameras():

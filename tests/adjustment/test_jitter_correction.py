@@ -162,14 +162,12 @@ def test_errors_of_curves_move_points_as_an_adjustment_with_them_does(count):
         assert np.abs(change - predicted[:, :, number])[known].max() < 0.01 * np.abs(change[known]).max()
 
 
-@pytest.mark.parametrize("derivative", [0, 1, 2])
-def test_splines_are_those_of_scipy(derivative):
+def test_splines_are_those_of_scipy():
     spline = LineSpline(100.0, 30.0, 12)
     knots = 100.0 + 30.0 * np.arange(-3, 16)
     line = np.linspace(100.5, 459.5, 57)
     x = np.random.default_rng(3).normal(size=spline.size)
-    expected = BSpline(knots, x, 3).derivative(derivative)(line) if derivative else BSpline(knots, x, 3)(line)
-    assert np.allclose(spline.make_matrix(line, derivative) @ x, expected, atol=1e-12)
+    assert np.allclose(spline.make_matrix(line) @ x, BSpline(knots, x, 3)(line), atol=1e-12)
 
 
 @pytest.mark.parametrize("damping", [1.0, 0.3, 0.05, 1e-6])

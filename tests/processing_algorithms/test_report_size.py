@@ -66,7 +66,7 @@ def copies(result: Adjustment, count: int) -> Adjustment:
         (),
     )  # fmt: skip
     columns = {name: repeated(getattr(result, name)) for name in (*POINT_COLUMNS, *MEASURED_COLUMNS)}
-    columns |= {name: repeated(getattr(result, name)) for name in ("values", "values_sigma", "prior_share")}
+    columns |= {name: repeated(getattr(result, name)) for name in ("values", "values_sigma")}
     return replace(result, block=many, **columns | {"ground": moved(result.ground)})
 
 

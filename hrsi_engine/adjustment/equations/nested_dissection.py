@@ -229,7 +229,16 @@ class SparseFactor:
         updates: dict[int, np.ndarray] = {}
 
         def eliminate(front: Front) -> None:
-            matrix, eliminated = self._assemble(front, blocks, updates), len(front.own) * self.size
+            cameras, p, eliminated = len(front.own) + len(front.border), self.size, len(front.own) * self.size
+            matrix, entries = allocate_zeros((cameras, p, cameras, p)), front.entries
+            values = blocks[entries.number]
+            values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
+            matrix[entries.row, :, entries.column, :] = values
+            matrix = matrix.reshape(cameras * p, cameras * p)  # its lower triangle
+            for child in front.children:
+                update = updates.pop(id(child))
+                for part, place in list_lower_parts(child.runs):
+                    matrix[place] += update[part]
             try:
                 front.factor = dense.inverse_cholesky(matrix[:eliminated, :eliminated])
             except np.linalg.LinAlgError as error:
@@ -242,21 +251,6 @@ class SparseFactor:
             updates[id(front)] = matrix[eliminated:, eliminated:]
 
         work_through_fronts(self.fronts, eliminate)
-
-    def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
-        """Return a front's assembled matrix (its lower triangle)."""
-        cameras, p = len(front.own) + len(front.border), self.size
-        matrix = allocate_zeros((cameras, p, cameras, p))
-        entries = front.entries
-        values = blocks[entries.number]
-        values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
-        matrix[entries.row, :, entries.column, :] = values
-        matrix = matrix.reshape(cameras * p, cameras * p)
-        for child in front.children:
-            update = updates.pop(id(child))
-            for part, place in list_lower_parts(child.runs):
-                matrix[place] += update[part]
-        return matrix
 
     def _number_unknowns(self, cameras: np.ndarray) -> np.ndarray:
         return (cameras[:, None] * self.size + np.arange(self.size)).ravel()

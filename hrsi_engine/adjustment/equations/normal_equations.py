@@ -72,7 +72,7 @@ class NormalEquations:
         self.observations, self.pattern = observations, pattern
         self._elimination: NumpyElimination
         if is_wanted(max(observations.count, drawn_from) >= MEMORY.rows):
-            from .elimination_kernels import NumbaElimination  # needs numba, and takes a second
+            from .compiled_elimination import NumbaElimination  # needs numba, and takes a second
 
             self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)
         else:

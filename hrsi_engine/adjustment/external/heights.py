@@ -29,7 +29,7 @@ from ...ground.geodesy import metres_per_degree, move_ground
 from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, surface_heights
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
-from ..result import HeightAgreement
+from ..source_results import HeightAgreement
 from .shared_errors import (
     CommonError,
     ErrorSource,
@@ -137,11 +137,6 @@ class RpcHeights(NamedTuple):
     height: np.ndarray
     sigma_m: float
 
-    def compare_with(self, ground: np.ndarray) -> OtherOffsets:
-        """Return the median height difference RPCs - ``ground (m, 3)``, with its variance."""
-        offset = np.array([np.median(self.height - ground[self.points, 2])])
-        return OtherOffsets(offset, np.array([self.sigma_m**2]), CommonError(self.sigma_m, True))
-
 
 @dataclass(frozen=True, eq=False)
 class HeightObservations:
@@ -230,11 +225,13 @@ class HeightObservations:
         miss, variance = (priors.target[points, 2] - ground[points, 2]) / by_rays, q / by_rays + 1.0 / w
         if len(points) > 2:  # sigmas of surveys are often guesses: their scatter is used
             variance = variance * max(float(robust_sigma((miss - np.median(miss)) / np.sqrt(variance))), 1.0) ** 2
-        surveys = OtherOffsets(miss, variance, CommonError(HEIGHTS.least_common_m, False))
-        outlying = compare_groups(
-            judged, self.memory, [surveys, *([] if self.by_rpcs is None else [self.by_rpcs.compare_with(ground)])]
-        )
-        self.memory.surveys = (int(outlying[0].sum()) if outlying else 0), len(surveys.offset_m)
+        others = [OtherOffsets(miss, variance, CommonError(HEIGHTS.least_common_m, False))]
+        if self.by_rpcs is not None:
+            by_rpcs, sigma_m = self.by_rpcs, self.by_rpcs.sigma_m
+            offset_m = np.array([np.median(by_rpcs.height - ground[by_rpcs.points, 2])])
+            others.append(OtherOffsets(offset_m, np.array([sigma_m**2]), CommonError(sigma_m, True)))
+        outlying = compare_groups(judged, self.memory, others)
+        self.memory.surveys = (int(outlying[0].sum()) if outlying else 0), len(miss)
         for one in judged:
             one.reduce_shared_weights()
         return judged

@@ -27,7 +27,7 @@ from ...foundation.large_arrays import finite_rows
 from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import EQUALITY, SAMPLES, threshold, thresholds
 from ...ground.geodesy import LocalFrame, ground_difference_m, metres_per_degree
-from ..result import LaserOutcome
+from ..source_results import LaserOutcome
 from .heights import HeightRows
 from .shared_errors import SourceFit
 

@@ -20,7 +20,7 @@ from ...block.orthoimage import ORTHOIMAGE_ERRORS, ReferencePlaces, divide_area
 from ...foundation.thresholds import REDUNDANCY
 from ...ground.geodesy import ground_difference_m
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
-from ..result import PlanAgreement, PlanGroup
+from ..source_results import PlanAgreement, PlanGroup
 from .shared_errors import GroupHistory, SourceFit, compare_groups, estimate_sigma_factor
 
 EAST_NORTH = (0, 1)  # east and north among a point's coordinates

@@ -29,7 +29,7 @@ import numpy as np
 
 from ...foundation.robust_scale import ROBUST, robust_sigma
 from ...foundation.thresholds import ITERATIONS, REDUNDANCY, SIGNIFICANCE, threshold, thresholds
-from ..result import SourceGroup
+from ..source_results import SourceGroup
 
 
 @thresholds
@@ -198,23 +198,6 @@ def estimate_sigma_factor(one: SourceFit[Any]) -> float:
     return float(np.sqrt((REDUNDANCY.common + telling * low * high) / (REDUNDANCY.common + telling)))
 
 
-def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
-    """Return the offsets of the groups of a source, with at least `SOURCE_FIT.least_of_group` observations."""
-    offsets = []
-    for group in range(len(one.source.groups)):
-        in_group = one.rows.group == group
-        if in_group.sum() < SOURCE_FIT.least_of_group:
-            continue
-        miss, variance = one.difference_m[in_group], one.variance[in_group]
-        middle, scale = _find_core(miss, np.sqrt(variance))
-        core = np.abs(miss - middle) <= ROBUST.full_weight * scale * np.sqrt(variance)
-        median_variance = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # variance of a median
-        offsets.append(
-            GroupOffset(source, group, middle, median_variance + one.source.common_m**2, int(in_group.sum()))
-        )
-    return offsets
-
-
 @dataclass(eq=False)
 class GroupHistory:
     """Groups (source, group) left out in the last pass, and how often each returned, in the passes of an adjustment.
@@ -242,7 +225,18 @@ def compare_groups(
     ``memory`` is the history of earlier passes; ``beside`` are offsets by other observations. Returned are masks of
     those of the latter that contradict the others.
     """
-    group_offsets = [one_group for number, one in enumerate(judged) for one_group in _collect_offsets(one, number)]
+    group_offsets: list[GroupOffset] = []
+    for number, one in enumerate(judged):
+        for group in range(len(one.source.groups)):
+            in_group = one.rows.group == group
+            if in_group.sum() < SOURCE_FIT.least_of_group:
+                continue
+            miss, variance = one.difference_m[in_group], one.variance[in_group]
+            center, scale = _find_core(miss, np.sqrt(variance))
+            core = np.abs(miss - center) <= ROBUST.full_weight * scale * np.sqrt(variance)
+            of_median = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # variance of a median
+            offset_variance = of_median + one.source.common_m**2
+            group_offsets.append(GroupOffset(number, group, center, offset_variance, len(miss)))
     sources = [CommonError(one.source.overall_m, one.source.can_be_biased_as_a_whole) for one in judged]
     said = len(group_offsets)
     if group_offsets:

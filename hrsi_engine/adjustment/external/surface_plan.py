@@ -32,7 +32,7 @@ from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, cell_size_m
 from ...surface.matching import SurfaceMatch, SurfaceMatcher, match_surface
 from ..equations import PointPriors
-from ..result import SurfaceOutcome
+from ..source_results import SurfaceOutcome
 from .heights import HEIGHTS
 
 
@@ -176,18 +176,16 @@ class SurfacePlan:
             noise_m = SURFACE_FIT.noise_share * self.sigma_m
             matcher = SurfaceMatcher(by_rays[usable], self.surface, self.kind, variance_m2[usable], noise_m)
             new_match = matcher.refine(start, self.search_m)
-            if new_match is not None and not self._strays(now, new_match, start):
+            if new_match is None:
+                return start
+            # A match that leaves the search range or its last minimum is not used
+            before = np.median(self.before, axis=0)
+            total_shift = ground_difference_m(now[None], before[None])[0] + new_match.displacement_m
+            is_inside = np.abs(total_shift[:2]).max() <= self.search_m + self.cell_m
+            if is_inside and not new_match.is_apart_from(replace(self.last, displacement_m=start), self.cell_m):
                 self.last, self._at = new_match, now
                 return new_match.displacement_m
         return start
-
-    def _strays(self, now: np.ndarray, new_match: SurfaceMatch, start: np.ndarray) -> bool:
-        """Return True if a match of points with median ``now (3,)`` leaves the search range or its last minimum."""
-        total_shift = ground_difference_m(now[None], np.median(self.before, axis=0)[None])[0] + new_match.displacement_m
-        expected = replace(self.last, displacement_m=start)
-        return bool(np.abs(total_shift[:2]).max() > self.search_m + self.cell_m) or new_match.is_apart_from(
-            expected, self.cell_m
-        )
 
     def _observe(self, priors: PointPriors, ground: np.ndarray, left_m: np.ndarray) -> PointPriors:
         """Return the priors with each point observed in plan at ``left_m (3,)`` from its present position."""

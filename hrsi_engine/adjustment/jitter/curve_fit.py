@@ -18,7 +18,7 @@ weights of the points are those of a strongly damped vibration.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -221,7 +221,19 @@ class _Posterior:
 
     def approximate(self, mode: np.ndarray) -> np.ndarray:
         """Return the root L ``(6, 6)`` of the covariance L L' of a normal distribution about a minimum."""
-        curvature = _compute_curvature(self.compute_log_likelihood, mode, 0.3 * np.tile(self.steps, 2))
+        # Second derivatives of the logarithm by central differences
+        steps = 0.3 * np.tile(self.steps, 2)
+        at_mode, moves = self.compute_log_likelihood(mode), np.diag(steps)
+
+        def rise(move: np.ndarray) -> float:
+            return 0.5 * (self.compute_log_likelihood(mode + move) + self.compute_log_likelihood(mode - move)) - at_mode
+
+        single = np.array([rise(move) for move in moves])
+        curvature = np.diag(single)
+        for row, column in zip(*np.tril_indices(len(mode), -1), strict=True):
+            both = 0.5 * (rise(moves[row] + moves[column]) - single[row] - single[column])
+            curvature[row, column] = curvature[column, row] = both
+        curvature = 2.0 * curvature / np.outer(steps, steps)
         squares, vectors = np.linalg.eigh(-curvature)
         information = vectors * np.maximum(squares, 0.0) @ vectors.T + self.weights.T @ self.weights
         return np.asarray(np.linalg.inv(np.linalg.cholesky(information)).T)
@@ -254,18 +266,3 @@ def sample_priors(weighted: WeightedPoints, period: float) -> np.ndarray:
         samples.append(proposed if is_accepted else samples[-1])
         log_weight = proposed_weight if is_accepted else log_weight
     return np.exp(samples)
-
-
-def _compute_curvature(function: Callable[[np.ndarray], float], x: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the second derivatives ``(n, n)`` of a function at x by central differences over steps ``(n,)``."""
-
-    def rise(move: np.ndarray) -> float:
-        return 0.5 * (function(x + move) + function(x - move)) - at_x
-
-    at_x, moves = function(x), np.diag(steps)
-    single = np.array([rise(move) for move in moves])
-    curvature = np.diag(single)
-    for row, column in zip(*np.tril_indices(len(x), -1), strict=True):
-        both = 0.5 * (rise(moves[row] + moves[column]) - single[row] - single[column])
-        curvature[row, column] = curvature[column, row] = both
-    return np.asarray(2.0 * curvature / np.outer(steps, steps))

@@ -101,7 +101,7 @@ def estimate_jitter(
     for image, exposure in zip(problem.observations.images, exposures.tolist(), strict=True):
         if (place := places.get(exposure)) is None:
             continue
-        first, last = _lines_of(image)
+        first, last = int(np.floor(image.domain_px[2])), int(np.ceil(image.domain_px[3]))
         matrix = place.spline.make_matrix(_scene_lines(image, np.arange(first, last + 1))) / image.camera_pixel
         axes = np.split(solved[place.start : place.stop], 2)
         # Mean and errors of both axes ``(1 + samples, lines, 2)``
@@ -111,11 +111,6 @@ def estimate_jitter(
         for sample, error in zip(samples, sampled, strict=True):
             sample[image.id] = JitterCurve(first, error, sigma)
     return JitterEstimate(curves, tuple(samples), priors)
-
-
-def _lines_of(image: Image) -> tuple[int, int]:
-    _, _, first, last = image.domain_px
-    return int(np.floor(first)), int(np.ceil(last))
 
 
 def _scene_lines(image: Image, line: np.ndarray | float) -> np.ndarray:

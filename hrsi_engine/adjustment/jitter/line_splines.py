@@ -37,22 +37,17 @@ class LineSpline:
         """The last line."""
         return self.first + self.spacing * self.intervals
 
-    def evaluate(self, line: np.ndarray, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the first of the four splines at each line ``(n,)`` and the values of the four ``(n, 4)``."""
         place = np.clip((np.asarray(line) - self.first) / self.spacing, 0.0, self.intervals)
         cell = np.minimum(place.astype(np.int64), self.intervals - 1)
         t = place - cell
-        one = np.ones_like(t)
-        columns = (
-            ((1 - t) ** 3 / 6, (3 * t**3 - 6 * t**2 + 4) / 6, (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6, t**3 / 6),
-            (-((1 - t) ** 2) / 2, (3 * t**2 - 4 * t) / 2, (-3 * t**2 + 2 * t + 1) / 2, t**2 / 2),
-            (one - t, 3 * t - 2, one - 3 * t, t),
-        )[derivative]
-        return cell, np.stack(columns, axis=-1) / self.spacing**derivative
+        columns = (1 - t) ** 3 / 6, (3 * t**3 - 6 * t**2 + 4) / 6, (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6, t**3 / 6
+        return cell, np.stack(columns, axis=-1)
 
-    def make_matrix(self, line: np.ndarray, derivative: int = 0) -> sparse.csr_matrix:
+    def make_matrix(self, line: np.ndarray) -> sparse.csr_matrix:
         """Return the values of all splines at lines ``(n, size)``."""
-        cell, values = self.evaluate(line, derivative)
+        cell, values = self.evaluate(line)
         columns = cell[:, None] + np.arange(4)
         return sparse.csr_matrix(
             (values.ravel(), columns.ravel(), np.arange(0, values.size + 1, 4)), (len(cell), self.size)

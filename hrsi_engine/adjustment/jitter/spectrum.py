@@ -212,10 +212,15 @@ def collect_line_profiles(result: Adjustment) -> list[LineProfile]:
 def estimate_spectrum(profile: LineProfile, axis: str) -> Spectrum | None:
     """Return the spectrum of a profile along an axis, None with too few observations."""
     cells = _make_cells(profile, axis)
-    frequencies = None if cells is None else _choose_frequencies(cells)
-    if cells is None or frequencies is None:
+    if cells is None:
         return None
-    trend = cells.make_trend()
+    # The frequencies in cycles per line are those of the fast Fourier transform of `_scan_powers`
+    span = max(float(np.ptp(cells.line)), 1.0)
+    step = 1.0 / (fft.next_fast_len(int(np.ceil(WAVES.oversampling * span / _CELL_LINES)), real=True) * _CELL_LINES)
+    first, last = int(np.ceil(1.0 / (WAVES.longest_share * span * step))), int(1.0 / (WAVES.shortest_lines * step))
+    if last <= first:
+        return None
+    frequencies, trend = step * np.arange(first, last + 1), cells.make_trend()
     return Spectrum(
         frequencies,
         *_scan_powers(cells, trend, frequencies),
@@ -307,17 +312,6 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
     total = sums[0][filled]
     line, sample, value, strip = (one[filled] / total for one in sums[1:])
     return _Cells(line, sample, value, total, np.rint(strip).astype(np.int64))
-
-
-def _choose_frequencies(cells: _Cells) -> np.ndarray | None:
-    """Return the frequencies ``(f,)`` of the spectrum in cycles per line, None if there are too few lines.
-
-    They are those of the fast Fourier transform of `_scan_powers`.
-    """
-    span = max(float(np.ptp(cells.line)), 1.0)
-    step = 1.0 / (fft.next_fast_len(int(np.ceil(WAVES.oversampling * span / _CELL_LINES)), real=True) * _CELL_LINES)
-    first, last = int(np.ceil(1.0 / (WAVES.longest_share * span * step))), int(1.0 / (WAVES.shortest_lines * step))
-    return step * np.arange(first, last + 1) if last > first else None
 
 
 def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, float]:

@@ -19,12 +19,10 @@ from ..result import (
     CrossValidation,
     Decision,
     Finding,
-    HeightAgreement,
-    LaserOutcome,
     ModelTest,
-    PlanAgreement,
     VarianceComponent,
 )
+from ..source_results import HeightAgreement, PlanAgreement
 from ..statistics.precision import Precision, compute_deletion_tests
 from ..statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts
 from .area_accuracy import describe_parts, predict_without_surveys
@@ -78,8 +76,18 @@ def assemble_adjustment(
         problem, round_findings, solution, precise, cameras, sigma0, points_per_error, placed, shared_shifts
     )
     parts = describe_parts(problem, solution, without_surveys, prior_share, widened)
-    (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
-    by_rpcs = problem.height_observations.by_rpcs if problem.height_observations else None
+    plan = _judge_plan(problem, solution, precise)
+    # Agreement of the external heights with the points, and the result of each laser point
+    heights: tuple[HeightAgreement, ...] = ()
+    laser, external = None, problem.height_observations
+    by_rpcs = external.by_rpcs if external else None
+    if external is not None:
+        heights, judged = external.summarise_sources(
+            solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
+        )
+        if problem.laser is not None:
+            of_laser = next(one for one in judged if one.source is problem.laser)
+            laser = problem.laser.report_points(of_laser, solution.state.ground)
     horizontal, height, correlated = (max(sigma0, 1.0) * one for one in round_findings.survey_factors)
     warnings = warn_of_result(problem, loop, prior_share, parts, heights, plan)
     return Adjustment(
@@ -93,7 +101,6 @@ def assemble_adjustment(
         **_describe_measurements(
             problem, round_findings, solution, precise, cameras.residual, placed[observations.point]
         ),
-        prior_share=prior_share[camera],
         observations=observed, redundancy=redundancy, unknowns=unknowns, sigma0=sigma0,
         converged=solution.converged, status=solution.status,
         history=tuple(loop.history), solves=loop.solves, findings=tuple(round_findings.findings),
@@ -316,23 +323,6 @@ def _number_parts(problem: Problem) -> np.ndarray:
     for number, part in enumerate(problem.parts):
         part_of_image[part.images] = number
     return part_of_image
-
-
-def _judge_heights(
-    problem: Problem, solution: Solution, precise: Precision
-) -> tuple[tuple[HeightAgreement, ...], LaserOutcome | None]:
-    """Return the agreement of the external heights with the points, and the result of each laser point."""
-    heights = problem.height_observations
-    if heights is None:
-        return (), None
-    agreements, judged = heights.summarise_sources(
-        solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
-    )
-    laser = problem.laser
-    if laser is None:
-        return agreements, None
-    one = next(one for one in judged if one.source is laser)
-    return agreements, laser.report_points(one, solution.state.ground)
 
 
 def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> PlanAgreement | None:

@@ -8,7 +8,8 @@ from ...foundation.errors import list_ids
 from ...foundation.thresholds import EQUALITY
 from ..gauss_newton import GaussNewton
 from ..preparation.problem import Problem
-from ..result import DatumPart, HeightAgreement, PlanAgreement
+from ..result import DatumPart
+from ..source_results import HeightAgreement, PlanAgreement
 from ..starting_values.weak_geometry import RAY_GEOMETRY
 
 WHAT_STANDS_OUT = {

@@ -94,7 +94,11 @@ class Preparation:
             )
         self.earlier = None if options.earlier is None else JointPrior.select_cameras(options.earlier, observations)
         self.parts = find_parts(self.observations, self.earlier)
-        self.camera = self._add_drift()
+        # the model with the drift that it does not contain; the model itself if it can have none
+        self.camera: RefinementModel = self.model
+        if isinstance(self.model, ImagePolynomial) and self.model.parameters and options.sigma_drift != 0.0:
+            with_drift = add_drift_parameters(self.model)
+            self.camera = with_drift if len(with_drift.parameters) > len(self.model.parameters) else self.model
         self.guessed = np.arange(len(self.camera.parameters)) >= len(self.model.parameters)
         if self.choice is not None and self.choice.drift_unknown:
             self.guessed |= self.camera.drifts
@@ -126,14 +130,6 @@ class Preparation:
         return [index[name] for name in ids]
 
     # ---- a priori weights of the parameters --------------------------------------------------------------------------
-
-    def _add_drift(self) -> RefinementModel:
-        """Return the model with the drift that it does not contain; the model itself if it can have none."""
-        model = self.model
-        if not model.parameters or self.options.sigma_drift == 0.0 or not isinstance(model, ImagePolynomial):
-            return model
-        camera = add_drift_parameters(model)
-        return camera if len(camera.parameters) > len(model.parameters) else model
 
     def _weigh_priors(self, model: RefinementModel, guessed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the weights ``(cameras, p)`` of the parameters' priors, and standard deviations of their drifts.

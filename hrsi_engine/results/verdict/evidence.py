@@ -91,14 +91,10 @@ class Evidence:
         return find_block_waves(self.profiles)
 
     @cached_property
-    def field_px(self) -> float:
-        """RMS (2D) of the largest systematic field of an image in px, 0 without any."""
-        return self.fields[0].rms_px if self.fields else 0.0
-
-    @cached_property
     def camera_px(self) -> float:
         """Standard deviation of the cameras' unmodelled errors in sample and line, px, including fields and jitter."""
-        return float(np.hypot(np.hypot(CAMERA.unmodelled_px, self.field_px / np.sqrt(2.0)), self.jitter_px))
+        field_px = self.fields[0].rms_px if self.fields else 0.0  # RMS (2D) of the largest systematic field of an image
+        return float(np.hypot(np.hypot(CAMERA.unmodelled_px, field_px / np.sqrt(2.0)), self.jitter_px))
 
     @cached_property
     def jitter_px(self) -> float:

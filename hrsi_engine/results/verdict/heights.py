@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...adjustment.external.laser_heights import MISFIT
-from ...adjustment.result import HeightAgreement, SourceGroup
+from ...adjustment.source_results import HeightAgreement, SourceGroup
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.robust_scale import ROBUST
