@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ..foundation.levenberg_marquardt import Step, descend
-from ..foundation.progress import Progress, advance
+from ..foundation.progress import Progress, advance, silent
 from ..foundation.thresholds import ITERATIONS
 from ..ground.geodesy import move_ground
 from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State
@@ -67,6 +67,7 @@ class GaussNewton:
 
     prior_weight : (cameras, p), infinite for a fixed parameter
     rows_per_point : (m,) numbers of image points
+    robust, tolerance : weight function of the image points, and relative decrease of the cost at which iterations end
     external : observations of positions, tested in every pass: heights of a DEM or of laser points, reference places
     earlier : prior of the cameras from an earlier adjustment
     common : priors of the drifts common to all images
@@ -77,6 +78,8 @@ class GaussNewton:
     prior_weight: np.ndarray
     rows_per_point: np.ndarray
     max_iterations: int = 30
+    robust: str = "none"
+    tolerance: float = ITERATIONS.fine
     external: Sequence[PositionObservations] = ()
     earlier: JointPrior | None = None
     common: Sequence[CommonDrift] = ()
@@ -98,16 +101,21 @@ class GaussNewton:
         self._finite_prior = np.where(np.isinf(prior_weight), 0.0, prior_weight)
 
     def iterate(
-        self, state: State, weighting: Weighting, robust: str, tolerance: float, progress: Progress
+        self,
+        state: State,
+        weighting: Weighting,
+        progress: Progress = silent,
+        robust: str | None = None,
+        tolerance: float | None = None,
     ) -> Solution:
         """Iterate from a state until the expected decrease of the cost is below ``tolerance`` of the cost.
 
         The history has one row for every step of all runs.
         """
         unweighed = np.ones(len(weighting.image))
-        return self._descend(lambda: self.form_solution(state, weighting, unweighed), robust, tolerance, progress)
+        return self._descend(lambda: self.form_solution(state, weighting, unweighed), progress, robust, tolerance)
 
-    def continue_from(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
+    def continue_from(self, last: Solution) -> Solution:
         """Iterate from a solution with its own weights, after a change of the priors (`set_prior_weight`)."""
 
         def begin() -> Solution:
@@ -115,16 +123,22 @@ class GaussNewton:
                 return self.form_solution(last.state, last.weighting, last.factor)
             return replace(last, cost=self.compute_cost(last))
 
-        return self._descend(begin, robust, tolerance, progress)
+        return self._descend(begin)
 
     def compute_camera_cofactors(self, solution: Solution) -> np.ndarray:
         """Return the cofactors of the cameras on the pattern."""
         self.system.factorise(solution.normals.blocks, self.prior_weight)
         return self.system.compute_cofactors()
 
-    def _descend(self, begin: Callable[[], Solution], robust: str, tolerance: float, progress: Progress) -> Solution:
+    def _descend(
+        self,
+        begin: Callable[[], Solution],
+        progress: Progress = silent,
+        robust: str | None = None,
+        tolerance: float | None = None,
+    ) -> Solution:
         """Iterate from the solution that ``begin`` makes: a function, so that no reference keeps old equations."""
-        robustly = WEIGHTS[robust]
+        robustly, tolerance = WEIGHTS[robust or self.robust], self.tolerance if tolerance is None else tolerance
         tolerance = max(tolerance, ITERATIONS.fine) if robustly is not least_squares else tolerance
         first = len(self.history)
 

@@ -113,9 +113,8 @@ class Adjuster(Snooping):
             self.solution = self.solve(None, progress)
         # Test the sigmas by the residuals; if they fail, adjust again with estimated sigmas
         sigmas = self.sigmas
-        options_text = self.problem.options.robust, self.problem.options.tolerance, silent
         if sigmas.start_estimation(self.loop, self.solution) and sigmas.drifts:
-            self.solution = self.loop.continue_from(self.solution, *options_text)
+            self.solution = self.loop.continue_from(self.solution)
             sigmas.test_few_surveys(self.loop, self.solution)
         precise = self.iterate_sigmas(stage(progress, 0.7, 0.8))
         if self.sigmas.tried and rejecting:  # test again with the new drifts and sigmas
@@ -177,7 +176,6 @@ class Adjuster(Snooping):
     def iterate_sigmas(self, progress: Progress) -> Precision:
         """Estimate sigmas and adjust with them in turn until they converge; return the last solution's precision."""
         sigmas = self.sigmas
-        method = self.problem.options.robust, self.problem.options.tolerance, silent
         for number in range(ROUNDS):
             if not sigmas.tried:
                 break
@@ -191,7 +189,7 @@ class Adjuster(Snooping):
                 self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
                 self.solution = self.solve(self.solution, silent)
             else:
-                self.solution = self.loop.continue_from(self.solution, *method)
+                self.solution = self.loop.continue_from(self.solution)
         return sigmas.precision_at(self.loop, self.solution)
 
 
@@ -218,13 +216,7 @@ def cross_validate(
         weighting = problem.survey_weighting(solution.weighting.image, left, solution.weighting.points)
         contributes = weighting.contributes.copy()
         contributes[point] = False
-        reduced_block = loop.iterate(
-            solution.state,
-            replace(weighting, contributes=contributes),
-            problem.options.robust,
-            problem.options.tolerance,
-            silent,
-        )
+        reduced_block = loop.iterate(solution.state, replace(weighting, contributes=contributes))
         survey = observations.survey[point : point + 1]
         predicted = compute_final_cameras(problem, loop, reduced_block).ground[point : point + 1]
         error[number] = ground_difference_m(survey, predicted)[0]

@@ -46,8 +46,7 @@ class Rays(NamedTuple):
 class RPC:
     """A rational polynomial camera; immutable.
 
-    Sample and line are quotients of two cubic polynomials of the normalised ground position, eq. (4.1) of the
-    thesis; the order of the coefficients is that of RPC00B (NIMA, STDI-0002).
+    The coefficients are in the order of RPC00B (NIMA, STDI-0002).
 
     Parameters
     ----------
@@ -111,8 +110,7 @@ class RPC:
     def from_rasterio(cls, source: Any) -> RPC:
         """Return the RPC of a rasterio dataset, or of its ``rpcs``.
 
-        The numbers are equal: rasterio's RPCs also count pixels from the centre of the first pixel (but its
-        transformers count from the corner).
+        Rasterio's RPCs count pixels from the centre of the first pixel, too (its transformers from the corner).
 
         Parameters
         ----------

@@ -107,7 +107,18 @@ def compute_residuals(result: Adjustment) -> Residuals:
     at_survey = surveyed[rows.point] & finite_rows(at_known)
     drift = result.residual_px - result.tested_residual_px
     sigma_px = np.hypot(result.unit_sigma * result.sigma_px[:, None], np.nan_to_num(drift))
-    sigma_m = _ground_sigmas(result, kept_block)
+    # Sigmas of survey - computed of points measured on two images or more, else NaN
+    several = known_points[kept_block.rays_per_point()[known_points] >= 2]
+    ground_covariance = np.full((len(block.points), 3, 3), np.nan)
+    ground_covariance[several] = result.survey_covariance_m2(several)
+    check = several[block.points.role[several] == Role.CHECK]
+    ground_covariance[check] += result.covariance_to_surveys_m2(check)
+    control = _select_control(kept_block, result.ground)
+    if control is not None:
+        cofactors = compute_intersection_cofactors(control, result.model, result.values, result.ground[control.points])
+        ground_covariance[control.points] += result.unit_sigma**2 * cofactors
+    sigma_m = np.sqrt(ground_covariance.diagonal(axis1=1, axis2=2))
+    sigma_m[np.isinf(sigma_m)] = np.nan  # not surveyed
     single = block.rays_per_point() == 1
     for rows_here, covariance, by_ground in _survey_covariances(result, at_known, at_survey):
         sigma_px[rows_here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
@@ -245,23 +256,6 @@ def _select_control(block: Block, ground: np.ndarray) -> Observations | None:
     """Return the image points of the GCPs that were measured on two images or more; None without any."""
     several = (block.points.role == Role.GCP) & (block.rays_per_point() >= 2) & finite_rows(ground)
     return select_points(block, several) if several.any() else None
-
-
-def _ground_sigmas(result: Adjustment, kept_block: Block) -> np.ndarray:
-    """Return the sigmas of survey - computed ``(points, 3)`` of points measured on two images or more, else NaN."""
-    block = result.block
-    known_points = np.flatnonzero(block.known & (kept_block.rays_per_point() >= 2))
-    covariance = np.full((len(block.points), 3, 3), np.nan)
-    covariance[known_points] = result.survey_covariance_m2(known_points)
-    check = known_points[block.points.role[known_points] == Role.CHECK]
-    covariance[check] += result.covariance_to_surveys_m2(check)
-    control = _select_control(kept_block, result.ground)
-    if control is not None:
-        cofactors = compute_intersection_cofactors(control, result.model, result.values, result.ground[control.points])
-        covariance[control.points] += result.unit_sigma**2 * cofactors
-    sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
-    sigma[np.isinf(sigma)] = np.nan  # not surveyed
-    return sigma
 
 
 def _tie_residuals_before(result: Adjustment) -> np.ndarray:

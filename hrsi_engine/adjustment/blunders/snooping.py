@@ -15,7 +15,7 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import any_of_rows, finite_rows
-from ...foundation.progress import Progress, silent, stage
+from ...foundation.progress import Progress, stage
 from ...foundation.thresholds import ITERATIONS, REDUNDANCY, threshold, thresholds
 from ..equations import PointPriors, State
 from ..gauss_newton import GaussNewton, Solution, Weighting
@@ -67,9 +67,8 @@ class Snooping:
 
     def solve(self, last: Solution | None, progress: Progress) -> Solution:
         """Run the iterations from the last solution, or from the start."""
-        options = self.problem.options
         state = self.problem.start if last is None else last.state
-        return self.loop.iterate(state, self.build_weighting(last), options.robust, options.tolerance, progress)
+        return self.loop.iterate(state, self.build_weighting(last), progress)
 
     # ---- measurements ----------------------------------------------------------------------------------------------
 
@@ -82,13 +81,13 @@ class Snooping:
         lenient, everything = self.survey_weight * REDUNDANCY.regularised, observations.contributing_points
         agreeing = find_agreeing_measurements(problem.equations, observations, problem.start, everything)
         start = problem.survey_weighting(np.where(agreeing, self.image_weight, 0.0), lenient)
-        solution = self.loop.iterate(problem.start, start, robust, ITERATIONS.coarse, progress)
+        solution = self.loop.iterate(problem.start, start, progress, robust, ITERATIONS.coarse)
         for _ in range(ITERATIONS.most):
             solution = self._intersect_unused_points(solution)
             if not self._judge_measurements(solution, everything):
                 break
             present = self.build_weighting(solution, lenient)
-            solution = self.loop.iterate(solution.state, present, problem.options.robust, ITERATIONS.coarse, progress)
+            solution = self.loop.iterate(solution.state, present, progress, tolerance=ITERATIONS.coarse)
         of_control = observations.located[observations.point]
         self.found.decision[of_control] = int(Decision.KEPT)
         return self.judge_ties_again(self.solve(solution, progress), progress)
@@ -174,8 +173,7 @@ class Snooping:
                 prior_weight = self.loop.prior_weight.copy()
                 prior_weight[:, problem.guessed] /= SNOOPING.strong_drift**2
                 loop.set_prior_weight(prior_weight, self.loop.common)
-                free = loop.continue_from(solution, problem.options.robust, problem.options.tolerance, silent)
-                loose = compute_discrepancies(problem, loop, free, gcps)
+                loose = compute_discrepancies(problem, loop, loop.continue_from(solution), gcps)
                 drifting = find_suspect_gcps(loose, problem.options.reject_sigma)
                 suspected = {gcp for one in drifting for gcp in one.concerned}
                 suspects = [one for one in suspects if suspected.intersection(one.concerned)]

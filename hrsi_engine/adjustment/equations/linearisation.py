@@ -129,7 +129,16 @@ class CamerasByImage:
         """Return the function that linearises parts of the block at a state; its equations are always cached."""
         if self._last is None or self._last[0].values is not state.values or self._last[0].ground is not state.ground:
             self._last = None  # frees memory before the next is computed
-            self._last = state, self._linearise_all(state)
+            observations, count = self._observations, self._observations.count
+            by_values = np.empty((count, 2, self.structure.size))
+            new = Linearisation(np.empty((count, 2)), np.empty((count, 2, 3)), by_values, np.ones((count, 1)))
+            for index, (rows, equations) in enumerate(zip(observations.by_image, self._linearisers, strict=True)):
+                if len(rows):
+                    values = state.values[observations.camera_of_image[index]]
+                    equations_here = equations(values, state.ground[observations.point[rows]])
+                    new.residual[rows] = observations.xy[rows] - equations_here.computed
+                    by_values[rows], new.by_ground[rows] = equations_here.by_values, equations_here.by_ground
+            self._last = state, new
         linearised = self._last[1]
 
         def linearise(part: Portion) -> Linearisation:
@@ -142,18 +151,6 @@ class CamerasByImage:
             )
 
         return linearise
-
-    def _linearise_all(self, state: State) -> Linearisation:
-        observations, p = self._observations, self.structure.size
-        n = observations.count
-        new = Linearisation(np.empty((n, 2)), np.empty((n, 2, 3)), (by_values := np.empty((n, 2, p))), np.ones((n, 1)))
-        for index, (rows, equations) in enumerate(zip(observations.by_image, self._linearisers, strict=True)):
-            if len(rows):
-                values = state.values[observations.camera_of_image[index]]
-                equations_here = equations(values, state.ground[observations.point[rows]])
-                new.residual[rows] = observations.xy[rows] - equations_here.computed
-                by_values[rows], new.by_ground[rows] = equations_here.by_values, equations_here.by_ground
-        return new
 
 
 Cameras = NumbaCameras | CamerasByImage

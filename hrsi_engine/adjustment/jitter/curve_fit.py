@@ -204,21 +204,6 @@ class _Posterior:
         )
         return np.asarray(x + found.x @ moves)
 
-    def find_modes(self) -> list[np.ndarray]:
-        """Return the minima of the cost, the least first: a sine and a vibration that varies can both be likely."""
-        starts = [
-            self.typical + np.tile([0.0, np.log(damping) - self.typical[1], 0.0], 2)
-            for damping in JITTER_PRIORS.dampings
-        ]
-        minima = [self.minimise(start, (0, 1)) for start in starts]
-        costs = np.array([self.compute_cost(minimum) for minimum in minima])
-        modes = list[np.ndarray]()
-        for number in np.argsort(costs).tolist():
-            is_likely = costs[number] - costs.min() <= np.log(JITTER_PRIORS.samples)
-            if is_likely and all(np.abs(minima[number] - mode)[:3].max() > 1.0 for mode in modes):
-                modes.append(self.minimise(minima[number], (1,)))
-        return modes
-
     def approximate(self, mode: np.ndarray) -> np.ndarray:
         """Return the root L ``(6, 6)`` of the covariance L L' of a normal distribution about a minimum."""
         # Second derivatives of the logarithm by central differences
@@ -245,7 +230,18 @@ def sample_priors(weighted: WeightedPoints, period: float) -> np.ndarray:
     period : lines of the strongest wave
     """
     posterior, rng = _Posterior(weighted, period), np.random.default_rng(3)
-    modes = posterior.find_modes()
+    # The minima of the cost, the least first: a sine and a vibration that varies can both be likely
+    starts = [
+        posterior.typical + np.tile([0.0, np.log(damping) - posterior.typical[1], 0.0], 2)
+        for damping in JITTER_PRIORS.dampings
+    ]
+    minima = [posterior.minimise(start, (0, 1)) for start in starts]
+    costs = np.array([posterior.compute_cost(minimum) for minimum in minima])
+    modes = list[np.ndarray]()
+    for number in np.argsort(costs).tolist():
+        is_likely = costs[number] - costs.min() <= np.log(JITTER_PRIORS.samples)
+        if is_likely and all(np.abs(minima[number] - mode)[:3].max() > 1.0 for mode in modes):
+            modes.append(posterior.minimise(minima[number], (1,)))
     roots = [posterior.approximate(mode) for mode in modes]
     volumes = np.array([np.linalg.slogdet(root)[1] for root in roots])
     shares = special.softmax(

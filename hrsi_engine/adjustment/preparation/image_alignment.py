@@ -19,7 +19,6 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from ...foundation.large_arrays import finite_rows
-from ...foundation.progress import silent
 from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import ITERATIONS, SAMPLES, threshold, thresholds
 from ...refinement.model import RefinementModel
@@ -79,7 +78,7 @@ def align_images(
     factor, scale, state = agreeing.astype(np.float64), np.inf, State(shifts, ground)
     while True:
         weighting = Weighting(weight * factor, priors, usable)
-        solution = loop.iterate(state, weighting, "none", ITERATIONS.fine, silent)
+        solution = loop.iterate(state, weighting)
         if scale == ROBUST.rejected:
             # Values of the model with the same effect on the image points as the shifts, except for their priors
             p, shifts = len(model.parameters), centre_shifts(sample, solution.state, shift_weight)

@@ -77,7 +77,16 @@ class Preparation:
             self.choice = choose_model(self.block, options.model, estimates_drift)
             options = replace(options, model=self.choice.model)
         self.options = options
-        self._require_known_names()
+        tables: dict[str, tuple[Collection[str], str]] = {
+            "model": (MODELS, options.model),
+            "robust weight function": (WEIGHTS, options.robust),
+            "grouping of image points": (GROUPINGS, options.variance_groups),
+        }
+        for option_name, (table, name) in tables.items():
+            if name not in table:
+                raise InputError(f"unknown {option_name} {name!r}: choose one of {', '.join(table)}")
+        for of_sensor in options.sensor_images:
+            self._find_images(of_sensor, "a group of images of one sensor")
         self.model = MODELS[options.model]
         observations = select_observations(self.block, options.check_as_ties, options.reference)
         # Images of a group, or tiles of a scene, share one set of parameters
@@ -106,20 +115,6 @@ class Preparation:
         self.surfaces: tuple[SurfacePlan, ...] = ()
 
     # ---- observations, cameras ---------------------------------------------------------------------------------------
-
-    def _require_known_names(self) -> None:
-        """Raise `InputError` if options contain unknown names."""
-        options = self.options
-        tables: dict[str, tuple[Collection[str], str]] = {
-            "model": (MODELS, options.model),
-            "robust weight function": (WEIGHTS, options.robust),
-            "grouping of image points": (GROUPINGS, options.variance_groups),
-        }
-        for option_name, (table, name) in tables.items():
-            if name not in table:
-                raise InputError(f"unknown {option_name} {name!r}: choose one of {', '.join(table)}")
-        for group in options.sensor_images:
-            self._find_images(group, "a group of images of one sensor")
 
     def _find_images(self, ids: Sequence[str], kind: str) -> list[int]:
         """Return the indices of images; raise `InputError`, which names ``kind``, if the block does not have them."""
@@ -235,7 +230,11 @@ class Preparation:
         if options.fixed_images or options.earlier is not None:  # these determine the position
             return
         if is_warm and self.model.parameters:
-            self.by_rpcs = self._locate_by_own_rpcs()
+            # the points by the original RPCs; those that cannot be computed stay at `ground`
+            equations = form_point_equations(observations, self.model, options.threads)
+            state, priors = State(self._align_images(), self.ground), bound_heights(observations, self.ground)
+            intersected = equations.intersect(state, 1.0 / observations.sigma_px**2, priors)
+            self.by_rpcs = np.where(np.isfinite(intersected), intersected, self.ground)
         first_image, rays = observations.image[observations.first[:-1]], np.diff(observations.first)
         ties = observations.contributing_points & ~observations.located & (rays > 1)
         matches = []
@@ -257,23 +256,14 @@ class Preparation:
             )
         self.surfaces = tuple(match for match in matches if match is not None)
         # The surfaces move the points in plan, and widen the priors (cameras, p) that contradict this
-        observations, self.displaced = self.observations, self.by_rpcs.copy()
+        self.displaced = self.by_rpcs.copy()
         for surface in self.surfaces:
             cameras = observations.camera_of_image[[image.id in surface.images for image in observations.images]]
-            if self.options.sigma_shift_px is None:
+            if options.sigma_shift_px is None:
                 self.prior_weight[np.ix_(np.unique(cameras), ~self.camera.drifts)] /= surface.widening**2
             if not surface.why_open:
                 in_plan = surface.first.displacement_m * [1.0, 1.0, 0.0]
                 self.displaced[surface.points] = move_ground(self.by_rpcs[surface.points], in_plan)
-
-    def _locate_by_own_rpcs(self) -> np.ndarray:
-        """Return the points ``(m, 3)`` by the original RPCs; those that cannot be computed stay at ``ground``."""
-        observations, state = self.observations, State(self._align_images(), self.ground)
-        equations = form_point_equations(observations, self.model, self.options.threads)
-        intersected = equations.intersect(
-            state, 1.0 / observations.sigma_px**2, bound_heights(observations, self.ground)
-        )
-        return np.where(np.isfinite(intersected), intersected, self.ground)
 
     # ---- the problem -------------------------------------------------------------------------------------------------
 

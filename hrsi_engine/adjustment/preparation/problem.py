@@ -65,6 +65,8 @@ class Problem:
             self.prior_weight,
             np.diff(self.observations.first),
             self.options.max_iterations,
+            self.options.robust,
+            self.options.tolerance,
             self.position_observations,
             self.earlier,
         )

@@ -88,7 +88,18 @@ def find_agreeing_measurements(
     departure, judged = _measure_departures(observations, pairs)
     if judged.sum() < SAMPLES.fewest:
         return agreeing
-    is_near = ~judged | (np.abs(departure) <= ROBUST.outlier * _estimate_scale(departure[judged]))
+    # The standard deviation of the correct departures, by a normal distribution on a uniform background
+    size = np.abs(departure[judged])[:: 1 + int(judged.sum()) // 50_000]
+    reach = max(float(np.quantile(size, 0.99)), 1e-12)
+    size = size[size <= reach]
+    sigma = max(float(np.quantile(size, 0.5 * PARALLAX.quantile)) / 0.3, 1e-6 * reach)
+    right = 0.5
+    for _ in range(CYCLES):
+        normal = right * np.sqrt(2.0 / np.pi) / sigma * np.exp(-0.5 * (size / sigma) ** 2)
+        share = normal / (normal + (1.0 - right) / reach)
+        right = float(np.clip(share.mean(), 0.05, 0.999))
+        sigma = max(float(np.sqrt((share @ size**2) / share.sum())), 1e-6 * reach)
+    is_near = ~judged | (np.abs(departure) <= ROBUST.outlier * sigma)
     compared, agreed = np.zeros(observations.count), np.zeros(observations.count)
     for rows in (pairs.first, pairs.second):
         compared += np.bincount(rows, minlength=len(compared))
@@ -241,19 +252,3 @@ def _find_nearest_planes(
     distance.partition(np.unique(ranks), axis=2)
     reach = np.take_along_axis(distance, ranks[:, None, None], axis=2)[:, :, 0]
     return np.asarray(reach.argmin(axis=1))
-
-
-def _estimate_scale(departure: np.ndarray) -> float:
-    """Return the standard deviation of the correct departures, by a normal distribution on a uniform background."""
-    step = 1 + len(departure) // 50_000
-    size = np.abs(departure[::step])
-    reach = max(float(np.quantile(size, 0.99)), 1e-12)
-    size = size[size <= reach]
-    sigma = max(float(np.quantile(size, 0.5 * PARALLAX.quantile)) / 0.3, 1e-6 * reach)
-    right = 0.5
-    for _ in range(CYCLES):
-        normal = right * np.sqrt(2.0 / np.pi) / sigma * np.exp(-0.5 * (size / sigma) ** 2)
-        share = normal / (normal + (1.0 - right) / reach)
-        right = float(np.clip(share.mean(), 0.05, 0.999))
-        sigma = max(float(np.sqrt((share @ size**2) / share.sum())), 1e-6 * reach)
-    return sigma

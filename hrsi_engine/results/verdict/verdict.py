@@ -149,7 +149,14 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     text += f", {_format_count(check['points'], 'check point')}"
     part = next(iter(report["parts"]), None) or {}
     accuracy = _describe_check_points(check, part) if check["points"] else _describe_prediction(report)
-    accuracy += _describe_operation_error(check, report.get("untested_by_check_points"))
+    untested = report.get("untested_by_check_points")
+    if untested is not None:  # the error of coordinate operations common to check points
+        with_it = {
+            name: add_untested_error(check[key], untested, key) for name, key in ACCURACIES.items() if untested[key]
+        }
+        figures = ", ".join(f"{name} {format_figure(value)} m" for name, value in with_it.items() if value is not None)
+        limit = "including the coordinate operation, which the check points cannot test"
+        accuracy += f"; {limit}: {figures}" if figures else ""
     return f"{text}: {accuracy}" if accuracy else text
 
 
@@ -179,15 +186,6 @@ def _describe_check_points(check: Mapping[str, Any], predicted: Mapping[str, Any
             f"{name} {format_figure(value)} m" + (f" (predicted {format_figure(expected)})" if with_prediction else "")
         )
     return ", ".join(parts)
-
-
-def _describe_operation_error(check: Mapping[str, Any], untested: Mapping[str, Any] | None) -> str:
-    """Return the accuracy with the error of coordinate operations common to check points, as text; empty without."""
-    if untested is None:
-        return ""
-    with_it = {name: add_untested_error(check[key], untested, key) for name, key in ACCURACIES.items() if untested[key]}
-    figures = ", ".join(f"{name} {format_figure(value)} m" for name, value in with_it.items() if value is not None)
-    return f"; including the coordinate operation, which the check points cannot test: {figures}" if figures else ""
 
 
 def _describe_prediction(report: Mapping[str, Any]) -> str:
