@@ -14,8 +14,9 @@ equations are reduced to their triangular factor part by part (normal equations 
 so that the memory does not grow with their number.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -348,12 +349,21 @@ def _iterate_least_squares(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return numerator and denominator of each image axis; the given axes share one denominator."""
     divisor, rms_before = np.ones(len(system.terms)), 0.0  # an exact fit needs no weights
+    count = len(system.numerator)
     polynomials: list[tuple[np.ndarray, np.ndarray]] = []
     for _ in range(ITERATIONS.most):
         # Solve the observation equations with the damping
-        unknowns = len(system.numerator) * len(axes) + len(system.denominator)
+        unknowns = count * len(axes) + len(system.denominator)
         factor = np.zeros((0, unknowns + 1))
-        for equations in _make_equations(system, axes, divisor):
+        for start, (place, axis) in product(range(0, len(system.terms), MEMORY.rows), enumerate(axes)):
+            # weighted observation equations with the right-hand side as last column
+            part = slice(start, start + MEMORY.rows)
+            terms, target = system.terms[part], system.target[part, axis, None]
+            equations = np.zeros((len(terms), unknowns + 1))
+            equations[:, place * count : (place + 1) * count] = terms[:, system.numerator]
+            equations[:, count * len(axes) : -1] = -target * terms[:, system.denominator]
+            equations[:, -1:] = target
+            equations *= (system.root_weights[part] / divisor[part])[:, None]
             factor = np.asarray(np.linalg.qr(np.vstack([factor, equations]), mode="r"))
         weights = np.concatenate(
             [*(NUMERATOR_DAMPING[system.numerator] for _ in axes), np.ones(len(system.denominator))]
@@ -361,7 +371,6 @@ def _iterate_least_squares(
         damping = np.sqrt(system.ridge * len(system.terms)) * np.eye(unknowns, unknowns + 1) * weights[:, None]
         stacked = np.vstack([factor, damping])
         solution = np.linalg.lstsq(stacked[:, :-1], stacked[:, -1], rcond=1e-15)[0]
-        count = len(system.numerator)
         b = solution[count * len(axes) :]
         candidate = [system.unpack(solution[i * count : (i + 1) * count], b) for i in range(len(axes))]
         divisor = system.terms @ candidate[0][1]
@@ -375,18 +384,3 @@ def _iterate_least_squares(
             break
         rms_before = rms
     return polynomials
-
-
-def _make_equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield weighted observation equations with the right-hand side as last column."""
-    count = len(system.numerator)
-    for start in range(0, len(system.terms), MEMORY.rows):
-        part = slice(start, start + MEMORY.rows)
-        terms, factor = system.terms[part], (system.root_weights[part] / divisor[part])[:, None]
-        for place, axis in enumerate(axes):
-            target = system.target[part, axis, None]
-            equations = np.zeros((len(terms), count * len(axes) + len(system.denominator) + 1))
-            equations[:, place * count : (place + 1) * count] = terms[:, system.numerator]
-            equations[:, count * len(axes) : -1] = -target * terms[:, system.denominator]
-            equations[:, -1:] = target
-            yield equations * factor

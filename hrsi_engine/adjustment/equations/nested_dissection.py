@@ -74,28 +74,11 @@ class Front:
     coupling: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def dissect_graph(graph: sparse.csr_matrix, leaf: int, position: np.ndarray) -> list[Front]:
-    """Return the fronts of a symmetric graph in the order of elimination: children before parents.
-
-    ``leaf`` is the number of cameras up to which a part is not cut further; ``position (n, 2)`` are their positions: a
-    straight cut across a block leaves the shortest separator.
-    """
-    fronts: list[Front] = []
-    pending: list[tuple[np.ndarray, Front | None]] = [(np.arange(graph.shape[0]), None)]
-    while pending:
-        part, parent = pending.pop()
-        separator, halves = (part, []) if len(part) <= leaf else _cut_part(graph, part, position)
-        front = Front(np.sort(separator))
-        fronts.append(front)
-        if parent is not None:
-            parent.children.append(front)
-        pending += [(half, front) for half in halves]
-    fronts.reverse()
-    return fronts
-
-
 def _cut_part(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return a separator of a part (indices of cameras) and the pieces that remain."""
+    """Return a separator of a part (indices of cameras) and the pieces that remain.
+
+    A straight cut across a block, by the cameras' positions ``(n, 2)``, leaves the shortest separator.
+    """
     inside = graph[part][:, part]
     count, label = csgraph.connected_components(inside, directed=False)
     if count > 1:  # unconnected components: two groups of similar size
@@ -194,7 +177,19 @@ class SparseFactor:
     ) -> None:
         self.cameras, self.size = graph.shape[0], size
         self._start, self._columns = start, columns
-        self.fronts = dissect_graph(graph, max(1, LEAF_UNKNOWNS // max(size, 1)), position)
+        # The fronts of the graph in the order of elimination: children before parents
+        leaf = max(1, LEAF_UNKNOWNS // max(size, 1))  # number of cameras up to which a part is not cut further
+        self.fronts: list[Front] = []
+        pending: list[tuple[np.ndarray, Front | None]] = [(np.arange(self.cameras), None)]
+        while pending:
+            part, parent = pending.pop()
+            separator, halves = (part, []) if len(part) <= leaf else _cut_part(graph, part, position)
+            front = Front(np.sort(separator))
+            self.fronts.append(front)
+            if parent is not None:
+                parent.children.append(front)
+            pending += [(half, front) for half in halves]
+        self.fronts.reverse()
         self._order = np.empty(self.cameras, dtype=np.int64)
         for number, front in enumerate(self.fronts):
             self._order[front.own] = number

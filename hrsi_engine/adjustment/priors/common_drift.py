@@ -20,7 +20,7 @@ times their cofactors.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -170,10 +170,26 @@ def find_common_drift(
     is_free, sigma = free[camera], sigma[camera]
     if len(camera) > SAMPLES.dense or not is_free.any():
         return None
+    # Derivatives (2 n, p) of points of each image by the parameters, and (2 n, d) by deformations of the ground. A
+    # deformation is a monomial of east and north, up to the model's degree, in one of the three coordinates; its value
+    # is 1 at a distance of about a scene from the middle
     equations: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for index, by_values, by_fields in _derive_fields(observations, model, images):
-        place = int(np.searchsorted(camera, observations.camera_of_image[index]))
-        equations.setdefault(place, []).append((by_values * sigma[place], by_fields))
+    degree = int(model.powers.sum(axis=1).max(initial=1)) if isinstance(model, ImagePolynomial) else 1
+    powers = [(a, total - a) for total in range(1, degree + 1) for a in range(total + 1)]
+    places = [observations.images[index].rpc for index in images]
+    middle, reach_m = np.mean([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in places], axis=0), None
+    for index in images.tolist():
+        image, place = observations.images[index], int(np.searchsorted(camera, observations.camera_of_image[index]))
+        xy = image.grid_px(GRID, GRID)
+        ground = image.rpc.localize(xy, image.rpc.height_off).ground
+        xy, ground = xy[np.isfinite(ground[:, 0])], ground[np.isfinite(ground[:, 0])]
+        away_m = ground_difference_m(ground, np.broadcast_to(middle, ground.shape))[:, :2]
+        reach_m = reach_m or float(np.abs(away_m).max())
+        linearised = model.equations(image, xy)(np.zeros(len(model.parameters)), ground)
+        monomials = np.stack([np.prod((away_m / reach_m) ** power, axis=1) for power in powers], axis=1)
+        fields = linearised.by_ground[:, :, :, None] * monomials[:, None, None, :]
+        by_values = linearised.by_values.reshape(2 * len(xy), -1) * sigma[place]
+        equations.setdefault(place, []).append((by_values, -fields.reshape(2 * len(xy), -1)))
     modes = np.concatenate(
         [
             # the a priori likeliest of all corrections that fit the deformation
@@ -204,29 +220,3 @@ def count_points_per_error(cameras: int, common: Sequence[CommonDrift]) -> np.nd
     for one in common:
         points_per_error[one.camera] = one.points_per_error
     return points_per_error
-
-
-def _derive_fields(
-    observations: Observations, model: RefinementModel, images: np.ndarray
-) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Yield each image, derivatives ``(2 n, p)`` of its points by the parameters, and ``(2 n, d)`` by deformations.
-
-    A deformation is a monomial of east and north, up to the model's degree, in one of the three coordinates; its value
-    is 1 at a distance of about a scene from the middle.
-    """
-    degree = int(model.powers.sum(axis=1).max(initial=1)) if isinstance(model, ImagePolynomial) else 1
-    powers = [(a, total - a) for total in range(1, degree + 1) for a in range(total + 1)]
-    places = [observations.images[index].rpc for index in images]
-    middle = np.mean([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in places], axis=0)
-    reach_m = None
-    for index in images.tolist():
-        image = observations.images[index]
-        xy = image.grid_px(GRID, GRID)
-        ground = image.rpc.localize(xy, image.rpc.height_off).ground
-        xy, ground = xy[np.isfinite(ground[:, 0])], ground[np.isfinite(ground[:, 0])]
-        away_m = ground_difference_m(ground, np.broadcast_to(middle, ground.shape))[:, :2]
-        reach_m = reach_m or float(np.abs(away_m).max())
-        linearised = model.equations(image, xy)(np.zeros(len(model.parameters)), ground)
-        monomials = np.stack([np.prod((away_m / reach_m) ** power, axis=1) for power in powers], axis=1)
-        fields = linearised.by_ground[:, :, :, None] * monomials[:, None, None, :]
-        yield index, linearised.by_values.reshape(2 * len(xy), -1), -fields.reshape(2 * len(xy), -1)
