@@ -225,11 +225,6 @@ class SigmaEstimation:
     def _factor_image_points(self) -> np.ndarray:
         return self.sigmas.of_image_points(self.groups, self.problem.observations)
 
-    def survey_weight(self) -> np.ndarray:
-        """Return the weights of all surveys ``(m, 3)``, also of rejected ones."""
-        observations = self.problem.observations
-        return self.sigmas.survey_weight(observations, observations.survey_weight)
-
     def report_to(self, result: RoundFindings) -> None:
         """Add the tests and the estimated sigmas to the findings of the adjustment."""
         result.tests = tuple(self.tests)

@@ -186,7 +186,9 @@ class Adjuster(Snooping):
                     break
             elif sigmas.sigmas.free.any():
                 self.image_weight = sigmas.image_weight()
-                self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
+                self.survey_weight = np.where(
+                    self.survey_weight > 0.0, sigmas.sigmas.survey_weight(self.problem.observations), 0.0
+                )
                 self.solution = self.solve(self.solution, silent)
             else:
                 self.solution = self.loop.continue_from(self.solution)

@@ -77,34 +77,28 @@ def choose_stereo_pairs(
     tie_images : ids of the tie points in each image, by image id
     largest : largest number of pairs to return
     """
-    result = [_score_pair(pair, incidence_deg, suns, times, tie_images) for pair in pairs]
+    result: list[StereoPair] = []
+    for pair in pairs:
+        names = sorted((pair.first, pair.second), key=lambda name: incidence_deg[name])
+        first, second = (suns[name] for name in names)
+        sun = (
+            None
+            if first is None or second is None
+            else float(np.degrees(np.arccos(np.clip(first.direction @ second.direction, -1.0, 1.0))))
+        )
+        # Difference of the two dates in days of the year, the shorter way around the year
+        days = [time.timetuple().tm_yday for name in names if (time := times[name]) is not None]
+        apart = abs(days[0] - days[-1]) if len(days) == 2 else None
+        season = None if apart is None else float(min(apart, 365 - apart))
+        ties = [tie_images.get(name, set()) for name in names]
+        similarity = len(ties[0] & ties[1]) / np.sqrt(len(ties[0]) * len(ties[1])) if all(ties) else None
+        angle = 0.0 if pair.convergence_deg is None else pair.convergence_deg
+        score = float(np.interp(angle, STEREO.convergence_deg, (0.0, 1.0, 1.0, 0.0))) * min(pair.overlap)
+        for difference, half in ((sun, STEREO.sun_deg), (season, STEREO.season_days)):
+            score /= 1.0 + ((difference or 0.0) / half) ** 2
+        score *= 1.0 if similarity is None else similarity
+        result.append(
+            StereoPair(names[0], names[1], pair, sun_deg=sun, season_days=season, similarity=similarity, score=score)
+        )
     result = sorted((pair for pair in result if pair.score > 0.0), key=lambda pair: -pair.score)
     return [pair for pair in result[:largest] if pair.score >= STEREO.least_share * result[0].score]
-
-
-def _score_pair(
-    pair: PairGeometry,
-    incidence_deg: dict[str, float],
-    suns: dict[str, SunAngles | None],
-    times: dict[str, datetime | None],
-    tie_images: dict[str, set[str]],
-) -> StereoPair:
-    names = sorted((pair.first, pair.second), key=lambda name: incidence_deg[name])
-    first, second = (suns[name] for name in names)
-    sun = (
-        None
-        if first is None or second is None
-        else float(np.degrees(np.arccos(np.clip(first.direction @ second.direction, -1.0, 1.0))))
-    )
-    # Difference of the two dates in days of the year, the shorter way around the year
-    days = [time.timetuple().tm_yday for name in names if (time := times[name]) is not None]
-    apart = abs(days[0] - days[-1]) if len(days) == 2 else None
-    season = None if apart is None else float(min(apart, 365 - apart))
-    ties = [tie_images.get(name, set()) for name in names]
-    similarity = len(ties[0] & ties[1]) / np.sqrt(len(ties[0]) * len(ties[1])) if all(ties) else None
-    angle = 0.0 if pair.convergence_deg is None else pair.convergence_deg
-    score = float(np.interp(angle, STEREO.convergence_deg, (0.0, 1.0, 1.0, 0.0))) * min(pair.overlap)
-    for difference, half in ((sun, STEREO.sun_deg), (season, STEREO.season_days)):
-        score /= 1.0 + ((difference or 0.0) / half) ** 2
-    score *= 1.0 if similarity is None else similarity
-    return StereoPair(names[0], names[1], pair, sun_deg=sun, season_days=season, similarity=similarity, score=score)

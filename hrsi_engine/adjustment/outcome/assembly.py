@@ -94,7 +94,9 @@ def assemble_adjustment(
         block=block, model=problem.model, values=cameras.values[camera],
         values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own_covariance]),
         cameras=CameraEstimates(
-            problem.camera, solution.state.values[camera], factor[:, None, None] * precise.own_cameras(loop)[camera]
+            problem.camera,
+            solution.state.values[camera],
+            factor[:, None, None] * precise.cameras[loop.pattern.diagonal[camera]],
         ),
         ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
         ground_sigma_m=sigma_m, ground_covariance_m2=covariance,

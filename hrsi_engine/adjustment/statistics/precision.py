@@ -55,10 +55,6 @@ class Precision:
     residuals: np.ndarray
     cameras: np.ndarray
 
-    def own_cameras(self, loop: GaussNewton) -> np.ndarray:
-        """Return the cofactors of each camera's own parameters ``(cameras, p, p)``."""
-        return self.cameras[loop.pattern.diagonal]
-
 
 def compute_precision(loop: GaussNewton, solution: Solution) -> Precision:
     """Return all cofactors at a solution."""
