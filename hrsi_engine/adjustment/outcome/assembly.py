@@ -68,9 +68,10 @@ def assemble_adjustment(
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own_covariance]
     cameras = compute_final_cameras(problem, loop, solution)
     points, camera = observations.points, observations.camera_of_image
+    cofactors = precise.cameras[loop.pattern.diagonal[camera]]  # of each image's own parameters
     # check points have positions, too; a point whose measurements were all rejected has none
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
-    points_per_error = count_points_per_error(observations.cameras, loop.common)[observations.camera_of_image]
+    points_per_error = count_points_per_error(observations.cameras, loop.common)[camera]
     shared_shifts = _propagate_shared_errors(problem, loop, solution)
     covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
         problem, round_findings, solution, precise, cameras, sigma0, points_per_error, placed, shared_shifts
@@ -93,11 +94,7 @@ def assemble_adjustment(
     return Adjustment(
         block=block, model=problem.model, values=cameras.values[camera],
         values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own_covariance]),
-        cameras=CameraEstimates(
-            problem.camera,
-            solution.state.values[camera],
-            factor[:, None, None] * precise.cameras[loop.pattern.diagonal[camera]],
-        ),
+        cameras=CameraEstimates(problem.camera, solution.state.values[camera], factor[:, None, None] * cofactors),
         ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
         ground_sigma_m=sigma_m, ground_covariance_m2=covariance,
         **_describe_measurements(
