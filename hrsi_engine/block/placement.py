@@ -34,12 +34,6 @@ class FRAME:
         "28 vendor RPCs with known sizes (13 stated, 15 SkySat by the sensor): 0.886 to 1.084, 2026-11-28",
     )
     part_mean: float = threshold(0.93, "", "… geometric mean of both", "the same 28 RPCs: 0.946 to 1.008, 2026-11-28")
-    exact_begin_px: float = threshold(
-        1.0,
-        "px",
-        "largest offset of the range of an RPC that was made for exactly the pixels of its image",
-        "9 vendor RPCs that begin at 0 or -1 have the stated size or, ZY-3, are 2 % smaller, 2026-11-28",
-    )
     same_factor: float = threshold(
         0.003, "", "largest difference of the factors along samples and lines", "centres of vendors' RPCs"
     )
@@ -111,7 +105,7 @@ def judge_size(rpc: RPC, size: Size, stated: Size | None = None) -> PlacementDou
     is_scaled &= not 1.0 / (1.0 + EQUALITY.negligible) < ratio.mean() < (1.0 + EQUALITY.negligible)
     share = 1.0 / ratio
     if stated is None:
-        is_exact = (np.abs(low) <= FRAME.exact_begin_px).all()
+        is_exact = (np.abs(low) <= FRAME.gross_px).all()
         part_share, part_mean = (1.0 - FRAME.stated_share,) * 2 if is_exact else (FRAME.part_share, FRAME.part_mean)
         agrees = (share > part_share) & (share < EQUALITY.size) & (np.sqrt(share.prod()) > part_mean)
     else:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..block.block import ArrayRaster, Image, read_overview_pixels
 from ..foundation.pixel_filters import load_opencv
-from ..foundation.thresholds import threshold, thresholds
+from ..foundation.thresholds import GROUND, threshold, thresholds
 from ..ortho.grid import GridWindow, MapGrid
 from .disparity import compute_disparities, normalise_contrast
 from .epipolar import RectifiedTile, rectify_tile
@@ -27,7 +27,6 @@ class DENSE:
 
     least_px: int = threshold(100, "px", "shorter side of the coarsest images")
     margin_px: float = threshold(12.0, "px", "disparities searched beyond those of the coarse surface")
-    range_m: float = threshold(60.0, "m", "smallest enlargement of this range")
 
 
 REDUCTIONS = (8, 4, 2)  #: reductions of the images for the coarse surface
@@ -157,7 +156,7 @@ def match_coarse_surface(block: DenseBlock, known_m: Sequence[float]) -> CoarseS
     factor = next((one for one in REDUCTIONS if shortest >= one * DENSE.least_px), 1)
     coarse = block.coarsen(factor) if factor > 1 else block
     low, high = float(np.min(known_m)), float(np.max(known_m))
-    more = max(DENSE.range_m, RANGE_SHARE * (high - low))
+    more = max(GROUND.margin_m, RANGE_SHARE * (high - low))
     grid, plane = coarse.grid, np.array([0.0, 0.0, (low + high) / 2.0])
     heights = np.full((grid.rows, grid.columns), np.nan, np.float32)
     for window in grid.chunks(512):

@@ -101,7 +101,6 @@ class SAMPLES:
     plane: int = threshold(3, "points", "fewest that determine a plane, or reveal an error of a shift", "theory")
     trend: int = threshold(30, "points", "fewest for a trend linear in position that is estimated robustly")
     quadratic: int = threshold(60, "points", "… for a quadratic trend: ten per coefficient")
-    neighbours: int = threshold(8, "points", "neighbours by whose median a point is predicted")
     large: int = threshold(1000, "items", "sample that represents more to 3 %, and most that are shown or remembered")
     local: int = threshold(64, "points", "sample by which two images, or the differences of two rays, are compared")
 

@@ -14,6 +14,7 @@ from scipy import ndimage
 from ..block.block import Raster
 from ..foundation.pixel_filters import BLUR
 from ..foundation.thresholds import EQUALITY, threshold, thresholds
+from .given_matches import EXTERNAL
 from .window_matching.correlation import compute_orientation_field
 from .window_matching.least_squares_matching import match_patches
 from .window_matching.window_search import search_windows
@@ -25,7 +26,6 @@ class TRANSFER:
     """Conditions for the measurement of a point of one image in another."""
 
     half_px: int = threshold(15, "px", "half side of the correlation window")
-    across_px: float = threshold(6.0, "px", "half width of the search across epipolar lines, beyond `margin_px`")
     correlation: float = threshold(0.7, "", "smallest accepted correlation coefficient")
     rival: float = threshold(0.9, "", "largest ratio of the second and the highest correlation (ambiguity)")
     closure_px: float = threshold(0.5, "px", "largest difference of the reverse measurement from the point")
@@ -68,8 +68,8 @@ def transfer_point(
     step = max(1.0, float((1.0 / EQUALITY.size) / scale))
     by_first, scale = by_first * step, scale * step
     middle, span = line.mean(axis=0), np.linalg.inv(by_first) @ (line[1] - line[0])
-    along = float(np.hypot(*span)) / 2.0 + (margin_px + TRANSFER.across_px) / scale
-    across = (margin_px + TRANSFER.across_px) / scale
+    along = float(np.hypot(*span)) / 2.0 + (margin_px + EXTERNAL.error_px) / scale
+    across = (margin_px + EXTERNAL.error_px) / scale
     half = int(np.ceil(along)) + 2 * TRANSFER.half_px + 4
     centre = np.round(xy)
     template = _read_window(first, centre, step * np.eye(2), TRANSFER.half_px + 2 * LsmOptions().half)

@@ -35,8 +35,6 @@ class ORTHO:
     whole_px: float = threshold(1e-6, "px", "tolerance for an edge on a whole pixel")
     outline_points: int = threshold(200, "points", "points along each side of an image's outline")
     margin_px: int = threshold(2, "px", "margin around the footprint of an image, and from hidden ground")
-    checked_pixels: int = threshold(400, "px", "random pixels of each chunk at which the error is tested")
-    unknown_grid: int = threshold(65, "positions", "positions along each side of a chunk, for counting missing heights")
     straight: float = threshold(0.01, "", "part of the error up to which the curvature of rays is neglected")
     least_half_m: float = threshold(20.0, "m", "smallest half range of heights of the RPC's polynomial")
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..block.jitter_curve import JitterCurve
 from ..camera.rpc import RPC
-from ..foundation.thresholds import GRIDS, MEMORY
+from ..foundation.thresholds import GRIDS, MEMORY, SAMPLES
 from ..ground.crs_operations import operations_of
 from ..surface.dem import HeightSurface, surface_heights
 from ..surface.grid_surface import ConstantHeight, GridSurface
@@ -195,7 +195,7 @@ class OrthoMapping:
             mapping = self._mask_occlusions(mapping, window, self.surface)
         # Random pixels of the window, equal in every run
         rng = np.random.default_rng([window.column, window.row])
-        checks = rng.integers(0, [window.columns, window.rows], (ORTHO.checked_pixels, 2))
+        checks = rng.integers(0, [window.columns, window.rows], (SAMPLES.large, 2))
         errors = np.hypot(*(mapping.interpolate(checks) - self.exact(checks + window[:2])).T)
         return mapping._replace(errors_px=errors[np.isfinite(errors)])
 
@@ -288,7 +288,7 @@ class OrthoMapping:
 
         has_height : (rows, columns) of the window's pixels
         """
-        side = np.linspace(0.0, 1.0, ORTHO.unknown_grid)
+        side = np.linspace(0.0, 1.0, GRIDS.fine)
         column, row = (np.rint(side * (count - 1)).astype(int) for count in (window.columns, window.rows))
         pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
         lonlat = self.grid.lonlat(pixels)

@@ -26,7 +26,7 @@ from scipy import ndimage
 
 from ..foundation.pixel_filters import blur, reduce_by_area
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.thresholds import ITERATIONS, threshold, thresholds
+from ..foundation.thresholds import GRIDS, ITERATIONS, threshold, thresholds
 from ..foundation.workers.scheduling import open_calls
 from ..measurement.window_matching.correlation import (
     compute_orientation_field,
@@ -46,7 +46,6 @@ class SHIFT:
     weight_sigma: float = threshold(0.5, "", "sigma of the weights over half the window")
     reduction: int = threshold(2, "", "reduction factor of orthoimages for the common shift")
     probe_px: int = threshold(256, "px", "side of a probe (smaller in a small area)")
-    probes: int = threshold(4, "probes", "probes along each side of the common area")
 
 
 Read = Callable[[int, int, int, int], tuple[np.ndarray, np.ndarray]]  #: `block.Raster.read`
@@ -275,8 +274,8 @@ def find_common_shift(first: Read, second: Read, columns: int, rows: int) -> np.
         return np.zeros(2, dtype=int)
     total = np.zeros((2 * SHIFT.probe_px // SHIFT.reduction + 1,) * 2)
     wide = side + 2 * SHIFT.probe_px
-    for row in np.linspace(0, rows - side, SHIFT.probes).astype(int).tolist():
-        for column in np.linspace(0, columns - side, SHIFT.probes).astype(int).tolist():
+    for row in np.linspace(0, rows - side, GRIDS.coarse).astype(int).tolist():
+        for column in np.linspace(0, columns - side, GRIDS.coarse).astype(int).tolist():
             probe = _compute_field(*first(column, row, side, side))
             if probe.any():
                 total += correlate_fields(

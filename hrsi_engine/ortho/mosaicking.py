@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from ..foundation.pixel_filters import blur, load_opencv
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.thresholds import REDUNDANCY, SIGNIFICANCE, threshold, thresholds
+from ..foundation.thresholds import MEMORY, REDUNDANCY, SIGNIFICANCE, threshold, thresholds
 from .grid import ORTHO
 
 NONE = -1  #: label of pixels that no image shows
@@ -29,7 +29,6 @@ class MOSAIC:
     fewest_px: int = threshold(
         200, "px", "smallest overlap that determines the levels of a pair, at reduced resolution"
     )
-    sampled_px: int = threshold(10_000, "px", "pixels of an overlap from which levels are estimated (time)")
     gains: tuple[float, float] = threshold((0.5, 2.0), "", "smallest and largest gain of an image")
     blend_px: float = threshold(1.0, "px", "standard deviation of the transition at a seamline")
 
@@ -49,7 +48,7 @@ def fit_levels(bands: np.ndarray) -> np.ndarray:
     for i, j in combinations(range(count), 2):
         common = np.isfinite(bands[i]) & np.isfinite(bands[j])
         values = bands[[i, j]][:, common] - middle[[i, j], None]
-        values = values[:, :: 1 + values.shape[1] // MOSAIC.sampled_px]
+        values = values[:, :: 1 + values.shape[1] // MEMORY.rows]
         if values.shape[1] < MOSAIC.fewest_px:
             continue
         values, scatter = _leave_out_changes(values)

@@ -14,16 +14,9 @@ from ..block.block import Block
 from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds
+from ..foundation.thresholds import SAMPLES, SIGNIFICANCE
 from .accuracy import ImageAccuracy
 from .control import ControlMeasurements, StraightRays, compute_sightlines
-
-
-@thresholds
-class IDENTITY:
-    """Limits for permutations of the ids of points."""
-
-    most_points: int = threshold(400, "points", "largest number whose permutations are tested (quadratic cost)")
 
 
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
@@ -106,7 +99,7 @@ def find_point_permutation(control: ControlMeasurements) -> np.ndarray | None:
     None for a single point, for too many, and where every point fits its own survey best.
     """
     points = control.points
-    if not 2 <= len(points) <= IDENTITY.most_points:
+    if not 2 <= len(points) <= SAMPLES.large:
         return None
     survey = control.block.points.ground[points]
     place = np.searchsorted(points, control.point)

@@ -47,7 +47,7 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
             continue
         ground, height = sound_points.ground[rows], sound_points.ground[rows, 2]
         metres = ground_difference_m(ground, ground[:1])[:, :2]
-        count = min(SAMPLES.neighbours, len(rows) - 1)
+        count = min(SAMPLES.tested, len(rows) - 1)
         distance, neighbours = cKDTree(metres).query(metres, k=count + 1)
         distance, neighbours = distance[:, 1:], neighbours[:, 1:]  # the nearest is the point itself
         middle = np.median(height[neighbours], axis=1)

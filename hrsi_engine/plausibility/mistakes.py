@@ -19,10 +19,9 @@ from pyproj.enums import PJType
 from ..block.block import Image
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError
-from ..foundation.thresholds import threshold, thresholds
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import metres_per_degree, wrap_degrees
-from ..ground.geoids import GEOID_GRIDS, geoid_heights
+from ..ground.geoids import GEOID, GEOID_GRIDS, geoid_heights
 from ..ground.map_crs import UPS_NORTH, UPS_SOUTH, map_epsg, utm_zone
 from .control import ControlMeasurements
 
@@ -307,13 +306,6 @@ def _iterate_datums(ground: np.ndarray, expected: np.ndarray) -> Iterator[Ground
 # ---- datums --------------------------------------------------------------------------------------------------------
 
 
-@thresholds
-class DATUM:
-    """Limits for the difference of a datum from WGS84 in the test of surveyed coordinates."""
-
-    least_shift_m: float = threshold(3.0, "m", "smallest difference of a datum from WGS84 that is tested")
-
-
 class DatumShift(NamedTuple):
     """Offset in metres east and north from the position with the coordinates read as WGS84 to the true position."""
 
@@ -345,6 +337,6 @@ def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
                 numbers = np.column_stack([coordinates[:, :2], [0.0]])
                 lon, lat, _ = operations_of(f"EPSG:{info.code}").to_wgs84(numbers)[0]
                 east, north = wrap_degrees(np.array(lon - lon_deg)) * factors[0], (lat - lat_deg) * factors[1]
-                if np.hypot(east, north) > DATUM.least_shift_m:
+                if np.hypot(east, north) > GEOID.smallest_difference_m:
                     shifts.append(DatumShift(info.name, float(east), float(north)))
     return tuple(shifts)

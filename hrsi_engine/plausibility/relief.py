@@ -20,9 +20,6 @@ class RELIEF:
     """Limits for a DEM that does not show the ground of the adjusted tie points."""
 
     unlike_m: float = threshold(15.0, "m", "scatter of height differences that is reported", SIMULATED)
-    far_off_points: int = threshold(
-        5, "points", "smallest number of such differences: more than a few wrong tie points"
-    )
     far_off_share: float = threshold(0.01, "", "… and smallest share of all tie points")
     same_value_m: float = threshold(2.0, "m", "largest range of an undeclared nodata value (by undulations)")
     displacement_cells: float = threshold(2.0, "cells", "smallest displacement that is reported", SIMULATED)
@@ -47,7 +44,7 @@ def find_relief_reasons(
         return []
     miss = ground[:, 2] - of_dem
     is_far = np.abs(miss - np.median(miss)) > GROUND.margin_m
-    if max(RELIEF.far_off_points, RELIEF.far_off_share * len(is_far)) <= is_far.sum() < len(is_far):
+    if max(SAMPLES.redundant, RELIEF.far_off_share * len(is_far)) <= is_far.sum() < len(is_far):
         low, value, high = np.percentile(of_dem[is_far], [20.0, 50.0, 80.0])
         is_isolated = abs(value - np.median(of_dem[~is_far])) > GROUND.margin_m
     else:

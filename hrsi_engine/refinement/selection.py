@@ -30,7 +30,7 @@ from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import ROBUST
-from ..foundation.thresholds import REDUNDANCY, SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ..foundation.thresholds import MEMORY, REDUNDANCY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from .estimate import Control, Estimate, estimate
 from .models import MODELS
 
@@ -52,13 +52,6 @@ class SELECTION:
         "",
         "significance level at which a model with more parameters predicts better",
         "Breiman et al. 1984, one standard error rule",
-    )
-    drift_measurements: int = threshold(
-        25_000,
-        "measurements",
-        "most per image for an estimate of the drift: with more, treated as independent, small "
-        "common errors are estimated as drift (115 109 tie points tilt a pair by 60 m in height)",
-        "SPOT 7, 2026-11-22",
     )
     many_gcps: int = threshold(50, "GCPs", "fewest for all terms of the generic method", "thesis, section 4.3")
 
@@ -154,7 +147,7 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
 
 def can_estimate_drift(measurements: int, images: int) -> bool:
     """Return True if the drift's standard deviation can be estimated: with more measurements it is overestimated."""
-    return measurements <= SELECTION.drift_measurements * images
+    return measurements <= MEMORY.rows * images
 
 
 def choose_by_number(controls: Controls) -> ModelChoice:

@@ -9,7 +9,7 @@ from ..adjustment.result import Adjustment
 from ..adjustment.source_results import SurfaceOutcome
 from ..drawing.block_figures import SurfacePicture
 from ..drawing.target_chips import encode_png
-from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds
+from ..foundation.thresholds import GRIDS, SIGNIFICANCE, threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from ..io.geopackage.declared_layers import SurfaceResidualRows
 from ..surface.dem import surface_heights
@@ -20,7 +20,6 @@ from .tables import Table
 class SURFACE_PICTURE:
     """Sizes of the pictures of the match with a surface."""
 
-    cells: int = threshold(48, "cells", "cells along the longer side of the ground")
     pixel: int = threshold(5, "px", "side of a cell or displacement in the picture")
 
 
@@ -103,7 +102,7 @@ def _average_residuals(places_m: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return mean values of cells of the ground ``(rows, columns)``, north up; NaN for cells without points."""
     finite = np.isfinite(places_m).all(axis=1) & np.isfinite(values)
     low, size = np.nanmin(places_m, axis=0), np.ptp(places_m[np.isfinite(places_m).all(axis=1)], axis=0)
-    cell = max(float(size.max()) / SURFACE_PICTURE.cells, 1e-3)
+    cell = max(float(size.max()) / GRIDS.fine, 1e-3)
     columns, rows = (np.floor(size / cell).astype(int) + 1).tolist()
     column, row = np.floor((places_m[finite] - low) / cell).astype(np.int64).T
     place, shape = (rows - 1 - row) * columns + column, rows * columns

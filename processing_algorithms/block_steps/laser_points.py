@@ -171,7 +171,7 @@ def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
     if not len(ties) or not len(good):
         return 0.0
     frame = LocalFrame(*ties[0])
-    count = min(SAMPLES.neighbours, len(ties))
+    count = min(SAMPLES.tested, len(ties))
     _, near = cKDTree(frame.from_ground(ties)[:, :2]).query(frame.from_ground(good)[:, :2], k=count)
     return float(np.median(np.median(ties[near.reshape(len(good), -1), 2], axis=1) - good[:, 2]))
 

@@ -16,17 +16,10 @@ from ...hrsi_engine.block.block import Image, ImagePoints
 from ...hrsi_engine.block.imaging_geometry import GEOMETRY
 from ...hrsi_engine.block.pointing import compute_gsd_m, estimate_pointing
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
-from ...hrsi_engine.foundation.thresholds import GRIDS, SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import GRIDS, GROUND, SAMPLES, SIGNIFICANCE
 from ...hrsi_engine.io.rasters.dems import open_geoid
 from ...hrsi_engine.measurement.point_transfer import transfer_point
 from ...hrsi_engine.plausibility.mistakes import find_undulations
-
-
-@thresholds
-class HEIGHT_EVIDENCE:
-    """Limits for the decision on a height datum."""
-
-    dem_sigma_m: float = threshold(2.0, "m", "smallest sigma of the median difference from a DEM: canopy, coarse cells")
 
 
 class DatumEvidence(NamedTuple):
@@ -58,7 +51,7 @@ def weigh_hypotheses(
         return DatumEvidence(None, "")
     difference = (ellipsoidal_m - unknown_m)[known]
     spread = float(robust_sigma(difference)) / np.sqrt(known.sum())
-    sigma = float(np.hypot(np.hypot(sigma_m, spread), HEIGHT_EVIDENCE.dem_sigma_m))
+    sigma = float(np.hypot(np.hypot(sigma_m, spread), GROUND.canopy_m))
     middle = [float(np.median(difference)), float(np.median(difference - geoid[1]))]
     loss = 0.5 * np.square(middle) / sigma**2  # negative logarithms of the likelihoods of normal errors
     best, limit = int(np.argmin(loss)), 0.5 * SIGNIFICANCE.decisive

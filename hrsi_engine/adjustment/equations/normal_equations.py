@@ -41,7 +41,6 @@ class POINT_STEPS:
     """Limits for the convergence of intersections, and for the use of compiled loops."""
 
     closure_m: float = threshold(1e-4, "m", "step of an intersection at which it has converged")
-    start_closure_m: float = threshold(10.0, "m", "step at which the start position of an image has converged")
     most_step_m: float = threshold(5e3, "m", "largest step of an intersection (weak geometry)")
 
 

@@ -60,7 +60,7 @@ def adjust_without_jitter(
             priors = estimate.priors
             total_estimate = estimate if earlier is None else earlier.add(estimate)
             previous_xy, xy = xy, total_estimate.displace(ids, image, block.measurements.xy, remove=True)
-            if np.sqrt(np.mean((xy - previous_xy) ** 2)) < JITTER_CURVES.settled_px and number:
+            if np.sqrt(np.mean((xy - previous_xy) ** 2)) < EQUALITY.camera_px and number:
                 xy = previous_xy
                 break
             sigma_px = total_estimate.add_sigmas(ids, image, xy, block.measurements.sigma_px, is_gcp)

@@ -41,7 +41,6 @@ class JITTER_CURVES:
     knots_in_period: int = threshold(6, "knots", "knots of the spline in the shortest period: 99.7 % of a sine remain")
     least_spacing: float = threshold(8.0, "lines", "smallest distance between knots")
     most_points: int = threshold(100_000, "points", "largest number in use; of more points, an even choice")
-    settled_px: float = threshold(0.03, "px", "RMS change of the curves at convergence", "smaller than an image error")
     most_parts: int = threshold(2, "parts", "successive corrections; the second removes remaining waves")
 
 

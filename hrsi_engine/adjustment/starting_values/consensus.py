@@ -138,7 +138,7 @@ def _compute_parallaxes(
 
 def list_ray_pairs(length: int) -> list[tuple[int, int]]:
     """Return the pairs of the rays of a point that are compared: all, or neighbours of a long track."""
-    reach = length - 1 if length <= SAMPLES.neighbours else SAMPLES.neighbours // 2
+    reach = length - 1 if length <= SAMPLES.tested else SAMPLES.tested // 2
     pairs = {tuple(sorted((i, (i + step) % length))) for i in range(length) for step in range(1, reach + 1)}
     return sorted((i, j) for i, j in pairs if i != j)
 

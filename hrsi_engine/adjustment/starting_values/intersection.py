@@ -41,7 +41,7 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
         step = np.zeros((len(moving), 3))
         step[:, :2] = (outwards[moving] @ (centre_px[moving] - computed)[:, :, None])[:, :, 0]
         centre[moving] = move_ground(centre[moving], step)
-        moving = moving[~(np.abs(step).max(axis=1) < POINT_STEPS.start_closure_m)]
+        moving = moving[~(np.abs(step).max(axis=1) < POINT_STEPS.closure_m)]
     for number in moving.tolist():  # slower, but robust with unusual RPCs
         centre[number] = rpcs[number].localize(centre_px[number][None], centre[number, 2]).ground[0]
     step = np.zeros((len(first), 3))

@@ -118,7 +118,6 @@ class RPC_BUDGETS:
     """Ranges of the offsets, scales and coefficients of an RPC; others are refused."""
 
     image_px: float = threshold(1e8, "px", "largest image offset or scale, and sample or line of a point")
-    latitude_deg: float = threshold(90.0, "deg", "largest offset and scale of latitudes", "the pole")
     longitude_deg: float = threshold(
         540.0, "deg", "largest offset and scale of longitudes", "0 to 360, or across the date line"
     )
@@ -137,12 +136,12 @@ class RPC_BUDGETS:
 RPC_RANGES = {
     "line_off": (0.0, RPC_BUDGETS.image_px),
     "samp_off": (0.0, RPC_BUDGETS.image_px),
-    "lat_off": (0.0, RPC_BUDGETS.latitude_deg),
+    "lat_off": (0.0, 90.0),
     "long_off": (0.0, RPC_BUDGETS.longitude_deg),
     "height_off": (0.0, RPC_BUDGETS.height_m),
     "line_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.image_px),
     "samp_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.image_px),
-    "lat_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.latitude_deg),
+    "lat_scale": (RPC_BUDGETS.least_scale, 90.0),
     "long_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.longitude_deg),
     "height_scale": (RPC_BUDGETS.least_scale, RPC_BUDGETS.height_m),
 }

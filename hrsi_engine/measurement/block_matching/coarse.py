@@ -40,9 +40,7 @@ class COARSE:
         60, "matches", "number that makes a pair certain: no other contrast is tried, no loop is needed", _CONTRASTS
     )
     enough_share: float = threshold(0.1, "", "… and share of the features; a negative gives 0.03 by chance", _CONTRASTS)
-    contrast_gain: float = threshold(1.5, "", "factor by which another contrast must have more matches", _CONTRASTS)
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")
-    nodes: int = threshold(24, "nodes", "nodes along an image's longer side in the grid of heights")
     floor_px: float = threshold(1.0, "px of the overview", "smallest standard deviation of a match")
     finer: int = threshold(4, "", "factor of resolution of a second search, in windows")
     same_view_px: float = threshold(2.0, "px", "smallest parallax from which heights are estimated")
@@ -62,7 +60,7 @@ class CoarseJob:
 
 def place_height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
     """Return the positions ``(n, 2)`` of the nodes of an image's height grid, its shape and its spacing (px)."""
-    spacing = max(max(size) / (COARSE.nodes - 1.0), 32.0)
+    spacing = max(max(size) / (GRIDS.fine - 1.0), 32.0)
     columns, rows = (int(np.ceil(length / spacing)) + 1 for length in size)
     nodes = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * spacing
     return nodes, (rows, columns), spacing
@@ -105,10 +103,7 @@ def _match_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult
         _match_features(job, first, features) | {"contrasts": np.array(contrasts)}
         for features, contrasts in ((negative, [-1]), (both_contrasts, [1, -1]))
     ]
-    shares = (1.0, 1.0 / COARSE.contrast_gain, 1.0 / COARSE.contrast_gain)
-    return max(zip((matches, *alternatives), shares, strict=True), key=lambda pair: len(pair[0]["first_xy"]) * pair[1])[
-        0
-    ]
+    return max((matches, *alternatives), key=lambda result: len(result["first_xy"]))
 
 
 def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
@@ -250,7 +245,7 @@ def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -
 
 
 def interpolate_median(
-    xy: np.ndarray, values: np.ndarray, places: np.ndarray, count: int = SAMPLES.neighbours, skipped: int = 0
+    xy: np.ndarray, values: np.ndarray, places: np.ndarray, count: int = SAMPLES.tested, skipped: int = 0
 ) -> np.ndarray:
     """Return at each place the median of the ``count`` nearest values, without the ``skipped`` nearest ones."""
     count = min(count + skipped, len(xy))

@@ -52,7 +52,6 @@ class TESTS:
     deviation_px: float = threshold(0.25, "px", "largest deviation from the epipolar line without a test")
     contradiction_px: float = threshold(0.375, "px", "largest deviation from the height of the track", _KAHRAMANMARAS)
     imprecise: float = threshold(3.0, "", "largest sigma of a match relative to its pair's median", _CLIFFS)
-    imprecise_px: float = threshold(0.06, "px", "sigma up to which this is not tested", _CLIFFS)
     island_slope: float = threshold(0.5, "px/px", "largest parallax step relative to the distance")
     island_gap: float = threshold(3.0, "", "distance over the median one, beyond which the step is constant")
 
@@ -123,7 +122,7 @@ def drop_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool 
         miss = _compute_pair_miss(matches, rows, images)
         sigma = matches.sigma_px[rows]
         tolerance = np.maximum(TESTS.deviation_px, ROBUST.outlier * sigma)
-        precise = sigma <= max(TESTS.imprecise_px, TESTS.imprecise * float(np.median(sigma)))
+        precise = sigma <= max(EQUALITY.camera_px, TESTS.imprecise * float(np.median(sigma)))
         keep[rows] = precise & _find_trend_inliers(matches.first_xy[rows], miss.across_px, tolerance)
         if not islands:
             rows, along = rows[keep[rows]], miss.along_px[keep[rows]]
@@ -140,9 +139,9 @@ def _compute_pair_miss(matches: BlockMatches, rows: np.ndarray, images: Sequence
 
 def _find_connected_heights(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     """Return the mask of matches that are connected with many others by height steps of terrain and buildings."""
-    if len(xy) <= SAMPLES.neighbours:
+    if len(xy) <= SAMPLES.tested:
         return np.ones(len(xy), dtype=bool)
-    distance, neighbours = cKDTree(xy).query(xy, k=SAMPLES.neighbours + 1)
+    distance, neighbours = cKDTree(xy).query(xy, k=SAMPLES.tested + 1)
     # The length of a step is limited: over a large gap any height difference would be plausible
     widest = TESTS.island_gap * float(np.median(distance[:, -1]))
 

@@ -147,7 +147,7 @@ def _compute_closure(
         return None
     if third not in trees:
         trees[third] = cKDTree(matches.first_xy[between])
-    count = min(SAMPLES.neighbours, len(between))
+    count = min(SAMPLES.tested, len(between))
     distance, neighbours = trees[third].query(q, k=count, distance_upper_bound=LINKS.near_px)
     distance, neighbours = distance.reshape(len(q), count), neighbours.reshape(len(q), count)
     has_neighbour = np.isfinite(distance)

@@ -58,13 +58,13 @@ class RelativeCameras:
         xy = job.first.rpc.project(self.ground) + self.shift_px[first]
         margin = float(np.hypot(self.sigma_px[first], self.sigma_px[second]))
         inside = ((xy > -margin) & (xy < np.array(job.first.known_size) + margin)).all(axis=1)
-        if inside.sum() < SAMPLES.neighbours:
+        if inside.sum() < SAMPLES.tested:
             return None
         xy, height = xy[inside], self.ground[inside, 2]
         nodes, shape, spacing = place_height_nodes(job.first.known_size)
-        grid = HeightGrid(interpolate_median(xy, height, nodes, SAMPLES.neighbours).reshape(shape), (0.0, 0.0), spacing)
+        grid = HeightGrid(interpolate_median(xy, height, nodes, SAMPLES.tested).reshape(shape), (0.0, 0.0), spacing)
         # Accuracy of interpolated heights: deviations of points from their neighbours
-        sigma = max(float(robust_sigma(height - interpolate_median(xy, height, xy, SAMPLES.neighbours, 1))), 0.5)
+        sigma = max(float(robust_sigma(height - interpolate_median(xy, height, xy, SAMPLES.tested, 1))), 0.5)
         reach = SIGNIFICANCE.sigmas * sigma
         turn, _ = _linearise_transfer(job.first, job.second, xy, height)
         bias = self.shift_px[second] - turn @ self.shift_px[first]

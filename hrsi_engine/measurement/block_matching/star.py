@@ -27,7 +27,7 @@ from ...block.block import Image
 from ...camera.rpc import Localization
 from ...camera.rpc_fit import FIT
 from ...camera.rpc_terms import monomials
-from ...foundation.thresholds import GROUND, MEMORY, SAMPLES
+from ...foundation.thresholds import GROUND, ITERATIONS, MEMORY, SAMPLES
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import transfer
 from ..tile_matching.options import TileMatchOptions
@@ -376,7 +376,7 @@ def _place_windows(
     places = [(sample, line) for line in lines for sample in samples]
     places.sort(key=lambda place: (place[0] - middle[0]) ** 2 + (place[1] - middle[1]) ** 2)
     selected = places[:1]
-    while len(selected) < min(TIE_WINDOWS.attempts, len(places)):  # the one farthest from those selected
+    while len(selected) < min(ITERATIONS.repeated, len(places)):  # the one farthest from those selected
         remaining = [place for place in places if place not in selected]
         selected.append(
             max(remaining, key=lambda place: min((place[0] - s) ** 2 + (place[1] - t) ** 2 for s, t in selected))

@@ -20,7 +20,6 @@ class TIE_WINDOWS:
         2048, "px", "longer side of an overview at most, and of an image that is matched everywhere"
     )
     window_px: int = threshold(256, "px", "side of the windows of larger images", "tiles of most GeoTIFFs")
-    attempts: int = threshold(4, "windows", "largest number of windows that are tried in a cell")
     surplus: int = threshold(3, "", "ratio of measured and wanted points of a cell; tracks are selected later")
     valid_share: float = threshold(0.3, "", "smallest share of valid pixels in a window")
     side_px: int = threshold(64, "px", "smallest side of a window's part in a partner image")

@@ -47,7 +47,6 @@ class REFERENCE_MATCHES:
 
     chance_log10: float = threshold(-6.0, "log10", "largest probability of a chance agreement of offsets")
     agreement: float = threshold(2.0, "working px", "tolerance of agreeing offsets: error of the DEM")
-    sigma_floor: float = threshold(0.05, "working px", "smallest sigma: images of different dates")
     direction_sigma: float = threshold(0.4, "working px", "sigma of a correlation peak without least-squares matching")
     correlation: float = threshold(0.5, "", "smallest correlation of accepted least-squares matching")
     lsm_reach: float = threshold(1.5, "working px", "largest shift by least-squares matching")
@@ -285,7 +284,7 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     second = MatchImage(search.grey, search.valid, BLUR.sigma_px)
     matched = match_patches(first, second, np.array([[middle, middle]]), position[None], np.eye(2)[None], settings)
     if matched.status[0] == DONE and matched.correlation[0] >= REFERENCE_MATCHES.correlation and matched.gain[0] > 0.0:
-        sigma = float(np.hypot(matched.sigma_px[0], REFERENCE_MATCHES.sigma_floor))
+        sigma = float(np.hypot(matched.sigma_px[0], EQUALITY.camera_px))
         return _Match(search.origin + step * matched.xy[0], step * sigma, peak.score)
     return _Match(search.origin + step * position, step * REFERENCE_MATCHES.direction_sigma, peak.score)
 

@@ -243,7 +243,7 @@ def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
         reach = np.tile(np.maximum(task.frame.reach_px, 1.5), (len(rows), 1))
         return _Prediction(np.zeros((len(rows), 2)), reach)
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
-    count = min(SAMPLES.neighbours, len(seeds.points))
+    count = min(SAMPLES.tested, len(seeds.points))
     distance, neighbours = cKDTree(seeds.points).query(task.points[rows], k=np.arange(1, count + 1))
     along, across = (
         np.sort(np.einsum("nki,ni->nk", seeds.shift[neighbours], axis), axis=1) for axis in (direction, normal)
