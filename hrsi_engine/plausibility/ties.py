@@ -36,6 +36,7 @@ class TIE_CHECK:
         "m; with 0.02 every twentieth pair of correct blocks failed",
         "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
     )
+    largest_drift: float = threshold(4e-3, "px/px", "largest relative drift of two RPCs", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
     unusable_share: float = threshold(0.37, "", "share of wrong measurements of unusable tie points", SIMULATED)
@@ -194,7 +195,7 @@ def check_pairs(
         start = starts[number]
         rows = slice(start, start + sizes[number])
         deviation[rows] = _remove_drift(
-            deviation[rows], xy[rows, 0], tolerance[rows], 2.0 * ACCURACY.largest_drift * gsd[start]
+            deviation[rows], xy[rows, 0], tolerance[rows], TIE_CHECK.largest_drift * gsd[start]
         )
     is_wrong |= np.abs(deviation) > tolerance
     if not shifted:
