@@ -77,9 +77,8 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     if context.dry_run:
         return _plan_run(options, images, list(cameras), surface, context)
     clock.lap("read")
-    judges = read_evaluation_points(
-        options, images, surface, {name: files for name, (_, files, _) in cameras.items()}, context
-    )
+    files_of_sets = {name: files for name, (_, files, _) in cameras.items()}
+    judges = read_evaluation_points(options, images, surface, files_of_sets, context)
     block, warnings = judges.block, judges.warnings
     clock.lap("tracks")
     # The same points for all sets: tracks in at least two images that are no outliers for at least one set
@@ -123,10 +122,8 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         clock.lap("write")
         report["seconds"] = clock.total()
         if options.report:
-            rmse_px = {
-                name: {kind: one[f"{kind}_rmse_px"] or 0.0 for kind in ("predicted", "fit")}
-                for name, one in set_entries.items()
-            }
+            kinds = ("predicted", "fit")
+            rmse_px = {name: {k: one[f"{k}_rmse_px"] or 0.0 for k in kinds} for name, one in set_entries.items()}
             write_page(str(folder / PAGE_FILE), "evaluation.html.j2", report, bars=draw_bars(rmse_px, "px"))
     return report
 

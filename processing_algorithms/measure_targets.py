@@ -90,9 +90,8 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     # The layer of measured targets, a file of image points; with ground positions if all images have RPCs
     fields = TargetRows.of_entries([{**row, "sigma": row["sigma_px"]} for row in rows if not row["refusal"]])
     located = bool(made) and all(one.image in by_id and by_id[one.image].rpc is not None for one in made)
-    ground = np.empty((len(made), 3))
-    if located:
-        ground = np.concatenate([ground_of(by_id[one.image], one.measurement.xy[None], None) for one in made])
+    positions = [ground_of(by_id[one.image], one.measurement.xy[None], None) for one in made if located]
+    ground = np.concatenate(positions) if located else np.empty((len(made), 3))
     layer = Layer(TARGETS_LAYER, "PointZ" if located else "None", 4326, ground, fields)
     write_folder(options.folder, report, TARGETS_FILE, [layer], context, page, chips=chips)
     return report

@@ -146,11 +146,12 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
         return _make_failure(WindowOutcome.NODATA)
     area = second(column - reach, row - reach, 2 * reach, 2 * reach)
     pixel_pair = template[0], np.where(area[1], area[0], np.mean(area[0]))
-    grey, place = (blur(np.asarray(pixels, dtype=np.float32), MATCHING.gradient_smoothing_px) for pixels in pixel_pair)
-    core = grey[MATCHING.edge_px : -MATCHING.edge_px, MATCHING.edge_px : -MATCHING.edge_px]
+    smoothing_px, inner = MATCHING.gradient_smoothing_px, slice(MATCHING.edge_px, -MATCHING.edge_px)
+    grey, place = (blur(np.asarray(pixels, dtype=np.float32), smoothing_px) for pixels in pixel_pair)
+    core = grey[inner, inner]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # no overflow
         return _make_failure(WindowOutcome.FLAT)
-    score = correlate_template(core, place[MATCHING.edge_px : -MATCHING.edge_px, MATCHING.edge_px : -MATCHING.edge_px])
+    score = correlate_template(core, place[inner, inner])
     row, column = divmod(int(np.argmax(score)), score.shape[1])
     best = float(score[row, column])
     if best < options.min_correlation:
@@ -187,14 +188,10 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     # correlation is a Gaussian of sqrt(2) times the width, so that neighbouring pixels are not independent observations
     weighted = A * weight
     side = round(np.sqrt(weighted.shape[1]))
-    spread = np.stack(
-        [blur(row.reshape(side, side), np.sqrt(2.0) * MATCHING.gradient_smoothing_px) for row in weighted]
-    )
+    spread = np.stack([blur(row.reshape(side, side), np.sqrt(2.0) * smoothing_px) for row in weighted])
     inverse = np.linalg.inv(N)
-    covariance = np.array(
-        inverse @ (4 * np.pi * MATCHING.gradient_smoothing_px**2 * weighted @ spread.reshape(4, -1).T) @ inverse
-    )
-    Q = covariance * variance
+    cofactors = inverse @ (4 * np.pi * smoothing_px**2 * weighted @ spread.reshape(4, -1).T) @ inverse
+    Q = np.array(cofactors) * variance
     sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
     if sigma > options.max_sigma_px:
         return _make_failure(WindowOutcome.UNSTEADY, best)

@@ -157,15 +157,9 @@ def write_results(
     if result.is_unusable and how != WRITE_NOTHING and not output.force_write:
         how, stale = WRITE_NOTHING, earlier_rpcs(target.output_dir, context.inputs)
         report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
-    cameras_file = os.path.join(target.output_dir, CAMERAS_FILE)
-    if cameras is None and os.path.exists(cameras_file):  # it would be mistaken for one of this run
-        stale.append(cameras_file)
+    stale += _list_stale_files(result, how, target.output_dir)
     complete = {name: os.path.join(target.output_dir, file) for name, file in COMPLETE_FILES.items()}
-    stale += [path for name, path in complete.items() if name not in result.tables and os.path.exists(path)]
-    found, jitter_file = result.jitter_curves, os.path.join(target.output_dir, JITTER_FILE)
-    curves = {} if found is None or how == WRITE_NOTHING else dict(found)
-    if (found is None or how in (WRITE_NOTHING, RESAMPLED)) and os.path.exists(jitter_file):
-        stale.append(jitter_file)
+    curves = {} if how == WRITE_NOTHING else dict(result.jitter_curves or {})
     in_place = [(image, new) for image, new in pairs if how == IN_PLACE and image.has_file]
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
@@ -176,7 +170,7 @@ def write_results(
         _name_outputs(report, output, how, images, names, cameras is not None)
         if curves:
             write_jitter(str(folder / JITTER_FILE), curves, {image.id: new.rpc for image, new in pairs})
-            report["outputs"]["jitter"] = jitter_file
+            report["outputs"]["jitter"] = os.path.join(target.output_dir, JITTER_FILE)
         advance(context.progress, 0.5, "writing layers")
         part = stage(context.progress, 0.5, 0.7)
         left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
@@ -211,6 +205,15 @@ def write_results(
     for image, new in in_place:
         require_in_place(image.path, new.rpc)
     return report
+
+
+def _list_stale_files(result: BlockResult, how: str, output_dir: str) -> list[str]:
+    """Return files of an earlier run that would be mistaken for some of this one, which has none of their kind."""
+    has_jitter = result.jitter_curves is not None and how not in (WRITE_NOTHING, RESAMPLED)
+    files = [] if result.cameras is not None else [CAMERAS_FILE]
+    files += [] if has_jitter else [JITTER_FILE]
+    files += [file for name, file in COMPLETE_FILES.items() if name not in result.tables]
+    return [path for file in files if os.path.exists(path := os.path.join(output_dir, file))]
 
 
 def _write_new_files(
