@@ -408,11 +408,9 @@ def is_unusable(report: Report) -> bool:
 
 def unusable_text(report: Report) -> str:
     """Return one line on why a result is unusable, and the advice."""
-    verdict = report["verdict"]
-    worst = next(iter(verdict["reasons"]), None)
-    reason = f": {worst['message']}; {worst['advice']}" if worst else ""
+    worst = next(iter(report["verdict"]["reasons"]), None)
     what = "the inputs are wrong" if report.get("dry_run") else "the result is unusable"
-    return f"{what}{reason}"
+    return f"{what}: {worst['message']}; {worst['advice']}" if worst else what
 
 
 _ARGUMENT = re.compile(r"`([a-z][a-z0-9_]*)`")

@@ -5,7 +5,6 @@ from time import perf_counter
 
 import numpy as np
 
-from ...hrsi_engine.block.points import ImagePoints
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
@@ -105,24 +104,14 @@ def _make_layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: 
         father=np.where(found.father >= 0, ids[found.father], "") if len(found) else ids,
     )
     # As image points: the sigma of a correspondence is shared between both images
-    count = len(found)
-    points = ImagePoints(
-        np.tile(ids, 2),
-        np.repeat([image.id for image in images], count),
-        np.concatenate([made.first, made.second]),
-        np.tile(made.sigma_px, 2) / np.sqrt(2.0),
-        np.tile(found.kind, 2),
-        np.tile(made.correlation, 2),
-        "match",
-    )
     measured = MatchedPointRows(
-        id=points.ids,
-        image=points.image_ids,
-        sample=points.xy[:, 0],
-        line=points.xy[:, 1],
-        sigma=points.sigma_px,
-        kind=points.kind,
-        quality=points.quality,
+        id=np.tile(ids, 2),
+        image=np.repeat([image.id for image in images], len(found)),
+        sample=np.concatenate([made.first[:, 0], made.second[:, 0]]),
+        line=np.concatenate([made.first[:, 1], made.second[:, 1]]),
+        sigma=np.tile(made.sigma_px, 2) / np.sqrt(2.0),
+        kind=np.tile(found.kind, 2),
+        quality=np.tile(made.correlation, 2),
     )
     return [
         Layer(MATCH_LAYER, "None" if images[0].rpc is None else "PointZ", WGS84_3D, ground[0], fields),

@@ -71,10 +71,24 @@ def run(options: RegisterOptions, context: Context) -> Report:
         "center_over_corner": ratios if any(ratios.values()) else None,
         "matrix": everything.matrix.tolist(),
         "outliers": points["ids"][~everything.used].tolist(),
-        "warnings": [*lost, *_warnings(points, everything.unknowns)],
+        "warnings": lost,
     }
+    if 2 * len(start) == everything.unknowns:
+        lost.append(f"{len(start)} points for {everything.unknowns} parameters: nothing checks the registration")
+    residual = everything.residual_px * unit
+    fields = RegisteredPointRows(
+        id=points["ids"],
+        kind=points["kind"].astype(str),
+        used=everything.used,
+        first_sample=points["first"][:, 0],
+        first_line=points["first"][:, 1],
+        second_sample=points["second"][:, 0],
+        second_line=points["second"][:, 1],
+        residual_x=residual[:, 0],
+        residual_y=residual[:, 1],
+    )
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
+        write_geopackage(str(folder / LAYERS_FILE), [Layer(LAYER, "None", 4326, residual, fields)])
         if options.report:
             write_page(
                 str(folder / PAGE_FILE), "registration.html.j2", report, **_drawings(points, result, unit, report)
@@ -82,13 +96,6 @@ def run(options: RegisterOptions, context: Context) -> Report:
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
     return report
-
-
-def _warnings(points: Mapping[str, np.ndarray], unknowns: int) -> list[str]:
-    count = len(points["ids"])
-    return (
-        [f"{count} points for {unknowns} parameters: nothing checks the registration"] if 2 * count == unknowns else []
-    )
 
 
 def _match(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
@@ -149,22 +156,6 @@ def _carry(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
     surface = open_terrain(options.terrain) or ConstantHeight(first.middle_height_m)
     ground, _ = intersect_surface(first.rpc, first_px, surface)
     return second.rpc.project(ground)
-
-
-def _layer(points: Mapping[str, np.ndarray], result: MethodComparison, unit: float) -> Layer:
-    residual = result.registrations["all"].residual_px * unit
-    fields = RegisteredPointRows(
-        id=points["ids"],
-        kind=points["kind"].astype(str),
-        used=result.registrations["all"].used,
-        first_sample=points["first"][:, 0],
-        first_line=points["first"][:, 1],
-        second_sample=points["second"][:, 0],
-        second_line=points["second"][:, 1],
-        residual_x=residual[:, 0],
-        residual_y=residual[:, 1],
-    )
-    return Layer(LAYER, "None", 4326, residual, fields)
 
 
 def _drawings(

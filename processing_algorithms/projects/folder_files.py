@@ -98,8 +98,7 @@ def read_folder(folder: str) -> FolderContent:
     content.roles += [FileRole(path, "file of HRSI", "not used") for path in own]
     others = [one for one in files if one not in {*paths, *own, *parts} and not one.lower().endswith(COMPANIONS)]
     rasters = [one for one in others if one.lower().endswith(RASTER_ENDINGS)]
-    for path in rasters:
-        _add_raster(content, path, region)
+    content.roles += [role for path in rasters if (role := _judge_raster(content, path, region)) is not None]
     content.heights = merge_tiles(content.heights, region)
     # the CRSs of DEMs, in which points may be too
     flat = [crs.sub_crs_list[0] if crs.sub_crs_list else crs for one in content.heights if (crs := one.facts.crs)]
@@ -147,38 +146,33 @@ def _find_images(folder: str, files: Sequence[str], results: Sequence[str]) -> l
 # ---- rasters --------------------------------------------------------------------------------------------------------
 
 
-def _add_raster(content: FolderContent, path: str, region: np.ndarray) -> None:
-    """Add the role of a raster without RPC."""
+def _judge_raster(content: FolderContent, path: str, region: np.ndarray) -> FileRole | None:
+    """Return the role of a raster without RPC, and add it to the heights or references; None if it shows none."""
     if PREVIEW_WORDS.search(os.path.basename(path)):
-        content.roles.append(FileRole(path, "preview", "not used", sure=False))
-        return
+        return FileRole(path, "preview", "not used", sure=False)
     if not path.lower().endswith(ARCHIVE_ENDINGS) and (fault := _read_rpc(path)[1]):
-        content.roles.append(FileRole(path, BROKEN_IMAGE, fault.removeprefix(f"{path}: ")))
-        return
+        return FileRole(path, BROKEN_IMAGE, fault.removeprefix(f"{path}: "))
     try:
         facts = find_raster_kind(path)
         heights = find_heights(path, facts, region) if facts is not None else None
     except InputError as error:
-        content.roles.append(FileRole(path, "raster, not used", str(error).removeprefix(f"{path}: ")))
-        return
+        return FileRole(path, "raster, not used", str(error).removeprefix(f"{path}: "))
     if facts is None or (path.lower().endswith(ARCHIVE_ENDINGS) and heights is None):
-        return
-    size = f"{facts.size[0]} x {facts.size[1]} cells, {facts.crs.name}" if facts.crs is not None else ""
+        return None
+    crs = facts.crs if heights is None else heights.facts.crs
+    size = f"{facts.size[0]} x {facts.size[1]} cells, {crs.name if crs is not None else ''}"
     if heights is not None:
         content.heights.append(heights)
-        found = heights.facts.crs
-        size = f"{facts.size[0]} x {facts.size[1]} cells, {found.name if found is not None else ''}"
         size += f" ({heights.crs}, by the place of the images)" if heights.crs else ""
-        content.roles.append(FileRole(path, "DSM" if heights.is_dsm else "DEM", size))
-    elif facts.kind is RasterKind.PICTURE:
+        return FileRole(path, "DSM" if heights.is_dsm else "DEM", size)
+    if facts.kind is RasterKind.PICTURE:
         content.references.append(path)
-        content.roles.append(FileRole(path, "reference orthoimage", f"{facts.bands} bands, {size}"))
-    elif facts.kind is RasterKind.HEIGHTS:
-        content.roles.append(FileRole(path, "DEM, not used", "has no heights where the images lie"))
-    elif facts.kind is RasterKind.UNPLACED:
-        content.roles.append(FileRole(path, "raster, not used", "has no RPC, and no CRS with a place near the images"))
-    else:
-        content.roles.append(FileRole(path, facts.kind.value, "not used"))
+        return FileRole(path, "reference orthoimage", f"{facts.bands} bands, {size}")
+    if facts.kind is RasterKind.HEIGHTS:
+        return FileRole(path, "DEM, not used", "has no heights where the images lie")
+    if facts.kind is RasterKind.UNPLACED:
+        return FileRole(path, "raster, not used", "has no RPC, and no CRS with a place near the images")
+    return FileRole(path, facts.kind.value, "not used")
 
 
 def _read_rpc(path: str) -> tuple[bool, str]:
@@ -202,7 +196,11 @@ def _add_points(
     """Add laser points, point clouds and point files."""
     rpc_files = dict(_rpc_files(paths))
     for path, fault in rpc_files.items():
-        owner = _owner_of(path, content)
+        # The image with this RPC, by the file that it was read from or by the product
+        name = os.path.basename(path)
+        product = os.path.join(os.path.dirname(path), name.replace("RPC_", "DIM_", 1))
+        owners = (one.path for one in content.roles if name in one.reason or one.path == product != path)
+        owner = os.path.basename(next(owners, ""))
         belongs = f"of {owner}" if owner else "not used: its image is not here, or has another RPC"
         content.roles.append(FileRole(path, "RPC", f"not used: {fault}" if fault else belongs))
     points = []
@@ -220,14 +218,6 @@ def _add_points(
         elif path.lower().endswith(POINT_ENDINGS):
             points.append(f"/vsigzip/{os.path.abspath(path)}" if path.lower().endswith(".gz") else path)
     content.sources = read_sources(points, images, region, crs_names)
-
-
-def _owner_of(path: str, content: FolderContent) -> str:
-    """Return the name of the image with an RPC file; empty if it is of no image."""
-    name = os.path.basename(path)
-    product = os.path.join(os.path.dirname(path), name.replace("RPC_", "DIM_", 1))
-    owners = (one.path for one in content.roles if name in one.reason or one.path == product != path)
-    return os.path.basename(next(owners, ""))
 
 
 def _rpc_files(paths: Sequence[str]) -> Iterator[tuple[str, str]]:

@@ -91,7 +91,10 @@ def _intersect(
 
 def intersect_tracks(images: Sequence[Image], tables: Sequence[ImagePoints], height_m: float) -> RayHeights | None:
     """Return the ray heights of the pair of images with the most accurate ones of points measured in both."""
-    places = {image.id: _places(tables, image.id) for image in images}
+    places: dict[str, dict[str, np.ndarray]] = {image.id: {} for image in images}
+    for table in tables:
+        for name, image_id, xy in zip(table.ids.tolist(), table.image_ids.tolist(), table.xy, strict=True):
+            places.setdefault(image_id, {})[name] = xy
     found = []
     for first, second in combinations(images, 2):
         common = sorted(places[first.id].keys() & places[second.id].keys())
@@ -99,14 +102,6 @@ def intersect_tracks(images: Sequence[Image], tables: Sequence[ImagePoints], hei
             xy, other = (np.array([places[image.id][name] for name in common]) for image in (first, second))
             found.append(_intersect(first, second, xy, other, height_m, common))
     return min(found, key=lambda one: one.sigma_m, default=None)
-
-
-def _places(tables: Sequence[ImagePoints], image_id: str) -> dict[str, np.ndarray]:
-    found: dict[str, np.ndarray] = {}
-    for table in tables:
-        rows = np.flatnonzero(np.asarray(table.image_ids) == image_id)
-        found |= {str(table.ids[row]): table.xy[row] for row in rows.tolist()}
-    return found
 
 
 def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:

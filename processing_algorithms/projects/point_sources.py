@@ -330,18 +330,16 @@ class PointRoles:
 
 def _pair_positions(source: PointSource, others: Sequence[PointSource]) -> np.ndarray:
     """Return the positions ``(2, n, 3)`` of points with one id in a file and in other files."""
-    known = {
-        str(name): xyz
-        for one in others
-        if one.ground is not None
-        for name, xyz in zip(one.ground.ids, one.ground.ground, strict=True)
-    }
-    ground = source.ground
-    pairs = (
-        [(xyz, known[str(name)]) for name, xyz in zip(ground.ids, ground.ground, strict=True) if str(name) in known]
-        if ground is not None
-        else []
+    known, own = (
+        {
+            str(name): xyz
+            for one in files
+            if one.ground is not None
+            for name, xyz in zip(one.ground.ids, one.ground.ground, strict=True)
+        }
+        for files in (others, [source])
     )
+    pairs = [(xyz, known[name]) for name, xyz in own.items() if name in known]
     return np.array(pairs).reshape(-1, 2, 3).swapaxes(0, 1)
 
 
