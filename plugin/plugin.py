@@ -63,7 +63,7 @@ class HrsiPlugin:
         for title, slot in (
             (tr("First steps"), self._steps.show_in_front),
             (tr(MENU_ENTRY), lambda: PackageOffer(self.iface.messageBar(), self.iface.mainWindow()).show()),
-            (tr("Print layout"), self.print_layout),
+            (tr("Print layout"), lambda: self.iface.openLayoutDesigner(make_print_layout(self.iface.mapCanvas()))),
             (tr("Recover unsaved measurements"), partial(self._recovery.show, is_asked=True)),
         ):
             action = QAction(title, self.iface.mainWindow())
@@ -83,10 +83,6 @@ class HrsiPlugin:
             self._steps.show_in_front()
         elif is_tour_wanted():  # some window managers put it behind a main window that comes later
             self.iface.initializationCompleted.connect(self._steps.show_in_front)
-
-    def print_layout(self) -> None:
-        """Open a new layout of the map."""
-        self.iface.openLayoutDesigner(make_print_layout(self.iface.mapCanvas()))
 
     def unload(self) -> None:
         """Remove the provider, which the registry deletes, and the panel."""

@@ -10,7 +10,6 @@ from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import Progress, stage
 from ..hrsi_engine.foundation.thresholds import GRIDS
-from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.rasters.cropping import CropWindow, open_window, read_lineage, save_image
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, read_back_px, set_aside_conflicting_rpcs, write_rpc_text
@@ -125,8 +124,8 @@ def _write_crop(job: CropJob, options: CropOptions, target: str, progress: Progr
     original = None if told.original is None else crop_rpc(told.original, window.place, window.size)
     lineage = Lineage({**told.items, **items}, original)
     pixels = open_window(job.image.path, window, options.resampling)
-    form, threads = OrthoFormat(options.format, options.compression), thread_count()
-    return save_image(pixels, target, job.rpc, form=form, threads=threads, lineage=lineage, progress=progress)
+    form = OrthoFormat(options.format, options.compression)
+    return save_image(pixels, target, job.rpc, form=form, lineage=lineage, progress=progress)
 
 
 def summarise(report: Report) -> str:

@@ -43,7 +43,7 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     window_px = options.matching.window_px + options.matching.window_px % 2  # window sides are even
     how = replace(options.matching, window_px=window_px)
     with one_thread_calls():  # windows are small: BLAS threads would mostly wait for each other
-        found = match_pairs(pairs, how, thread_count(), part)
+        found = match_pairs(pairs, how, part)
     pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
     pooled = {
         state: misregistration.shift_statistics(
@@ -183,7 +183,7 @@ def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> PlacedOrtho:
 
 
 def match_pairs(
-    pairs: Sequence[Pair], options: misregistration.MisregistrationOptions, threads: int, context: Context
+    pairs: Sequence[Pair], options: misregistration.MisregistrationOptions, context: Context
 ) -> list[PairMatches]:
     """Match the windows of all pairs, at equal positions in every state, around the common shift of each pair."""
     found = []
@@ -198,7 +198,7 @@ def match_pairs(
             progress(0.0)
             common = misregistration.find_common_shift(first, second, *pair.area[2:])
             moved = both[1].reader(pair.area, common)
-            found_here = misregistration.measure_shifts(first, moved, centres, options, progress, threads)
+            found_here = misregistration.measure_shifts(first, moved, centres, options, progress, thread_count())
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
         found.append(PairMatches(pair, matches, common_px))
     if not any(pair.good.any() for pair in found):

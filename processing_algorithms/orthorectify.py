@@ -12,7 +12,6 @@ from ..hrsi_engine.foundation.errors import Cancelled, InputError
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.foundation.thresholds import LISTS
 from ..hrsi_engine.foundation.workers.scheduling import open_calls
-from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.catalogue.deliveries import resolve_images
 from ..hrsi_engine.io.catalogue.lineage import rpc_history
 from ..hrsi_engine.io.opening.datasets import VIRTUAL
@@ -154,14 +153,13 @@ def check_ortho_folder(
 def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
     """Make the orthoimages that do not exist yet; return the report's entry of each image."""
     Path(options.folder.output_dir).mkdir(parents=True, exist_ok=True)
-    threads = thread_count()
     sizes = np.array([job.grid.columns * job.grid.rows for job in jobs], dtype=float)
     share = np.r_[0.0, np.cumsum(sizes) / sizes.sum()]
     entries: dict[str, Report] = {}
     terrain, height, record = options.terrain, options.terrain.height, context.record
     missing = {job.key for job in jobs if stamp_of(job.path) != job.key}
     workers = options.workers
-    with open_calls(workers.scheduler if missing else None, threads, workers.certificates) as calls:
+    with open_calls(workers.scheduler if missing else None, certificates=workers.certificates) as calls:
         chunks = chunks_of([job for job in jobs if job.key in missing], options, calls)
         for number, job in enumerate(jobs):
             part = stage(context.progress, float(share[number]), float(share[number + 1]))
@@ -187,7 +185,6 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
                     warp=job.warp,
                     form=job.form,
                     made_from=job.made_from,
-                    threads=threads,
                     progress=part,
                     lineage=lineage,
                 )

@@ -10,7 +10,6 @@ from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.exposures import STRIP, StripPlaces, fit_strip, place_parts
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.thresholds import EQUALITY
-from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.output_dir import require_plain_name
 from ..hrsi_engine.io.point_files.csv_text import write_csv
 from ..hrsi_engine.io.rasters.cropping import join_images, read_lineage, save_image
@@ -69,11 +68,9 @@ def run(options: StripOptions, context: Context) -> Report:
         target = str(staged / file)
         if with_pixels:
             joined = join_images([part.path for part in parts], places.first, places.size)
-            form, threads = OrthoFormat(options.format, options.compression), thread_count()
+            form = OrthoFormat(options.format, options.compression)
             lineage = _join_lineages(parts, places)
-            warnings += save_image(
-                joined, target, strip.rpc, form=form, threads=threads, lineage=lineage, progress=context.progress
-            )
+            warnings += save_image(joined, target, strip.rpc, form=form, lineage=lineage, progress=context.progress)
         else:
             write_rpc_text(target, strip.rpc)
         warnings += set_aside_conflicting_rpcs(os.path.join(folder, file), parts[0].path, strip.rpc, changes)

@@ -23,7 +23,7 @@ from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
 from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.foundation.workers.scheduling import digest, open_calls
-from ..hrsi_engine.foundation.workers.threads import one_thread_calls, one_thread_filters, thread_count
+from ..hrsi_engine.foundation.workers.threads import one_thread_calls, one_thread_filters
 from ..hrsi_engine.ground.crs_operations import operations_of
 from ..hrsi_engine.io.pages.report import name_crs_unit, read_picture, write_page, write_text
 from ..hrsi_engine.io.rasters.dems import open_dem
@@ -127,12 +127,12 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
     report = report_surface(block, pairs, tiles, crs, options, context)
     report["warnings"] = [*adjusted.warnings, *list_date_warnings(adjusted, pairs)]
     surface = SurfaceBands(block.grid, tiles, offsets, options.dense.largest_sigma_m)
-    form, threads = OrthoFormat("cog", options.compression), thread_count()
+    form = OrthoFormat("cog", options.compression)
     lineage = {"HRSI_VERSION": report["version"], "HRSI_ALGORITHM": report["algorithm"]}
     with stage_results(options.folder, report, context, discarded=(str(store.folder),)) as staged:
         path = str(staged / SURFACE_FILE)
         progress = stage(context.progress, 0.85, 0.95)
-        write = partial(write_surface, form=form, threads=threads, lineage=lineage)
+        write = partial(write_surface, form=form, lineage=lineage)
         write(path, block.grid, crs, names=SURFACE_BANDS, tiles=surface.tiles(), progress=progress)
         write_text(path.replace(".tif", ".qml"), STYLE)
         report["cells_with_height"], report["sigma_median_m"] = surface.count, surface.median_sigma_m
@@ -275,7 +275,6 @@ def match_tiles(
     """Match the tiles that are not stored yet, and store them; return all of them."""
     if stored := len(store):
         context.log(f"continues with {stored} finished tiles in {store.folder}")
-    threads = thread_count()
     mark = [(content_mark(image.path), image.rpc) for image in block.images]
     with ExitStack() as limits:
         limits.enter_context(one_thread_calls())
@@ -291,7 +290,7 @@ def match_tiles(
         tiles = MatchedTiles(store)
         missing = [job for job in jobs if store.load(job.key) is None]
         workers = options.workers
-        with open_calls(workers.scheduler if missing else None, threads, workers.certificates) as calls:
+        with open_calls(workers.scheduler if missing else None, certificates=workers.certificates) as calls:
             for number, (job, tile) in enumerate(zip(missing, calls.answers(_match_job, missing), strict=True)):
                 store.save(job.key, tile._asdict())
                 share = (number + 1) / len(missing)

@@ -46,7 +46,10 @@ class JitterFile:
         try:
             with open(path, encoding="utf-8", newline="") as file:
                 for line in file:
-                    self._lines.setdefault(_read_id(line), []).append(line)
+                    # Image of a row, or of a comment ``#rpc``; other comments begin with no id
+                    row = line.removeprefix("#rpc,")
+                    name = next(csv.reader([row]), [""])[0] if row.startswith('"') else row.partition(",")[0]
+                    self._lines.setdefault(name, []).append(line)
         except (OSError, ValueError, csv.Error) as error:
             raise InputError(f"{path}: cannot be read ({error}): adjust the block again") from None
 
@@ -86,12 +89,6 @@ class JitterFile:
         if not np.abs(rpc.project(reference[None, :3])[0] - reference[3:]).max() <= EQUALITY.file_px:
             return None, f"{image_id}: {self.path} is of another RPC than the image has, and was not used"
         return JitterCurve(lines[0], table[:, :2], table[:, 2:]), ""
-
-
-def _read_id(line: str) -> str:
-    """Return the image id of a row, or of a comment ``#rpc``; for other comments their first field, which is no id."""
-    first = line.removeprefix("#rpc,")
-    return next(csv.reader([first]), [""])[0] if first.startswith('"') else first.partition(",")[0]
 
 
 def find_jitter_file(image_path: str) -> str | None:

@@ -22,7 +22,6 @@ from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
 from ..foundation.thresholds import MEMORY, SAMPLES, threshold, thresholds
 from ..foundation.workers.scheduling import open_calls
-from ..foundation.workers.threads import thread_count
 from .block_matching.joining import collect_matches, to_image_points
 from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, predict_window, read_tile
@@ -66,7 +65,7 @@ def measure_laser_ties(
     rows = certain[np.lexsort((laser.ground[certain, 0], laser.ground[certain, 1], laser.track[certain]))]
     rows = rows[:: max(1, int(np.ceil(len(rows) / SAMPLES.large)))]
     windows = _plan_windows(images, usable, laser.ground[rows])
-    with open_calls(threads=thread_count(threads)) as calls:
+    with open_calls(threads=threads) as calls:
         matches_by_image = []
         for number, part in enumerate(calls.answers(lambda window: _measure_window(images, usable, window), windows)):
             advance(progress, (number + 1) / len(windows), "measuring at laser points")

@@ -18,7 +18,6 @@ from ...hrsi_engine.block.imaging_geometry import ViewDirection
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, advance, stage
 from ...hrsi_engine.foundation.workers.scheduling import open_calls
-from ...hrsi_engine.foundation.workers.threads import thread_count
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.io.catalogue.lineage import versions
@@ -112,14 +111,13 @@ def make_mosaic(plan: MosaicPlan, options: OrthorectifyOptions, progress: Progre
     }
     if plan.is_finished:
         return {**entry, "status": "kept", **_select_counts(read_figures(plan.path))}
-    threads = thread_count()
     with ExitStack() as stack:
         sources = [MosaicSource(job.path, job.grid, plan.grid) for job in plan.jobs]
         for source in sources:
             stack.callback(source.close)
         mosaic = _Mosaic(plan, sources)
         labels = stack.enter_context(open_labels(options.folder.output_dir, plan.grid))
-        calls = stack.enter_context(open_calls(None, threads))
+        calls = stack.enter_context(open_calls())
         windows = list(chunk_windows(plan.grid, mosaic.warp))
         for number, (window, part) in enumerate(zip(windows, calls.answers(mosaic.label, windows), strict=True)):
             advance(progress, LABELLED_SHARE * number / len(windows), "choosing the image of each pixel")
@@ -139,7 +137,6 @@ def make_mosaic(plan: MosaicPlan, options: OrthorectifyOptions, progress: Progre
             warp=mosaic.warp,
             form=plan.jobs[0].form,
             made_from=plan.made_from,
-            threads=threads,
             progress=stage(progress, LABELLED_SHARE, 1.0),
             lineage=lineage,
         )

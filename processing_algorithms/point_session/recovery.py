@@ -86,7 +86,11 @@ class EditJournal:
     @staticmethod
     def _append(file: IO[str], change: Change, **session: Any) -> None:
         """Write an entry, and wait until it is on the disk."""
-        file.write(json_text(session | _entry(change)) + "\n")
+        session["points"] = None if change.points is None else list(map(_drop_defaults, change.points.values()))
+        session["measured"] = [
+            [*key, None if measured is None else _drop_defaults(measured)] for key, measured in change.measured.items()
+        ]
+        file.write(json_text(session) + "\n")
         file.flush()
         os.fsync(file.fileno())
 
@@ -165,13 +169,3 @@ def _drop_nulls(values: Mapping[str, Any]) -> dict[str, Any]:
 def _drop_defaults(row: SurveyPoint | ImageMeasurement) -> dict[str, Any]:
     """Return the values of a row without defaults; faster than ``asdict`` for many thousand rows."""
     return {name: value for name, value in vars(row).items() if value == value and value != ""}  # NaN differs from NaN
-
-
-def _entry(change: Change) -> dict[str, Any]:
-    return {
-        "points": None if change.points is None else [_drop_defaults(point) for point in change.points.values()],
-        "measured": [
-            [name, image, None if measured is None else _drop_defaults(measured)]
-            for (name, image), measured in change.measured.items()
-        ],
-    }

@@ -255,9 +255,11 @@ class Calls:
 
 @contextmanager
 def open_calls(
-    address: str | None = None, threads: int = 1, certificates: Certificates = CONFIGURED
+    address: str | None = None, threads: int = 0, certificates: Certificates = CONFIGURED
 ) -> Iterator[Calls]:
     """Yield an executor of calls: workers of the Dask scheduler at an address, else threads; an error cancels the rest.
+
+    threads : 0: those of the run (`thread_count`)
 
     Raises `InputError` and `SolveError` as `cluster.open_client`.
     """
@@ -267,6 +269,7 @@ def open_calls(
             ahead = max(16, 8 * sum(client.nthreads().values()))
             yield Calls(lambda function, job: client.submit(OnWorker(function), job, pure=False), ahead, True)
         return
+    threads = thread_count(threads)
     with ThreadPoolExecutor(threads) as pool:
         try:
             yield Calls(pool.submit, 2 * threads, False)

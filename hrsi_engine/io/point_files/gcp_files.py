@@ -81,8 +81,7 @@ def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
             "bundle_adjust does by default",
         )
     geometry = np.column_stack([lon, lat, height])
-    table = PointTable(path, columns, _ASP_FIELDS, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979")
-    return replace(table, notes=notes)
+    return PointTable(path, columns, _ASP_FIELDS, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979", notes)
 
 
 def _parse_line(path: str, number: int, fields: list[str]) -> list[_Row]:
@@ -222,8 +221,7 @@ def read_qgis_points(path: str, _layer: str = "") -> PointTable:
         "line": -get_column("sourcey", "pixely") - 0.5,
     }
     notes = (f"{path}: {disabled} points are switched off and left out",) if disabled > 0 else ()
-    table = PointTable(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs)
-    return replace(table, notes=notes)
+    return PointTable(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs, notes)
 
 
 QGIS_POINTS = PointReader(

@@ -97,7 +97,7 @@ def sample_volume(project: BlockProject) -> np.ndarray:
 def write_crop(view: CropView, path: str) -> None:
     """Write the pixels of a view with its RPC as GeoTIFF."""
     pixels = open_window(view.image.path, view.window, _KERNEL)
-    save_image(pixels, path, view.rpc, form=_FORMAT, threads=0, lineage=NO_LINEAGE, progress=silent)
+    save_image(pixels, path, view.rpc, form=_FORMAT, lineage=NO_LINEAGE, progress=silent)
 
 
 def plan_nerf_project(project: BlockProject) -> PlannedProject:

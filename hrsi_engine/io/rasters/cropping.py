@@ -136,7 +136,6 @@ def save_image(
     target_path: str,
     rpc: RPC,
     form: OrthoFormat,
-    threads: int,
     lineage: Lineage,
     progress: Progress,
 ) -> tuple[str, ...]:
@@ -145,7 +144,7 @@ def save_image(
         save_vrt(source, target_path, rpc, lineage)
         return ()
     band = source.GetRasterBand(1)
-    options = form.creation_options(band.DataType, threads)
+    options = form.creation_options(band.DataType)
     if band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE"):  # predictors need whole bytes
         options = [option for option in options if not option.startswith("PREDICTOR")]
     with config_option(*INTERNAL_MASK):

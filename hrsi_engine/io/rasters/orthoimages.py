@@ -21,6 +21,7 @@ from osgeo import gdal
 from ...foundation.errors import OutputError
 from ...foundation.json_values import json_text
 from ...foundation.progress import Progress, advance, stage
+from ...foundation.workers.threads import thread_count
 from ..opening.datasets import config_option, gdal_messages, metadata_of, open_dataset
 from ..rpc_files.write import create_copy
 from ..safety.content_marks import content_mark
@@ -89,10 +90,10 @@ class OrthoFormat:
     name: str
     compression: str
 
-    def creation_options(self, data_type: int, threads: int) -> list[str]:
-        """Return GDAL's creation options for the format, ``NAME=VALUE``; ``threads`` compress."""
+    def creation_options(self, data_type: int) -> list[str]:
+        """Return GDAL's creation options for the format, ``NAME=VALUE``; the threads of the run compress."""
         driver, options = FORMATS[self.name]
-        creation = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
+        creation = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={thread_count()}"]
         if self.compression != "none":
             is_float = data_type in (gdal.GDT_Float32, gdal.GDT_Float64)
             creation.append("PREDICTOR=YES" if driver == "COG" else f"PREDICTOR={3 if is_float else 2}")
@@ -155,7 +156,6 @@ def write_orthoimage(
     warp: Warp,
     form: OrthoFormat,
     made_from: Mapping[str, Any],
-    threads: int,
     progress: Progress,
     lineage: Mapping[str, str] | None = None,
 ) -> OrthoFigures:
@@ -164,7 +164,7 @@ def write_orthoimage(
     path : the file, replaced in one step; source : the image; grid : pixels of the map
     chunks : those of `chunk_windows`, in that order; only as many as the orthoimage has are used
     warp : interpolation of grey values; form : storage format
-    made_from : inputs and options, whose fingerprint is stored; threads : number of threads for compression
+    made_from : inputs and options, whose fingerprint is stored
     progress : callback; False cancels; lineage : metadata items on the origin
     Result: figures of the written orthoimage.
     Raises `OutputError`: the file cannot be written; `Cancelled`: ``progress`` returned False.
@@ -189,7 +189,7 @@ def write_orthoimage(
 
     layout = TileLayout(grid, grid.crs, len(source.bands), source.data_type)
     overviews = OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE")
-    write_tiles(path, layout, fill, form, threads=threads, progress=progress, overviews=overviews)
+    write_tiles(path, layout, fill, form, progress=progress, overviews=overviews)
     return figures
 
 
@@ -207,7 +207,6 @@ def write_tiles(
     layout: TileLayout,
     fill: Callable[[gdal.Dataset, Progress], None],
     form: OrthoFormat,
-    threads: int,
     progress: Progress,
     overviews: str = "AVERAGE",
 ) -> None:
@@ -231,7 +230,7 @@ def write_tiles(
         if messages or not is_created:
             raise OutputError(f"{path}: cannot be written ({messages.reason})")
 
-    options = form.creation_options(layout.data_type, threads)
+    options = form.creation_options(layout.data_type)
     with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden_folder, replacing(path) as temporary:
         if driver == "GTiff":
             write(temporary, options, progress)

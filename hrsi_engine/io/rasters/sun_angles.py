@@ -69,14 +69,11 @@ def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
             return SunReading(stated, source)
     if rpc is None:
         return None
-    for source, text in texts:
-        time = _time_in(text)
+    times = [(source, _time_in(text)) for source, text in texts]
+    for source, time in (*times, ("the name of the file", _time_of_name(path))):
         if time is not None and (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg > 0.0:
             return SunReading(sun, f"{source}, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
-    time = _time_of_name(path)
-    if time is None or (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg <= 0.0:
-        return None
-    return SunReading(sun, f"the name of the file, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
+    return None
 
 
 def read_time(path: str) -> datetime | None:
@@ -139,21 +136,16 @@ def _read_angles(text: str) -> SunAngles | None:
     return angles if possible else None
 
 
-def _time_in(text: str) -> datetime | None:
-    for rule in _TIMES:
-        if match := rule.search(text):
-            return _parse_time(*match.groups())
-    return None
+def _time_in(text: str, rules: tuple[re.Pattern[str], ...] = _TIMES) -> datetime | None:
+    match = next(filter(None, (rule.search(text) for rule in rules)), None)
+    return None if match is None else _parse_time(*match.groups())
 
 
 def _time_of_name(path: str) -> datetime | None:
     name = os.path.basename(path)
-    for rule in _TIMES_IN_NAMES:
-        if match := rule.search(name):
-            return _parse_time(*match.groups())
     if (match := _MAXAR_NAME.search(name)) and match[2] in _MONTHS:
         return _parse_time(f"20{match[1]}", str(_MONTHS.index(match[2]) + 1), *match.groups()[2:])
-    return None
+    return _time_in(name, _TIMES_IN_NAMES)
 
 
 def _parse_time(year: str, month: str, day: str, hour: str, minute: str, second: str | None) -> datetime | None:

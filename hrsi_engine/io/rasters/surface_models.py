@@ -71,7 +71,6 @@ def write_surface(
     names: Sequence[str],
     tiles: Iterator[tuple[Any, Sequence[np.ndarray]]],
     form: OrthoFormat,
-    threads: int,
     progress: Progress,
     lineage: Mapping[str, str],
 ) -> None:
@@ -99,7 +98,7 @@ def write_surface(
                 dataset.GetRasterBand(band).WriteArray(filled, window.column, window.row)
 
     layout = TileLayout(grid, crs, len(names), gdal.GDT_Float32)
-    write_tiles(path, layout, fill, form, threads=threads, progress=progress)
+    write_tiles(path, layout, fill, form, progress=progress)
 
 
 STYLE = (

@@ -17,7 +17,6 @@ from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import open_calls
-from ...foundation.workers.threads import thread_count
 from ...measurement.interest_points.gravity_centres import GravityCentre, compute_centre_halo_px, find_gravity_centres
 from ...measurement.interest_points.options import STRONG_QUALITY, CentreOptions
 from ...measurement.interest_points.windows import (
@@ -269,7 +268,7 @@ def detect_interest_points(
         return find(read_window(raster, core, halo, statistics.saturation))
 
     parts, areas = [], tile_region(region)
-    with open_calls(threads=thread_count(options.threads)) as calls:
+    with open_calls(threads=options.threads) as calls:
         for number, found in enumerate(calls.answers(of_core, areas)):
             parts.append(found)
             advance(progress, (number + 1) / len(areas), f"{detector}: {sum(map(len, parts))} points")

@@ -31,7 +31,6 @@ from ...foundation.progress import Progress, advance, silent
 from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import EQUALITY, GRIDS, ITERATIONS, MEMORY, SAMPLES, threshold, thresholds
 from ...foundation.workers.scheduling import open_calls
-from ...foundation.workers.threads import thread_count
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from ..tile_matching.options import TILE_MATCH
 from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak
@@ -203,7 +202,7 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     margin = task.step * (options.window_px // 2 + 1)
     inside = np.all((expected > margin) & (expected < np.array(task.image.size) - 1.0 - margin), axis=1)
     rows = np.flatnonzero(inside)
-    with open_calls(threads=thread_count(options.threads)) as calls:
+    with open_calls(threads=options.threads) as calls:
         matches = list(calls.answers(lambda row: _match_place(task, expected[row], options), rows))
     successful = [match for match in matches if match is not None]
     rows = rows[[match is not None for match in matches]]
