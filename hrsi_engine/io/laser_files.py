@@ -82,9 +82,7 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
     if not has_height.any():
         raise InputError(f"{table.source}: none of its points has a height: name another file or layer")
     if not has_height.all():
-        columns = {name: column[has_height] for name, column in table.columns.items()}
-        geometry = None if table.geometry is None else table.geometry[has_height]
-        table = PointTable(table.source, columns, table.field_names, table.row_name, geometry, table.crs)
+        table = table.select(has_height)
     if table.geometry is None and not {"x", "y"} <= table.columns.keys():
         reference = replace(reference, ground_crs="")
     placed = ground_positions(table, reference)

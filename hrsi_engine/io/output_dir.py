@@ -37,13 +37,9 @@ def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inpu
     Raises `InputError` if the folder is a file, or contains a result, other files of these names that may not be
     replaced, or inputs.
     """
-    if path.startswith(VIRTUAL):
-        results = [name for name in RESULT_FILES if virtual_status(f"{path.rstrip('/')}/{name}") is not None]
-    else:
-        folder = Path(path)
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"{path} is a file: name a directory as `output_dir`")
-        results = [name for name in RESULT_FILES if (folder / name).exists()]
+    if os.path.exists(path) and not os.path.isdir(path):
+        raise InputError(f"{path} is a file: name a directory as `output_dir`")
+    results = [name for name in RESULT_FILES if exists_anywhere(os.path.join(path, name))]
     if results and not overwrite:
         message = f"already contains a result ({', '.join(results)}): allow `overwrite` or choose another directory"
         raise InputError(f"{path} {message}")
@@ -237,9 +233,8 @@ def exists_anywhere(path: str) -> bool:
 
 def files_with(inputs: Iterable[str]) -> list[str]:
     """Return the input files and the files that GDAL lists with them: side files, parts, sources of a VRT."""
-    inputs = list(inputs)
     files = list(inputs)
-    for file in inputs:
+    for file in tuple(files):
         with quiet(), suppress(RuntimeError, SystemError, UnicodeDecodeError):
             gdal.ErrorReset()
             dataset = gdal.OpenEx(file)

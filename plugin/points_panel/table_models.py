@@ -1,7 +1,7 @@
 """The tables: known points, the chosen point in all images, all residuals. Edits are passed to the session."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -36,12 +36,12 @@ class RowsModel(QAbstractTableModel):
 
     edited = pyqtSignal()
     refused = pyqtSignal(str)  #: an edit that the session refused: the reason
-    titles: Sequence[str] = ()
+    texts: Mapping[str, Callable[[Any], str]] = {}  #: of the cells of a row, by the title of the column
     editable: Sequence[str] = ()
 
     def __init__(self, session: PointSession) -> None:
         super().__init__()
-        self.session = session
+        self.session, self.titles = session, tuple(self.texts)
         self.rows: list[Any] = []
         self._order = -1, False  # column for sorting, and whether the largest is first
 
@@ -129,7 +129,7 @@ class RowsModel(QAbstractTableModel):
         raise NotImplementedError
 
     def text(self, row: Any, title: str) -> str:
-        raise NotImplementedError
+        return self.texts[title](row)
 
     def edit(self, row: Any, title: str, value: Any) -> None:
         raise NotImplementedError
@@ -164,14 +164,11 @@ _SIGMAS = {"sigma xy m": "sigma_xy", "sigma h m": "sigma_h"}
 class PointsModel(RowsModel):
     """The table of known points."""
 
-    titles = tuple(_POINT_TEXT)
+    texts = _POINT_TEXT
     editable = ("role", *_SIGMAS)
 
     def current_rows(self) -> list[PointRow]:
         return self.session.rows()
-
-    def text(self, row: PointRow, title: str) -> str:
-        return _POINT_TEXT[title](row)
 
     def edit(self, row: PointRow, title: str, value: Any) -> None:
         if title == "role":
@@ -200,7 +197,7 @@ _RESIDUAL_TEXT: dict[str, Callable[[ResidualRow], str]] = {
 class ResidualsModel(RowsModel):
     """The table of all measurements with their residuals, the largest first, or of some images or points."""
 
-    titles = tuple(_RESIDUAL_TEXT)
+    texts = _RESIDUAL_TEXT
     editable = ("role",)
 
     def __init__(self, session: PointSession) -> None:
@@ -216,9 +213,6 @@ class ResidualsModel(RowsModel):
         rows = list_residuals(self.session)
         rows = [row for row in rows if row.image in self._images] if self._images else rows
         return [row for row in rows if row.point.id in self._points] if self._points else rows
-
-    def text(self, row: ResidualRow, title: str) -> str:
-        return _RESIDUAL_TEXT[title](row)
 
     def edit(self, row: ResidualRow, title: str, value: Any) -> None:
         self.session.set_role(row.point.id, str(value))
@@ -246,7 +240,7 @@ _MEASUREMENT_FIELDS = {"sample": "sample", "line": "line", "sigma px": "sigma"}
 class MeasurementsModel(RowsModel):
     """The table of the chosen point in every image; emptying sample or line removes a measurement."""
 
-    titles = tuple(_MEASUREMENT_TEXT)
+    texts = _MEASUREMENT_TEXT
     editable = (*_MEASUREMENT_FIELDS, "kind")
 
     def __init__(self, session: PointSession) -> None:
@@ -259,9 +253,6 @@ class MeasurementsModel(RowsModel):
 
     def current_rows(self) -> list[MeasurementRow]:
         return self.session.measurements(self.point) if self.point in self.session.points else []
-
-    def text(self, row: MeasurementRow, title: str) -> str:
-        return _MEASUREMENT_TEXT[title](row)
 
     def edit(self, row: MeasurementRow, title: str, value: Any) -> None:
         """Enter a value; if the point was not measured, the other coordinate is the predicted one."""

@@ -243,10 +243,9 @@ def read_image_positions(spec: str, image_ids: Sequence[str]) -> ImagePositions:
     Rows without an id are numbered from 1. Raises `InputError` with file, row and field.
     """
     table, image = _read_sample_line(spec)
-    rows = np.arange(len(table))
-    ids = table.columns.get("id", (rows + 1).astype(str))
+    ids = table.columns.get("id", np.arange(1, len(table) + 1).astype(str))
     height = table.columns.get("height", np.full(len(table), np.nan))
-    return ImagePositions(ids, np.asarray(image_names(table, rows, image_ids)), image, height)
+    return ImagePositions(ids, np.asarray(image_names(table, image_ids)), image, height)
 
 
 def read_correspondences(spec: str, *, ground_crs: str | None = None, height_datum: str = "layer") -> Correspondences:

@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -91,33 +91,29 @@ def _image_points(table: PointTable, with_positions: bool, image_ids: Sequence[s
         table.refuse(is_incomplete & is_empty, f"field {field!r} is empty: fill it in, or remove the row")
     distant = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > RPC_BUDGETS.image_px
     table.refuse(distant, lambda row: f"sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it")
-    rows = np.flatnonzero(~subset)
-    if not len(rows):
+    if subset.all():
         return None
-    everything = len(rows) == len(table)  # millions of rows are copied only if necessary
-    columns = table.columns if everything else {name: column[rows] for name, column in table.columns.items()}
-    images: Any = image_names(table, rows, image_ids)  # used as an array
     sigma = positive(table, "sigma")
+    if subset.any():  # millions of rows are copied only if necessary
+        table, xy, sigma = table.select(~subset), xy[~subset], sigma[~subset]
+    columns, images = table.columns, cast(Any, image_names(table, image_ids))  # used as an array
     return ImagePoints(
         columns["id"],
         images,
-        xy if everything else xy[rows],
-        sigma_px=sigma if everything else sigma[rows],
-        kind=columns.get("kind", np.zeros(len(rows), dtype="U1")),
-        quality=columns.get("quality", np.full(len(rows), np.nan)),
+        xy,
+        sigma_px=sigma,
+        kind=columns.get("kind", np.zeros(len(table), dtype="U1")),
+        quality=columns.get("quality", np.full(len(table), np.nan)),
         source=table.source,
     )
 
 
-def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> NameColumn:
+def image_names(table: PointTable, image_ids: Sequence[str]) -> NameColumn:
     """Return the image id of each row; without such a field, the id of the only image of the block."""
-    if "image" not in table.columns:
-        if len(image_ids) == 1:
-            return NameColumn(np.array(image_ids, dtype=str), np.zeros(len(rows), dtype=np.int32))
-        require_field(table, "image")
-    column = table.columns["image"] if len(rows) == len(table) else table.columns["image"][rows]
-    if (unnamed := rows[column == ""]).size:
-        table.refuse(np.isin(np.arange(len(table)), unnamed), "field 'image' is empty: fill it in")
+    if "image" not in table.columns and len(image_ids) == 1:
+        return NameColumn(np.array(image_ids, dtype=str), np.zeros(len(table), dtype=np.int32))
+    column = require_field(table, "image")
+    table.refuse(column == "", "field 'image' is empty: fill it in")
     place, number = dict[str, int](), np.empty(len(column), dtype=np.int32)
     for start in range(0, len(column), 100_000):  # sorting millions of names would take more memory than the table
         names = column[start : start + 100_000].tolist()
