@@ -46,7 +46,7 @@ def declared_texts() -> list[str]:
         *(text for step in first_steps.STEPS for text in step),
     ]
     tables = table_models.PointsModel, table_models.MeasurementsModel, table_models.ResidualsModel
-    found += [*(title for table in tables for title in table.titles), *layout.PAGES]
+    found += [*(title for table in tables for title in table.texts), *layout.PAGES]
     found += [level.label for level in Level]
     found += [provider.title_of(path) for path in sorted(provider.CHAINS.glob("*.model3"))]
     for declaration in REGISTRY.values():
