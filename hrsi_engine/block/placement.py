@@ -34,9 +34,6 @@ class FRAME:
         "28 vendor RPCs with known sizes (13 stated, 15 SkySat by the sensor): 0.886 to 1.084, 2026-11-28",
     )
     part_mean: float = threshold(0.93, "", "… geometric mean of both", "the same 28 RPCs: 0.946 to 1.008, 2026-11-28")
-    same_factor: float = threshold(
-        0.003, "", "largest difference of the factors along samples and lines", "centres of vendors' RPCs"
-    )
     stated_share: float = threshold(0.01, "", "largest difference of an image's size from the size that a file states")
     gross_px: float = threshold(
         1.0, "px", "smallest error with which an adjustment is unreliable", "a shift is corrected by every model"
@@ -101,7 +98,7 @@ def judge_size(rpc: RPC, size: Size, stated: Size | None = None) -> PlacementDou
             return None
     full = low + high + 1.0 if stated is None else np.array(stated)
     ratio = full / size
-    is_scaled = np.ptp(ratio) <= max(FRAME.same_factor, 1.0 / min(size)) * ratio.mean()
+    is_scaled = np.ptp(ratio) <= max(FRAME.stated_share, 1.0 / min(size)) * ratio.mean()
     is_scaled &= not 1.0 / (1.0 + EQUALITY.negligible) < ratio.mean() < (1.0 + EQUALITY.negligible)
     share = 1.0 / ratio
     if stated is None:

@@ -13,16 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..foundation.pixel_filters import load_opencv
-from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds
+from ..foundation.thresholds import SIGNIFICANCE
 from ..ortho.grid import GridWindow
-
-
-@thresholds
-class GRIDDING:
-    """Gridding of matched points, and fusion of pairs."""
-
-    level_px: float = threshold(1.0, "px", "largest height difference of the points of a cell, in disparity")
-
+from .disparity import DISPARITY
 
 WIDTH_CELLS = 0.5  #: standard deviation of the Gaussian weights of points
 LEAST_CELLS = 100  #: fewest common cells of two pairs whose bias is estimated
@@ -58,7 +51,7 @@ def grid_heights(
     level[cell[order]] = height[order]  # the last assignment is that of the nearest point
     level = _close_holes(level.reshape(rows + 2, wide)).ravel()
     total, weighted, weighted_sigma = np.zeros((3, size))
-    tolerance = GRIDDING.level_px * metres_per_px + cell_m
+    tolerance = DISPARITY.largest_sigma_px * metres_per_px + cell_m
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
             distance = (dx - right) ** 2 + (dy - down) ** 2

@@ -18,7 +18,7 @@ import pyproj
 
 from ..foundation.errors import InputError
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 
 
 @thresholds
@@ -35,7 +35,6 @@ class GEOID:
         "a grid is missing",
     )
     smallest_difference_m: float = threshold(5.0, "m", "smallest significant difference: canopy, coarse DEM")
-    undulation_share: float = threshold(0.25, "", "relative tolerance for a difference equal to the undulation")
 
 
 #: Geoid models by their name on the command line, the finest first: PROJ's file name, then an older name of it.
@@ -171,7 +170,7 @@ class HeightDifference:
     def sign_of_geoid(self) -> int:
         """1 if the difference is about N, -1 if it is about -N, 0 otherwise."""
         least_m = GEOID.smallest_difference_m
-        tolerance = max(GEOID.undulation_share * abs(self.undulation_m), least_m, 2.0 * self.spread_m)
+        tolerance = max((EQUALITY.size - 1.0) * abs(self.undulation_m), least_m, 2.0 * self.spread_m)
         if not self.significant or not abs(self.undulation_m) > least_m:
             return 0
         return next((sign for sign in (1, -1) if abs(self.median_m - sign * self.undulation_m) <= tolerance), 0)

@@ -16,7 +16,7 @@ import pyproj
 
 from ..block.block import Image
 from ..foundation.errors import InputError
-from ..foundation.thresholds import GRIDS, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, GRIDS, threshold, thresholds
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import continuous_longitudes
 from ..ground.map_crs import map_epsg_of
@@ -32,7 +32,6 @@ class ORTHO:
     """Grid of orthoimages (rounding, extent), and nodes at which it is mapped exactly."""
 
     coarser: float = threshold(1.05, "", "largest rounded resolution over the image's ground sample distance")
-    whole_px: float = threshold(1e-6, "px", "tolerance for an edge on a whole pixel")
     outline_points: int = threshold(200, "points", "points along each side of an image's outline")
     margin_px: int = threshold(2, "px", "margin around the footprint of an image, and from hidden ground")
     straight: float = threshold(0.01, "", "part of the error up to which the curvature of rays is neglected")
@@ -92,8 +91,8 @@ class MapGrid:
         Raises `InputError`: the bounds contain no pixel.
         """
         west, south, east, north = (value / resolution for value in bounds)
-        left, top = math.floor(west + ORTHO.whole_px), math.ceil(north - ORTHO.whole_px)
-        columns, rows = math.ceil(east - ORTHO.whole_px) - left, top - math.floor(south + ORTHO.whole_px)
+        left, top = math.floor(west + EQUALITY.written_px), math.ceil(north - EQUALITY.written_px)
+        columns, rows = math.ceil(east - EQUALITY.written_px) - left, top - math.floor(south + EQUALITY.written_px)
         if columns < 1 or rows < 1:
             raise InputError(f"an extent of {columns} x {rows} pixels is empty: check `extent` and `resolution`")
         return cls(crs, resolution, left, top, columns, rows)

@@ -43,7 +43,6 @@ class SHIFT:
     """Measurement of the shift between two orthoimages: by windows, and the common shift."""
 
     reach_px: float = threshold(1.0, "px", "largest shift of a window from the best whole pixel")
-    weight_sigma: float = threshold(0.5, "", "sigma of the weights over half the window")
     reduction: int = threshold(2, "", "reduction factor of orthoimages for the common shift")
     probe_px: int = threshold(256, "px", "side of a probe (smaller in a small area)")
 
@@ -165,7 +164,7 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     centre_part = place[row : row + side, column : column + side]
     T, T_x, T_y = _interpolate_window(_filter_spline(grey), np.zeros(2))
     coefficients = _filter_spline(centre_part)
-    line = np.exp(-0.5 * (((np.arange(len(T)) - (len(T) - 1) / 2.0) / (len(T) / 2.0)) / SHIFT.weight_sigma) ** 2)
+    line = np.exp(-0.5 * (((np.arange(len(T)) - (len(T) - 1) / 2.0) / (len(T) / 2.0)) / MATCHING.taper) ** 2)
     weight = (line[:, None] * line).ravel()
     d, gain, offset = np.zeros(2), float(T.std() / max(centre_part.std(), 1e-9)), 0.0
     for _ in range(ITERATIONS.most):

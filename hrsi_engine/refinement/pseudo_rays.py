@@ -50,7 +50,6 @@ class SENSOR:
     """Limits for plausible pseudo sensors, and for the convergence of their rays."""
 
     usual_height_m: float = threshold(600e3, "m", "height of the sensor, if not computed", "thesis, section 4.3")
-    height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays at convergence")
 
 
 @dataclass(frozen=True)

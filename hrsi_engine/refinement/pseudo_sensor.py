@@ -36,7 +36,7 @@ from ..ground import ellipsoid
 from .ground_area import compute_ground_area, compute_px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefitRPC, Structure
 from .model_table import PSEUDO_SENSOR_TABLE, make_models
-from .pseudo_rays import SENSOR, compute_pseudo_rays, compute_sensor_frame, intersect_frame_height, linearise_by_rays
+from .pseudo_rays import compute_pseudo_rays, compute_sensor_frame, intersect_frame_height, linearise_by_rays
 
 #: The corrected quantities; the first three are in metres, the others in radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
@@ -180,7 +180,7 @@ class PseudoSensor:
             xy, _ = self._intersect(constants, coefficients, rays, position, z)
             ground = frame.to_ground(np.column_stack([xy, z]))
             z = z + heights - ground[:, 2]
-            if not np.nanmax(np.abs(heights - ground[:, 2])) > SENSOR.height_closure_m:
+            if not np.nanmax(np.abs(heights - ground[:, 2])) > EQUALITY.rounding:
                 break
         finite = finite_rows(ground)
         return ground[finite], position[finite]

@@ -15,11 +15,12 @@ from ...hrsi_engine.adjustment.hold_out import hold_out_ties
 from ...hrsi_engine.block.assembly import stack_image_points
 from ...hrsi_engine.block.block import Block, Image, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError, list_ids
-from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES, threshold, thresholds
+from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES
 from ...hrsi_engine.io.catalogue.lineage import find_refining_report
 from ...hrsi_engine.io.output_dir import find_image_outputs, read_report
 from ...hrsi_engine.io.point_files import PointTables, measurements_of, read_points
 from ...hrsi_engine.measurement.block_matching.search import count_points_per_cell
+from ...hrsi_engine.measurement.block_matching.windows import TIE_WINDOWS
 from ...hrsi_engine.surface.dem import HeightSurface
 from ...hrsi_engine.surface.grid_surface import GridSurface
 from ..declarations.rpcs import AUTOMATIC_TRACKS, NO_TRACKS, EvaluateOptions
@@ -32,13 +33,6 @@ from .outputs import LAYERS_FILE
 from .tie_search import find_ties
 
 REFINING_ALGORITHMS = ("triangulate", "adjust", "refine-rpc")  #: algorithms that refine RPCs
-
-
-@thresholds
-class RPC_SETS:
-    """Limits for points that were used to estimate RPCs, and for the number of predictions."""
-
-    denser: int = threshold(3, "", "factor of the tie points per cell in a further search")
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +211,7 @@ def read_evaluation_points(
     if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
         # Further tracks in the same images: more in each cell than a run finds by default
         search = options.search.search
-        many = RPC_SETS.denser * max(count_points_per_cell(search, image) for image in images)
+        many = TIE_WINDOWS.surplus * max(count_points_per_cell(search, image) for image in images)
         denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
         judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
         block, _ = read_block(images, options.points, surface, None, judges.found)

@@ -25,7 +25,6 @@ class PANEL:
     vendor_px: float = threshold(150.0, "px", "error of given RPCs: 75 m at 0.5 m pixels")
     adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
     shifted_px: float = threshold(10.0, "px", "error of RPCs corrected by a shift: drift, heights")
-    rpc_reach: float = threshold(1.5, "of the RPC's scales", "normalised distance to which an RPC is used")
 
 
 @dataclass(frozen=True)

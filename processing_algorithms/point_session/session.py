@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...hrsi_engine.camera.rpc_terms import EVALUATION
 from ...hrsi_engine.foundation.errors import InputError
 from .rows import (
     CLICK_KINDS,
@@ -217,8 +218,8 @@ class PointSession:
         ground = np.array([[point.lon, point.lat, point.height]])
         return any(
             abs(point.lon - image.rpc.long_off)
-            < PANEL.rpc_reach * image.rpc.long_scale  # RPCs are not valid far outside
-            and abs(point.lat - image.rpc.lat_off) < PANEL.rpc_reach * image.rpc.lat_scale
+            < EVALUATION.domain_margin * image.rpc.long_scale  # RPCs are not valid far outside
+            and abs(point.lat - image.rpc.lat_off) < EVALUATION.domain_margin * image.rpc.lat_scale
             and (np.abs(self.project(name, ground)[0] - image.centre_px) <= image.half_size_px).all()
             for name, image in self.images.items()
         )

@@ -12,7 +12,6 @@ import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import EQUALITY
-from ...hrsi_engine.ground.geoids import GEOID
 from ...hrsi_engine.io.rasters.dems import fill_gaps, open_geoid, read_geoid_heights
 from ...hrsi_engine.plausibility.places import compute_coverage
 from ...hrsi_engine.surface.dem import surface_heights
@@ -180,7 +179,7 @@ def _weigh_evidence(
             weigh(unknown, surveyed[:, :2], heights[known], heights[unknown], 0.0, f"heights of {names[known]}")
         elif geoid := find_installed_geoid(surveyed):  # a difference of the undulation shows both
             share = float(np.nanmedian((heights["height_datum"] - heights["dem_datum"]) / geoid[1]))
-            if abs(abs(share) - 1.0) < GEOID.undulation_share:
+            if abs(abs(share) - 1.0) < EQUALITY.size - 1.0:
                 datums.update(zip(names, (ELLIPSOIDAL, geoid[0])[:: 1 if share > 0.0 else -1], strict=True))
                 made.decisions.append(
                     " and ".join(f"{names[key]}: heights {datums[key]}" for key in names)

@@ -27,7 +27,7 @@ from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import EQUALITY, REDUNDANCY, SAMPLES, threshold, thresholds
 from ...ground.geodesy import metres_per_degree, move_ground
 from ...ground.operation_uses import largest_sigma_m
-from ...surface.dem import HeightSurface, surface_heights
+from ...surface.dem import RAY_TRACING, HeightSurface, surface_heights
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..source_results import HeightAgreement
 from .shared_errors import (
@@ -52,7 +52,6 @@ class HEIGHTS:
         "GLO-30: 4 m LE90 with noise of 1 to 3 m",
     )
     alike_m: float = threshold(100.0, "m", "side of cells whose heights are one observation in the jitter estimate")
-    least_common_m: float = threshold(1e-3, "m", "sigma of the common error of surveyed heights, here independent")
 
 
 class HeightRows(NamedTuple):
@@ -225,7 +224,7 @@ class HeightObservations:
         miss, variance = (priors.target[points, 2] - ground[points, 2]) / by_rays, q / by_rays + 1.0 / w
         if len(points) > 2:  # sigmas of surveys are often guesses: their scatter is used
             variance = variance * max(float(robust_sigma((miss - np.median(miss)) / np.sqrt(variance))), 1.0) ** 2
-        others = [OtherOffsets(miss, variance, CommonError(HEIGHTS.least_common_m, False))]
+        others = [OtherOffsets(miss, variance, CommonError(RAY_TRACING.accuracy_m, False))]
         if self.by_rpcs is not None:
             by_rpcs, sigma_m = self.by_rpcs, self.by_rpcs.sigma_m
             offset_m = np.array([np.median(by_rpcs.height - ground[by_rpcs.points, 2])])

@@ -73,8 +73,8 @@ def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any
 def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
     """Yield the windows of an orthoimage's chunks in the order in which they are written: tile by tile."""
     rows = CHUNKS.tile_px
-    # Part of the image that a chunk needs: not much larger than a tile
-    while rows > CHUNKS.least_rows and rows * warp.scale > CHUNKS.tile_px * CHUNKS.same_size:
+    # Part of the image that a chunk needs: not larger than a tile
+    while rows > CHUNKS.least_rows and rows * warp.scale > CHUNKS.tile_px:
         rows //= 2
     for tiles in grid.chunks(CHUNKS.columns_per_row * CHUNKS.tile_px, CHUNKS.tile_px):
         yield from tiles.parts(CHUNKS.columns_per_row * rows, rows)

@@ -73,7 +73,6 @@ class PLACEMENT_EVIDENCE:
         0.03, "", "largest relative difference of a pixel's step on the map and by the RPC", "map products: 0.002"
     )
     map_m: float = threshold(50.0, "m", "largest distance of a pixel on the map and by its RPC of any sensor")
-    map_px: float = threshold(2.0, "px", "… below which map and RPC confirm each other")
 
 
 def place_by_geotransform(geotransform: Geotransform | None, has_crs: bool) -> CropPlace | None:
@@ -191,7 +190,7 @@ def find_placement_doubt(path: str, dataset: gdal.Dataset, rpc_source: fields.Fo
     if difference is not None:
         if doubt := _doubt_by_map(difference, rpc, size[0]):
             return doubt
-        if by_size is not None and difference.distance_px <= PLACEMENT_EVIDENCE.map_px:
+        if by_size is not None and difference.distance_px <= PLACEMENT_EVIDENCE.first_px:
             return None
         if by_size is not None:
             message = (
@@ -323,7 +322,7 @@ def _doubt_by_map(difference: MapDifference, rpc: RPC, samples: int) -> Placemen
 def describe_map_evidence(path: str, dataset: gdal.Dataset, found: fields.FoundRpc) -> str:
     """Return how closely map and RPC of an image agree, if not to the pixel, and what would not be seen; else ""."""
     difference = compare_with_map(path, dataset, found.rpc, found.sensor)
-    if difference is None or difference.distance_px <= PLACEMENT_EVIDENCE.map_px:
+    if difference is None or difference.distance_px <= PLACEMENT_EVIDENCE.first_px:
         return ""
     if _doubt_by_map(difference, found.rpc, dataset.RasterXSize):
         return ""

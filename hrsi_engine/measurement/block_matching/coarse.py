@@ -23,6 +23,7 @@ from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.thresholds import GRIDS, MEMORY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface, Status, intersect_surface
+from ..reference.predicted_patches import BIAS
 from ..tile_matching.epipolar import check_rpc_consistency, compute_epipolar_deviation, transfer
 from ..tile_matching.features import invert_descriptors
 from ..tile_matching.types import HeightGrid, TilePairGeometry
@@ -42,7 +43,6 @@ class COARSE:
     enough_share: float = threshold(0.1, "", "… and share of the features; a negative gives 0.03 by chance", _CONTRASTS)
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")
     floor_px: float = threshold(1.0, "px of the overview", "smallest standard deviation of a match")
-    finer: int = threshold(4, "", "factor of resolution of a second search, in windows")
     same_view_px: float = threshold(2.0, "px", "smallest parallax from which heights are estimated")
 
 
@@ -85,7 +85,7 @@ def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
     """
     agreement = _match_in_any_contrast(job, first, second)
     if len(agreement["first_xy"]) < SAMPLES.tested and max(job.steps) > 1:
-        finer = replace(job, steps=(max(1, job.steps[0] // COARSE.finer), max(1, job.steps[1] // COARSE.finer)))
+        finer = replace(job, steps=(max(1, job.steps[0] // BIAS.growth), max(1, job.steps[1] // BIAS.growth)))
         probed = _match_in_any_contrast(finer, *_detect_in_windows(finer))
         agreement = max(agreement, probed, key=lambda matches: len(matches["first_xy"]))
     return agreement

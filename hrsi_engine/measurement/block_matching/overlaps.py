@@ -44,8 +44,6 @@ class CHOICE:
     partners: int = threshold(40, "images", "most images with which an image is compared")
     measured_partners: int = threshold(60, "images", "most overlaps of an image that are computed; beyond, estimated")
     chance: int = threshold(5, "features", "number that agree by chance; a comparison with no more is not used", _YEAR)
-    narrow_deg: float = threshold(1.5, "°", "smallest angle between the views of a pair for heights")
-    narrow_worth: float = threshold(0.6, "", "weight of pairs with a smaller angle in the selection")
     wanted_angle_deg: float = threshold(5.0, "°", "smallest angle of one of each image's pairs")
     last_tries: int = threshold(
         3, "pairs", "pairs tried without significant comparisons, and examined if no pair matches"

@@ -172,8 +172,7 @@ class PairChoice:
         return sorted(pairs_of_image, key=lambda pair: (self.probes[pair].convergence_deg, pair))
 
     def _rate_pair(self, pair: NumberPair) -> float:
-        probe = self.probes[pair]
-        return probe.agreeing * (CHOICE.narrow_worth if probe.convergence_deg < CHOICE.narrow_deg else 1.0)
+        return float(self.probes[pair].agreeing)
 
     def _choose_by_geometry(self, selected: set[NumberPair]) -> set[NumberPair]:
         """Return a pair with a convergence angle for images without one, and pairs that cover more parts of images."""
