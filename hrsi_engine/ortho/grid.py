@@ -32,6 +32,7 @@ class ORTHO:
     """Grid of orthoimages (rounding, extent), and nodes at which it is mapped exactly."""
 
     coarser: float = threshold(1.05, "", "largest rounded resolution over the image's ground sample distance")
+    unknown_grid: int = threshold(65, "positions", "positions along each side of a chunk, for counting missing heights")
     outline_points: int = threshold(200, "points", "points along each side of an image's outline")
     margin_px: int = threshold(2, "px", "margin around the footprint of an image, and from hidden ground")
     straight: float = threshold(0.01, "", "part of the error up to which the curvature of rays is neglected")

@@ -288,7 +288,7 @@ class OrthoMapping:
 
         has_height : (rows, columns) of the window's pixels
         """
-        side = np.linspace(0.0, 1.0, GRIDS.fine)
+        side = np.linspace(0.0, 1.0, ORTHO.unknown_grid)
         column, row = (np.rint(side * (count - 1)).astype(int) for count in (window.columns, window.rows))
         pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
         lonlat = self.grid.lonlat(pixels)
