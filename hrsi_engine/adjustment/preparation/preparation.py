@@ -89,14 +89,7 @@ class Preparation:
             self._find_images(of_sensor, "a group of images of one sensor")
         self.model = MODELS[options.model]
         observations = select_observations(self.block, options.check_as_ties, options.reference)
-        # Images of a group, or tiles of a scene, share one set of parameters
-        common, representative = self.options.shared_images, np.arange(len(self.block.images))
-        for group in (*common, *group_tiles(self.block.images, common)):
-            members = self._find_images(group, "a group of images with shared parameters")
-            representative[members] = min(members)
-        self.observations = replace(
-            observations, camera_of_image=np.unique(representative, return_inverse=True)[1].astype(np.int32)
-        )
+        self.observations = replace(observations, camera_of_image=self._number_cameras())
         if not observations.count:
             raise SolveError(
                 "no point is measured in two images, and no GCP in any: add image points, tie points or GCPs"
@@ -115,6 +108,14 @@ class Preparation:
         self.surfaces: tuple[SurfacePlan, ...] = ()
 
     # ---- observations, cameras ---------------------------------------------------------------------------------------
+
+    def _number_cameras(self) -> np.ndarray:
+        """Return the index of each image's set of parameters; images of a group, or tiles of a scene, share one."""
+        common, representative = self.options.shared_images, np.arange(len(self.block.images))
+        for group in (*common, *group_tiles(self.block.images, common)):
+            members = self._find_images(group, "a group of images with shared parameters")
+            representative[members] = min(members)
+        return np.unique(representative, return_inverse=True)[1].astype(np.int32)
 
     def _find_images(self, ids: Sequence[str], kind: str) -> list[int]:
         """Return the indices of images; raise `InputError`, which names ``kind``, if the block does not have them."""
