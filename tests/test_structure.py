@@ -8,7 +8,7 @@ pytestmark = pytest.mark.thorough  # of no feature, and the sources are parsed a
 STALE = 0.02
 #: A limit that is not kept yet: the most that it may be until then, and why.
 NOT_YET = {
-    "product lines without the laboratory": (74_000, "the formatter lays out calls and signatures: 2300 lines more"),
+    "product lines without the laboratory": (73_300, "the formatter lays out calls and signatures: 2300 lines more"),
     "lines of tests": (48_073, "nearly every test has a property of its own; oracles take some over"),
 }
 
