@@ -169,7 +169,7 @@ class BIAS:
     """Coarse-to-fine search for an image's bias relative to a reference."""
 
     first_search_px: float = threshold(64.0, "px", "half width of the first search")
-    growth: float = threshold(4.0, "", "factor from one search to the next, and between resolution levels")
+    growth: int = threshold(4, "", "factor from one search to the next, and between resolution levels")
     reach: int = threshold(32, "working px", "half width of the search at the coarsest level")
     least_side: int = threshold(128, "working px", "smallest shorter side of an image at the coarsest level")
     fine_reach: int = threshold(8, "working px", "half width of the search at finer levels")
