@@ -52,6 +52,8 @@ def assert_alike(rpcs: list[RPC], each: int = 7, reach: float = 0.9) -> None:
         np.testing.assert_allclose(image[there], single, rtol=1e-13, atol=1e-9)
         np.testing.assert_allclose(jacobian[there], slopes, rtol=1e-9, atol=1e-9 * np.abs(slopes).max(initial=1.0))
         np.testing.assert_allclose(image[there], xy[there], rtol=0.0, atol=2.0 * CLOSURE_PX)
+        np.testing.assert_allclose(stack.px_per_m(which[there], ours), rpc.px_per_m(ours), rtol=1e-9)
+        np.testing.assert_array_equal(stack.middles()[number], (rpc.long_off, rpc.lat_off, rpc.height_off))
     finite = np.isfinite(ground).all(axis=1)
     np.testing.assert_array_equal(stack.project(which[finite], ground[finite]), image[finite])
 
@@ -73,8 +75,9 @@ def test_no_ground_is_nan() -> None:
         ([sample_rpc(seed) for seed in range(3)], {"each": 3000}),
         ([replace(sample_rpc(), long_off=lon) for lon in (180.0 - 1e-4, 1e-4 - 180.0)], {}),
         ([sample_rpc(1), sample_rpc(2)], {"reach": 30.0}),
+        ([sample_rpc(1), replace(sample_rpc(2), long_scale=0.2, lat_scale=0.15, height_scale=900.0)], {}),
     ],
-    ids=["many", "in parts", "across the 180 degree meridian", "far outside their domain, as crops count"],
+    ids=["many", "in parts", "across the 180 degree meridian", "far outside their domain, as crops count", "scales"],
 )
 def test_as_each_alone(rpcs: list[RPC], options: dict) -> None:
     assert_alike(rpcs, **options)
