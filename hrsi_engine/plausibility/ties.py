@@ -36,6 +36,9 @@ class TIE_CHECK:
         "m; with 0.02 every twentieth pair of correct blocks failed",
         "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
     )
+    miss_px: float = threshold(
+        4.0, "px", "largest distance of the rays of a correct point, whatever its sigma", SIMULATED
+    )
     largest_drift: float = threshold(4e-3, "px/px", "largest relative drift of two RPCs", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations of the drift of a pair")
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
@@ -182,8 +185,8 @@ def check_pairs(
     figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
     gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
     reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
-    tolerance = np.maximum(SIGNIFICANCE.certain * pairs.sigma_px, ACCURACY.usual_drift * reach)
-    tolerance *= min(stretch, 1.0) * gsd
+    miss_px = np.maximum(SIGNIFICANCE.certain * pairs.sigma_px, ACCURACY.usual_drift * reach)
+    tolerance = min(stretch, 1.0) * gsd * np.maximum(TIE_CHECK.miss_px, miss_px)
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / steep
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))

@@ -25,7 +25,6 @@ from ...hrsi_engine.io.surfaces import open_dtm
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
 from ...hrsi_engine.surface.dem import surface_heights
-from .chip_library import CHIPS
 from .chips import differentiate_by_metres, find_by_chips, project_with_slopes
 from .files import image_points
 from .rows import PANEL, ROLES, TIE, ResidualRow, SurveyPoint
@@ -58,7 +57,7 @@ def view_of(session: PointSession, name: str, image_id: str) -> View:
     return View(
         "" if image.raster is None else pixel_view(image.path),
         middle,
-        CHIPS.half_px if session.is_located(image_id) else PANEL.vendor_px,
+        PANEL.half_view_px if session.is_located(image_id) else PANEL.vendor_px,
         math.degrees(math.atan2(north[0], -north[1])),
         trace_heights(session, name, first, image_id) if others and measured is None else None,
     )
