@@ -16,10 +16,17 @@ from ...hrsi_engine.block.block import Image, ImagePoints
 from ...hrsi_engine.block.imaging_geometry import GEOMETRY
 from ...hrsi_engine.block.pointing import compute_gsd_m, estimate_pointing
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
-from ...hrsi_engine.foundation.thresholds import GRIDS, GROUND, SAMPLES, SIGNIFICANCE
+from ...hrsi_engine.foundation.thresholds import GRIDS, GROUND, SAMPLES, threshold, thresholds
 from ...hrsi_engine.io.rasters.dems import open_geoid
 from ...hrsi_engine.measurement.point_transfer import transfer_point
 from ...hrsi_engine.plausibility.mistakes import find_undulations
+
+
+@thresholds
+class HEIGHT_EVIDENCE:
+    """Limits for the decision on a height datum."""
+
+    decisive_ratio: float = threshold(20.0, "", "smallest ratio of the likelihoods of both hypotheses that decides")
 
 
 class DatumEvidence(NamedTuple):
@@ -54,7 +61,7 @@ def weigh_hypotheses(
     sigma = float(np.hypot(np.hypot(sigma_m, spread), GROUND.canopy_m))
     middle = [float(np.median(difference)), float(np.median(difference - geoid[1]))]
     loss = 0.5 * np.square(middle) / sigma**2  # negative logarithms of the likelihoods of normal errors
-    best, limit = int(np.argmin(loss)), 0.5 * SIGNIFICANCE.decisive
+    best, limit = int(np.argmin(loss)), np.log(HEIGHT_EVIDENCE.decisive_ratio)
     is_decisive = loss[1 - best] - loss[best] > limit > loss[best]  # other units, other places agree with neither
     figures = (
         f"{what} are {middle[0]:+.1f} m higher if these are ellipsoidal, {middle[1]:+.1f} m if these refer to the "
