@@ -5,7 +5,6 @@ are the ways to damage one; `READERS` read them as the algorithms do. `examine` 
 process and tells how that ended. The process that forks must have no other threads: one for BLAS.
 """
 
-import contextlib
 import itertools
 import json
 import os
@@ -27,7 +26,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from osgeo import gdal, ogr, osr
+from gdal_files import write_layer, write_raster
+from osgeo import gdal
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import HrsiError
@@ -377,25 +377,25 @@ def _make_delivery(folder: Path) -> None:
 
 
 def _make_references(folder: Path) -> None:
-    _raster(folder / "ortho.tif", gdal.GDT_Byte, ("TILED=YES",))
+    _raster(folder / "ortho.tif", np.uint8, ("TILED=YES",))
 
 
 def _make_dems(folder: Path) -> None:
-    _raster(folder / "float.tif", gdal.GDT_Float32)
-    _raster(folder / "whole.tif", gdal.GDT_Int16, ("COMPRESS=DEFLATE", "TILED=YES"))
-    _raster(folder / "text.asc", gdal.GDT_Float32, driver="AAIGrid")
-    _raster(folder / "egg.img", gdal.GDT_Float32, driver="HFA")
+    _raster(folder / "float.tif", np.float32)
+    _raster(folder / "whole.tif", np.int16, ("COMPRESS=DEFLATE", "TILED=YES"))
+    _raster(folder / "text.asc", np.float32, driver="AAIGrid")
+    _raster(folder / "egg.img", np.float32, driver="HFA")
     gdal.BuildVRT(str(folder / "mosaic.vrt"), [str(folder / "float.tif")]).FlushCache()
 
 
 def _make_geoids(folder: Path) -> None:
-    _raster(folder / "grid.gtx", gdal.GDT_Float32, driver="GTX", level=50.0, relief=5.0)
-    _raster(folder / "grid.tif", gdal.GDT_Float32, level=50.0, relief=5.0)
+    _raster(folder / "grid.gtx", np.float32, driver="GTX", level=50.0, relief=5.0)
+    _raster(folder / "grid.tif", np.float32, level=50.0, relief=5.0)
 
 
 def _raster(
     path: Path,
-    kind: int,
+    kind: type,
     options: Sequence[str] = (),
     driver: str = "GTiff",
     level: float = 300.0,
@@ -403,13 +403,9 @@ def _raster(
 ) -> None:
     """Write heights (or grey values) around the place of the simulated camera."""
     rows, columns = np.mgrid[0:120, 0:160]
-    memory = gdal.GetDriverByName("MEM").Create("", 160, 120, 1, kind)
-    reference = osr.SpatialReference()
-    reference.ImportFromEPSG(4326)
-    memory.SetProjection(reference.ExportToWkt())
-    memory.SetGeoTransform((PLACE[0] - 0.01, 1e-4, 0.0, PLACE[1] + 0.008, 0.0, -1e-4))
-    memory.GetRasterBand(1).WriteArray(np.clip(level + relief * np.sin(rows / 9.0) * np.cos(columns / 7.0), 0, None))
-    gdal.GetDriverByName(driver).CreateCopy(str(path), memory, options=list(options))
+    values = np.clip(level + relief * np.sin(rows / 9.0) * np.cos(columns / 7.0), 0, None).astype(kind)
+    corner = (PLACE[0] - 0.01, 1e-4, 0.0, PLACE[1] + 0.008, 0.0, -1e-4)
+    write_raster(path, values, corner, "EPSG:4326", driver=driver, options=options)
 
 
 def _make_point_files(folder: Path) -> None:
@@ -454,27 +450,18 @@ def _make_point_files(folder: Path) -> None:
 
 
 def _vector(path: Path, driver: str, rows: Sequence[tuple]) -> None:
-    reference = osr.SpatialReference()
-    reference.ImportFromEPSG(4326)
-    reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
-    with contextlib.ExitStack() as stack:
-        gdal.PushErrorHandler("CPLQuietErrorHandler")
-        stack.callback(gdal.PopErrorHandler)
-        options = ["GPX_USE_EXTENSIONS=YES"] if driver == "GPX" else []
-        dataset = ogr.GetDriverByName(driver).CreateDataSource(str(path), options)
-        layer = dataset.CreateLayer("waypoints" if driver == "GPX" else "points", reference, ogr.wkbPoint25D)
-        for name, kind in (("id", ogr.OFTString), ("image", ogr.OFTString), ("lon", ogr.OFTReal), ("lat", ogr.OFTReal),
-                           ("height", ogr.OFTReal), ("sample", ogr.OFTReal), ("line", ogr.OFTReal)):  # fmt: skip
-            layer.CreateField(ogr.FieldDefn(name, kind))
-        for row in rows:
-            feature = ogr.Feature(layer.GetLayerDefn())
-            if driver == "GPX":
-                feature.SetField("name", row[0])
-            for name, value in zip(("id", "image", "lon", "lat", "height", "sample", "line"), row, strict=True):
-                feature.SetField(name, value)
-            feature.SetGeometry(ogr.CreateGeometryFromWkt(f"POINT Z ({row[2]} {row[3]} {row[4]})"))
-            layer.CreateFeature(feature)
-        del layer, dataset
+    fields = dict(
+        zip(("id", "image", "lon", "lat", "height", "sample", "line"), map(list, zip(*rows, strict=True)), strict=True)
+    )
+    gpx = {"name": fields["id"]} if driver == "GPX" else {}
+    gdal.PushErrorHandler("CPLQuietErrorHandler")
+    try:
+        write_layer(
+            path, driver, "EPSG:4326", np.array([row[2:5] for row in rows], float), gpx | fields,
+            layer="waypoints" if gpx else "points", options=["GPX_USE_EXTENSIONS=YES"] if gpx else [],
+        )  # fmt: skip
+    finally:
+        gdal.PopErrorHandler()
 
 
 def _make_layers(folder: Path) -> None:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import numpy as np
+from gdal_files import write_raster
 from osgeo import gdal
 
 from hrsi.hrsi_engine.camera.rpc import RPC
@@ -74,6 +74,4 @@ def isd_with_namespace(rpc: RPC, prefix: str) -> str:
 
 def cut_tile(source: Path, target: Path, window: tuple[int, int, int, int]) -> None:
     """Cut sample, line, samples, lines out of an image, without its RPC, as a tile without place is delivered."""
-    pixels = gdal.Open(str(source)).ReadAsArray(*window)
-    dataset = gdal.GetDriverByName("GTiff").Create(str(target), window[2], window[3], 1, gdal.GDT_UInt16)
-    dataset.GetRasterBand(1).WriteArray(np.asarray(pixels))
+    write_raster(target, gdal.Open(str(source)).ReadAsArray(*window))

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from osgeo import gdal, osr
+from gdal_files import write_raster
+from osgeo import gdal
 
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
@@ -158,17 +159,7 @@ def make_scene(folder: Path) -> None:
     (folder / "delivered").mkdir()
     for name in (*SOUND["images"], SOUND["gcps"], SOUND["image_points"], SOUND["dem"]):
         shutil.copy(folder / name, folder / "delivered" / name)
-    grid = gdal.GetDriverByName("GTiff").Create(str(folder / "geoid.tif"), 9, 9, 1, gdal.GDT_Float32)
-    grid.SetGeoTransform((1.0, 1.0, 0.0, 48.0, 0.0, -1.0))
-    grid.SetProjection(osr_of(4326).ExportToWkt())
-    grid.GetRasterBand(1).WriteArray(np.zeros((9, 9)))
-
-
-def osr_of(epsg: int) -> osr.SpatialReference:
-    """Return a CRS."""
-    crs = osr.SpatialReference()
-    crs.ImportFromEPSG(epsg)
-    return crs
+    write_raster(folder / "geoid.tif", np.zeros((9, 9), np.float32), (1.0, 1.0, 0.0, 48.0, 0.0, -1.0), "EPSG:4326")
 
 
 def sound_options(algorithm: Algorithm, scene: Path, varied: str = "") -> dict[str, Any]:

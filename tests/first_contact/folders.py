@@ -8,6 +8,7 @@ from pathlib import Path
 
 import deliveries
 import numpy as np
+from gdal_files import write_layer, write_raster
 from osgeo import gdal, ogr, osr
 
 from hrsi.hrsi_engine.ground.geoids import geoid_heights
@@ -90,19 +91,10 @@ def in_utm(rows: Sequence[Row], epsg: int = 32631) -> list[Row]:
 
 def write_vector(path: Path, rows: Sequence[Row], driver: str, epsg: int = 4326) -> None:
     """Write ground points as a vector layer with the fields id and height."""
-    crs = osr.SpatialReference()
-    crs.ImportFromEPSG(epsg)
-    crs.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
-    dataset = ogr.GetDriverByName(driver).CreateDataSource(str(path))
-    layer = dataset.CreateLayer(path.stem, crs, ogr.wkbPoint)
-    layer.CreateField(ogr.FieldDefn("id", ogr.OFTString))
-    layer.CreateField(ogr.FieldDefn("height", ogr.OFTReal))
-    x, y = ("lon", "lat") if epsg == 4326 else ("x", "y")
-    for row in rows:
-        feature = ogr.Feature(layer.GetLayerDefn())
-        feature["id"], feature["height"] = row["id"], float(row["height"])
-        feature.SetGeometry(ogr.CreateGeometryFromWkt(f"POINT ({row[x]} {row[y]})"))
-        layer.CreateFeature(feature)
+    axes = ("lon", "lat") if epsg == 4326 else ("x", "y")
+    plan = np.array([[float(row[axis]) for axis in axes] for row in rows])
+    fields = {"id": [row["id"] for row in rows], "height": [float(row["height"]) for row in rows]}
+    write_layer(path, driver, f"EPSG:{epsg}", plan, fields, with_z=False, layer=path.stem)
 
 
 def write_dem(source: Source, path: Path, change: Callable[[np.ndarray], np.ndarray], nodata: float | None = None,
@@ -137,10 +129,7 @@ def with_holes(heights: np.ndarray, value: float) -> np.ndarray:
 
 def without_tag(source: Path, target: Path) -> None:
     """Write an image without its RPC."""
-    pixels = gdal.Open(str(source))
-    made = gdal.GetDriverByName("GTiff").Create(str(target), pixels.RasterXSize, pixels.RasterYSize, 1,
-                                                pixels.GetRasterBand(1).DataType)  # fmt: skip
-    made.GetRasterBand(1).WriteArray(pixels.ReadAsArray())
+    write_raster(target, gdal.Open(str(source)).ReadAsArray())
 
 
 # ---- folders ---------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
+from gdal_files import write_raster
 from independent_formulas import table
 from osgeo import gdal
 from parsed_sources import walk_sources
@@ -120,12 +121,9 @@ def test_dem_cells_and_points_with_the_same_map_coordinates_lie_together(tmp_pat
         operations = operations_of(f"EPSG:{code}")
         cell = 1e-4 if operations.crs.is_geographic else 10.0
         for x, y in operations.from_wgs84(places).tolist():
-            file = str(tmp_path / f"dem_{code}.tif")
-            dataset = gdal.GetDriverByName("GTiff").Create(file, 9, 9, 1, gdal.GDT_Float32)
-            dataset.SetGeoTransform((x - 4.5 * cell, cell, 0.0, y + 4.5 * cell, 0.0, -cell))
-            dataset.SetProjection(operations.crs.to_wkt("WKT1_GDAL"))
-            dataset.GetRasterBand(1).Fill(100.0)
-            del dataset
+            place = (x - 4.5 * cell, cell, 0.0, y + 4.5 * cell, 0.0, -cell)
+            wkt = operations.crs.to_wkt("WKT1_GDAL")
+            file = write_raster(tmp_path / f"dem_{code}.tif", np.full((9, 9), 100.0), place, wkt)
             point = operations.to_wgs84(np.array([[x, y, 100.0]]))
             at = open_dem(file, "ellipsoidal").grid_coordinates(point[:, :2])[0]
             assert np.abs(at - 4.0).max() < 1e-4, code  # 1 mm
@@ -143,11 +141,9 @@ def test_an_orthoimage_on_the_pixels_of_another_datum_goes_by_the_same_operation
     for name, crs, size in (("source", code, 60), ("like", utm, 20)):
         operations = operations_of(f"EPSG:{crs}")
         (x, y), cell = operations.from_wgs84(np.array([place]))[0], 1e-5 if operations.crs.is_geographic else 1.0
-        file = gdal.GetDriverByName("GTiff").Create(str(tmp_path / name), size, size, 1, gdal.GDT_Float32)
-        file.SetGeoTransform((x - cell * size / 2.0, cell, 0.0, y + cell * size / 2.0, 0.0, -cell))
-        file.SetProjection(operations.crs.to_wkt("WKT1_GDAL"))
-        file.GetRasterBand(1).WriteArray((column + 1000.0 * row)[:size, :size])
-        del file
+        corner = (x - cell * size / 2.0, cell, 0.0, y + cell * size / 2.0, 0.0, -cell)
+        values = (column + 1000.0 * row)[:size, :size].astype(np.float32)
+        write_raster(tmp_path / name, values, corner, operations.crs.to_wkt("WKT1_GDAL"))
     source, like = (open_ortho(str(tmp_path / name)) for name in ("source", "like"))
     inner = np.stack(np.meshgrid(np.arange(5, 15), np.arange(5, 15)), -1).reshape(-1, 2)
     x, y = operations_of(f"EPSG:{code}").from_wgs84(like.lonlat(inner)).T

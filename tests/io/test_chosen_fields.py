@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gdal_files import write_layer
 from osgeo import ogr
 
 import hrsi
@@ -13,7 +14,6 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.laser_files import read_laser
 from hrsi.hrsi_engine.io.point_files import ogr_layer, read_image_points, read_points
 from hrsi.processing_algorithms.command_line.cli import main
-from hrsi.tests.io.test_point_files import write_layer
 
 HOBART = Path(__file__).resolve().parents[2] / "examples" / "hobart"
 LONLAT = np.array([[147.24, -42.81], [147.25, -42.82], [147.26, -42.83]])

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
+from gdal_files import write_raster
 from osgeo import gdal, osr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
@@ -14,21 +15,6 @@ from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_reference
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.surface.dem import Status, intersect_surface, surface_heights
-
-
-def write_dem(
-    path: Path, heights: np.ndarray, crs: str, geotransform: tuple[float, ...], nodata: float = -9999.0
-) -> str:
-    dataset = gdal.GetDriverByName("GTiff").Create(str(path), heights.shape[1], heights.shape[0], 1, gdal.GDT_Float32)
-    if crs:
-        reference = osr.SpatialReference()
-        assert reference.SetFromUserInput(crs) == 0
-        dataset.SetProjection(reference.ExportToWkt())
-    if geotransform:
-        dataset.SetGeoTransform(geotransform)
-    dataset.GetRasterBand(1).SetNoDataValue(nodata)
-    dataset.GetRasterBand(1).WriteArray(heights)
-    return str(path)
 
 
 def test_srtm_heights_above_egm96_become_ellipsoidal(real_data: Path) -> None:
@@ -54,9 +40,8 @@ def test_intersection_agrees_with_gdal_on_smooth_terrain(real_data: Path, tmp_pa
     cell, count = 0.0001, 300
     x, y = np.meshgrid(np.arange(count), np.arange(count))
     heights = 200.0 + 40.0 * np.sin(x / 20.0) * np.cos(y / 25.0)
-    dem = write_dem(
-        tmp_path / "dem.tif", heights, "EPSG:4326", (lon - cell * count / 2, cell, 0, lat + cell * count / 2, 0, -cell)
-    )
+    geotransform = (lon - cell * count / 2, cell, 0, lat + cell * count / 2, 0, -cell)
+    dem = write_raster(tmp_path / "dem.tif", heights.astype(np.float32), geotransform, "EPSG:4326")
     image = np.random.default_rng(13).uniform(100, 900, (300, 2))
     ground, status = intersect_surface(rpc, image, open_dem(dem, "ellipsoidal"))
     assert (status == Status.FOUND).all()
@@ -76,9 +61,9 @@ def test_intersection_agrees_with_gdal_on_smooth_terrain(real_data: Path, tmp_pa
 def test_the_crs_of_the_file_says_what_heights_are(tmp_path: Path) -> None:
     heights = np.full((20, 20), 100.0)
     geotransform = (600000.0, 30.0, 0.0, 4900600.0, 0.0, -30.0)
-    ellipsoidal = open_dem(write_dem(tmp_path / "e.tif", heights, "EPSG:32631", geotransform), "ellipsoidal")
-    compound = open_dem(write_dem(tmp_path / "c.tif", heights, "EPSG:32631+5773", geotransform))
-    named = open_dem(write_dem(tmp_path / "n.tif", heights, "EPSG:32631", geotransform), "egm96")
+    ellipsoidal = open_dem(write_raster(tmp_path / "e.tif", heights, geotransform, "EPSG:32631"), "ellipsoidal")
+    compound = open_dem(write_raster(tmp_path / "c.tif", heights, geotransform, "EPSG:32631+5773"))
+    named = open_dem(write_raster(tmp_path / "n.tif", heights, geotransform, "EPSG:32631"), "egm96")
     lonlat = np.array([[4.2550, 44.2506]])
     assert ellipsoidal.covers(ellipsoidal.grid_coordinates(lonlat))[0]
     assert surface_heights(ellipsoidal, lonlat)[0] == pytest.approx(100.0)
@@ -89,7 +74,7 @@ def test_the_crs_of_the_file_says_what_heights_are(tmp_path: Path) -> None:
 def test_pixels_of_a_reference_are_where_gdal_places_them(tmp_path: Path) -> None:
     """A turned orthoimage: centres of pixels by GDAL's geotransform and PROJ; one pixel aside is 30 m."""
     geotransform = (600000.0, 24.0, 18.0, 4900600.0, 18.0, -24.0)
-    reference = open_reference(write_dem(tmp_path / "ortho.tif", np.ones((40, 30)), "EPSG:32631", geotransform))
+    reference = open_reference(write_raster(tmp_path / "ortho.tif", np.ones((40, 30)), geotransform, "EPSG:32631"))
     pixels = np.array([[0.0, 0.0], [29.0, 0.0], [0.0, 39.0], [12.25, 20.5]])
     to_wgs84 = pyproj.Transformer.from_crs(32631, 4326, always_xy=True)
     lonlat = np.column_stack(to_wgs84.transform(*np.transpose(
@@ -105,7 +90,7 @@ def test_a_geoid_is_added_where_the_cell_is(tmp_path: Path) -> None:
     lon, lat = 5.0 + 0.01 * np.arange(41), 44.0 + 0.01 * np.arange(41)
     geoid = (100.0 * (lon[None] - 5.0) + 300.0 * (lat[:, None] - 44.0)).astype(">f4")
     (tmp_path / "geoid.gtx").write_bytes(struct.pack(">4d2i", 44.0, 5.0, 0.01, 0.01, 41, 41) + geoid.tobytes())
-    dem = write_dem(tmp_path / "dem.tif", np.full((40, 50), 7.0), "EPSG:4326", (5.1, 1e-3, 0.0, 44.3, 0.0, -1e-3))
+    dem = write_raster(tmp_path / "dem.tif", np.full((40, 50), 7.0), (5.1, 1e-3, 0.0, 44.3, 0.0, -1e-3), "EPSG:4326")
     surface = open_dem(dem, str(tmp_path / "geoid.gtx"))
     cells = np.array([[0.0, 0.0], [49.0, 0.0], [3.0, 39.0], [20.0, 11.0]])
     centre = [5.1, 44.3] + (cells + 0.5) * [1e-3, -1e-3]
@@ -117,7 +102,7 @@ def test_rotated_grid_feet_and_nodata(tmp_path: Path) -> None:
     heights = np.full((30, 30), 1000.0)
     heights[:15] = -9999.0
     geotransform = (600000.0, 20.0, 20.0, 4900600.0, 20.0, -20.0)  # turned by 45 degrees
-    path = write_dem(tmp_path / "r.tif", heights, "EPSG:32631", geotransform)
+    path = write_raster(tmp_path / "r.tif", heights, geotransform, "EPSG:32631", -9999.0)
     dataset = gdal.Open(path, gdal.GA_Update)
     dataset.GetRasterBand(1).SetUnitType("ft")
     del dataset
@@ -145,7 +130,7 @@ def test_rotated_grid_feet_and_nodata(tmp_path: Path) -> None:
 def test_what_is_missing_is_named(
     tmp_path: Path, crs: str, geotransform: tuple[float, ...], datum: str, message: str
 ) -> None:
-    path = write_dem(tmp_path / "dem.tif", np.zeros((4, 4)), crs, geotransform)
+    path = write_raster(tmp_path / "dem.tif", np.zeros((4, 4)), geotransform, crs)
     with pytest.raises(InputError, match=message):
         surface_heights(open_dem(path, datum), np.array([[5.02, 44.98]]))
 
@@ -161,7 +146,7 @@ def test_what_is_missing_is_named(
 def test_a_missing_geoid_is_replaced_and_told_or_named(
     tmp_path: Path, crs: str, geotransform: tuple[float, ...], datum: str, meant: str
 ) -> None:
-    path = write_dem(tmp_path / "dem.tif", np.zeros((4, 4)), crs, geotransform)
+    path = write_raster(tmp_path / "dem.tif", np.zeros((4, 4)), geotransform, crs)
     if find_substitute(meant) is None:  # no geoid grid at all
         with pytest.raises(InputError, match="projsync"):
             open_dem(path, datum)

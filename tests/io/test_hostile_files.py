@@ -10,9 +10,11 @@ import tarfile
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
+from gdal_files import write_raster
 from long_tests import mark_beyond
-from osgeo import gdal, osr
+from osgeo import gdal
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import InputError
@@ -243,11 +245,6 @@ def test_a_text_file_of_three_million_gcps_is_refused_with_the_figure(tmp_path: 
 
 @pytest.mark.parametrize("size", [(1, 120), (160, 1), (1, 1)])
 def test_a_dem_of_one_column_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
-    raster = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "dem.tif"), *size)
-    reference = osr.SpatialReference()
-    reference.ImportFromEPSG(4326)
-    raster.SetProjection(reference.ExportToWkt())
-    raster.SetGeoTransform((7.0, 1e-4, 0.0, 45.0, 0.0, -1e-4))
-    raster = None
+    dem = write_raster(tmp_path / "dem.tif", np.zeros(size[::-1]), (7.0, 1e-4, 0.0, 45.0, 0.0, -1e-4), "EPSG:4326")
     with pytest.raises(InputError, match=f"dem.tif: has {size[0]} x {size[1]} cells"):
-        open_dem(str(tmp_path / "dem.tif"), "ellipsoidal")
+        open_dem(dem, "ellipsoidal")

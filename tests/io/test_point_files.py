@@ -10,7 +10,8 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
-from osgeo import gdal, ogr, osr
+from gdal_files import write_layer
+from osgeo import gdal
 from rasterio.control import GroundControlPoint
 
 from hrsi.hrsi_engine.block.points import UNSET, Role
@@ -36,39 +37,6 @@ def in_crs(code: str, ground: np.ndarray = GROUND) -> np.ndarray:
     """Return points in a CRS, by pyproj."""
     transformer = pyproj.Transformer.from_crs("EPSG:4979", code, always_xy=True)
     return np.column_stack(transformer.transform(*ground.T))
-
-
-def write_layer(
-    path: Path, driver: str, code: str | None, xyz: np.ndarray, fields: dict[str, list], *, with_z: bool = True,
-    layer: str = "points",
-) -> Path:  # fmt: skip
-    """Write a point layer with OGR; fields are texts or floats, None is NULL."""
-    reference = None
-    if code is not None:
-        reference = osr.SpatialReference()
-        assert reference.SetFromUserInput(crs_wkt(code)) == 0
-        reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
-    dataset = ogr.GetDriverByName(driver).CreateDataSource(str(path))
-    options = ["COORDINATE_PRECISION=15", "RFC7946=NO"] if driver == "GeoJSON" else []
-    table = dataset.CreateLayer(layer, reference, ogr.wkbPoint25D if with_z else ogr.wkbPoint, options)
-    for name, values in fields.items():
-        is_text = any(isinstance(value, str) for value in values)
-        definition = ogr.FieldDefn(name, ogr.OFTString if is_text else ogr.OFTReal)
-        if not is_text:
-            definition.SetWidth(24)
-            definition.SetPrecision(10)
-        table.CreateField(definition)
-    for row, point in enumerate(xyz):
-        feature = ogr.Feature(table.GetLayerDefn())
-        for name, values in fields.items():
-            if values[row] is not None:
-                feature.SetField(name, values[row])
-        geometry = ogr.Geometry(ogr.wkbPoint25D if with_z else ogr.wkbPoint)
-        geometry.SetPoint(0, *point.tolist()) if with_z else geometry.SetPoint_2D(0, *point[:2].tolist())
-        feature.SetGeometry(geometry)
-        table.CreateFeature(feature)
-    del table, dataset
-    return path
 
 
 def write_text(path: Path, text: str, encoding: str = "utf-8") -> str:
@@ -367,7 +335,7 @@ def test_number_of_points_in_the_first_line_is_no_point(tmp_path: Path) -> None:
 
 
 def test_damaged_layers_name_what_is_wrong(tmp_path: Path) -> None:
-    no_crs = write_layer(tmp_path / "n.gpkg", "GPKG", None, GROUND, {"id": IDS})
+    no_crs = write_layer(tmp_path / "n.gpkg", "GPKG", "", GROUND, {"id": IDS})
     with pytest.raises(InputError, match="assign one to the layer, or give `ground_crs`"):
         read_points(str(no_crs))
     assert_ground(read_points(str(no_crs), ground_crs="EPSG:4979").ground.ground)  # type: ignore[union-attr]

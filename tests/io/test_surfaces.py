@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
-from osgeo import gdal
+from gdal_files import write_raster
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.surfaces import open_surface
@@ -111,13 +111,10 @@ def test_points_of_a_table(tmp_path: Path) -> None:
 
 
 def test_a_raster(tmp_path: Path) -> None:
-    dataset = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "dem.tif"), 150, 150, 1, gdal.GDT_Float32)
-    dataset.SetGeoTransform((EAST, 2.0, 0.0, NORTH + SIDE_M, 0.0, -2.0))
-    dataset.SetProjection(pyproj.CRS.from_epsg(32631).to_wkt())
     column, row = np.meshgrid(np.arange(150), np.arange(150))
-    dataset.GetRasterBand(1).WriteArray(height(EAST + 2.0 * column + 1.0, NORTH + SIDE_M - 2.0 * row - 1.0))
-    del dataset
-    require_ground(open_surface(str(tmp_path / "dem.tif"), "ellipsoidal"), 0.1)
+    heights = height(EAST + 2.0 * column + 1.0, NORTH + SIDE_M - 2.0 * row - 1.0)
+    dem = write_raster(tmp_path / "dem.tif", heights, (EAST, 2.0, 0.0, NORTH + SIDE_M, 0.0, -2.0), "EPSG:32631")
+    require_ground(open_surface(dem, "ellipsoidal"), 0.1)
 
 
 def test_what_is_no_surface_is_refused(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from osgeo import ogr
+from gdal_files import write_layer
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
@@ -76,19 +76,8 @@ def test_what_cannot_be_is_named(tmp_path, fields, message):
 
 
 def test_layers_have_the_fields_too(tmp_path):
-    source = ogr.GetDriverByName("GPKG").CreateDataSource(str(tmp_path / "p.gpkg"))
-    layer = source.CreateLayer("p", None, ogr.wkbNone)
-    names = ("lon", "lat", "height", "sigma_e", "sigma_n", "sigma_z", "corr_en")
-    layer.CreateField(ogr.FieldDefn("id", ogr.OFTString))
-    for name in names:
-        layer.CreateField(ogr.FieldDefn(name, ogr.OFTReal))
-    for name, place in ROWS.items():
-        feature = ogr.Feature(layer.GetLayerDefn())
-        feature.SetField("id", name)
-        for field, value in zip(names, (*place, 0.1, 0.2, float("inf"), 0.5), strict=True):
-            feature.SetField(field, value)
-        layer.CreateFeature(feature)
-    del layer, source
+    fields = {"id": [*ROWS], "sigma_e": [0.1] * 3, "sigma_n": [0.2] * 3, "sigma_z": [float("inf")] * 3}
+    write_layer(tmp_path / "p.gpkg", "GPKG", "EPSG:4979", np.array([*ROWS.values()]), fields | {"corr_en": [0.5] * 3})
     ground = read_points(str(tmp_path / "p.gpkg"), height_datum="ellipsoidal").ground
     np.testing.assert_allclose(ground.covariance_m2[0, :2, :2], [[0.01, 0.01], [0.01, 0.04]])
     assert np.isinf(ground.covariance_m2[:, 2, 2]).all()

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pyproj
 import pytest
 import reference_scenes as scenes
+from gdal_files import write_raster
 from long_tests import mark_beyond
-from osgeo import gdal
 from scipy import ndimage
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
@@ -339,12 +338,10 @@ def test_bands_of_a_reference_are_averaged_but_alpha(tmp_path):
     bands = np.random.default_rng(5).integers(1, 200, (4, 20, 30)).astype(np.uint8)
     bands[3] = 255
     bands[3, :, :5] = 0
-    path = str(tmp_path / "rgba.tif")
-    dataset = gdal.GetDriverByName("GTiff").Create(path, 30, 20, 4, gdal.GDT_Byte, ["PHOTOMETRIC=RGB", "ALPHA=YES"])
-    dataset.SetGeoTransform((5.0, 1e-4, 0.0, 43.0, 0.0, -1e-4))
-    dataset.SetProjection(pyproj.CRS(4326).to_wkt())
-    dataset.WriteArray(bands)
-    del dataset
+    path = write_raster(
+        tmp_path / "rgba.tif", bands, (5.0, 1e-4, 0.0, 43.0, 0.0, -1e-4), "EPSG:4326",
+        options=["PHOTOMETRIC=RGB", "ALPHA=YES"],
+    )  # fmt: skip
     grey, valid = open_reference(path).raster.read(0, 0, 30, 20)
     assert not valid[:, :5].any() and valid[:, 5:].all()
     np.testing.assert_allclose(grey[:, 5:], bands[:3, :, 5:].mean(axis=0), rtol=1e-6)

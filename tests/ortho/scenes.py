@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
-from osgeo import gdal, osr
+from gdal_files import write_raster
+from osgeo import gdal
 
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.camera.rpc import RPC
@@ -62,10 +63,4 @@ def write_dem(path: Path, cell_deg: float = CELL_DEG, roughness: float = 0.0, lo
     heights = hills(lon, lat) - lower
     rows, columns = np.indices(heights.shape)
     heights[((rows % 40) < 15) & ((columns % 50) < 20)] += roughness
-    dataset = gdal.GetDriverByName("GTiff").Create(str(path), count, count, 1, gdal.GDT_Float64)
-    reference = osr.SpatialReference()
-    reference.ImportFromEPSG(4326)
-    dataset.SetProjection(reference.ExportToWkt())
-    dataset.SetGeoTransform((west, cell_deg, 0.0, north, 0.0, -cell_deg))
-    dataset.GetRasterBand(1).WriteArray(heights)
-    return str(path)
+    return write_raster(path, heights, (west, cell_deg, 0.0, north, 0.0, -cell_deg), "EPSG:4326")

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
-from osgeo import gdal, ogr
+from gdal_files import write_layer
+from osgeo import gdal
 from rasterio.transform import RPCTransformer
 
 from hrsi.hrsi_engine.adjustment import WEIGHTS
@@ -193,18 +194,7 @@ def test_dem_narrows_the_search(real_data, tmp_path):
 
 
 def layer_without_crs(path: Path) -> str:
-    source = ogr.GetDriverByName("GeoJSON").CreateDataSource(str(path.with_suffix(".geojson")))
-    source = None
-    driver = ogr.GetDriverByName("ESRI Shapefile")
-    source = driver.CreateDataSource(str(path))
-    layer = source.CreateLayer("gcps", None, ogr.wkbPoint25D)
-    layer.CreateField(ogr.FieldDefn("id", ogr.OFTString))
-    feature = ogr.Feature(layer.GetLayerDefn())
-    feature["id"] = "H003"
-    feature.SetGeometry(ogr.CreateGeometryFromWkt("POINT Z (147.24 -42.81 94)"))
-    layer.CreateFeature(feature)
-    source = None
-    return str(path)
+    return str(write_layer(path, "ESRI Shapefile", "", np.array([[147.24, -42.81, 94.0]]), {"id": ["H003"]}))
 
 
 def wrong_image_id(path: Path, hobart: dict) -> str:

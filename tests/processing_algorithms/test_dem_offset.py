@@ -4,9 +4,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pyproj
 import pytest
-from osgeo import gdal
+from gdal_files import write_raster
 
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.processing_algorithms.block_steps.plausibility import offset_warning
@@ -17,11 +16,8 @@ from hrsi.processing_algorithms.interface.option_groups import DemOptions
 @pytest.fixture
 def dem(tmp_path: Path) -> str:
     """100 m everywhere."""
-    dataset = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "dem.tif"), 100, 100, 1, gdal.GDT_Float32)
-    dataset.SetProjection(pyproj.CRS.from_epsg(4326).to_wkt())
-    dataset.SetGeoTransform((147.0, 0.001, 0.0, -42.0, 0.0, -0.001))
-    dataset.GetRasterBand(1).Fill(100.0)
-    return str(tmp_path / "dem.tif")
+    corner = (147.0, 0.001, 0.0, -42.0, 0.0, -0.001)
+    return write_raster(tmp_path / "dem.tif", np.full((100, 100), 100.0), corner, "EPSG:4326")
 
 
 def warned(

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from osgeo import gdal, ogr
+from gdal_files import write_raster
+from osgeo import ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
@@ -23,12 +24,7 @@ from hrsi.tests.measurement.test_targets import CENTRE, disc, image
 @pytest.fixture
 def picture(tmp_path: Path) -> Path:
     """A GeoTIFF without RPC: one bright disc at `CENTRE`."""
-    grey = image(disc(12.0)).grey
-    path = tmp_path / "picture.tif"
-    dataset = gdal.GetDriverByName("GTiff").Create(str(path), grey.shape[1], grey.shape[0], 1, gdal.GDT_UInt16)
-    dataset.GetRasterBand(1).WriteArray(grey)
-    del dataset
-    return path
+    return Path(write_raster(tmp_path / "picture.tif", image(disc(12.0)).grey.astype(np.uint16)))
 
 
 def features(path: Path, layer: str) -> list[dict]:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from gdal_files import write_raster
 from long_tests import mark_beyond
 from osgeo import gdal, ogr, osr
 
@@ -200,17 +201,12 @@ def test_no_longitudes_are_three_turns_away(date_line: Path, tmp_path: Path, cap
     assert "no degrees" in capsys.readouterr().err
 
 
-def global_dem(path: Path, west: float, columns: int = 720) -> Path:
+def global_dem(path: Path, west: float, columns: int = 720) -> str:
     """A DEM round the whole Earth: 100 m, but for what depends on the longitude."""
-    dataset = gdal.GetDriverByName("GTiff").Create(str(path), columns, columns // 2, 1, gdal.GDT_Float32)
-    reference = osr.SpatialReference()
-    reference.ImportFromEPSG(4979)
-    dataset.SetSpatialRef(reference)
     step = 360.0 / columns
-    dataset.SetGeoTransform((west, step, 0.0, 90.0, 0.0, -step))
     lon = np.radians(west + step * (np.arange(columns) + 0.5))
-    dataset.GetRasterBand(1).WriteArray(np.tile(100.0 + 80.0 * np.sin(2.0 * lon), (columns // 2, 1)).astype(np.float32))
-    return path
+    heights = np.tile(100.0 + 80.0 * np.sin(2.0 * lon), (columns // 2, 1)).astype(np.float32)
+    return write_raster(path, heights, (west, step, 0.0, 90.0, 0.0, -step), "EPSG:4979")
 
 
 @pytest.mark.parametrize("west", mark_beyond(1, "thorough", [-180.0, 0.0]))

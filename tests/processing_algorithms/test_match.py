@@ -7,22 +7,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from gdal_files import write_raster
 from long_tests import mark_beyond
 from network_scenes import TruePair, true_pair
-from osgeo import gdal, ogr
+from osgeo import ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.command_line.cli import main
-
-
-def write(path: Path, grey: np.ndarray, nodata: int | None = None) -> Path:
-    dataset = gdal.GetDriverByName("GTiff").Create(str(path), grey.shape[1], grey.shape[0], 1, gdal.GDT_UInt16)
-    if nodata is not None:
-        dataset.GetRasterBand(1).SetNoDataValue(nodata)
-    dataset.GetRasterBand(1).WriteArray(grey)
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -31,12 +24,15 @@ def pair() -> TruePair:
 
 
 @pytest.fixture(scope="module")
-def files(pair: TruePair, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def files(pair: TruePair, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Both views without RPC; the second one has no data in its first 40 lines."""
     folder = tmp_path_factory.mktemp("pair")
     second = pair.second.grey.copy()
     second[:40] = 0
-    return [write(folder / "first.tif", pair.first.grey), write(folder / "second.tif", second, nodata=0)]
+    return [
+        write_raster(folder / "first.tif", pair.first.grey.astype(np.uint16)),
+        write_raster(folder / "second.tif", second.astype(np.uint16), nodata=0),
+    ]
 
 
 def rows_of(path: Path, layer: str) -> list[dict]:
@@ -44,7 +40,7 @@ def rows_of(path: Path, layer: str) -> list[dict]:
     return [feature.items() for feature in dataset.GetLayerByName(layer)]
 
 
-def test_results_are_written(files: list[Path], pair: TruePair, tmp_path: Path):
+def test_results_are_written(files: list[str], pair: TruePair, tmp_path: Path):
     report = run("match", images=files, output_dir=tmp_path / "out", threads=1)
     assert report["status"] == "found"
     assert report["rotation_deg"] == pytest.approx(45.0, abs=0.3)
@@ -65,7 +61,7 @@ def test_results_are_written(files: list[Path], pair: TruePair, tmp_path: Path):
     assert json.loads((tmp_path / "out" / "report.json").read_text())["network"]["correspondences"] >= 20
 
 
-def test_points_go_on_to_register(files: list[Path], tmp_path: Path):
+def test_points_go_on_to_register(files: list[str], tmp_path: Path):
     run("match", images=files, output_dir=tmp_path / "out", report=False, threads=1)
     assert not (tmp_path / "out" / "report.html").exists()
     layer = f"{tmp_path / 'out' / 'match.gpkg'}|layername=matched_points"
@@ -75,7 +71,7 @@ def test_points_go_on_to_register(files: list[Path], tmp_path: Path):
     assert report["together"]["corner"]["distance"] < 5.0  # the relief
 
 
-def test_windows_of_one_file_get_ids_of_their_own(files: list[Path], tmp_path: Path):
+def test_windows_of_one_file_get_ids_of_their_own(files: list[str], tmp_path: Path):
     report = run(
         "match", images=[files[0], files[0]], window_1="0,0,220,220", window_2="60,50,220,220",
         output_dir=tmp_path / "out", threads=1,
@@ -89,12 +85,12 @@ def test_windows_of_one_file_get_ids_of_their_own(files: list[Path], tmp_path: P
 
 @pytest.mark.parametrize("form", [[], ["--json"], ["--quiet"]])
 def test_no_match_ends_with_1_on_the_command_line(
-    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture, form: list[str]
+    files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture, form: list[str]
 ):
     """Results are written, one line says why; stdout is one document with --json, and what is unknown in it is null."""
-    flat = write(tmp_path / "flat.tif", np.full((300, 300), 700, np.uint16))
+    flat = write_raster(tmp_path / "flat.tif", np.full((300, 300), 700, np.uint16))
     out = tmp_path / "out"
-    assert main(["match", str(files[0]), str(flat), "--output-dir", str(out), "--threads", "1", *form]) == 1
+    assert main(["match", files[0], flat, "--output-dir", str(out), "--threads", "1", *form]) == 1
     told = capsys.readouterr()
     errors = [line for line in told.err.splitlines() if line.startswith("ERROR: ")]
     assert len(errors) == 1 and "no match: the second window has 0 interest points" in errors[0]
@@ -118,13 +114,13 @@ def test_no_match_ends_with_1_on_the_command_line(
         ({"band": 2}, "has 1 bands, band 2 is wanted"),
     ],
 )
-def test_wrong_options_are_named(files: list[Path], tmp_path: Path, options: dict, reason: str):
+def test_wrong_options_are_named(files: list[str], tmp_path: Path, options: dict, reason: str):
     with pytest.raises(InputError, match=reason):
         run("match", images=files, output_dir=tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
 
 
-def test_two_images_are_needed(files: list[Path], tmp_path: Path):
+def test_two_images_are_needed(files: list[str], tmp_path: Path):
     with pytest.raises(InputError, match="match takes two images, 1 are given"):
         run("match", images=files[:1], output_dir=tmp_path / "out")
 
@@ -156,8 +152,11 @@ def test_unknown_scale_and_rotation_are_found(tmp_path: Path, scale: float, turn
     blurred = cv2.GaussianBlur(first, (0, 0), 0.5 / scale) if scale < 1.0 else first
     second = cv2.warpAffine(blurred, similarity, (side, side), flags=cv2.INTER_CUBIC, borderValue=0)
     second = np.where(second > 1.0, np.maximum(second + rng.normal(0, 4, second.shape), 1.0), 0.0)
-    images = [write(tmp_path / "a.tif", first), write(tmp_path / "b.tif", second, nodata=0)]
-    assert main(["match", *map(str, images), "--output-dir", str(tmp_path / "out"), "--quiet"]) == 0
+    images = [
+        write_raster(tmp_path / name, grey.astype(np.uint16), nodata=0)
+        for name, grey in (("a.tif", first), ("b.tif", second))
+    ]
+    assert main(["match", *images, "--output-dir", str(tmp_path / "out"), "--quiet"]) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["scale"] == pytest.approx(scale, rel=2e-3)
     assert (report["rotation_deg"] - turn_deg + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=0.1)

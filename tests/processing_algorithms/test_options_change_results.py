@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gdal_files import write_raster
 from long_tests import mark_beyond
 from osgeo import gdal
 
@@ -79,12 +80,9 @@ def test_interest_points(option: dict[str, Any], tmp_path: Path) -> None:
         100.0 + 60.0 * np.kron(random.integers(0, 2, (16, 16)), np.ones((16, 16))) + random.normal(0.0, 4.0, (256, 256))
     )
     grey[40:120, 40:120] = np.where(random.random((80, 80)) < 0.9, 255.0, grey[40:120, 40:120])
-    path = tmp_path / "image.tif"
-    dataset = gdal.GetDriverByName("GTiff").Create(str(path), 256, 256, 1, gdal.GDT_Byte)
-    dataset.GetRasterBand(1).WriteArray(np.clip(grey, 0, 255).astype(np.uint8))
-    del dataset
+    path = write_raster(tmp_path / "image.tif", np.clip(grey, 0, 255).astype(np.uint8))
     for name, options in (("without", {}), ("with", option)):
-        run("interest-points", images=[str(path)], detector="harris", **options, output_dir=str(tmp_path / name))
+        run("interest-points", images=[path], detector="harris", **options, output_dir=str(tmp_path / name))
     assert contents(tmp_path / "with") != contents(tmp_path / "without")
 
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gdal_files import write_raster
 from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.ortho_check import summarise
-from hrsi.tests.ortho.scenes import texture, utm_wkt
+from hrsi.tests.ortho.scenes import texture
 from hrsi.tests.ortho.test_misregistration import shifted
 
 SIDE = 400
@@ -20,16 +21,10 @@ SHIFT_PX = 0.05  # the issue's bound for the bias of a measured shift
 
 
 def write_ortho(
-    path: Path, grey: np.ndarray, west: float = 500_000.0, north: float = 5_250_000.0, step: float = 0.5,
-    crs: str | None = None,
-) -> str:  # fmt: skip
+    path: Path, grey: np.ndarray, west: float = 500_000.0, north: float = 5_250_000.0, step: float = 0.5
+) -> str:
     path.parent.mkdir(exist_ok=True)
-    dataset = gdal.GetDriverByName("GTiff").Create(str(path), grey.shape[1], grey.shape[0], 1, gdal.GDT_UInt16)
-    dataset.SetProjection(crs or utm_wkt())
-    dataset.SetGeoTransform((west, step, 0.0, north, 0.0, -step))
-    dataset.GetRasterBand(1).SetNoDataValue(0)
-    dataset.GetRasterBand(1).WriteArray(np.rint(grey))
-    return str(path)
+    return write_raster(path, np.rint(grey).astype(np.uint16), (west, step, 0.0, north, 0.0, -step), "EPSG:32755", 0)
 
 
 @pytest.fixture(scope="module")
@@ -150,12 +145,11 @@ def test_faults_are_told(sets: Path, tmp_path: Path) -> None:
     a = str(sets / "after" / "a.tif")
     far = write_ortho(tmp_path / "far.tif", np.full((50, 50), 9.0), west=600_000.0)
     other = write_ortho(tmp_path / "other.tif", 500.0 + 2000.0 * texture(SIDE, SIDE, seed=77))
-    plain = tmp_path / "plain.tif"
-    gdal.GetDriverByName("GTiff").Create(str(plain), 10, 10)
+    plain = write_raster(tmp_path / "plain.tif", np.zeros((10, 10)))
     for images, options, message in (
         ([a], {}, "nothing to be compared with"),
         ([a, far], {}, "no two of the orthoimages overlap"),
-        ([a, str(plain)], {}, "no orthoimage"),
+        ([a, plain], {}, "no orthoimage"),
         ([a, str(sets / "after" / "b.tif")], {"before": str(tmp_path / "nowhere")}, "does not exist"),
     ):
         with pytest.raises(InputError, match=message):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyproj
 import pytest
+from gdal_files import write_raster
 from long_tests import mark_beyond
 from osgeo import gdal
 from scipy import ndimage
@@ -284,10 +285,8 @@ def test_shading_is_lit_from_the_north_west(tmp_path: Path):
     row, column = np.indices((9, 9)).astype(np.float32)
     brightness = []
     for name, slope in (("facing", 0.3), ("plane", 0.0), ("averted", -0.3)):
-        dataset = gdal.GetDriverByName("GTiff").Create(str(tmp_path / name), 9, 9, 1, gdal.GDT_Float32)
-        dataset.SetGeoTransform((0.0, 1.0, 0.0, 9.0, 0.0, -1.0))
-        dataset.GetRasterBand(1).WriteArray(slope * (row + column))  # rises to the south-east
-        del dataset
-        shade, valid = ShadedSurface(str(tmp_path / name)).read_means(1)
+        heights = slope * (row + column)  # rises to the south-east
+        path = write_raster(tmp_path / name, heights, (0.0, 1.0, 0.0, 9.0, 0.0, -1.0))
+        shade, valid = ShadedSurface(path).read_means(1)
         brightness.append(float(np.median(shade[valid])))
     assert brightness[0] > brightness[1] > brightness[2]

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
-from osgeo import gdal, osr
+from gdal_files import write_raster
 from qgis.core import (
     QgsCoordinateReferenceSystem,
     QgsProcessingContext,
@@ -29,13 +30,8 @@ TEXT = "147.1,-43.2,147.5,-42.9"
 @pytest.fixture
 def layer(qgis_new_project, tmp_path: Path) -> QgsRasterLayer:
     """A map of 40 x 30 pixels of 0.01 degrees, in the project."""
-    reference = osr.SpatialReference()
-    reference.ImportFromEPSG(4326)
-    data = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "map.tif"), 40, 30)
-    data.SetGeoTransform((147.1, 0.01, 0.0, -42.9, 0.0, -0.01))
-    data.SetProjection(reference.ExportToWkt())
-    del data
-    made = QgsRasterLayer(str(tmp_path / "map.tif"), "a map")
+    path = write_raster(tmp_path / "map.tif", np.zeros((30, 40)), (147.1, 0.01, 0.0, -42.9, 0.0, -0.01), "EPSG:4326")
+    made = QgsRasterLayer(path, "a map")
     QgsProject.instance().addMapLayer(made)
     return made
 
